@@ -1,0 +1,67 @@
+"""`RunRecord`: the arrays of one run, the currency between those who run and those who judge.
+
+The in-process loop and the bag reader produce it; metrics, figures, reports and the replay
+consume it. So a figure never knows whether ROS was there.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """The samples of one run.
+
+    Attributes
+    ----------
+    source : str
+        Where it comes from: the bag's path, or ``simulate``.
+    controller : str
+        Name of the control law.
+    stamps_ns : ndarray of int64, shape (n,)
+        Instants, strictly increasing [ns].
+    columns : mapping of str to ndarray, each of shape (n, 3) or (n, 4)
+        Samples by column name (`contract.topics`); NaN where a message is missing. A quantity
+        that the run does not have is not a key.
+    missing : mapping of str to int
+        Topic name to number of instants without a message; only topics that lack some.
+    parameters : mapping of str to mapping
+        Node name to its parameters, as the run had them.
+    metadata : mapping of str to str
+        Versions, seed, git revision.
+    warnings : tuple of str
+        What a reader must know before believing the record (recording cut, clock jump, …).
+    """
+
+    source: str
+    controller: str
+    stamps_ns: NDArray[np.int64]
+    columns: Mapping[str, Array]
+    missing: Mapping[str, int] = field(default_factory=dict)
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def __getitem__(self, column: str) -> Array:
+        """Samples of one column, shape (n, width); KeyError if the run does not have it."""
+        return self.columns[column]
+
+    def __contains__(self, column: str) -> bool:
+        """True if the run has the column."""
+        return column in self.columns
+
+    @property
+    def t(self) -> Array:
+        """Instants [s], shape (n,)."""
+        return self.stamps_ns * 1e-9
+
+    @property
+    def missing_messages(self) -> int:
+        """How many messages are missing in all."""
+        return sum(self.missing.values())

@@ -1,0 +1,1 @@
+"""The ROS floor: one file a node."""

@@ -1,0 +1,1 @@
+"""What is built from the science without ROS: scenario, closed loop, campaign, replay."""
