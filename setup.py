@@ -1,0 +1,94 @@
+"""Install ppc_attitude: with colcon as an ament_python package, or with pip."""
+
+import re
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "ppc_attitude"
+NODES = (
+    "spacecraft_plant",
+    "reference_generator",
+    "ppc_controller",
+    "disturbance_injector",
+    "bag_recorder",
+)
+SHARED_FOLDERS = ("config", "launch")
+
+
+def version() -> str:
+    """Return the version, whose one source is the package itself."""
+    text = Path(NAME, "__init__.py").read_text(encoding="utf-8")
+    match = re.search(r'^__version__ = "(.+)"$', text, re.MULTILINE)
+    if match is None:
+        raise RuntimeError(f"{NAME}/__init__.py does not state __version__")
+    return match[1]
+
+
+def shared_files() -> list[tuple[str, list[str]]]:
+    """Return every file of the shared folders with the place where ROS looks for it."""
+    folders = [
+        path
+        for shared in SHARED_FOLDERS
+        for path in (Path(shared), *sorted(Path(shared).rglob("*")))
+        if path.is_dir() and path.name != "__pycache__"
+    ]
+    found = [
+        (folder, sorted(path.as_posix() for path in folder.iterdir() if path.is_file()))
+        for folder in folders
+    ]
+    return [(f"share/{NAME}/{folder.as_posix()}", files) for folder, files in found if files]
+
+
+setup(
+    name=NAME,
+    version=version(),
+    description="Prescribed-performance attitude control for ROS 2",
+    maintainer="ppc_attitude maintainers",
+    maintainer_email="maintainers@users.noreply.h-seed-b2b12a59.example",
+    license="Apache-2.0",
+    python_requires=">=3.10",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *shared_files(),
+    ],
+    zip_safe=False,
+    # docs/contributing.md says how these lower bounds are tested.
+    install_requires=[
+        "matplotlib>=3.6.3",
+        "mcap>=1.6.0",
+        "numba>=0.60.0",
+        "numpy>=1.26.4",
+        "PyYAML>=6.0.1",
+        "rich>=13.7.1",
+        "rosbags>=0.11.9",
+        "scipy>=1.11.4",
+        "tqdm>=4.66.2",
+    ],
+    extras_require={
+        # ROS 2 Jazzy as wheels, for machines without it. Never beside a ROS 2 from apt.
+        "ros": ["ros-jazzy-common-interfaces>=5.3.6", "ros-jazzy-rclpy[fastrtps]>=7.1.6"],
+        "campaign": ["dask[distributed]>=2026.8.0", "pyarrow>=25.0.1"],
+        "bench": ["bsk>=2.12.1"],
+        "test": [
+            "argcomplete>=3.7.2",
+            "catkin_pkg>=1.1.1",
+            "colcon-common-extensions>=0.3.0",
+            "docutils>=0.21.2",
+            "hypothesis>=6.168.5",
+            "mypy>=2.4.1",
+            "pytest>=9.2.0",
+            "pytest-timeout>=2.4.0",
+            "ruff>=0.17.5",
+            "types-PyYAML>=6.0.12",
+        ],
+    },
+    entry_points={
+        "console_scripts": [
+            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+            f"{NAME} = {NAME}.command_line.main:main",
+        ],
+    },
+)
