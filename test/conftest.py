@@ -1,0 +1,94 @@
+"""Fixtures of the whole suite: a ROS graph of its own for each test, processes that end with it."""
+
+import contextlib
+import fcntl
+import os
+import signal
+import subprocess
+import tempfile
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Protocol
+
+import pytest
+
+DOMAIN_IDS = range(1, 102)  # above 101 the ports of DDS meet Linux's ephemeral ports
+
+
+class StartProcess(Protocol):
+    """Starts a process in a session of its own; the arguments are those of `subprocess.Popen`."""
+
+    def __call__(self, command: list[str], **popen_arguments: Any) -> subprocess.Popen[str]: ...
+
+
+@contextlib.contextmanager
+def _own_domain() -> Iterator[int]:
+    """Hold a domain that no other test holds, in this session or another on this machine.
+
+    The lock is the kernel's: it goes with the process, however that ends.
+    """
+    folder = Path(tempfile.gettempdir()) / f"ppc_attitude_domains_{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    start = os.getpid() % len(DOMAIN_IDS)  # neighbours in time seldom try the same one first
+    for domain in (*DOMAIN_IDS[start:], *DOMAIN_IDS[:start]):
+        with (folder / str(domain)).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    raise RuntimeError(f"all {len(DOMAIN_IDS)} ROS domains of {folder} are taken")
+
+
+@pytest.fixture(autouse=True)
+def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Give the test, and every process that it starts, a ROS graph of its own on this machine."""
+    with _own_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+        monkeypatch.setenv("ROS_PYTHON_CHECK_FIELDS", "1")
+        yield domain
+
+
+def _processes_with(mark: str) -> list[int]:
+    """Find the processes whose environment at their start had the text."""
+    found = []
+    for environment in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):  # it ended meanwhile, or is another user's
+            if mark.encode() in environment.read_bytes():
+                found.append(int(environment.parent.name))
+    return found
+
+
+@pytest.fixture
+def start_process() -> Iterator[StartProcess]:
+    """Give a function that starts a process; its whole family is gone when the test ends.
+
+    The family inherits a mark in the environment, so it is found whatever its process groups
+    and whether or not its parents live.
+    """
+    mark = f"PPC_ATTITUDE_TEST={uuid.uuid4()}"
+    started: list[subprocess.Popen[str]] = []
+
+    def start(command: list[str], **popen_arguments: Any) -> subprocess.Popen[str]:
+        arguments = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **popen_arguments}
+        environment = dict(arguments.pop("env", os.environ))
+        environment.update([mark.split("=")])
+        process = subprocess.Popen(
+            command, text=True, start_new_session=True, env=environment, **arguments
+        )
+        started.append(process)
+        return process
+
+    yield start
+    while family := _processes_with(mark):
+        for pid in family:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        for process in started:
+            process.communicate(timeout=10.0)
+    for process in started:
+        process.communicate(timeout=10.0)

@@ -1,0 +1,61 @@
+"""The fixtures keep what they promise: domains differ, no process outlives its test."""
+
+import os
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from conftest import DOMAIN_IDS, StartProcess, _own_domain
+
+# Prints the number of a child in a session of its own and ends before it; the child waits for ever.
+PARENT = """
+import subprocess, sys
+wait = [sys.executable, "-c", "import signal; signal.pause()"]
+print(subprocess.Popen(wait, start_new_session=True).pid, flush=True)
+"""
+
+
+@pytest.fixture
+def survivor(request: pytest.FixtureRequest) -> Iterator[list[int]]:
+    """Set up before `start_process`, hence judged after that has cleaned up."""
+    pids: list[int] = []
+    yield pids
+    assert pids
+    for pid in pids:
+        status = Path(f"/proc/{pid}/stat")
+        # An orphan that was killed may stay as a zombie until its new parent looks.
+        assert not status.exists() or ") Z " in status.read_text(encoding="utf-8")
+
+
+def test_kills_the_whole_family(survivor: list[int], start_process: StartProcess) -> None:
+    process = start_process([sys.executable, "-c", PARENT])
+    assert process.stdout is not None
+    survivor.append(int(process.stdout.readline()))
+    assert process.wait() == 0
+    os.kill(survivor[0], 0)
+
+
+def test_domains_in_use_at_once_all_differ() -> None:
+    with ExitStack() as stack:
+        domains = [stack.enter_context(_own_domain()) for _ in range(20)]
+        assert len(set(domains)) == len(domains)
+        assert set(domains) <= set(DOMAIN_IDS)
+
+
+def test_a_domain_is_free_again_afterwards() -> None:
+    def borrow(_: int) -> int:
+        with _own_domain() as domain:
+            return domain
+
+    with ThreadPoolExecutor(4) as pool:
+        assert len(list(pool.map(borrow, range(3 * len(DOMAIN_IDS))))) == 3 * len(DOMAIN_IDS)
+
+
+def test_environment_of_a_ros_test(ros_domain: int, tmp_path: Path) -> None:
+    assert os.environ["ROS_DOMAIN_ID"] == str(ros_domain)
+    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert Path(os.environ["ROS_LOG_DIR"]).is_relative_to(tmp_path)
+    assert os.environ["ROS_PYTHON_CHECK_FIELDS"] == "1"
