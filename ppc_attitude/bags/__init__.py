@@ -1,1 +1,1 @@
-"""Recording and reading bags."""
+"""Bags: recording that survives a kill, and reading into a `RunRecord`."""

@@ -1,0 +1,73 @@
+"""What a bag says about its run besides messages: rosbag2's custom data, under three keys."""
+
+import json
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ppc_attitude.contract.topics import CONTROLLER
+
+CONTROLLER_KEY = "ppc_attitude.controller"
+PARAMETERS_KEY = "ppc_attitude.parameters"
+METADATA_KEY = "ppc_attitude.metadata"
+UNKNOWN_CONTROLLER = "unknown"
+
+
+class RunFacts(NamedTuple):
+    """Controller, parameters by node and metadata of a run."""
+
+    controller: str
+    parameters: Mapping[str, Mapping[str, Any]]
+    metadata: Mapping[str, str]
+
+
+def encode_custom_data(
+    controller: str,
+    parameters: Mapping[str, Mapping[str, Any]],
+    metadata: Mapping[str, str],
+) -> dict[str, str]:
+    """Custom data of a bag that states these facts.
+
+    Parameters
+    ----------
+    controller : str
+        Name of the control law.
+    parameters : mapping of str to mapping
+        Node name (with its namespace where there is one) to parameters.
+    metadata : mapping of str to str
+        Versions, seed, git revision.
+    """
+    return {
+        CONTROLLER_KEY: controller,
+        PARAMETERS_KEY: json.dumps(parameters, ensure_ascii=False),
+        METADATA_KEY: json.dumps(metadata, ensure_ascii=False),
+    }
+
+
+def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFacts:
+    """Facts that the custom data state about the run in a namespace.
+
+    What is absent or unreadable is empty, the controller then ``unknown``. A node with the
+    namespace in its name goes before one without.
+    """
+    parameters: dict[str, dict[str, Any]] = {}
+    for node, values in sorted(_mapping(custom_data, PARAMETERS_KEY).items(), key=_depth):
+        if isinstance(values, dict):
+            home, _, name = f"/{node.lstrip('/')}".rpartition("/")
+            if home in ("", namespace):
+                parameters[name] = values
+    metadata = {key: str(value) for key, value in _mapping(custom_data, METADATA_KEY).items()}
+    own = parameters.get(CONTROLLER, {}).get("controller")
+    stated = custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER
+    return RunFacts(own if isinstance(own, str) else stated, parameters, metadata)
+
+
+def _mapping(custom_data: Mapping[str, str], key: str) -> dict[str, Any]:
+    try:
+        value = json.loads(custom_data.get(key, "{}"))
+    except ValueError:
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _depth(item: tuple[str, Any]) -> int:
+    return item[0].strip("/").count("/")

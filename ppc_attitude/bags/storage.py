@@ -1,0 +1,127 @@
+"""rosbags' two storages, made to survive a kill.
+
+rosbags hands an MCAP chunk to the system when it holds 1 MiB and commits a SQLite bag when it
+closes. Here both can be flushed at any time, and the format stays what rosbags writes: the
+chunks of an MCAP file are just smaller, the rows of a SQLite bag come in several transactions.
+"""
+
+import sqlite3
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.enums import CompressionMode
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+
+# This file overrides methods of rosbags' storage writers; these versions have been tried.
+ROSBAGS_RANGE = ">=0.11.9,<0.12"
+
+PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+_CHUNK_BYTES = 2**20
+_BATCH_ROWS = 4096
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log and publish time
+_MESSAGE_OPCODE = 0x05
+_MESSAGE_HEAD = 22  # bytes of a message record before the payload
+
+
+class KillSafeStorage(Protocol):
+    """A storage that can be flushed."""
+
+    path: Path
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system."""
+
+
+class KillSafeMcap(McapWriter):
+    """MCAP storage whose pending chunk can be flushed."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self.bio.flush()
+
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        """Append a message to the pending chunk (rosbags' method at a third of its cost)."""
+        chunk, channel = self.chunk, connection.id
+        if timestamp < chunk.message_start_time:
+            chunk.message_start_time = timestamp
+        if timestamp > chunk.message_end_time:
+            chunk.message_end_time = timestamp
+        offset = chunk.bio.tell()
+        chunk.msgs[channel].append((timestamp, offset))
+        length = _MESSAGE_HEAD + len(data)
+        chunk.bio.write(_MESSAGE.pack(_MESSAGE_OPCODE, length, channel, 0, timestamp, timestamp))
+        chunk.bio.write(data)
+        self.channel_stats[channel] += 1
+        if offset + length > _CHUNK_BYTES:
+            self.close_chunk()
+
+    def close_chunk(self) -> None:
+        """Write the pending chunk and hand it to the operating system."""
+        chunk = self.chunk
+        if chunk.msgs:
+            self.message_start_time = min(self.message_start_time, chunk.message_start_time)
+            self.message_end_time = max(self.message_end_time, chunk.message_end_time)
+        else:  # only definitions: the MCAP specification wants zeros
+            chunk.message_start_time = chunk.message_end_time = 0
+        super().close_chunk()
+        self.bio.flush()
+
+    def flush(self) -> None:
+        """Close the pending chunk early."""
+        if self.chunk.bio.tell():
+            self.close_chunk()
+
+
+class KillSafeSqlite(Sqlite3Writer):
+    """SQLite storage that commits when asked to."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self.conn.close()
+        # Flushed from the writer's clock thread too; the writer's lock keeps the two apart.
+        self.conn = sqlite3.connect(self.path, check_same_thread=False)
+        # The rollback journal protects against a kill; waiting for the disk would stall the loop.
+        self.conn.execute("PRAGMA synchronous=OFF")
+        self.cursor = self.conn.cursor()
+        self._rows: list[tuple[int, int, bytes | memoryview]] = []
+
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        """Keep a message for the next batch of rows."""
+        self._rows.append((connection.id, timestamp, data))
+        if len(self._rows) >= _BATCH_ROWS:
+            self._insert()
+
+    def flush(self) -> None:
+        """Insert the pending rows and commit."""
+        self._insert()
+        self.conn.commit()
+
+    def close(self, version: int, metadata: str) -> None:
+        """Insert the pending rows, then rosbags' metadata."""
+        self._insert()
+        super().close(version, metadata)
+
+    def _insert(self) -> None:
+        rows, self._rows = self._rows, []
+        self.cursor.executemany(
+            "INSERT INTO messages (topic_id, timestamp, data) VALUES(?, ?, ?)", rows
+        )
+
+
+class KillSafeWriter(Writer):
+    """rosbags' writer over the two storages above."""
+
+    STORAGE_PLUGINS: Mapping[StoragePlugin, type[KillSafeMcap | KillSafeSqlite]] = {
+        StoragePlugin.MCAP: KillSafeMcap,
+        StoragePlugin.SQLITE3: KillSafeSqlite,
+    }
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system."""
+        assert isinstance(self.storage, KillSafeMcap | KillSafeSqlite)
+        self.storage.flush()

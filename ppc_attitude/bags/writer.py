@@ -1,0 +1,338 @@
+"""Recording a run as a rosbag2 bag that survives a kill.
+
+The bag is rosbag2 format version 9, as rosbags writes it. Until it is closed the folder holds
+`UNFINISHED`, a small file with the custom data that rosbags would only write at the end, and no
+``metadata.yaml``: so a reader can tell a cut recording from a complete one.
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+import sqlite3
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Literal
+
+import numpy as np
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import WriterError
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import TypesysError
+
+from ppc_attitude.bags.custom_data import encode_custom_data
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.storage import PLUGINS, KillSafeWriter
+from ppc_attitude.contract.cdr import Codec, encode_clock
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import BY_COLUMN, CLOCK_TOPIC
+
+UNFINISHED = "unfinished.json"
+FLUSH_PERIOD = 0.5  # [s]; at most a second may be lost, so twice as often
+
+_FOREVER = QosTime(9223372036, 854775807)
+_TYPES = get_typestore(Stores.ROS2_JAZZY)
+
+
+def offered_qos(
+    *,
+    reliability: Literal["reliable", "best_effort"] = "reliable",
+    durability: Literal["volatile", "transient_local"] = "volatile",
+    history: Literal["keep_last", "keep_all", "unknown"] = "keep_last",
+    depth: int = 10,
+) -> Qos:
+    """QoS of a publisher without deadlines, as a bag describes it.
+
+    Parameters
+    ----------
+    reliability, durability, history : str
+        Policies by their rosbag2 names.
+    depth : int
+        Length of the queue.
+    """
+    return Qos(
+        QosHistory[history.upper()],
+        depth,
+        QosReliability[reliability.upper()],
+        QosDurability[durability.upper()],
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        False,
+    )
+
+
+class BagWriter:
+    """Writer of one bag; any thread may call it.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder of the bag; must not exist yet.
+    storage : {'mcap', 'sqlite3'}
+        Storage of the messages.
+    custom_data : mapping of str to str
+        What the bag says about the run (`custom_data.encode_custom_data`).
+
+    Raises
+    ------
+    BagError
+        The folder exists or cannot be made, or the storage is unknown.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        *,
+        storage: str = "mcap",
+        custom_data: Mapping[str, str] | None = None,
+    ) -> None:
+        self.path = Path(path)
+        if storage not in PLUGINS:
+            raise BagError(f"storage is {storage!r}, allowed are {', '.join(PLUGINS)}")
+        self._lock = threading.Lock()
+        self._failure = ""
+        self._flush_is_due = False
+        self._connections: dict[str, Connection] = {}
+        self._messages = 0
+        try:
+            self._writer = KillSafeWriter(self.path, version=9, storage_plugin=PLUGINS[storage])
+            self._writer.open()
+            self._claim = _claim(self.path)
+            for key, value in (custom_data or {}).items():
+                self._writer.set_custom_data(key, value)
+            self._write_unfinished()
+        except WriterError as error:
+            raise BagError(f"bag {self.path}: {error}") from error
+        except (OSError, sqlite3.Error) as error:
+            raise BagError(f"bag {self.path} cannot be made: {_reason(error)}") from error
+        self._closed = threading.Event()
+        self._clock = threading.Thread(target=self._flush_regularly, name="bag", daemon=True)
+        self._clock.start()
+
+    def add_topic(self, topic: str, msgtype: str, offered_qos: Sequence[Qos] = ()) -> None:
+        """Announce a topic.
+
+        Parameters
+        ----------
+        topic : str
+            Absolute name.
+        msgtype : str
+            ROS type, ``package/msg/Name``.
+        offered_qos : sequence of Qos
+            What each publisher offers (`offered_qos`).
+
+        Raises
+        ------
+        BagError
+            The topic is there already, its type is no ROS 2 Jazzy type, or writing failed.
+        """
+        with self._lock:
+            self._check()
+            if topic in self._connections:
+                raise BagError(f"bag {self.path} has topic {topic} already")
+            try:
+                self._connections[topic] = self._writer.add_connection(
+                    topic, msgtype, typestore=_TYPES, offered_qos_profiles=offered_qos
+                )
+            except (TypesysError, KeyError) as error:
+                raise BagError(f"{msgtype}, the type of {topic}, is not in Jazzy") from error
+            except (OSError, sqlite3.Error) as error:
+                raise self._fail(error) from error
+
+    def write(self, topic: str, receive_time_ns: int, data: bytes) -> None:
+        """Append a message.
+
+        Parameters
+        ----------
+        topic : str
+            Absolute name, announced before.
+        receive_time_ns : int
+            Receive time [ns], not negative.
+        data : bytes
+            The message as CDR.
+
+        Raises
+        ------
+        BagError
+            The topic or the time is not allowed, the bag is closed, or writing failed (disk
+            full); what was written before can still be read.
+        """
+        if receive_time_ns < 0:
+            raise BagError(f"receive time of {topic} is {receive_time_ns} ns, allowed are >= 0")
+        with self._lock:
+            self._check()
+            connection = self._connections.get(topic)
+            if connection is None:
+                raise BagError(f"topic {topic} was not announced to bag {self.path}")
+            try:
+                self._writer.write(connection, receive_time_ns, data)
+                self._messages += 1
+                if self._flush_is_due:
+                    self._flush()
+            except (OSError, sqlite3.Error) as error:
+                raise self._fail(error) from error
+
+    def set_custom_data(self, key: str, value: str) -> None:
+        """State one more fact about the run; kept even if the recorder is killed.
+
+        Raises
+        ------
+        BagError
+            The bag is closed or writing failed.
+        """
+        with self._lock:
+            self._check()
+            try:
+                self._writer.set_custom_data(key, value)
+                self._write_unfinished()
+            except OSError as error:
+                raise self._fail(error) from error
+
+    def close(self) -> None:
+        """Finish the bag: index, ``metadata.yaml``. Closing twice is harmless.
+
+        Raises
+        ------
+        BagError
+            Writing failed, now or earlier: the bag can be read, but is cut.
+        """
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        self._clock.join()
+        with self._lock:
+            try:
+                self._check_failure()
+                self._writer.close()
+                (self.path / UNFINISHED).unlink()
+            except (OSError, sqlite3.Error) as error:
+                raise self._fail(error) from error
+            finally:
+                os.close(self._claim)
+
+    def __enter__(self) -> "BagWriter":
+        """Return self; unlike rosbags' writer it keeps the bag when an exception passes."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Finish the bag; an exception on its way keeps precedence over a failure to do so."""
+        with contextlib.suppress(BagError) if error else contextlib.nullcontext():
+            self.close()
+
+    def _flush_regularly(self) -> None:
+        """Keep the promise when messages come slowly or not at all."""
+        while not self._closed.wait(FLUSH_PERIOD):
+            # A writer in full flow may never leave us the lock: then it flushes at this sign.
+            self._flush_is_due = True
+            with self._lock:
+                if self._flush_is_due and not self._failure:
+                    try:
+                        self._flush()
+                    except (OSError, sqlite3.Error) as error:
+                        self._fail(error)
+
+    def _flush(self) -> None:
+        self._flush_is_due = False
+        self._writer.flush()
+
+    def _write_unfinished(self) -> None:
+        target = self.path / UNFINISHED
+        temporary = target.with_suffix(".tmp")
+        temporary.write_text(json.dumps({"custom_data": self._writer.custom_data}), "utf-8")
+        temporary.replace(target)
+
+    def _check(self) -> None:
+        if self._closed.is_set():
+            raise BagError(f"bag {self.path} is closed")
+        self._check_failure()
+
+    def _check_failure(self) -> None:
+        if self._failure:
+            raise BagError(self._failure)
+
+    def _fail(self, error: Exception) -> BagError:
+        """Stop recording for good and leave what is on disk as it is."""
+        self._failure = (
+            f"bag {self.path} cannot be written any further: {_reason(error)}; "
+            f"it holds most of {self._messages} messages and can be read"
+        )
+        with contextlib.suppress(OSError, sqlite3.Error):
+            self._writer.abort()
+        return BagError(self._failure)
+
+
+def _claim(folder: Path) -> int:
+    """Lock a bag's folder for as long as the process lives, so that nobody recovers it meanwhile."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return descriptor
+
+
+def is_being_recorded(folder: Path) -> bool:
+    """True if a living writer holds the folder."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
+def write_run(
+    record: RunRecord, path: Path | str, *, storage: str = "mcap", namespace: str = ""
+) -> None:
+    """Write a run as the recorder would: every sample a message, received at its stamp.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run; a sample that is all NaN is a message that is not there.
+    path : Path or str
+        Folder of the bag; must not exist yet.
+    storage : {'mcap', 'sqlite3'}
+        Storage of the messages.
+    namespace : str
+        Put before every topic, such as ``/proposed``.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be made or written.
+    """
+    facts = encode_custom_data(record.controller, record.parameters, record.metadata)
+    with BagWriter(path, storage=storage, custom_data=facts) as writer:
+        topics = [BY_COLUMN[column] for column in record.columns]
+        names = [f"{namespace}/{topic.name}" for topic in topics]
+        for topic, name in zip((*topics, CLOCK_TOPIC), (*names, CLOCK_TOPIC.name), strict=True):
+            writer.add_topic(name, topic.msgtype, [offered_qos()])
+        codecs = [Codec(topic) for topic in topics]
+        present = [~np.isnan(record[topic.column]).all(axis=1) for topic in topics]
+        for step, stamp in enumerate(record.stamps_ns.tolist()):
+            writer.write(CLOCK_TOPIC.name, stamp, encode_clock(stamp))
+            for name, codec, there in zip(names, codecs, present, strict=True):
+                if there[step]:
+                    sample = tuple(record[codec.topic.column][step].tolist())
+                    writer.write(name, stamp, codec.encode(stamp, sample))
