@@ -1,0 +1,126 @@
+"""Attitude algebra: Hamilton quaternions, scalar last, body to inertial (eq. 1 of the paper)."""
+
+import math
+
+from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
+    add,
+    cross,
+    dot,
+    kernel,
+    scale,
+    subtract,
+)
+
+
+@kernel
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton product a ⊗ b of quaternions x y z w."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+@kernel
+def conjugate(a: Quaternion) -> Quaternion:
+    """Inverse of a unit quaternion."""
+    return (-a[0], -a[1], -a[2], a[3])
+
+
+@kernel
+def normalised(a: Quaternion) -> Quaternion:
+    """Unit quaternion in the direction of `a`, which must not be zero."""
+    length = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3])
+    return (a[0] / length, a[1] / length, a[2] / length, a[3] / length)
+
+
+@kernel
+def kinematics(q: Quaternion, omega: Vector) -> Quaternion:
+    """Rate of a quaternion, q' = ½ q ⊗ [ω, 0], ω [rad/s] in the turning frame."""
+    return product(q, (0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2], 0.0))
+
+
+@kernel
+def moved(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
+    """q + h q', not normalised: the stages of a Runge-Kutta step."""
+    return (q[0] + h * rate[0], q[1] + h * rate[1], q[2] + h * rate[2], q[3] + h * rate[3])
+
+
+@kernel
+def runge_kutta(
+    q: Quaternion, h: float, k1: Quaternion, k2: Quaternion, k3: Quaternion, k4: Quaternion
+) -> Quaternion:
+    """Attitude after h [s] from the four rates of the classical Runge-Kutta method, normalised."""
+    return normalised(
+        (
+            q[0] + h / 6.0 * (k1[0] + 2.0 * (k2[0] + k3[0]) + k4[0]),
+            q[1] + h / 6.0 * (k1[1] + 2.0 * (k2[1] + k3[1]) + k4[1]),
+            q[2] + h / 6.0 * (k1[2] + 2.0 * (k2[2] + k3[2]) + k4[2]),
+            q[3] + h / 6.0 * (k1[3] + 2.0 * (k2[3] + k3[3]) + k4[3]),
+        )
+    )
+
+
+@kernel
+def rotate(q: Quaternion, a: Vector) -> Vector:
+    """R(q) a: body to inertial when q is an attitude."""
+    return to_body(a, (-q[0], -q[1], -q[2]), q[3])
+
+
+@kernel
+def attitude_error(q_s: Quaternion, q_d: Quaternion) -> Quaternion:
+    """q_e = q_d⁻¹ ⊗ q_s, normalised: rounding in messages must not leave the unit sphere."""
+    return normalised(product(conjugate(q_d), q_s))
+
+
+@kernel
+def to_body(a: Vector, q: Vector, q0: float) -> Vector:
+    """C_e a = (q0² − qᵀq) a + 2 q qᵀa − 2 q0 q × a: desired frame to body."""
+    return add(
+        scale(q0 * q0 - dot(q, q), a), subtract(scale(2.0 * dot(q, a), q), scale(2.0 * q0, cross(q, a)))
+    )
+
+
+@kernel
+def jacobian(q: Vector, q0: float, a: Vector) -> Vector:
+    """F_e a = ½ (q0 I + q^×) a; with a = ω_e it is q_ev'."""
+    return scale(0.5, add(scale(q0, a), cross(q, a)))
+
+
+@kernel
+def jacobian_transposed(q: Vector, q0: float, a: Vector) -> Vector:
+    """F_eᵀ a = ½ (q0 I − q^×) a."""
+    return scale(0.5, subtract(scale(q0, a), cross(q, a)))
+
+
+@kernel
+def jacobian_inverse_scaled(q: Vector, q0: float, a: Vector) -> Vector:
+    """G a = (q0² I − q0 q^× + q qᵀ) a = ½ q0 F_e⁻¹ a: no inverse, no division, ‖G‖ ≤ 1."""
+    return add(subtract(scale(q0 * q0, a), scale(q0, cross(q, a))), scale(dot(q, a), q))
+
+
+@kernel
+def jacobian_inverse_scaled_rate(
+    q: Vector, q0: float, q_rate: Vector, q0_rate: float, a: Vector
+) -> Vector:
+    """G' a, the time derivative of G at a fixed vector a."""
+    return add(
+        subtract(
+            scale(2.0 * q0 * q0_rate, a),
+            add(scale(q0_rate, cross(q, a)), scale(q0, cross(q_rate, a))),
+        ),
+        add(scale(dot(q, a), q_rate), scale(dot(q_rate, a), q)),
+    )
+
+
+@kernel
+def rotation_angle(q: Quaternion) -> float:
+    """Angle [rad] of the rotation, 0 to π, the short way."""
+    vector_part = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    return 2.0 * math.atan2(vector_part, abs(q[3]))

@@ -1,0 +1,72 @@
+"""Parameters that several laws share."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.performance import Envelope, EnvelopeTable, solve_envelope
+
+INERTIA = Parameter(
+    "inertia",
+    [2.8, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9],
+    "inertia J that the law assumes, row-major; symmetric positive definite",
+    "kg·m²",
+    length=9,
+)
+MAX_TORQUE = Parameter(
+    "max_torque", 0.05, "torque limit per axis, sat(u)", "N·m", above=0.0, high=1e6
+)
+D_M = Parameter("D_m", 0.00586, "bound of the disturbance, gain of its estimate", "N·m", low=0.0)
+MU = Parameter("mu", 0.949, "width μ of the tanh in the disturbance estimate", above=0.0)
+
+
+def envelope_parameters(prefix: str, what: str, unit: str, table: EnvelopeTable) -> list[Parameter]:
+    """Parameters of one nominal envelope; its tables are the paper's."""
+    return [
+        Parameter(f"{prefix}.initial", table.initial, f"ρ_e0 of the {what}", unit, above=0.0),
+        Parameter(
+            f"{prefix}.exponential_terminal",
+            table.exponential_terminal,
+            f"ρ_e∞ of the {what}: where the exponential alone would end",
+            unit,
+            above=0.0,
+        ),
+        Parameter(f"{prefix}.decay", table.decay, f"l of the {what}", "1/s", above=0.0),
+        Parameter(
+            f"{prefix}.settling_time",
+            table.settling_time,
+            f"t2 of the {what}: from here on it is terminal",
+            "s",
+            above=0.0,
+        ),
+        Parameter(f"{prefix}.terminal", table.terminal, f"g∞ of the {what}", unit, above=0.0),
+    ]
+
+
+# Table I of the paper.
+ATTITUDE_TABLE = EnvelopeTable(1.0, 1e-4, 0.05, 60.0, 5e-3)
+# Table II has no solution (r = 1.76e5, at most e/2); this is the nearest table that has one.
+RATE_TABLE = EnvelopeTable(0.08, 3e-5, 0.5, 40.0, 3e-5)
+
+ATTITUDE_ENVELOPE = envelope_parameters("attitude_envelope", "attitude envelope", "", ATTITUDE_TABLE)
+RATE_ENVELOPE = envelope_parameters("rate_envelope", "rate envelope", "rad/s", RATE_TABLE)
+
+
+def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
+    """Solve the envelope whose five numbers have this prefix.
+
+    Raises
+    ------
+    ConfigurationError
+        The envelope is infeasible.
+    """
+    fields = EnvelopeTable.__dataclass_fields__
+    return solve_envelope(prefix, EnvelopeTable(*(values[f"{prefix}.{name}"] for name in fields)))
+
+
+def is_diagonal(inertia: Any) -> bool:
+    """True if no product of inertia is different from zero."""
+    return all(
+        math.isclose(inertia[i, j], 0.0, abs_tol=0.0) for i in range(3) for j in range(3) if i != j
+    )

@@ -1,0 +1,176 @@
+"""Traditional PPC: one layer, logarithmic barrier.
+
+A reconstruction: the text that the paper compares with was not to be had. The barrier force is not
+clipped: once |q_i| > ρ_i it points outward and the state settles outside, near
+q*² = ρ² + k_b / (4 K1 K2), which is the behaviour that the paper reports of its benchmark.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.attitude import jacobian, jacobian_inverse_scaled, jacobian_transposed
+from ppc_attitude.science.barrier import log_barrier_force
+from ppc_attitude.science.controllers.common import (
+    ATTITUDE_ENVELOPE,
+    D_M,
+    INERTIA,
+    MAX_TORQUE,
+    MU,
+    envelope_of,
+)
+from ppc_attitude.science.controllers.interface import (
+    Controller,
+    error_state,
+    step_signature,
+    store_command,
+)
+from ppc_attitude.science.kernel import (
+    Vector,
+    add,
+    apply,
+    clamp,
+    cross,
+    dot,
+    kernel,
+    kernel_of,
+    matrix,
+    scale,
+    store,
+    subtract,
+)
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.performance import SHAPE, nominal
+from ppc_attitude.science.spacecraft import inertia_matrix
+
+_OWN = (
+    Parameter("log_barrier.K1", 0.15, "attitude gain K1", "1/s", above=0.0),
+    Parameter("log_barrier.K2", 3.0, "rate gain K2", "N·m·s/rad", above=0.0),
+    Parameter("log_barrier.k_b", 1e-3, "barrier gain k_b", "N·m", above=0.0),
+)
+PARAMETERS = (INERTIA, MAX_TORQUE, D_M, MU, *_OWN, *ATTITUDE_ENVELOPE)
+CONFIGURATION = np.dtype(
+    [
+        ("K1", np.float64),
+        ("K2", np.float64),
+        ("k_b", np.float64),
+        ("D_m", np.float64),
+        ("mu", np.float64),
+        ("max_torque", np.float64),
+        ("inertia", np.float64, (3, 3)),
+        ("shape", SHAPE),
+    ],
+    align=True,
+)
+MEMORY = np.dtype([("started", np.float64), ("start", np.float64)], align=True)
+_SIGNATURE = step_signature(MEMORY, CONFIGURATION)
+# F_e⁻¹ is singular at q_e0 = 0; a reconstruction keeps that, but never divides by zero.
+_SMALLEST_SCALAR = 1e-6
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        Inertia or the envelope is impossible.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    for name in ("D_m", "mu", "max_torque"):
+        record[name] = values[name]
+    for name in ("K1", "K2", "k_b"):
+        record[name] = values[f"log_barrier.{name}"]
+    record["inertia"] = inertia_matrix("inertia", values["inertia"])
+    record["shape"] = envelope_of("attitude_envelope", values).shape()
+    return record
+
+
+@kernel
+def _away_from_zero(q0: float) -> float:
+    if abs(q0) < _SMALLEST_SCALAR:
+        return -_SMALLEST_SCALAR if q0 < 0.0 else _SMALLEST_SCALAR
+    return q0
+
+
+@kernel
+def inverse_jacobian(q: Vector, q0: float, a: Vector) -> Vector:
+    """F_e⁻¹ a = (2/q0) G a."""
+    return scale(2.0 / q0, jacobian_inverse_scaled(q, q0, a))
+
+
+@kernel
+def desired_rate_error(
+    q: Vector, q0: float, omega_e: Vector, rho: float, rho_rate: float, rho_acceleration: float, K1: float
+) -> tuple[Vector, Vector]:
+    """α = F_e⁻¹ g [rad/s] and α' [rad/s²], with g = −(K1 − η) q and η = ρ'/ρ."""
+    eta = rho_rate / rho
+    eta_rate = rho_acceleration / rho - eta * eta
+    q_rate = jacobian(q, q0, omega_e)
+    q0_rate = -0.5 * dot(q, omega_e)
+    g = scale(eta - K1, q)
+    g_rate = add(scale(eta_rate, q), scale(eta - K1, q_rate))
+    turning = subtract(scale(q0_rate, g), cross(q_rate, g))
+    stretch = scale(1.0 / q0, add(scale(dot(q, g), q_rate), scale(dot(q_rate, g), q)))
+    shrink = scale(dot(q, g) * q0_rate / (q0 * q0), q)
+    alpha_rate = add(
+        inverse_jacobian(q, q0, g_rate), scale(2.0, add(turning, subtract(stretch, shrink)))
+    )
+    return inverse_jacobian(q, q0, g), alpha_rate
+
+
+@kernel
+def _second_derivative(t: float, shape: Any) -> float:
+    """ρ_n''(t) [1/s²]."""
+    if t < shape.t1:
+        return float(shape.decay * shape.decay * shape.amplitude * math.exp(-shape.decay * t))
+    if t < shape.t2:
+        return float(2.0 * shape.curvature)
+    return 0.0
+
+
+@kernel_of(_SIGNATURE)
+def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
+    """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
+    q_e, omega_e, m_0 = error_state(measurement, matrix(gains.inertia))
+    q, q0 = (q_e[0], q_e[1], q_e[2]), _away_from_zero(q_e[3])
+    if memory.started == 0.0:
+        memory.started = 1.0
+        memory.start = measurement.t
+    clock = measurement.t - memory.start
+    rho, rho_rate = nominal(clock, gains.shape)
+    alpha, alpha_rate = desired_rate_error(
+        q, q0, omega_e, rho, rho_rate, _second_derivative(clock, gains.shape), gains.K1
+    )
+    z = subtract(omega_e, alpha)
+    chi = log_barrier_force(q, (rho, rho, rho))
+    d_hat = (
+        gains.D_m * math.tanh(z[0] / gains.mu),
+        gains.D_m * math.tanh(z[1] / gains.mu),
+        gains.D_m * math.tanh(z[2] / gains.mu),
+    )
+    u = subtract(apply(matrix(gains.inertia), alpha_rate), m_0)
+    u = subtract(u, scale(gains.K2, z))
+    u = subtract(u, scale(gains.k_b, jacobian_transposed(q, q0, chi)))
+    u = subtract(u, d_hat)
+    store_command(command, q_e, z, u, clamp(u, gains.max_torque))
+    store(command.attitude_envelope, (rho, rho, rho))
+
+
+CONTROLLER = Controller(
+    name="log_barrier",
+    parameters=PARAMETERS,
+    configure=configure,
+    memory=MEMORY,
+    step=step,
+    signature=_SIGNATURE,
+    columns=(
+        "torque_command",
+        "unsaturated_torque",
+        "attitude_error",
+        "attitude_envelope",
+        "rate_error",
+    ),
+)

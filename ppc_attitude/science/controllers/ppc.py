@@ -1,0 +1,344 @@
+"""The paper's controller: double-layer prescribed performance control by backstepping (eq. 20).
+
+Read `step` as the block diagram: error system, envelopes, virtual control, torque, saturation.
+The widening laws and the auxiliary system hold Δτ of the previous sample: v' and γ contain Δρ',
+Δρ' contains Δτ, and Δτ contains u, so evaluated at one instant they would be an algebraic loop
+with up to three solutions.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.attitude import jacobian_transposed
+from ppc_attitude.science.barrier import barrier_gain
+from ppc_attitude.science.controllers.common import (
+    ATTITUDE_ENVELOPE,
+    D_M,
+    INERTIA,
+    MAX_TORQUE,
+    MU,
+    RATE_ENVELOPE,
+    envelope_of,
+    is_diagonal,
+)
+from ppc_attitude.science.controllers.interface import (
+    Controller,
+    error_state,
+    step_signature,
+    store_command,
+)
+from ppc_attitude.science.envelope_plan import PLAN, carry_on, plan_envelopes
+from ppc_attitude.science.kernel import (
+    Matrix,
+    Vector,
+    add,
+    apply,
+    clamp,
+    divide,
+    dot,
+    kernel,
+    kernel_of,
+    matrix,
+    multiply,
+    scale,
+    store,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.performance import (
+    SHAPE,
+    nominal,
+    widened_attitude_envelope,
+    widened_rate_envelope,
+)
+from ppc_attitude.science.spacecraft import inertia_matrix
+from ppc_attitude.science.virtual_control import virtual_control
+
+GAINS = (
+    Parameter("k", 3.0, "gain k of the virtual control", above=0.0),
+    Parameter("M_omega", 0.017, "speed scale M_ω of the virtual control", "rad/s", above=0.0),
+    Parameter("beta", 3.7, "steepness β of the virtual control", above=0.0),
+    Parameter("K_omega", 1.19, "gain K_ω on the rate error z2", "1/s", low=0.0),
+    Parameter("K_u", 0.156, "gain K_u on the auxiliary state θ", low=0.0),
+    Parameter("K_a", 1.03, "decay K_a of the auxiliary state", "1/s", low=0.0),
+    Parameter("K_b", 1.07, "saturation-driven decay K_b of the auxiliary state", low=0.0),
+    Parameter("C_q", 0.16, "decay C_q of the attitude envelope's widening", "1/s", low=0.0),
+    Parameter("C_omega", 0.778, "decay C_ω of the rate envelope's widening", "1/s", low=0.0),
+    Parameter("C_tau", 0.00344, "gain C_τ of the attitude envelope's widening", low=0.0),
+    Parameter("B_tau", 0.0383, "gain B_τ of the rate envelope's widening", low=0.0),
+    Parameter("F1", 1.0, "scale F1 of the attitude barrier", above=0.0),
+    Parameter("F2", 1.0, "scale F2 of the rate barrier", above=0.0),
+    Parameter("k1", 1.0, "weight k1 of the attitude barrier", above=0.0),
+    Parameter("k2", 1.0, "weight k2 of the rate barrier", above=0.0),
+    Parameter("sigma", 0.0134, "σ that keeps the cross term's denominator from zero", above=0.0),
+)
+PARAMETERS = (
+    INERTIA,
+    MAX_TORQUE,
+    *GAINS,
+    D_M,
+    MU,
+    Parameter("adaptive_envelope", True, "widen the envelopes while the actuator saturates"),
+    Parameter(
+        "envelope",
+        "nominal",
+        "nominal: the tables as given; auto: planned from the present error",
+        choices=("nominal", "auto"),
+    ),
+    Parameter(
+        "virtual_control",
+        "componentwise",
+        "form of the virtual control: the paper's, or direction-preserving",
+        choices=("componentwise", "norm"),
+    ),
+    *ATTITUDE_ENVELOPE,
+    *RATE_ENVELOPE,
+)
+_SYMBOLS = tuple(parameter.name for parameter in (*GAINS, D_M, MU))
+
+CONFIGURATION = np.dtype(
+    [
+        *((name, np.float64) for name in _SYMBOLS),
+        ("inertia", np.float64, (3, 3)),
+        ("inertia_inverse", np.float64, (3, 3)),
+        ("max_torque", np.float64),
+        ("diagonal", np.float64),
+        ("adaptive", np.float64),
+        ("auto", np.float64),
+        ("norm_form", np.float64),
+        ("attitude_shape", SHAPE),
+        ("rate_shape", SHAPE),
+    ],
+    align=True,
+)
+MEMORY = np.dtype(
+    [
+        ("started", np.float64),
+        ("t", np.float64),  # [s] of the last sample
+        ("delta_tau", np.float64, (3,)),  # Δτ = sat(u) − u of the last sample [N·m]
+        ("delta_rho_q", np.float64, (3,)),  # Δρ_q
+        ("delta_rho_omega", np.float64, (3,)),  # Δρ_ω [rad/s]
+        ("theta", np.float64, (3,)),  # θ
+        ("plan", PLAN),
+    ],
+    align=True,
+)
+_SIGNATURE = step_signature(MEMORY, CONFIGURATION)
+# δ of the auxiliary system: the smallest |θ| that divides; the paper divides by zero at θ = 0.
+_DELTA = 1e-3
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        Inertia or an envelope is impossible.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    for name in (*_SYMBOLS, "max_torque"):
+        record[name] = values[name]
+    inertia = inertia_matrix("inertia", values["inertia"])
+    record["inertia"] = inertia
+    record["inertia_inverse"] = np.linalg.inv(inertia)
+    record["diagonal"] = is_diagonal(inertia)
+    record["adaptive"] = values["adaptive_envelope"]
+    record["auto"] = values["envelope"] == "auto"
+    record["norm_form"] = values["virtual_control"] == "norm"
+    record["attitude_shape"] = envelope_of("attitude_envelope", values).shape()
+    record["rate_shape"] = envelope_of("rate_envelope", values).shape()
+    return record
+
+
+@kernel
+def saturation_drive(delta_tau: Vector, inertia_inverse: Matrix) -> Vector:
+    """|J⁻¹| |tanh Δτ|, elementwise magnitudes: what opens the envelopes."""
+    x = math.tanh(abs(delta_tau[0]))
+    y = math.tanh(abs(delta_tau[1]))
+    z = math.tanh(abs(delta_tau[2]))
+    m = inertia_inverse
+    return (
+        abs(m[0][0]) * x + abs(m[0][1]) * y + abs(m[0][2]) * z,
+        abs(m[1][0]) * x + abs(m[1][1]) * y + abs(m[1][2]) * z,
+        abs(m[2][0]) * x + abs(m[2][1]) * y + abs(m[2][2]) * z,
+    )
+
+
+@kernel
+def auxiliary_step(
+    theta: Vector, delta_tau: Vector, xi: Vector, inertia_inverse: Matrix, gains: Any, h: float
+) -> Vector:
+    """θ after h [s]: θ' = −[K_a + K_b |ξJ⁻¹Δτ|²/(|θ|²+δ²)] θ + ξJ⁻¹ tanh Δτ (eq. 21), implicit."""
+    pull = multiply(xi, apply(inertia_inverse, delta_tau))
+    bounded = (math.tanh(delta_tau[0]), math.tanh(delta_tau[1]), math.tanh(delta_tau[2]))
+    push = multiply(xi, apply(inertia_inverse, bounded))
+    decay = gains.K_a + gains.K_b * dot(pull, pull) / (dot(theta, theta) + _DELTA * _DELTA)
+    return scale(1.0 / (1.0 + h * decay), add(theta, scale(h, push)))
+
+
+@kernel
+def integrate(memory: Any, gains: Any, rate_value: float, h: float) -> None:
+    """Carry θ, Δρ_q and Δρ_ω over h [s] with the last sample's Δτ held (eqs. 21 and 22)."""
+    inertia_inverse = matrix(gains.inertia_inverse)
+    delta_tau = vector(memory.delta_tau)
+    delta_omega = vector(memory.delta_rho_omega)
+    if gains.adaptive != 0.0:
+        drive = saturation_drive(delta_tau, inertia_inverse)
+        delta_omega = widened_rate_envelope(
+            delta_omega, rate_value, scale(gains.B_tau, drive), gains.C_omega, h
+        )
+        xi = inverse_envelope(rate_value, delta_omega)
+        store(memory.delta_rho_omega, delta_omega)
+        store(
+            memory.delta_rho_q,
+            widened_attitude_envelope(
+                vector(memory.delta_rho_q),
+                scale(gains.C_tau, multiply(xi, drive)),
+                gains.C_q,
+                h,
+            ),
+        )
+    xi = inverse_envelope(rate_value, delta_omega)
+    theta = auxiliary_step(vector(memory.theta), delta_tau, xi, inertia_inverse, gains, h)
+    store(memory.theta, theta)
+
+
+@kernel
+def inverse_envelope(nominal_value: float, delta: Vector) -> Vector:
+    """Diagonal of ξ = diag(1/ρ_ω)."""
+    return (
+        1.0 / (nominal_value + delta[0]),
+        1.0 / (nominal_value + delta[1]),
+        1.0 / (nominal_value + delta[2]),
+    )
+
+
+@kernel
+def _bounded_axis(rho: float, rho_rate: float) -> tuple[float, float]:
+    # |q_ev,i| is never larger than 1, so a wider envelope says nothing.
+    if rho >= 1.0:
+        return 1.0, min(rho_rate, 0.0)
+    return rho, rho_rate
+
+
+@kernel
+def composite_envelopes(
+    memory: Any, gains: Any, attitude: tuple[float, float], rate: tuple[float, float]
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """ρ_q, ρ_q', ρ_ω and ρ_ω': nominal plus adaptive part, the latter's rate by eq. 22."""
+    delta_q = vector(memory.delta_rho_q)
+    delta_omega = vector(memory.delta_rho_omega)
+    rho_omega = add((rate[0], rate[0], rate[0]), delta_omega)
+    drive = divide(
+        saturation_drive(vector(memory.delta_tau), matrix(gains.inertia_inverse)), rho_omega
+    )
+    on = gains.adaptive
+    growth_q = subtract(scale(on * gains.C_tau, drive), scale(gains.C_q, delta_q))
+    growth_omega = subtract(scale(on * gains.B_tau, drive), scale(gains.C_omega, delta_omega))
+    x, x_rate = _bounded_axis(attitude[0] + delta_q[0], attitude[1] + growth_q[0])
+    y, y_rate = _bounded_axis(attitude[0] + delta_q[1], attitude[1] + growth_q[1])
+    z, z_rate = _bounded_axis(attitude[0] + delta_q[2], attitude[1] + growth_q[2])
+    rho_omega_rate = add((rate[1], rate[1], rate[1]), growth_omega)
+    return (x, y, z), (x_rate, y_rate, z_rate), rho_omega, rho_omega_rate
+
+
+@kernel
+def disturbance_estimate(epsilon_omega: Vector, rho_omega: Vector, gains: Any) -> Vector:
+    """d̂ = D_m tanh(ε_ω/μ) [N·m]; for a full inertia D_m tanh(J⁻¹ ξ ε_ω/μ)."""
+    argument = epsilon_omega
+    if gains.diagonal == 0.0:
+        argument = apply(matrix(gains.inertia_inverse), divide(epsilon_omega, rho_omega))
+    return (
+        gains.D_m * math.tanh(argument[0] / gains.mu),
+        gains.D_m * math.tanh(argument[1] / gains.mu),
+        gains.D_m * math.tanh(argument[2] / gains.mu),
+    )
+
+
+@kernel
+def cross_term(
+    epsilon_q: Vector,
+    epsilon_omega: Vector,
+    rho_q: Vector,
+    rho_omega: Vector,
+    q: Vector,
+    q0: float,
+    gains: Any,
+) -> Vector:
+    """Acceleration [rad/s²] that cancels the z2 term of V̇1 (last term of eq. 20, corrected).
+
+    The paper prints F_e for F_eᵀ and leaves out k1; only this form cancels exactly at σ = 0.
+    """
+    weight = barrier_gain(epsilon_q, gains.k1, gains.F1) / (
+        barrier_gain(epsilon_omega, gains.k2, gains.F2) + gains.sigma
+    )
+    direction = jacobian_transposed(q, q0, divide(epsilon_q, rho_q))
+    return scale(weight, multiply(multiply(rho_omega, rho_omega), direction))
+
+
+@kernel_of(_SIGNATURE)
+def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
+    """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
+    inertia = matrix(gains.inertia)
+    q_e, omega_e, m_0 = error_state(measurement, inertia)
+    q, q0 = (q_e[0], q_e[1], q_e[2]), q_e[3]
+    t = measurement.t
+
+    if memory.started == 0.0:
+        plan_envelopes(memory.plan, t, q, q0, omega_e, gains)
+        memory.started = 1.0
+        memory.t = t
+    rate, attitude = carry_on(memory.plan, t, gains)
+    if t > memory.t:
+        integrate(memory, gains, rate[0], t - memory.t)
+    memory.t = t
+    rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
+        memory, gains, attitude, rate
+    )
+
+    v, v_rate = virtual_control(
+        q,
+        q0,
+        omega_e,
+        rho_q,
+        rho_q_rate,
+        gains.beta,
+        gains.k * gains.M_omega,
+        gains.norm_form != 0.0,
+    )
+    z2 = subtract(omega_e, v)
+    epsilon_q = divide(q, rho_q)
+    epsilon_omega = divide(z2, rho_omega)
+    gamma = divide(rho_omega_rate, rho_omega)
+    theta = vector(memory.theta)
+
+    acceleration = subtract(v_rate, scale(gains.K_omega, z2))
+    acceleration = add(acceleration, multiply(gamma, z2))
+    acceleration = subtract(acceleration, scale(gains.K_u, multiply(rho_omega, theta)))
+    acceleration = subtract(
+        acceleration, cross_term(epsilon_q, epsilon_omega, rho_q, rho_omega, q, q0, gains)
+    )
+    d_hat = disturbance_estimate(epsilon_omega, rho_omega, gains)
+    u = subtract(subtract(apply(inertia, acceleration), m_0), d_hat)
+    tau = clamp(u, gains.max_torque)
+
+    store(memory.delta_tau, subtract(tau, u))
+    store_command(command, q_e, z2, u, tau)
+    store(command.attitude_envelope, rho_q)
+    store(command.rate_envelope, rho_omega)
+    store(command.auxiliary_state, theta)
+
+
+CONTROLLER = Controller(
+    name="ppc",
+    parameters=PARAMETERS,
+    configure=configure,
+    memory=MEMORY,
+    step=step,
+    signature=_SIGNATURE,
+)

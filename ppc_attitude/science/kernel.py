@@ -1,0 +1,149 @@
+"""How this project compiles: the decorator, and three-vectors as plain tuples.
+
+Inside a kernel a vector is a tuple of floats. Tuples live in registers, so a controller step
+allocates nothing, and they are values, so no function changes its caller's vector.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeAlias, TypeVar, cast
+
+import numba
+
+Vector: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]  # x y z w
+Matrix: TypeAlias = tuple[Vector, Vector, Vector]  # rows
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+# No fastmath: the node, the in-process loop and the replay must agree to the last bit.
+OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile a function at its first call and cache the machine code."""
+    return cast(_Function, numba.njit(**OPTIONS)(function))
+
+
+def kernel_of(signature: Any) -> Callable[[_Function], _Function]:
+    """Compile a function for one signature when its module is imported, from the cache if it can.
+
+    A function with a signature can be handed to another kernel as an argument.
+    """
+
+    def compile_function(function: _Function) -> _Function:
+        return cast(_Function, numba.njit(signature, **OPTIONS)(function))
+
+    return compile_function
+
+
+@kernel
+def vector(a: Any) -> Vector:
+    """Tuple of the first three numbers of an array."""
+    return (a[0], a[1], a[2])
+
+
+@kernel
+def quaternion(a: Any) -> Quaternion:
+    """Tuple of the four numbers of an array."""
+    return (a[0], a[1], a[2], a[3])
+
+
+@kernel
+def matrix(a: Any) -> Matrix:
+    """Rows of a 3 × 3 array as tuples."""
+    return (
+        (a[0, 0], a[0, 1], a[0, 2]),
+        (a[1, 0], a[1, 1], a[1, 2]),
+        (a[2, 0], a[2, 1], a[2, 2]),
+    )
+
+
+@kernel
+def store(target: Any, a: Vector) -> None:
+    """Write a vector into an array."""
+    target[0] = a[0]
+    target[1] = a[1]
+    target[2] = a[2]
+
+
+@kernel
+def store_quaternion(target: Any, a: Quaternion) -> None:
+    """Write a quaternion into an array."""
+    target[0] = a[0]
+    target[1] = a[1]
+    target[2] = a[2]
+    target[3] = a[3]
+
+
+@kernel
+def add(a: Vector, b: Vector) -> Vector:
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@kernel
+def subtract(a: Vector, b: Vector) -> Vector:
+    """a − b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@kernel
+def scale(s: float, a: Vector) -> Vector:
+    """s a."""
+    return (s * a[0], s * a[1], s * a[2])
+
+
+@kernel
+def multiply(a: Vector, b: Vector) -> Vector:
+    """diag(a) b."""
+    return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
+
+
+@kernel
+def divide(a: Vector, b: Vector) -> Vector:
+    """diag(1/b) a."""
+    return (a[0] / b[0], a[1] / b[1], a[2] / b[2])
+
+
+@kernel
+def dot(a: Vector, b: Vector) -> float:
+    """aᵀb."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def cross(a: Vector, b: Vector) -> Vector:
+    """a^× b."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+@kernel
+def norm(a: Vector) -> float:
+    """‖a‖."""
+    return float((a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) ** 0.5)
+
+
+@kernel
+def largest(a: Vector) -> float:
+    """Largest magnitude of a component of a."""
+    return max(abs(a[0]), abs(a[1]), abs(a[2]))
+
+
+@kernel
+def apply(m: Matrix, a: Vector) -> Vector:
+    """M a."""
+    return (dot(m[0], a), dot(m[1], a), dot(m[2], a))
+
+
+@kernel
+def clamp(a: Vector, limit: float) -> Vector:
+    """Every component of a limited to ±limit: sat(a)."""
+    return (
+        min(max(a[0], -limit), limit),
+        min(max(a[1], -limit), limit),
+        min(max(a[2], -limit), limit),
+    )

@@ -1,0 +1,165 @@
+"""What a parameter is: declared once, with description, unit and range; validated in one place."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, TypeAlias
+
+from ppc_attitude.science.errors import ConfigurationError
+
+Value: TypeAlias = bool | int | float | str | list[Any]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a node.
+
+    Attributes
+    ----------
+    name : str
+        ROS parameter name; dots group.
+    default : bool, int, float, str or list
+        Its type is the parameter's type; a list holds floats (or strings where the default does).
+    description : str
+        One line for people.
+    unit : str
+        Empty for a number without unit.
+    low, high : float
+        Allowed range of a number, or of each number of a list, both ends included.
+    length : int
+        Required length of a list; 0 allows any, a negative −n any multiple of n.
+    choices : tuple of str
+        Allowed strings (of a list: allowed elements); empty allows any.
+    read_only : bool
+        True if it only has effect at start.
+    above : float
+        Numbers must be strictly larger than this.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    length: int = 0
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+    above: float = -math.inf
+
+    @property
+    def is_list(self) -> bool:
+        """True if the parameter is an array."""
+        return isinstance(self.default, list)
+
+    @property
+    def of_strings(self) -> bool:
+        """True if the parameter is a string or an array of strings."""
+        return isinstance(self.default, str) or bool(self.choices)
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words, for documentation and errors."""
+        parts = []
+        if isinstance(self.default, bool):
+            parts.append("true or false")
+        elif self.choices:
+            parts.append(("any of " if self.is_list else "one of ") + ", ".join(self.choices))
+        elif isinstance(self.default, str):
+            parts.append("text")
+        else:
+            parts.append("an integer" if isinstance(self.default, int) else "finite")
+            parts.extend(self._bounds())
+        if self.is_list and self.length:
+            parts.append(
+                f"{self.length} values" if self.length > 0 else f"a multiple of {-self.length}"
+            )
+        return ", ".join(parts)
+
+    def _bounds(self) -> Iterable[str]:
+        if math.isfinite(self.above):
+            yield f"> {self.above:g}"
+        if math.isfinite(self.low):
+            yield f"≥ {self.low:g}"
+        if math.isfinite(self.high):
+            yield f"≤ {self.high:g}"
+
+    def checked(self, value: Any) -> Value:
+        """Return the value in the parameter's own type.
+
+        Raises
+        ------
+        ConfigurationError
+            Wrong type, length, range or not finite; names the parameter, value and what is allowed.
+        """
+        if not self.is_list:
+            return self._element(value, self.default)
+        if isinstance(value, str) or not hasattr(value, "__iter__"):
+            raise self._refusal(value)
+        elements = list(value)
+        count = len(elements)
+        if (self.length > 0 and count != self.length) or (self.length < 0 and count % -self.length):
+            raise ConfigurationError(
+                f"{self.name} = {elements} has {count} values; allowed: {self.allowed}"
+            )
+        prototype: Value = "" if self.of_strings else 0.0
+        return [self._element(element, prototype) for element in elements]
+
+    def _element(self, value: Any, prototype: Value) -> Any:
+        if isinstance(prototype, bool):
+            if isinstance(value, bool):
+                return value
+            raise self._refusal(value)
+        if isinstance(prototype, str):
+            if isinstance(value, str) and (not self.choices or value in self.choices):
+                return value
+            raise self._refusal(value)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._refusal(value)
+        number = float(value)
+        if not (math.isfinite(number) and self.low <= number <= self.high and number > self.above):
+            raise self._refusal(value)
+        if isinstance(prototype, int):
+            if number != int(number):
+                raise self._refusal(value)
+            return int(number)
+        return number
+
+    def _refusal(self, value: Any) -> ConfigurationError:
+        unit = f" {self.unit}" if self.unit else ""
+        return ConfigurationError(f"{self.name} = {value!r}{unit}; allowed: {self.allowed}")
+
+
+def resolved(
+    table: Iterable[Parameter], given: Mapping[str, Any], owner: str
+) -> dict[str, Value]:
+    """Defaults overlaid with checked values.
+
+    Parameters
+    ----------
+    table : iterable of Parameter
+        What may be given.
+    given : mapping
+        What was given, by name.
+    owner : str
+        Whose parameters they are, for errors.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown name (with the nearest known one), or a value that is not allowed.
+    """
+    known = {parameter.name: parameter for parameter in table}
+    for name in given:
+        if name not in known:
+            close = get_close_matches(name, known, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ConfigurationError(f"{owner} has no parameter {name}{hint}")
+    values = {}
+    for name, parameter in known.items():
+        try:
+            values[name] = parameter.checked(given.get(name, parameter.default))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{owner}: {error}") from None
+    return values

@@ -1,0 +1,250 @@
+"""Prescribed performance functions: the nominal part (eqs. 6 and 7) and its adaptive widening.
+
+The nominal part falls exponentially to t1, by a parabola to t2, and stays at g∞. With
+A = ρ_e0 − ρ_e∞, x = l (t2 − t1) and r = (g∞ − ρ_e∞) e^{l t2} / A, the smooth joint at t1 asks for
+(1 − x/2) eˣ = r, that is x = 2 + W(−2 r e⁻²) with Lambert's W. The paper's second line of eq. 7
+lacks a factor l and has the wrong sign: a1 = l A e^{−l t1} / (2 (t2 − t1)) makes the slopes meet.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import lambertw
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import Vector, kernel
+
+SHAPE = np.dtype(
+    [
+        (name, np.float64)
+        for name in ("amplitude", "asymptote", "decay", "t1", "t2", "curvature", "terminal")
+    ],
+    align=True,
+)
+_R_LIMIT = math.e / 2.0  # the largest r with a real root
+# Computed tables may sit on the limit up to rounding (terminal = exponential_terminal: r = 0).
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class EnvelopeTable:
+    """The five numbers that the paper's tables give for one envelope.
+
+    Attributes
+    ----------
+    initial : float
+        ρ_e0, value at t = 0.
+    exponential_terminal : float
+        ρ_e∞, where the exponential alone would end.
+    decay : float
+        l [1/s].
+    settling_time : float
+        t2 [s], from here on the envelope is `terminal`.
+    terminal : float
+        g∞.
+    """
+
+    initial: float
+    exponential_terminal: float
+    decay: float
+    settling_time: float
+    terminal: float
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """A feasible nominal envelope, solved.
+
+    Attributes
+    ----------
+    table : EnvelopeTable
+        What was asked for.
+    r : float
+        The feasibility number; at most e/2.
+    t1 : float
+        Joint of exponential and parabola [s].
+    a1, a2, a3 : float
+        Coefficients of the parabola a1 t² + a2 t + a3.
+    """
+
+    table: EnvelopeTable
+    r: float
+    t1: float
+    a1: float
+    a2: float
+    a3: float
+
+    def shape(self) -> Any:
+        """The envelope as the record (dtype `SHAPE`) that the kernels read."""
+        table = self.table
+        return np.array(
+            (
+                table.initial - table.exponential_terminal,
+                table.exponential_terminal,
+                table.decay,
+                self.t1,
+                table.settling_time,
+                self.a1,
+                table.terminal,
+            ),
+            dtype=SHAPE,
+        )[()]
+
+
+def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
+    """Join exponential and parabola smoothly (eq. 7, corrected).
+
+    Parameters
+    ----------
+    name : str
+        Prefix of the parameter names in an error, e.g. ``attitude_envelope``.
+    table : EnvelopeTable
+        The five numbers.
+
+    Raises
+    ------
+    ConfigurationError
+        A number is not finite or out of order, or no real t1 ≥ 0 exists; the message names r,
+        its limit and the nearest feasible value of each number.
+    """
+    _check_order(name, table)
+    amplitude = table.initial - table.exponential_terminal
+    lt2 = table.decay * table.settling_time
+    gap = table.terminal - table.exponential_terminal
+    r = gap * math.exp(min(lt2, 700.0)) / amplitude
+    roots = _roots(r)
+    feasible = [x for x in roots if 0.0 < x <= lt2 * (1.0 + _ROUNDING)]
+    if not feasible:
+        raise ConfigurationError(_infeasible(name, table, r, lt2))
+    x = min(feasible)  # the smaller x is the larger t1
+    t1 = max(table.settling_time - x / table.decay, 0.0)
+    fall = table.decay * amplitude * math.exp(-table.decay * t1)
+    a1 = fall / (2.0 * (table.settling_time - t1))
+    t2 = table.settling_time
+    return Envelope(table, r, t1, a1, -2.0 * a1 * t2, table.terminal + a1 * t2 * t2)
+
+
+def _roots(r: float) -> list[float]:
+    """Real roots x of (1 − x/2) eˣ = r."""
+    if r > _R_LIMIT * (1.0 + _ROUNDING):
+        return []
+    argument = max(-2.0 * r * math.exp(-2.0), -math.exp(-1.0))
+    roots = [2.0 + float(lambertw(argument, 0).real)]
+    if r > 1.0:
+        roots.append(2.0 + float(lambertw(argument, -1).real))
+    return roots
+
+
+def _check_order(name: str, table: EnvelopeTable) -> None:
+    for field, value in vars(table).items():
+        if not math.isfinite(value) or value <= 0.0:
+            raise ConfigurationError(f"{name}.{field} = {value} must be finite and positive")
+    if table.initial <= table.terminal:
+        raise ConfigurationError(
+            f"{name}.initial = {table.initial} must be larger than {name}.terminal = "
+            f"{table.terminal}"
+        )
+    if table.exponential_terminal >= table.initial:
+        raise ConfigurationError(
+            f"{name}.exponential_terminal = {table.exponential_terminal} must be smaller than "
+            f"{name}.initial = {table.initial}"
+        )
+
+
+def _infeasible(name: str, table: EnvelopeTable, r: float, lt2: float) -> str:
+    head = (
+        f"{name} is infeasible: r = (terminal − exponential_terminal) e^(decay·settling_time) / "
+        f"(initial − exponential_terminal) = {r:.6g}"
+    )
+    if r <= _R_LIMIT:
+        nearest_time = 2.0 / table.decay
+        return (
+            f"{head} gives t1 < 0 with decay·settling_time = {lt2:.6g}. Nearest feasible value of "
+            f"one parameter, the others kept: {name}.settling_time ≥ about {nearest_time:.6g} s, or "
+            f"{name}.decay ≥ about {2.0 / table.settling_time:.6g} 1/s"
+        )
+    gap = table.terminal - table.exponential_terminal
+    growth = math.exp(-min(lt2, 700.0))
+    amplitude = table.initial - table.exponential_terminal
+    nearest = {
+        "exponential_terminal": (table.terminal - _R_LIMIT * table.initial * growth)
+        / (1.0 - _R_LIMIT * growth),
+        "terminal": table.exponential_terminal + _R_LIMIT * amplitude * growth,
+        "initial": table.exponential_terminal + gap * math.exp(min(lt2, 700.0)) / _R_LIMIT,
+    }
+    limit = math.log(_R_LIMIT * amplitude / gap)
+    nearest["settling_time"] = limit / table.decay
+    nearest["decay"] = limit / table.settling_time
+    listed = ", or ".join(f"{name}.{key} = {value:.6g}" for key, value in nearest.items())
+    return (
+        f"{head}, but at most e/2 = {_R_LIMIT:.6g} has a real t1. Nearest feasible value of one "
+        f"parameter, the others kept: {listed}"
+    )
+
+
+@kernel
+def nominal(t: float, shape: Any) -> tuple[float, float]:
+    """ρ_n(t) and its rate ρ_n'(t) [1/s] at t [s] on the envelope's own clock (eq. 6)."""
+    if t < shape.t1:
+        exponential = shape.amplitude * math.exp(-shape.decay * t)
+        return exponential + shape.asymptote, -shape.decay * exponential
+    if t < shape.t2:
+        remaining = t - shape.t2
+        return (
+            shape.curvature * remaining * remaining + shape.terminal,
+            2.0 * shape.curvature * remaining,
+        )
+    return shape.terminal, 0.0
+
+
+@kernel
+def clock_at(value: float, shape: Any) -> float:
+    """Clock time [s] at which the nominal envelope has come down to `value`."""
+    if value >= shape.amplitude + shape.asymptote:
+        return 0.0
+    if value <= shape.terminal:
+        return float(shape.t2)
+    joint = shape.amplitude * math.exp(-shape.decay * shape.t1) + shape.asymptote
+    if value >= joint:
+        return float(math.log(shape.amplitude / (value - shape.asymptote)) / shape.decay)
+    return float(shape.t2 - math.sqrt((value - shape.terminal) / shape.curvature))
+
+
+@kernel
+def _widened_rate_axis(
+    delta: float, nominal_value: float, drive: float, decay: float, h: float
+) -> float:
+    # x (1 + hC) = Δρ + h B j / (ρ_0 + x): a quadratic with one root x ≥ 0.
+    a = 1.0 + h * decay
+    b = a * nominal_value - delta
+    c = delta * nominal_value + h * drive
+    return (-b + math.sqrt(b * b + 4.0 * a * c)) / (2.0 * a)
+
+
+@kernel
+def widened_rate_envelope(
+    delta: Vector, nominal_value: float, drive: Vector, decay: float, h: float
+) -> Vector:
+    """Δρ_ω after h [s] by the implicit Euler step of Δρ_ω' = −C_ω Δρ_ω + drive / ρ_ω.
+
+    The law is stiff: ρ_ω = ρ_ω0 + Δρ_ω is 3e-5 when a saturation begins, so its own growth is
+    solved for in the same step. `drive` is B_τ |J⁻¹| |tanh Δτ|.
+    """
+    return (
+        _widened_rate_axis(delta[0], nominal_value, drive[0], decay, h),
+        _widened_rate_axis(delta[1], nominal_value, drive[1], decay, h),
+        _widened_rate_axis(delta[2], nominal_value, drive[2], decay, h),
+    )
+
+
+@kernel
+def widened_attitude_envelope(delta: Vector, drive: Vector, decay: float, h: float) -> Vector:
+    """Δρ_q after h [s] by the implicit Euler step of Δρ_q' = −C_q Δρ_q + drive."""
+    fall = 1.0 + h * decay
+    return (
+        (delta[0] + h * drive[0]) / fall,
+        (delta[1] + h * drive[1]) / fall,
+        (delta[2] + h * drive[2]) / fall,
+    )

@@ -1,0 +1,244 @@
+"""The scenario: ROS parameter files read, overlaid, checked, and turned into the kernels' records."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.cdr import NANOSECONDS
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.controllers.interface import Controller
+from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.science.disturbance import PULSE
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import Value, resolved
+from ppc_attitude.science.reference import REFERENCE as REFERENCE_RECORD
+from ppc_attitude.science.spacecraft import PLANT as PLANT_RECORD
+from ppc_attitude.science.spacecraft import inertia_matrix
+
+# ROS's own parameters may stand in a file; they are not ours to check.
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+_QUATERNION_TOLERANCE = 1e-3
+
+Overrides = Mapping[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Checked parameters of every node.
+
+    Attributes
+    ----------
+    parameters : mapping of str to dict
+        Node name to parameter values, complete.
+    """
+
+    parameters: Mapping[str, dict[str, Value]]
+
+    @property
+    def controller(self) -> Controller:
+        """The selected control law."""
+        return CONTROLLERS[str(self.parameters[CONTROLLER]["controller"])]
+
+    def with_values(self, node: str, **values: Any) -> "Scenario":
+        """Return a copy with some parameters of one node replaced, checked again."""
+        merged = {name: dict(table) for name, table in self.parameters.items()}
+        merged[node].update(values)
+        return scenario(merged)
+
+
+def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:
+    """Parameters by node from ROS parameter files; of several files the later wins.
+
+    Raises
+    ------
+    ConfigurationError
+        A file is missing, is not YAML, or is not a ROS parameter file; names it.
+    """
+    merged: dict[str, dict[str, Any]] = {}
+    for path in map(Path, paths):
+        for node, values in _read_file(path).items():
+            targets = PARAMETERS if node == "**" else (node,)
+            for target in targets:
+                # A wildcard gives every node what it knows; only a named node is strict.
+                known = {parameter.name for parameter in PARAMETERS.get(target, ())}
+                merged.setdefault(target, {}).update(
+                    {k: v for k, v in values.items() if node != "**" or k in known}
+                )
+    return merged
+
+
+def _read_file(path: Path) -> dict[str, dict[str, Any]]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(f"configuration file {path}: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"configuration file {path} is not YAML: {error}") from None
+    if not isinstance(content, dict):
+        raise ConfigurationError(
+            f"configuration file {path} is not a ROS parameter file: no node name at its top"
+        )
+    nodes = {}
+    for key, body in content.items():
+        name = str(key).rsplit("/", 1)[-1]
+        if name not in PARAMETERS and name != "**":
+            raise ConfigurationError(
+                f"configuration file {path} names an unknown node {key}; "
+                f"nodes are {', '.join(PARAMETERS)}"
+            )
+        if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
+            raise ConfigurationError(
+                f"configuration file {path}: {key} has no mapping ros__parameters"
+            )
+        nodes[name] = dict(_flattened(body["ros__parameters"]))
+    return nodes
+
+
+def _flattened(tree: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, Any]]:
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield from _flattened(value, f"{name}.")
+        elif name not in _OF_ROS and not name.startswith("qos_overrides."):
+            yield name, value
+
+
+def scenario(given: Overrides) -> Scenario:
+    """Check given parameters, fill in the defaults, and see that all of it fits together.
+
+    Raises
+    ------
+    ConfigurationError
+        Unknown node or name, or a value that is wrong, infeasible or does not fit another.
+    """
+    unknown = sorted(set(given) - set(PARAMETERS))
+    if unknown:
+        raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
+    values = {
+        node: resolved(table, given.get(node, {}), node) for node, table in PARAMETERS.items()
+    }
+    result = Scenario(values)
+    plant_record(values[PLANT])
+    reference_record(values[REFERENCE])
+    pulses(values[INJECTOR])
+    try:
+        for law in CONTROLLERS.values():
+            law.configure(values[CONTROLLER])
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{CONTROLLER}: {error}") from None
+    return result
+
+
+def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Scenario:
+    """Read parameter files, apply overrides, check.
+
+    Raises
+    ------
+    ConfigurationError
+        See `read_files` and `scenario`.
+    """
+    given = read_files(paths)
+    for node, values in (overrides or {}).items():
+        given.setdefault(node, {}).update(values)
+    return scenario(given)
+
+
+def unit_quaternion(name: str, values: Any) -> NDArray[np.float64]:
+    """Check that a quaternion x y z w is a unit one up to rounding, and normalise it.
+
+    Raises
+    ------
+    ConfigurationError
+        The norm differs from 1 by more than 1e-3.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    length = float(np.linalg.norm(array))
+    if not abs(length - 1.0) <= _QUATERNION_TOLERANCE:
+        raise ConfigurationError(
+            f"{name} = {array.tolist()} has norm {length:.6g}; allowed: 1 within "
+            f"{_QUATERNION_TOLERANCE:g}"
+        )
+    return np.asarray(array / length)
+
+
+def plant_record(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `PLANT` from the plant's parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        Impossible inertia, initial attitude, or torque limits that leave no torque.
+    """
+    record = np.zeros((), PLANT_RECORD)[()]
+    inertia = inertia_matrix(f"{PLANT}: inertia", values["inertia"])
+    record["inertia"] = inertia
+    record["inertia_inverse"] = np.linalg.inv(inertia)
+    for name in ("max_torque", "min_torque", "attitude_noise", "rate_noise", "seed"):
+        record[name] = values[name]
+    if values["min_torque"] >= values["max_torque"]:
+        raise ConfigurationError(
+            f"{PLANT}: min_torque = {values['min_torque']} N·m must be smaller than max_torque = "
+            f"{values['max_torque']} N·m"
+        )
+    unit_quaternion(f"{PLANT}: initial_attitude", values["initial_attitude"])
+    return record
+
+
+def initial_state(values: Mapping[str, Any]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Attitude x y z w and angular velocity [rad/s] at t = 0."""
+    attitude = unit_quaternion("initial_attitude", values["initial_attitude"])
+    return tuple(map(float, attitude)), tuple(map(float, values["initial_angular_velocity"]))
+
+
+def reference_record(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `REFERENCE` from the reference generator's parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        The initial attitude is not a unit quaternion.
+    """
+    record = np.zeros((), REFERENCE_RECORD)[()]
+    name = f"{REFERENCE}: initial_attitude"
+    record["initial_attitude"] = unit_quaternion(name, values["initial_attitude"])
+    record["amplitude"] = values["amplitude"]
+    record["period_constant"] = values["period_constant"]
+    return record
+
+
+def nanoseconds(time: float) -> int:
+    """Whole nanoseconds of a time [s]."""
+    return round(time * NANOSECONDS)
+
+
+def pulse(start_ns: int, duration: float, torque: Sequence[float]) -> Any:
+    """One pulse (array of dtype `PULSE`, length 1) from `start_ns` on, for `duration` [s]."""
+    return np.array([(start_ns, start_ns + nanoseconds(duration), tuple(torque))], PULSE)
+
+
+def pulses(values: Mapping[str, Any]) -> NDArray[Any]:
+    """Scheduled pulses, array of dtype `PULSE`, from the injector's parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        Times, durations and torques are not equally many.
+    """
+    times, durations = values["pulse_times"], values["pulse_durations"]
+    torques = values["pulse_torques"]
+    if not len(times) == len(durations) == len(torques) // 3:
+        raise ConfigurationError(
+            f"{INJECTOR}: pulse_times has {len(times)} values, pulse_durations {len(durations)}, "
+            f"pulse_torques {len(torques)}; allowed: n, n and 3 n"
+        )
+    parts = [
+        pulse(nanoseconds(time), duration, torques[3 * i : 3 * i + 3])
+        for i, (time, duration) in enumerate(zip(times, durations, strict=True))
+    ]
+    return np.concatenate(parts) if parts else np.zeros(0, PULSE)
