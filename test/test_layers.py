@@ -1,0 +1,109 @@
+"""Floors of the package: imports go down only, in no circle, and each floor keeps its company."""
+
+import ast
+import graphlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = "ppc_attitude"
+SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
+
+ROS = {
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "rcl_interfaces",
+    "rclpy",
+    "rosgraph_msgs",
+    "std_msgs",
+    "std_srvs",
+    "tf2_ros",
+    "visualization_msgs",
+}
+# Floor: the floors below that it may import, and the only modules of others that it may import.
+FLOORS: dict[str, tuple[set[str], set[str]]] = {
+    "science": (set(), {"numba", "numpy", "scipy"}),
+    "contract": ({"science"}, {"numpy", "yaml"}),
+    "simulation": (
+        {"science", "contract"},
+        {"dask", "distributed", "numba", "numpy", "pyarrow", "yaml"},
+    ),
+    "analysis": ({"science", "contract"}, {"matplotlib", "numpy"}),
+    "bags": (
+        {"science", "contract"},
+        {"lz4", "mcap", "numpy", "pyarrow", "rosbags", "yaml", "zstandard"},
+    ),
+    "nodes": ({"science", "contract", "simulation", "bags"}, {"numpy"} | ROS),
+    "command_line": (
+        {"science", "contract", "simulation", "analysis", "bags", "nodes"},
+        {"argcomplete", "dask", "distributed", "numpy", "rich", "tqdm", "yaml"} | ROS,
+    ),
+}
+
+
+def module_name(path: Path) -> str:
+    """Name the module of a file of the package."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imported_names(source: str, package: str) -> Iterator[str]:
+    """Yield the full name of everything that the source imports, wherever in the file."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = package.split(".")[: len(package.split(".")) - node.level + 1]
+            base = ".".join([*(parents if node.level else []), *filter(None, [node.module])])
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def imports_of(path: Path) -> set[str]:
+    """Collect the full names that a file of the package imports."""
+    name = module_name(path)
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    return set(imported_names(path.read_text(encoding="utf-8"), package))
+
+
+def floor_of(name: str) -> str | None:
+    """Name the floor of a module of the package; None for the package's own `__init__`."""
+    parts = name.split(".")
+    return parts[1] if len(parts) > 1 else None
+
+
+def test_every_form_of_import_is_seen() -> None:
+    source = "import a.b as c\nfrom d import e\nfrom . import f\ndef g():\n    from ..h import i\n"
+    assert set(imported_names(source, "p.q")) == {"a.b", "d.e", "p.q.f", "p.h.i"}
+
+
+def test_every_file_is_on_a_floor() -> None:
+    assert {floor_of(module_name(path)) for path in SOURCES} == {None, *FLOORS}
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_floor_imports_downward_only(floor: str) -> None:
+    below, others = FLOORS[floor]
+    wrong = []
+    for path in sorted((ROOT / PACKAGE / floor).rglob("*.py")):
+        for name in sorted(imports_of(path)):
+            top = name.partition(".")[0]
+            if top == PACKAGE:
+                allowed = floor_of(name) in {floor, "__version__", *below}
+            else:
+                allowed = top in others or top in sys.stdlib_module_names
+            if not allowed:
+                wrong.append(f"{path.relative_to(ROOT)} imports {name}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_circle_of_imports() -> None:
+    modules = {module_name(path): path for path in SOURCES}
+    graph: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        # An imported name is a module, or an object in one.
+        targets = {n if n in modules else n.rpartition(".")[0] for n in imports_of(path)}
+        graph[name] = targets & modules.keys()
+    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle

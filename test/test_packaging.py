@@ -1,0 +1,155 @@
+"""The package tells the truth: one version, true dependencies, every shared file installed."""
+
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pytest
+from catkin_pkg.changelog import get_changelog_from_path
+from catkin_pkg.package import Package, parse_package
+from test_layers import PACKAGE, ROOT, SOURCES, imports_of
+
+import ppc_attitude
+from ppc_attitude.contract.topics import NODES
+
+# Imported module: its requirement for pip (None: not on PyPI), its rosdep key (None: optional).
+DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
+    "dask": ("dask", None),
+    "diagnostic_msgs": ("ros-jazzy-common-interfaces", "diagnostic_msgs"),
+    "distributed": ("dask", None),
+    "geometry_msgs": ("ros-jazzy-common-interfaces", "geometry_msgs"),
+    "launch": (None, "launch"),
+    "launch_ros": (None, "launch_ros"),
+    "lz4": ("lz4", "python3-rosbags-pip"),
+    "matplotlib": ("matplotlib", "python3-matplotlib"),
+    "mcap": ("mcap", "mcap-ros2-support"),
+    "numba": ("numba", "python3-numba"),
+    "numpy": ("numpy", "python3-numpy"),
+    "pyarrow": ("pyarrow", None),
+    "rcl_interfaces": ("ros-jazzy-rclpy", "rcl_interfaces"),
+    "rclpy": ("ros-jazzy-rclpy", "rclpy"),
+    "rich": ("rich", "python3-rich"),
+    "rosbags": ("rosbags", "python3-rosbags-pip"),
+    "rosgraph_msgs": ("ros-jazzy-rclpy", "rosgraph_msgs"),
+    "scipy": ("scipy", "python3-scipy"),
+    "std_msgs": ("ros-jazzy-common-interfaces", "std_msgs"),
+    "std_srvs": ("ros-jazzy-common-interfaces", "std_srvs"),
+    "tf2_ros": (None, "tf2_ros"),
+    "tqdm": ("tqdm", "python3-tqdm"),
+    "visualization_msgs": ("ros-jazzy-common-interfaces", "visualization_msgs"),
+    "yaml": ("PyYAML", "python3-yaml"),
+    "zstandard": ("zstandard", "python3-rosbags-pip"),
+}
+RUN_TIME_EXTRAS = ("ros", "campaign")
+# Numba needs SciPy at run time for the linear algebra inside kernels.
+NEEDED_WITHOUT_IMPORT = {"scipy"}
+
+
+@pytest.fixture(scope="module")
+def setup_arguments() -> dict[str, Any]:
+    """Collect the arguments that setup.py hands to setuptools."""
+    with pytest.MonkeyPatch.context() as patch, mock.patch("setuptools.setup") as setup:
+        patch.chdir(ROOT)
+        runpy.run_path("setup.py")
+    return dict(setup.call_args.kwargs)
+
+
+@pytest.fixture(scope="module")
+def manifest() -> Package:
+    """Parse package.xml."""
+    return parse_package(str(ROOT / "package.xml"))
+
+
+@pytest.fixture(scope="module")
+def imported_modules() -> set[str]:
+    """Collect the modules of others that the package and its launch files import."""
+    files = [*SOURCES, *(ROOT / "launch").rglob("*.py")]
+    tops = {name.partition(".")[0] for path in files for name in imports_of(path)}
+    return {top for top in tops if top not in sys.stdlib_module_names} - {PACKAGE}
+
+
+def names(requirements: list[str]) -> set[str]:
+    """Strip the bounds and extras from requirements."""
+    return {requirement.partition(">=")[0].partition("[")[0] for requirement in requirements}
+
+
+def test_one_version_everywhere(setup_arguments: dict[str, Any], manifest: Package) -> None:
+    assert setup_arguments["version"] == ppc_attitude.__version__
+    assert manifest.version == ppc_attitude.__version__
+
+
+def test_changelog_knows_the_version(manifest: Package) -> None:
+    changelog = get_changelog_from_path(str(ROOT / "CHANGELOG.rst"), manifest.name)
+    versions = [version for version, _, _ in changelog.foreach_version()]
+    assert manifest.version in versions
+    assert all(changelog.get_content_of_version(version) for version in versions)
+
+
+def test_manifest_is_valid(setup_arguments: dict[str, Any], manifest: Package) -> None:
+    warnings: list[str] = []
+    manifest.validate(warnings=warnings)
+    assert not warnings
+    assert manifest.name == setup_arguments["name"] == PACKAGE
+    assert manifest.get_build_type() == "ament_python"
+    assert manifest.package_format == 3
+    assert [str(license_) for license_ in manifest.licenses] == [setup_arguments["license"]]
+    assert manifest.maintainers[0].email == setup_arguments["maintainer_email"]
+    licence = (ROOT / manifest.licenses[0].file).read_text(encoding="utf-8")
+    assert "Apache License" in licence
+    assert "Version 2.0" in licence
+
+
+def test_every_import_is_declared_for_pip(
+    setup_arguments: dict[str, Any], imported_modules: set[str]
+) -> None:
+    assert imported_modules <= DEPENDENCIES.keys()
+    extras = [setup_arguments["extras_require"][extra] for extra in RUN_TIME_EXTRAS]
+    declared = names(sum(extras, setup_arguments["install_requires"]))
+    needed = {DEPENDENCIES[module][0] for module in imported_modules} - {None}
+    assert needed <= declared
+
+
+def test_every_import_is_declared_for_rosdep(manifest: Package, imported_modules: set[str]) -> None:
+    declared = {dependency.name for dependency in manifest.exec_depends}
+    assert {DEPENDENCIES[module][1] for module in imported_modules} - {None} <= declared
+
+
+def test_nothing_is_declared_that_nothing_needs(
+    setup_arguments: dict[str, Any], manifest: Package, imported_modules: set[str]
+) -> None:
+    needed = imported_modules | NEEDED_WITHOUT_IMPORT
+    requirements, keys = (set(c) for c in zip(*map(DEPENDENCIES.__getitem__, needed), strict=True))
+    assert names(setup_arguments["install_requires"]) <= requirements
+    assert {dependency.name for dependency in manifest.exec_depends} <= keys
+
+
+def test_entry_points_lead_to_a_main(setup_arguments: dict[str, Any]) -> None:
+    scripts = dict(line.split(" = ") for line in setup_arguments["entry_points"]["console_scripts"])
+    assert scripts.keys() == {*NODES, PACKAGE}
+    for target in scripts.values():
+        module, _, function = target.partition(":")
+        source = ROOT.joinpath(*module.split(".")).with_suffix(".py")
+        assert f"\ndef {function}(" in source.read_text(encoding="utf-8"), target
+
+
+def test_every_shared_file_is_installed(setup_arguments: dict[str, Any]) -> None:
+    installed = {
+        Path(target, Path(file).name).as_posix(): file
+        for target, files in setup_arguments["data_files"]
+        for file in files
+    }
+    shared = [
+        path.relative_to(ROOT).as_posix()
+        for folder in ("config", "launch")
+        for path in (ROOT / folder).rglob("*")
+        if path.is_file() and path.parent.name != "__pycache__"
+    ]
+    assert shared
+    for file in shared:
+        assert installed[f"share/{PACKAGE}/{file}"] == file
+    assert installed[f"share/{PACKAGE}/package.xml"] == "package.xml"
+    index = f"share/ament_index/resource_index/packages/{PACKAGE}"
+    assert installed[index] == f"resource/{PACKAGE}"
+    assert all((ROOT / file).is_file() for file in installed.values())
