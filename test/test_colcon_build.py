@@ -1,4 +1,4 @@
-"""A colcon workspace with this package builds; `ros2 run` and `ros2 pkg` find what they look for."""
+"""A colcon workspace with this package builds; `ros2 run` and `ros2 pkg` find their files in it."""
 
 import os
 import shutil
