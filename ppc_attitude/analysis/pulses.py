@@ -1,0 +1,150 @@
+"""Sudden disturbances, found from the recorded external torque alone.
+
+The environment torque is smooth (at most 4.4e-3 N·m and 6.2e-5 N·m/s); a sudden disturbance
+starts and ends with a step. So the steps are found first, then paired: a step and the first later
+step that undoes it are one pulse. What cannot be paired (pulses that touch) is read off as
+stretches of constant extra torque.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.analysis.series import finite, step
+from ppc_attitude.contract.run_record import Array
+
+SMALLEST_STEP = 1e-3
+"""A change of one axis between two samples that is a step and not the environment [N·m]."""
+
+LARGEST_ENVIRONMENT = 6e-3
+"""What a torque without pulses may reach on an axis [N·m]: tells pulse from rest."""
+
+SAME_TORQUE = 2e-4
+"""Two torques that differ by less on every axis are taken as one [N·m]."""
+
+MOST_STEPS = 1000
+"""A torque with more steps is a rough signal throughout: there is no rest to find pulses in."""
+
+
+_Found = tuple[int, int, tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """A stretch of constant extra torque.
+
+    Attributes
+    ----------
+    start_s : float
+        When it starts, in the time given [s].
+    duration_s : float
+        How long it acts [s]; up to the end of the record if it has not ended by then.
+    torque : tuple of 3 float
+        The torque without the environment's, body axes [N·m].
+    """
+
+    start_s: float
+    duration_s: float
+    torque: tuple[float, float, float]
+
+
+def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
+    """Find the sudden disturbances in an external torque.
+
+    A torque that never steps has no pulse, however large it is; nor has one that steps more than
+    `MOST_STEPS` times. Equal pulses that touch are one.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Time, increasing [s].
+    torque : ndarray, shape (n, 3)
+        External torque that acts from each instant on [N·m]; rows not finite are skipped.
+
+    Returns
+    -------
+    tuple of Pulse
+        By start, then by end.
+    """
+    rows = finite(torque)
+    last = t.size - 1
+    if np.count_nonzero(rows) < 2:
+        return ()
+    ends = np.append(t, t[last] + step(t))
+    where = np.flatnonzero(rows)
+    at, heights = _steps(t[where], torque[where])
+    if not 0 < at.size <= MOST_STEPS:
+        return ()
+    first = _extra_at_start(at, heights, torque[where])
+    # The record's own edges are steps as well: from rest to the first level, and back to rest.
+    places = np.concatenate([[0], where[at], [last + 1]])
+    rises = np.vstack([first, heights, -(first + heights.sum(axis=0))])
+    return tuple(
+        Pulse(float(ends[start]), float(round(ends[stop] - ends[start], 9)), torque)
+        for start, stop, torque in sorted(_paired(places, rises))
+    )
+
+
+def _steps(t: Array, torque: Array) -> tuple[NDArray[np.intp], Array]:
+    """First sample of each new level, and the height of the step without the smooth part."""
+    change = np.diff(torque, axis=0)
+    interval = np.diff(t)[:, None]
+    is_step = np.abs(change).max(axis=1) > SMALLEST_STEP
+    slope = np.where(is_step[:, None], np.nan, change / interval)
+    beside = np.full((2, *change.shape), np.nan)
+    beside[0, 1:], beside[1, :-1] = slope[:-1], slope[1:]
+    known = np.isfinite(beside)
+    smooth = np.where(known, beside, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    at = np.flatnonzero(is_step)
+    return at + 1, (change - smooth * interval)[at]
+
+
+def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Array:
+    """Extra torque at the first sample, shape (3,): zero unless the record starts in a pulse.
+
+    Rest is the level held longest among those small enough for an environment.
+    """
+    levels = np.vstack([np.zeros(3), np.cumsum(heights, axis=0)])
+    stretches = np.split(torque, at)
+    held = np.array([len(stretch) for stretch in stretches])
+    size = np.array([np.abs(np.median(stretch, axis=0)).max() for stretch in stretches])
+    quiet = np.flatnonzero(size <= LARGEST_ENVIRONMENT)
+    if quiet.size == 0:
+        return np.asarray(np.median(stretches[0], axis=0), dtype=np.float64)
+    together = [held[quiet][_same(levels[quiet], levels[k])].sum() for k in quiet]
+    return np.asarray(-levels[quiet[int(np.argmax(together))]], dtype=np.float64)
+
+
+def _paired(places: NDArray[np.intp], rises: Array) -> list[_Found]:
+    """Pulses as (first sample, first sample after, torque), from the steps and their places."""
+    pulses: list[_Found] = []
+    left = np.abs(rises).max(axis=1) > SAME_TORQUE
+    unpaired = []
+    for k in range(len(rises)):
+        if not left[k]:
+            continue
+        left[k] = False
+        undoing = np.flatnonzero(left & _same(rises, -rises[k]))
+        if undoing.size == 0:
+            unpaired.append(k)
+            continue
+        end = int(undoing[0])
+        left[end] = False
+        pulses.append((int(places[k]), int(places[end]), _triple((rises[k] - rises[end]) / 2.0)))
+    level = np.zeros(3)
+    for k, after in pairwise(unpaired):
+        level = level + rises[k]
+        if np.abs(level).max() > SAME_TORQUE:
+            pulses.append((int(places[k]), int(places[after]), _triple(level)))
+    return pulses
+
+
+def _same(torques: Array, other: Array) -> NDArray[np.bool_]:
+    """Which torques, of shape (…, 3), equal the other but for the environment's drift."""
+    return np.asarray(np.abs(torques - other).max(axis=-1) <= SAME_TORQUE)
+
+
+def _triple(value: Array) -> tuple[float, float, float]:
+    return float(value[0]), float(value[1]), float(value[2])

@@ -1,0 +1,142 @@
+"""The series of a `RunRecord` as the analysis reads them: time from the start, vectors, gaps."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    ATTITUDE_ERROR,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+)
+from ppc_attitude.science.attitude import attitude_error, to_body
+
+
+class AnalysisError(ValueError):
+    """The record has not what a judgement or a figure needs; the message says what."""
+
+
+def elapsed(record: RunRecord) -> Array:
+    """Time since the first instant of the record.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Seconds; each the float64 nearest to the integer stamp, so that 60 s compares equal to 60.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no instant.
+    """
+    if record.stamps_ns.size == 0:
+        raise AnalysisError(f"{record.source}: the record has no sample at all")
+    return np.asarray((record.stamps_ns - record.stamps_ns[0]) / 1e9, dtype=np.float64)
+
+
+def step(t: Array) -> float:
+    """Nominal time between two samples [s]: the median, which gaps do not move; 0 for one sample.
+
+    Rounded to nanoseconds, the resolution of a stamp.
+    """
+    return float(np.round(np.median(np.diff(t)), 9)) if t.size > 1 else 0.0
+
+
+def vectors(record: RunRecord, column: str) -> Array:
+    """Three-vectors of a column (of a quaternion: its vector part), NaN where not finite.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+    column : str
+        Column name (`contract.topics`).
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        A row with any non-finite number is NaN as a whole.
+
+    Raises
+    ------
+    AnalysisError
+        If the run has not the column, or no finite sample of it.
+    """
+    if not has(record, column):
+        raise AnalysisError(f"{record.source}: the record has no sample of '{column}'")
+    rows = record[column]
+    return np.where(finite(rows)[:, None], rows[:, :3], np.nan)
+
+
+def has(record: RunRecord, column: str) -> bool:
+    """Whether the run has at least one finite sample of the column."""
+    return column in record and bool(finite(record[column]).any())
+
+
+def finite(rows: Array) -> NDArray[np.bool_]:
+    """Which rows, of shape (n, width), are finite throughout; shape (n,)."""
+    return np.asarray(np.isfinite(rows).all(axis=1), dtype=np.bool_)
+
+
+def attitude_errors(record: RunRecord) -> Array:
+    """Vector part of q_e, shape (n, 3); NaN where it is not known.
+
+    As recorded, or, for a controller that does not publish it, from attitude and reference.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+
+    Raises
+    ------
+    AnalysisError
+        If the run has neither.
+    """
+    if has(record, ATTITUDE_ERROR.column) or not has(record, REFERENCE_ATTITUDE.column):
+        return vectors(record, ATTITUDE_ERROR.column)
+    return _errors(record)[:, :3]
+
+
+def reference_rates_in_body(record: RunRecord) -> Array:
+    """Desired angular velocity in body axes, C_e ω_d [rad/s], shape (n, 3); NaN where not known.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+
+    Raises
+    ------
+    AnalysisError
+        If the run lacks the attitude, the reference's attitude or its rate.
+    """
+    errors, rates = _errors(record), vectors(record, REFERENCE_RATE.column)
+    known = finite(errors) & finite(rates)
+    body = np.full_like(rates, np.nan)
+    body[known] = [
+        to_body(tuple(rate), (x, y, z), w)
+        for rate, (x, y, z, w) in zip(rates[known].tolist(), errors[known].tolist(), strict=True)
+    ] or np.empty((0, 3))
+    return body
+
+
+def _errors(record: RunRecord) -> Array:
+    """q_e = q_d⁻¹ ⊗ q_s, shape (n, 4), from the recorded attitudes; NaN where one is missing."""
+    for column in (ATTITUDE.column, REFERENCE_ATTITUDE.column):
+        vectors(record, column)  # raises, naming what is missing
+    attitude, reference = record[ATTITUDE.column], record[REFERENCE_ATTITUDE.column]
+    # A quaternion of zeros is no attitude: as good as missing, and nothing to normalise.
+    known = finite(attitude) & finite(reference) & attitude.any(axis=1) & reference.any(axis=1)
+    errors = np.full_like(attitude, np.nan)
+    errors[known] = [
+        attitude_error(tuple(q_s), tuple(q_d))
+        for q_s, q_d in zip(attitude[known].tolist(), reference[known].tolist(), strict=True)
+    ] or np.empty((0, 4))
+    return errors

@@ -1,0 +1,437 @@
+"""The judgement of synthetic runs, whose truth is known."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ppc_attitude.analysis.metrics import AnalysisError, analyse, verdict_table
+from synthetic import (
+    environment,
+    hit_run,
+    normal_run,
+    pulse_torque,
+    with_columns,
+    without_columns,
+)
+
+
+def requirement(verdict, name):
+    (row,) = [each for each in verdict.requirements if each.name == name]
+    return row
+
+
+def names(verdict):
+    return [each.name for each in verdict.requirements]
+
+
+def constant_error(run, values):
+    """The run with max_i |q_ev,i| as given, on the y axis, with alternating sign of q_e."""
+    sign = np.where(np.arange(values.size) % 2, 1.0, -1.0)
+    rows = np.zeros((values.size, 4))
+    rows[:, 1], rows[:, 3] = sign * values, sign * np.sqrt(1 - values**2)
+    return with_columns(run, attitude_error=rows)
+
+
+def test_a_good_run_meets_every_requirement():
+    verdict = analyse(normal_run())
+    assert verdict.all_met
+    assert names(verdict) == [
+        "settling time",
+        "attitude error from 60 s on",
+        "attitude error in the last 20 s",
+        "angular rate (norm)",
+        "applied torque on an axis",
+        "attitude error outside its envelope",
+        "rate error outside its envelope",
+        "messages missing or not finite",
+    ]
+    assert verdict.steps == 12001
+    assert verdict.duration_s == 120.0
+
+
+def test_the_json_is_the_contract():
+    run = hit_run()
+    told = json.loads(json.dumps(analyse(run).to_json(), allow_nan=False))
+    assert list(told) == [
+        "bag",
+        "controller",
+        "duration_s",
+        "steps",
+        "missing_messages",
+        "requirements",
+        "metrics",
+    ]
+    assert list(told["metrics"]) == [
+        "settling_time_s",
+        "error_after_settling_deadline",
+        "terminal_error",
+        "max_rate_deg_s",
+        "max_rate_axis_deg_s",
+        "max_applied_torque",
+        "time_outside_attitude_envelope_s",
+        "time_outside_rate_envelope_s",
+        "disturbances",
+    ]
+    assert all(
+        list(each) == ["name", "value", "limit", "unit", "pass"] for each in told["requirements"]
+    )
+    assert list(told["metrics"]["disturbances"][0]) == [
+        "start_s",
+        "duration_s",
+        "torque",
+        "recovery_time_s",
+    ]
+    assert told["bag"] == "simulate"
+
+
+def test_metrics_are_their_definitions():
+    run = normal_run(100.0, rate=10.0)
+    t = run.stamps_ns / 1e9
+    error = np.select([t <= 41.3, t < 60, t == 60, t < 80], [0.3, 1e-3, 4e-3, 2e-3], 3e-4)
+    rate = np.zeros((t.size, 3))
+    rate[100] = np.deg2rad([1.0, -2.0, 2.0])
+    torque = np.zeros((t.size, 3))
+    torque[5, 2] = -0.049
+    run = with_columns(
+        constant_error(run, error),
+        angular_velocity=rate,
+        applied_torque=torque,
+        attitude_envelope=np.where(t[:, None] < 0.65, 0.29, 0.5) * np.ones((1, 3)),
+    )
+    metrics = analyse(run).metrics
+    assert metrics.settling_time_s == 41.3
+    assert metrics.error_after_settling_deadline == 4e-3
+    assert metrics.terminal_error == 3e-4  # from 80 s to 100 s, both included
+    assert metrics.max_rate_deg_s == pytest.approx(3.0, rel=1e-14)
+    assert metrics.max_rate_axis_deg_s == pytest.approx(2.0, rel=1e-14)
+    assert metrics.max_applied_torque == 0.049
+    assert metrics.time_outside_attitude_envelope_s == 0.7  # 0.0 to 0.6: seven samples
+    assert metrics.time_outside_rate_envelope_s == 0.0
+
+
+def test_time_counts_from_the_first_instant():
+    run = normal_run()
+    later = replace(run, stamps_ns=run.stamps_ns + 1_700_000_000_000_000_000)
+    assert analyse(later).to_json() == analyse(run).to_json()
+
+
+def test_the_sign_of_the_quaternion_changes_nothing():
+    run = hit_run()
+    turned = with_columns(run, attitude_error=-run["attitude_error"])
+    assert analyse(turned).to_json() == analyse(run).to_json()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "name"),
+    [
+        (lambda t, run: constant_error(run, np.where(t < 61, 6e-3, 1e-5)), "settling time"),
+        (
+            lambda t, run: constant_error(run, np.where(t < 60.005, 5e-3, 1e-5)),
+            "attitude error from 60 s on",
+        ),
+        (
+            lambda t, run: constant_error(run, np.full(t.size, 5e-4)),
+            "attitude error in the last 20 s",
+        ),
+        (
+            lambda t, run: with_columns(run, angular_velocity=np.full((t.size, 3), 0.0303)),
+            "angular rate (norm)",
+        ),
+        (
+            lambda t, run: with_columns(run, applied_torque=np.full((t.size, 3), -0.0500001)),
+            "applied torque on an axis",
+        ),
+        (
+            lambda t, run: with_columns(run, attitude_envelope=np.full((t.size, 3), 0.2)),
+            "attitude error outside its envelope",
+        ),
+        (
+            lambda t, run: with_columns(run, rate_error=1.01 * run["rate_envelope"]),
+            "rate error outside its envelope",
+        ),
+        (
+            lambda t, run: replace(run, missing={"torque_command": 1}),
+            "messages missing or not finite",
+        ),
+    ],
+)
+def test_every_requirement_can_fail(spoil, name):
+    run = normal_run()
+    verdict = analyse(spoil(run.stamps_ns / 1e9, run))
+    assert not requirement(verdict, name).met
+    assert not verdict.all_met
+
+
+def test_limits_come_from_the_record_where_it_has_them():
+    run = normal_run()
+    strong = replace(run, parameters={"spacecraft_plant": {"max_torque": 0.02}})
+    row = requirement(analyse(strong), "applied torque on an axis")
+    assert (row.limit, row.met) == (0.02, False)
+    unknown = replace(run, parameters={})
+    assert requirement(analyse(unknown), "applied torque on an axis").limit == 0.05
+
+
+def test_a_limit_reached_exactly():
+    run = normal_run()
+    full = np.full((run.stamps_ns.size, 3), 0.05)
+    assert requirement(
+        analyse(with_columns(run, applied_torque=full)), "applied torque on an axis"
+    ).met
+
+
+def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
+    verdict = analyse(hit_run())
+    early, late = verdict.metrics.disturbances
+    assert (early.start_s, late.start_s) == (20.0, 80.0)
+    assert late.torque == pytest.approx((0.8, 0.8, 0.8), abs=1e-6)
+    # 0.02 exp(−0.4 s) − 0.23 exp(−0.09 (80 + s)) + 2e-5 sin(80 + s) = 5e-3 at s = 3.38…
+    t = np.arange(0, 10, 0.01) + 80
+    error = 0.02 * np.exp(-0.4 * (t - 80)) - 0.23 * np.exp(-0.09 * t) + 2e-5 * np.sin(t)
+    assert late.recovery_time_s == pytest.approx(
+        t[np.flatnonzero(np.abs(error) >= 5e-3)[-1]] - 80, abs=1e-6
+    )
+    assert "settling time" not in names(verdict)  # the hit at 20 s leaves none to judge
+    assert requirement(verdict, "rate error outside its envelope, a hit").value == 0.16
+    assert requirement(verdict, "rate error outside its envelope").value == 0.0
+    assert verdict.metrics.error_after_settling_deadline < 5e-3
+    assert verdict.all_met
+
+
+def test_rate_and_settling_count_before_the_first_hit_only():
+    run = hit_run(hits=(80.0,))
+    rate = run["angular_velocity"].copy()
+    rate[8001:] = 1.0
+    verdict = analyse(with_columns(run, angular_velocity=rate))
+    assert requirement(verdict, "angular rate (norm)").met
+    assert verdict.metrics.settling_time_s < 60
+    assert requirement(verdict, "settling time").met
+
+
+def hit_with_error(last_bad, start=80.0, end=120.0, extra=()):
+    """A run hit at `start` whose error is 0.01 from then to `last_bad`."""
+    run = normal_run(end)
+    t = run.stamps_ns / 1e9
+    bad = (t > start - 1e-9) & (t < last_bad + 1e-9)
+    hits = [(start, 0.1, (0.8, 0.0, 0.0)), *extra]
+    return with_columns(
+        constant_error(run, np.where(bad | (t < 50), 0.01, 1e-5)),
+        disturbance_torque=environment(t) + pulse_torque(t, hits),
+    )
+
+
+@pytest.mark.parametrize(("last_bad", "met"), [(90.0, True), (90.01, False), (99.9, False)])
+def test_recovery_within_ten_seconds(last_bad, met):
+    verdict = analyse(hit_with_error(last_bad))
+    row = requirement(verdict, "recovery from a sudden disturbance")
+    assert row.value == pytest.approx(last_bad - 80.0, abs=1e-9)
+    assert row.met is met
+    assert requirement(verdict, "attitude error from 60 s on").met is met
+
+
+def test_no_recovery_is_null():
+    verdict = analyse(hit_with_error(120.0))
+    assert verdict.metrics.disturbances[0].recovery_time_s is None
+    row = requirement(verdict, "recovery from a sudden disturbance")
+    assert (row.value, row.met) == (None, False)
+    assert not requirement(verdict, "attitude error in the last 20 s").met
+    assert "not recovered" in verdict_table(verdict)
+    assert "not shown" in verdict_table(verdict)
+
+
+def test_the_end_of_the_record_is_no_recovery():
+    assert not analyse(hit_with_error(85.0, end=84.0)).all_met
+
+
+def test_a_hit_interrupted_by_the_next_is_judged_with_it():
+    verdict = analyse(hit_with_error(88.0, extra=[(83.0, 0.1, (0.0, 0.5, 0.0))]))
+    first, second = verdict.metrics.disturbances
+    assert first.recovery_time_s is None
+    assert second.recovery_time_s == 5.0
+    assert requirement(verdict, "recovery from a sudden disturbance").value == 5.0
+    assert verdict.all_met
+
+
+def test_an_unrecovered_hit_is_not_excused_by_a_late_successor():
+    verdict = analyse(hit_with_error(97.0, extra=[(95.0, 0.1, (0.0, 0.5, 0.0))]))
+    assert not requirement(verdict, "recovery from a sudden disturbance").met
+
+
+def test_an_early_hit_is_judged_by_the_envelope():
+    run = hit_run(hits=(20.0,))
+    t = run.stamps_ns / 1e9
+    envelope = run["attitude_envelope"].copy()
+    envelope[(t > 20.5) & (t < 21.5)] = 1e-3
+    verdict = analyse(with_columns(run, attitude_envelope=envelope))
+    assert "recovery from a sudden disturbance" not in names(verdict)
+    assert not requirement(verdict, "attitude error outside its envelope").met
+
+
+def test_the_rate_error_may_be_outside_half_a_second_a_hit():
+    run = hit_run()
+    z2 = run["rate_error"].copy()
+    z2[8000:8051] = 1.0
+    row = requirement(
+        analyse(with_columns(run, rate_error=z2)), "rate error outside its envelope, a hit"
+    )
+    assert (row.value, row.met) == (0.51, False)
+
+
+def test_a_controller_without_envelopes_skips_their_rows():
+    run = without_columns(
+        normal_run(), "attitude_envelope", "rate_envelope", "rate_error", "auxiliary_state"
+    )
+    verdict = analyse(run)
+    assert not [name for name in names(verdict) if "envelope" in name]
+    assert verdict.metrics.time_outside_rate_envelope_s is None
+    assert verdict.all_met
+
+
+def test_the_error_is_computed_where_the_controller_does_not_publish_it():
+    run = without_columns(normal_run(), "attitude_error")
+    error = np.abs(np.sin(0.01 * run.stamps_ns / 1e9))  # the attitude over a reference at rest
+    measured = analyse(run).metrics.error_after_settling_deadline
+    assert measured == pytest.approx(error[6000:].max(), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("duration", "unknown"),
+    [
+        (59.99, {"settling time", "attitude error from 60 s on"}),
+        (
+            10.0,
+            {
+                "settling time",
+                "attitude error from 60 s on",
+                "attitude error in the last 20 s",
+            },
+        ),
+    ],
+)
+def test_a_short_run_shows_no_deadline(duration, unknown):
+    verdict = analyse(normal_run(duration))
+    assert {each.name for each in verdict.requirements if each.value is None} == unknown
+    assert not verdict.all_met
+
+
+def test_a_hit_from_the_first_sample_leaves_no_undisturbed_rate():
+    run = normal_run()
+    t = run.stamps_ns / 1e9
+    torque = environment(t) + pulse_torque(t, [(0.0, 0.1, (0.5, 0.0, 0.0))])
+    verdict = analyse(with_columns(run, disturbance_torque=torque))
+    assert verdict.metrics.max_rate_deg_s is None
+    assert verdict.metrics.settling_time_s is None
+    assert not requirement(verdict, "angular rate (norm)").met
+
+
+def test_a_run_without_recorded_disturbance():
+    assert analyse(without_columns(normal_run(), "disturbance_torque")).all_met
+
+
+@pytest.mark.parametrize("column", ["attitude_error", "angular_velocity", "applied_torque"])
+def test_missing_samples_are_skipped_and_counted(column):
+    run = normal_run()
+    rows = run[column].copy()
+    rows[::7] = np.nan
+    rows[1] = np.nan
+    lost = int(np.isnan(rows[:, 0]).sum())
+    verdict = analyse(with_columns(run, **{column: rows}))
+    json.dumps(verdict.to_json(), allow_nan=False)
+    assert requirement(verdict, "messages missing or not finite").value == lost
+    assert [each.name for each in verdict.requirements if not each.met] == [
+        "messages missing or not finite"
+    ]
+
+
+def test_missing_messages_count_once_and_infinities_count():
+    run = normal_run()
+    rows = run["angular_velocity"].copy()
+    rows[[3, 4]] = np.nan
+    rows[9, 1] = np.inf
+    verdict = analyse(
+        replace(with_columns(run, angular_velocity=rows), missing={"angular_velocity": 2})
+    )
+    assert verdict.missing_messages == 2
+    assert requirement(verdict, "messages missing or not finite").value == 3
+    assert verdict.metrics.max_rate_deg_s < 3
+
+
+def test_no_sample_at_all():
+    run = normal_run(1.0)
+    empty = replace(
+        run,
+        stamps_ns=run.stamps_ns[:0],
+        columns={name: rows[:0] for name, rows in run.columns.items()},
+    )
+    with pytest.raises(AnalysisError, match="no sample at all"):
+        analyse(empty)
+
+
+@pytest.mark.parametrize("column", ["angular_velocity", "applied_torque"])
+def test_a_needed_quantity_without_samples_is_named(column):
+    run = normal_run(1.0)
+    nothing = with_columns(run, **{column: np.full((run.stamps_ns.size, 3), np.nan)})
+    for broken in (nothing, without_columns(run, column)):
+        with pytest.raises(AnalysisError, match=f"simulate.*'{column}'"):
+            analyse(broken)
+
+
+def test_no_attitude_error_and_nothing_to_compute_it_from():
+    run = without_columns(normal_run(1.0), "attitude_error", "attitude")
+    with pytest.raises(AnalysisError, match="'attitude'"):
+        analyse(run)
+    with pytest.raises(AnalysisError, match="'attitude_error'"):
+        analyse(without_columns(run, "reference_attitude"))
+
+
+def test_one_sample_is_a_run():
+    run = normal_run(0.0)
+    verdict = analyse(run)
+    assert (verdict.steps, verdict.duration_s) == (1, 0.0)
+    json.dumps(verdict.to_json(), allow_nan=False)
+
+
+def test_the_table_tells_every_requirement():
+    verdict = analyse(hit_run())
+    table = verdict_table(verdict)
+    for row in verdict.requirements:
+        (line,) = [line for line in table.splitlines() if line.startswith(row.name + "  ")]
+        assert line.endswith("  met")
+        assert row.limit_text in line
+    assert "at 80 s, (0.8, 0.8, 0.8) N·m for 0.1 s: recovered after 3." in table
+    assert "NOT MET" in verdict_table(analyse(normal_run(10.0)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    holes=st.floats(0, 0.9),
+    rate=st.sampled_from([50.0, 100.0]),
+)
+def test_the_metrics_of_arbitrary_errors(seed, holes, rate):
+    """Settling, deadline, terminal error and envelope against a plain loop over the samples."""
+    random = np.random.default_rng(seed)
+    run = normal_run(90.0, rate)
+    t = run.stamps_ns / 1e9
+    values = 10.0 ** random.uniform(-5, -2, t.size) * np.where(t < 40, 10, 1)
+    run = constant_error(run, values)
+    rows = run["attitude_error"].copy()
+    rows[random.random(t.size) < holes] = np.nan
+    rows[[0, -1]] = run["attitude_error"][[0, -1]]
+    metrics = analyse(with_columns(run, attitude_error=rows)).metrics
+    settling, late, end, outside = 0.0, 0.0, 0.0, 0
+    for instant, row, rho in zip(t, rows, run["attitude_envelope"], strict=True):
+        error = max(abs(row[0]), abs(row[1]), abs(row[2]))
+        if np.isnan(error):
+            continue
+        settling = instant if error >= 5e-3 else settling
+        late = max(late, error) if instant >= 60 else late
+        end = max(end, error) if instant >= 70 else end
+        outside += bool(error > rho[1])
+    assert metrics.settling_time_s == settling
+    assert metrics.error_after_settling_deadline == late
+    assert metrics.terminal_error == end
+    assert metrics.time_outside_attitude_envelope_s == pytest.approx(outside / rate, abs=1e-9)

@@ -1,0 +1,154 @@
+"""Sudden disturbances found in torques whose pulses are known."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ppc_attitude.analysis.pulses import find_pulses
+from synthetic import environment, pulse_torque, times
+
+RATES = [50.0, 100.0, 333.0, 1000.0]
+HIT = (0.8, 0.8, 0.8)
+
+
+def found_in(pulses, duration=30.0, rate=100.0, background=environment):
+    _, t = times(duration, rate)
+    return find_pulses(t, background(t) + pulse_torque(t, pulses))
+
+
+def still(t):
+    return np.zeros((t.size, 3))
+
+
+def same(found, true):
+    """Pulses found are those true, in order."""
+    assert len(found) == len(true)
+    for pulse, (start, duration, torque) in zip(found, sorted(true), strict=True):
+        assert pulse.start_s == pytest.approx(start, abs=1e-9)
+        assert pulse.duration_s == pytest.approx(duration, abs=1e-9)
+        assert pulse.torque == pytest.approx(torque, abs=2e-5)
+
+
+@pytest.mark.parametrize("background", [environment, still])
+@pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
+def test_the_papers_hits(rate, background):
+    true = [(20.0, 0.1, (0.5, 0.5, 0.5)), (80.0, 0.1, HIT)]
+    same(found_in(true, 120.0, rate, background), true)
+
+
+@pytest.mark.parametrize("rate", [10.0, *RATES])
+def test_the_environment_has_none(rate):
+    assert found_in([], 1000.0, rate) == ()
+
+
+@pytest.mark.parametrize(
+    "true",
+    [
+        [(5.0, 0.01, HIT)],  # one sample
+        [(5.0, 0.01, HIT), (5.02, 0.01, HIT)],  # one sample of rest between
+        [(0.0, 0.1, HIT)],  # from the first sample
+        [(0.0, 0.01, HIT)],
+        [(29.5, 0.51, HIT)],  # to the last sample
+        [(30.0, 0.01, HIT)],  # the last sample alone
+        [(0.0, 1.0, HIT), (29.5, 0.51, (0.1, 0.0, 0.0))],
+        [(5.0, 0.1, (0.02, 0.0, 0.0))],  # weak, on one axis
+        [(5.0, 0.1, (0.0, -0.02, 0.0))],
+        [(5.0, 0.2, HIT), (5.1, 0.3, (0.0, -0.3, 0.1))],  # overlapping
+        [(5.0, 0.2, HIT), (5.1, 0.2, HIT)],  # overlapping and equal
+        [(5.0, 1.0, HIT), (5.2, 0.1, (0.3, 0.0, 0.0))],  # one within the other
+        [(5.0, 0.1, HIT), (5.1, 0.1, (0.3, -0.3, 0.0))],  # touching
+        [(5.0, 0.1, HIT), (5.1, 0.1, (-0.8, -0.8, -0.8))],  # touching and opposite
+        [(5.0, 0.1, HIT), (5.1, 0.1, (0.1, 0.0, 0.0)), (5.2, 0.1, (0.0, 0.4, 0.0))],
+        [(0.0, 25.0, (0.02, 0.02, 0.02))],  # most of the run
+        [(0.0, 0.05, HIT), (20.0, 0.1, (-0.8, -0.8, -0.8)), (25.0, 0.1, HIT)],
+    ],
+)
+@pytest.mark.parametrize("background", [environment, still])
+def test_known_pulses(true, background):
+    same(found_in(true, background=background), true)
+
+
+def test_equal_pulses_that_touch_are_one():
+    same(found_in([(5.0, 0.1, HIT), (5.1, 0.1, HIT)]), [(5.0, 0.2, HIT)])
+
+
+def test_the_same_pulse_twice_is_one_of_twice_the_torque():
+    same(found_in([(5.0, 0.1, (0.2, 0, 0))] * 2), [(5.0, 0.1, (0.4, 0, 0))])
+
+
+def test_a_pulse_that_fills_a_record_of_pulses_only():
+    """No rest to compare with: what is there is the extra torque."""
+    same(
+        found_in([(0.0, 1.0, HIT), (1.0, 1.01, (0.1, 0.0, 0.0))], 2.0, background=still),
+        [(0.0, 1.0, HIT), (1.0, 1.01, (0.1, 0.0, 0.0))],
+    )
+
+
+def test_missing_samples_are_no_steps():
+    _, t = times(30.0)
+    torque = environment(t) + pulse_torque(t, [(5.0, 0.1, HIT)])
+    torque[100:200] = np.nan
+    torque[501] = np.nan
+    torque[-3:] = np.nan
+    same(find_pulses(t, torque), [(5.0, 0.1, HIT)])
+
+
+def test_a_constant_torque_is_not_sudden():
+    _, t = times(10.0)
+    assert find_pulses(t, np.full((t.size, 3), 0.3)) == ()
+
+
+def test_a_rough_torque_has_no_pulses():
+    _, t = times(30.0)
+    rough = np.random.default_rng(1).normal(0.0, 0.1, (t.size, 3))
+    assert find_pulses(t, rough) == ()
+
+
+@pytest.mark.parametrize("samples", [0, 1, 2])
+def test_hardly_any_sample(samples):
+    t = np.arange(samples) * 0.01
+    assert find_pulses(t, np.zeros((samples, 3))) == ()
+    assert find_pulses(t, np.full((samples, 3), np.nan)) == ()
+
+
+AXIS = st.floats(0.02, 2.0).flatmap(lambda size: st.sampled_from([size, -size]))
+TORQUE = st.tuples(AXIS, AXIS, AXIS).flatmap(
+    lambda torque: st.sampled_from(
+        [torque, (torque[0], 0.0, 0.0), (0.0, torque[1], 0.0), (0.0, 0.0, torque[2])]
+    )
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    rate=st.sampled_from(RATES),
+    data=st.lists(st.tuples(st.integers(1, 40), st.integers(1, 60), TORQUE), max_size=6),
+    start=st.integers(0, 1),
+    environment_on=st.booleans(),
+)
+def test_pulses_apart(rate, data, start, environment_on):
+    """Any pulses with a sample of rest between, from the first sample on: found as they are."""
+    true, sample = [], start
+    for length, rest, torque in data:
+        true.append((sample / rate, length / rate, torque))
+        sample += length + rest
+    found = found_in(true, (sample + 400) / rate, rate, environment if environment_on else still)
+    assert len(found) == len(true)
+    for pulse, (begin, length, torque) in zip(found, true, strict=True):
+        assert pulse.start_s == pytest.approx(begin, abs=2e-9)
+        assert pulse.duration_s == pytest.approx(length, abs=2e-9)
+        assert pulse.torque == pytest.approx(torque, abs=2e-5)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    pulses=st.lists(st.tuples(st.integers(5, 200), st.integers(1, 50), TORQUE), max_size=5),
+)
+def test_what_is_found_adds_up(pulses):
+    """However pulses overlap, those found explain the torque: what they leave is smooth."""
+    _, t = times(10.0)
+    torque = environment(t) + pulse_torque(t, [(a / 100, b / 100, c) for a, b, c in pulses])
+    found = find_pulses(t, torque)
+    rest = torque - pulse_torque(t, [(p.start_s, p.duration_s, p.torque) for p in found])
+    assert np.abs(rest - environment(t)).max() < 1.1e-3
