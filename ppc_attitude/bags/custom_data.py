@@ -25,7 +25,7 @@ def encode_custom_data(
     parameters: Mapping[str, Mapping[str, Any]],
     metadata: Mapping[str, str],
 ) -> dict[str, str]:
-    """Custom data of a bag that states these facts.
+    """Return the custom data of a bag that states these facts.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def encode_custom_data(
 
 
 def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFacts:
-    """Facts that the custom data state about the run in a namespace.
+    """Return the facts that custom data state about the run in a namespace.
 
     What is absent or unreadable is empty, the controller then ``unknown``. A node with the
     namespace in its name goes before one without.

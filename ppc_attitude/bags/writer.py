@@ -1,17 +1,15 @@
 """Recording a run as a rosbag2 bag that survives a kill.
 
-The bag is rosbag2 format version 9, as rosbags writes it. Until it is closed the folder holds
-`UNFINISHED`, a small file with the custom data that rosbags would only write at the end, and no
-``metadata.yaml``: so a reader can tell a cut recording from a complete one.
+The bag is rosbag2 format version 9, as rosbags writes it. Until it is closed the folder holds no
+``metadata.yaml`` but ``unfinished.json``, with the custom data that rosbags would only write at the
+end: so a reader can tell a cut recording from a complete one.
 """
 
 import contextlib
-import fcntl
-import json
 import os
 import sqlite3
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Literal
@@ -27,17 +25,16 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import WriterError
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import TypesysError
+from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.folder import UNFINISHED, claim, write_unfinished
 from ppc_attitude.bags.storage import PLUGINS, KillSafeWriter
 from ppc_attitude.contract.cdr import Codec, encode_clock
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import BY_COLUMN, CLOCK_TOPIC
 
-UNFINISHED = "unfinished.json"
 FLUSH_PERIOD = 0.5  # [s]; at most a second may be lost, so twice as often
 
 _FOREVER = QosTime(9223372036, 854775807)
@@ -109,10 +106,10 @@ class BagWriter:
         try:
             self._writer = KillSafeWriter(self.path, version=9, storage_plugin=PLUGINS[storage])
             self._writer.open()
-            self._claim = _claim(self.path)
+            self._claim = claim(self.path)
             for key, value in (custom_data or {}).items():
                 self._writer.set_custom_data(key, value)
-            self._write_unfinished()
+            write_unfinished(self.path, self._writer.custom_data)
         except WriterError as error:
             raise BagError(f"bag {self.path}: {error}") from error
         except (OSError, sqlite3.Error) as error:
@@ -196,7 +193,7 @@ class BagWriter:
             self._check()
             try:
                 self._writer.set_custom_data(key, value)
-                self._write_unfinished()
+                write_unfinished(self.path, self._writer.custom_data)
             except OSError as error:
                 raise self._fail(error) from error
 
@@ -252,12 +249,6 @@ class BagWriter:
         self._flush_is_due = False
         self._writer.flush()
 
-    def _write_unfinished(self) -> None:
-        target = self.path / UNFINISHED
-        temporary = target.with_suffix(".tmp")
-        temporary.write_text(json.dumps({"custom_data": self._writer.custom_data}), "utf-8")
-        temporary.replace(target)
-
     def _check(self) -> None:
         if self._closed.is_set():
             raise BagError(f"bag {self.path} is closed")
@@ -278,27 +269,12 @@ class BagWriter:
         return BagError(self._failure)
 
 
-def _claim(folder: Path) -> int:
-    """Lock a bag's folder for as long as the process lives, so that nobody recovers it meanwhile."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    return descriptor
-
-
-def is_being_recorded(folder: Path) -> bool:
-    """True if a living writer holds the folder."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
-
-
 def _reason(error: Exception) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
+def _present(samples: Array) -> list[bool]:
+    return [bool(row) for row in np.any(~np.isnan(samples), axis=1)]
 
 
 def write_run(
@@ -323,16 +299,17 @@ def write_run(
         The bag cannot be made or written.
     """
     facts = encode_custom_data(record.controller, record.parameters, record.metadata)
+    topics = [BY_COLUMN[column] for column in record.columns]
+    lanes = [
+        (f"{namespace}/{topic.name}", Codec(topic), samples, _present(samples))
+        for topic, samples in zip(topics, record.columns.values(), strict=True)
+    ]
     with BagWriter(path, storage=storage, custom_data=facts) as writer:
-        topics = [BY_COLUMN[column] for column in record.columns]
-        names = [f"{namespace}/{topic.name}" for topic in topics]
-        for topic, name in zip((*topics, CLOCK_TOPIC), (*names, CLOCK_TOPIC.name), strict=True):
-            writer.add_topic(name, topic.msgtype, [offered_qos()])
-        codecs = [Codec(topic) for topic in topics]
-        present = [~np.isnan(record[topic.column]).all(axis=1) for topic in topics]
+        writer.add_topic(CLOCK_TOPIC.name, CLOCK_TOPIC.msgtype, [offered_qos()])
+        for name, codec, _, _ in lanes:
+            writer.add_topic(name, codec.topic.msgtype, [offered_qos()])
         for step, stamp in enumerate(record.stamps_ns.tolist()):
             writer.write(CLOCK_TOPIC.name, stamp, encode_clock(stamp))
-            for name, codec, there in zip(names, codecs, present, strict=True):
-                if there[step]:
-                    sample = tuple(record[codec.topic.column][step].tolist())
-                    writer.write(name, stamp, codec.encode(stamp, sample))
+            for name, codec, samples, present in lanes:
+                if present[step]:
+                    writer.write(name, stamp, codec.encode(stamp, tuple(samples[step].tolist())))

@@ -1,0 +1,207 @@
+"""What lies in a bag's folder: storage files, ``metadata.yaml``, the mark of an unfinished bag."""
+
+import fcntl
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import yaml
+import zstandard
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.mcap_source import McapSource
+from ppc_attitude.bags.source import Block, Channel, Source, decompressed, merge_blocks
+from ppc_attitude.bags.sqlite_source import SqliteSource
+
+METADATA = "metadata.yaml"
+UNFINISHED = "unfinished.json"  # custom data of a bag that is being recorded, or was cut
+
+_SOURCES: dict[str, type[McapSource] | type[SqliteSource]] = {
+    ".mcap": McapSource,
+    ".db3": SqliteSource,
+}
+_COMPRESSED = ".zstd"
+
+
+class Bag:
+    """A bag to be read: a folder or one storage file.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder of a bag, or an ``.mcap`` or ``.db3`` file.
+
+    Attributes
+    ----------
+    topics : dict of str to str
+        Type of each topic met so far; complete after `blocks`.
+    counts : dict of str to int
+        Messages of each topic met so far.
+    custom_data : dict of str to str
+        What the bag says about its run; complete after `blocks`.
+    flaws : list of str
+        Why the recording counts as cut; empty for a complete bag; complete after `blocks`.
+
+    Raises
+    ------
+    BagError
+        There is no bag at this path.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.topics: dict[str, str] = {}
+        self.counts: dict[str, int] = {}
+        self.flaws: list[str] = []
+        try:
+            self._information = self._read_information()
+            self.files = self._storage_files()
+            self.custom_data = self._custom_data()
+        except OSError as error:
+            raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
+
+    def blocks(self) -> Iterator[tuple[Mapping[int, Channel], Block]]:
+        """Messages in the order of the files, with the channels they refer to.
+
+        Raises
+        ------
+        BagError
+            A file is no storage or cannot be read.
+        """
+        try:
+            for path in self.files:
+                with TemporaryDirectory() as folder:
+                    yield from self._blocks_of(self._source(path, Path(folder)))
+        except OSError as error:
+            raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
+        self._compare_counts()
+
+    def _blocks_of(self, source: Source) -> Iterator[tuple[Mapping[int, Channel], Block]]:
+        by_message = str(self._information.get("compression_mode", "")).lower() == "message"
+        for raw in merge_blocks(source.blocks()):
+            block = decompressed(raw) if by_message else raw
+            self._count(source.channels, block)
+            yield source.channels, block
+        for channel in source.channels.values():
+            self.topics.setdefault(channel.topic, channel.msgtype)
+        if source.cut:
+            self.flaws.append(source.cut)
+        self.custom_data = {**source.custom_data, **self.custom_data}
+
+    def _source(self, path: Path, folder: Path) -> Source:
+        """Storage file; decompressed into the folder where rosbag2 has compressed it whole."""
+        if path.suffix == _COMPRESSED:
+            plain = folder / path.stem
+            try:
+                with path.open("rb") as compressed, plain.open("wb") as target:
+                    zstandard.ZstdDecompressor().copy_stream(compressed, target)
+            except zstandard.ZstdError as error:
+                self.flaws.append(f"{path.name} is damaged: {error}")
+            path = plain
+        return _SOURCES[path.suffix](path)
+
+    def _count(self, channels: Mapping[int, Channel], block: Block) -> None:
+        for key, channel in channels.items():
+            met = int((block.channel == key).sum())
+            self.topics.setdefault(channel.topic, channel.msgtype)
+            self.counts[channel.topic] = self.counts.get(channel.topic, 0) + met
+
+    def _compare_counts(self) -> None:
+        promised = self._information.get("message_count")
+        found = sum(self.counts.values())
+        if isinstance(promised, int) and promised != found:
+            self.flaws.append(f"{METADATA} promises {promised} messages, {found} are there")
+
+    def _read_information(self) -> dict[str, Any]:
+        """Take what ``metadata.yaml`` says; nothing where there is none or it is damaged."""
+        if not self.path.exists():
+            raise BagError(f"{self.path} does not exist")
+        file = self.path / METADATA
+        if self.path.is_file():
+            return {}
+        if not file.exists():
+            self.flaws.append(f"it has no {METADATA}")
+            return {}
+        try:
+            text = file.read_text("utf-8")
+            found = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            return cast(dict[str, Any], dict(found["rosbag2_bagfile_information"]))
+        except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError):
+            self.flaws.append(f"its {METADATA} is damaged")
+            return {}
+
+    def _storage_files(self) -> list[Path]:
+        if self.path.is_file():
+            if _kind(self.path) not in _SOURCES:
+                raise BagError(f"{self.path} is no bag: not a folder, .mcap or .db3")
+            return [self.path]
+        named = self._information.get("relative_file_paths")
+        if isinstance(named, list) and named:
+            files = [self.path / Path(str(name)).name for name in named]
+            lost = [file.name for file in files if not file.is_file()]
+            if lost:
+                self.flaws.append(f"{', '.join(lost)} is missing")
+            found = [file for file in files if file.is_file() and _kind(file) in _SOURCES]
+        else:
+            found = sorted(
+                (file for file in self.path.iterdir() if _kind(file) in _SOURCES), key=_natural
+            )
+        if not found:
+            empty = not any(self.path.iterdir())
+            what = "is an empty folder" if empty else "is no bag: it holds no .mcap or .db3 file"
+            raise BagError(f"{self.path} {what}")
+        return found
+
+    def _custom_data(self) -> dict[str, str]:
+        custom = self._information.get("custom_data")
+        if not self._information and self.path.is_dir():
+            custom = _unfinished_custom_data(self.path)
+        if not isinstance(custom, dict):
+            return {}
+        return {str(key): str(value) for key, value in custom.items()}
+
+
+def _kind(path: Path) -> str:
+    return Path(path.stem).suffix if path.suffix == _COMPRESSED else path.suffix
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sort key that puts bag_10 behind bag_9."""
+    return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
+
+
+def _unfinished_custom_data(folder: Path) -> object:
+    try:
+        content = json.loads((folder / UNFINISHED).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content.get("custom_data") if isinstance(content, dict) else None
+
+
+def write_unfinished(folder: Path, custom_data: Mapping[str, str]) -> None:
+    """Mark the bag in a folder as unfinished and keep its custom data, in one atomic step."""
+    target = folder / UNFINISHED
+    temporary = target.with_suffix(".tmp")
+    temporary.write_text(json.dumps({"custom_data": dict(custom_data)}), "utf-8")
+    temporary.replace(target)
+
+
+def claim(folder: Path) -> int:
+    """Lock a bag's folder until the descriptor is closed or the process is gone.
+
+    Raises
+    ------
+    BagError
+        Another living process holds it.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(descriptor)
+        raise BagError(f"{folder} is still being recorded") from error
+    return descriptor

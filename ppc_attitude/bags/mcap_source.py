@@ -1,0 +1,242 @@
+"""Messages of an MCAP file, finished or cut, in bulk.
+
+An MCAP file is a sequence of records: opcode, length, content. Messages lie in chunks (which may
+be compressed) or bare in the file. A compiled kernel walks runs of message records, Python the
+rest. The index is not used, so a file that lost it reads as well as a complete one; of a chunk
+that was cut the whole messages are read.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+import yaml
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.source import Block, Bytes, Channel, Integers, unzstd
+from ppc_attitude.science.kernel import kernel
+
+_MAGIC = b"\x89MCAP0\r\n"
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA = 1, 2, 3, 4, 5, 6, 12
+_RECORD = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct("<QQQI")  # first and last time, uncompressed size, CRC
+_SMALLEST_MESSAGE = 31
+_WINDOW = 4 * 2**20
+
+
+class _DamageError(Exception):
+    """The file is not MCAP from here on."""
+
+
+class McapSource:
+    """An MCAP file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    BagError
+        The file is empty or no MCAP file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.channels: dict[int, Channel] = {}
+        self.custom_data: dict[str, str] = {}
+        self.cut = ""
+        self._schemas: dict[int, str] = {}
+        self._size = path.stat().st_size
+        if self._size == 0:
+            raise BagError(f"{path} is empty")
+        with path.open("rb") as file:
+            magic = file.read(len(_MAGIC))
+        if not _MAGIC.startswith(magic):
+            raise BagError(f"{path} is no MCAP file")
+
+    def blocks(self) -> Iterator[Block]:
+        """Messages in the order of the file, a block a chunk."""
+        with self.path.open("rb") as file:
+            try:
+                yield from self._records(file)
+            except (_DamageError, struct.error) as error:
+                self.cut = f"{self.path.name} is damaged near byte {file.tell()}: {error}"
+            except EOFError:
+                self.cut = f"{self.path.name} ends without its index after {self._size} bytes"
+
+    def _records(self, file: BinaryIO) -> Iterator[Block]:
+        file.seek(len(_MAGIC))
+        while True:
+            head = file.read(_RECORD.size)
+            if len(head) < _RECORD.size:
+                raise EOFError
+            opcode, length = _RECORD.unpack(head)
+            if opcode == 0:
+                raise _DamageError("record of kind 0")
+            left = self._size - file.tell()
+            if opcode == _FOOTER:
+                if length > left or file.read(length + len(_MAGIC))[length:] != _MAGIC:
+                    raise EOFError
+                return
+            if opcode == _MESSAGE:
+                file.seek(-_RECORD.size, 1)
+                yield self._bare_messages(file, length)
+            elif opcode == _CHUNK:
+                yield from self._chunk(file.read(min(length, left)), complete=length <= left)
+            elif length > left:
+                raise EOFError
+            elif opcode in (_SCHEMA, _CHANNEL, _METADATA):
+                self._define(opcode, file.read(length))
+            else:
+                file.seek(length, 1)
+            if length > left:
+                raise EOFError
+
+    def _bare_messages(self, file: BinaryIO, first_length: int) -> Block:
+        """Messages outside a chunk, as many as a window holds."""
+        start = file.tell()
+        needed = first_length + _RECORD.size
+        if needed > self._size - start:
+            raise EOFError
+        data = np.frombuffer(file.read(max(_WINDOW, needed)), np.uint8)
+        block, stop = self._run_of_messages(data, 0)
+        if stop == 0:
+            raise _DamageError(f"message of {first_length} bytes")
+        file.seek(start + stop)
+        return block
+
+    def _chunk(self, content: bytes, *, complete: bool) -> Iterator[Block]:
+        """Messages of a chunk, as many as there are whole."""
+        if not complete and len(content) < _CHUNK_HEAD.size + 4:
+            return
+        _, _, size, crc = _CHUNK_HEAD.unpack_from(content)
+        name, start = _text(content, _CHUNK_HEAD.size)
+        if not complete and (name or len(content) < start + 8):
+            return
+        (stored,) = struct.unpack_from("<Q", content, start)
+        body = content[start + 8 : start + 8 + stored]
+        if complete and len(body) < stored:
+            raise _DamageError(f"chunk of {stored} bytes in a record of {len(content)}")
+        records = _decompress(body, name)
+        if complete and len(records) != size:
+            raise _DamageError(f"chunk of {len(records)} bytes instead of {size}")
+        if complete and crc and zlib.crc32(records) != crc:
+            raise _DamageError("a chunk's checksum is wrong")
+        yield from self._chunk_records(np.frombuffer(records, np.uint8), complete=complete)
+
+    def _chunk_records(self, data: Bytes, *, complete: bool) -> Iterator[Block]:
+        position = 0
+        while position < len(data):
+            block, position = self._run_of_messages(data, position)
+            if len(block.channel):
+                yield block
+            if position == len(data):
+                return
+            whole = position + _RECORD.size <= len(data)
+            if whole:
+                opcode, length = _RECORD.unpack_from(data.data, position)
+                position += _RECORD.size
+                whole = opcode != _MESSAGE and length <= len(data) - position
+            if not whole:
+                if complete:
+                    raise _DamageError("a chunk ends within a record")
+                return
+            if opcode in (_SCHEMA, _CHANNEL):
+                self._define(opcode, data[position : position + length].tobytes())
+            position += length
+
+    def _run_of_messages(self, data: Bytes, start: int) -> tuple[Block, int]:
+        table = np.empty((4, (len(data) - start) // _SMALLEST_MESSAGE + 1), np.int64)
+        count, stop = _scan(data, start, table)
+        channel, time, offset, length = table[:, :count].copy()
+        for unknown in set(np.unique(channel).tolist()) - self.channels.keys():
+            raise _DamageError(f"message of channel {unknown}, which is not defined")
+        return Block(data, channel, time, offset, length), int(stop)
+
+    def _define(self, opcode: int, content: bytes) -> None:
+        if opcode == _METADATA:
+            self._read_metadata(content)
+        elif opcode == _SCHEMA:
+            (key,) = struct.unpack_from("<H", content)
+            self._schemas[key] = _text(content, 2)[0]
+        else:
+            key, schema = struct.unpack_from("<HH", content)
+            topic, position = _text(content, 4)
+            encoding, position = _text(content, position)
+            qos = _table(content, position).get("offered_qos_profiles", "")
+            self.channels[key] = Channel(topic, self._schemas.get(schema, ""), encoding, qos)
+
+    def _read_metadata(self, content: bytes) -> None:
+        """Take the custom data from the file's copy of ``metadata.yaml``."""
+        name, position = _text(content, 0)
+        text = _table(content, position).get("serialized_metadata", "")
+        if name != "rosbag2" or "custom_data" not in text:
+            return
+        try:
+            found = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        except yaml.YAMLError:
+            return
+        custom = found.get("custom_data") if isinstance(found, dict) else None
+        if isinstance(custom, dict):
+            self.custom_data = {str(key): str(value) for key, value in custom.items()}
+
+
+def _decompress(body: bytes, name: str) -> bytes:
+    try:
+        if name == "zstd":
+            return unzstd(body)
+        if name == "lz4":
+            return bytes(lz4.frame.decompress(body))
+    except (BagError, RuntimeError, EOFError) as error:
+        raise _DamageError(str(error)) from error
+    if name:
+        raise _DamageError(f"chunk compressed with {name!r}, known are zstd and lz4")
+    return body
+
+
+def _text(content: bytes, position: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", content, position)
+    end = position + 4 + length
+    return content[position + 4 : end].decode(errors="replace"), end
+
+
+def _table(content: bytes, position: int) -> dict[str, str]:
+    (length,) = struct.unpack_from("<I", content, position)
+    position += 4
+    end = position + length
+    table = {}
+    while position < end:
+        key, position = _text(content, position)
+        table[key], position = _text(content, position)
+    return table
+
+
+@kernel
+def _scan(data: Bytes, start: int, table: Integers) -> tuple[int, int]:
+    """Walk message records: fill channel, time, offset and length of each payload.
+
+    Returns how many there were, and where the first byte lies that belongs to none.
+    """
+    count = 0
+    position = start
+    while position + 31 <= data.size and data[position] == 5:
+        length = np.int64(0)
+        time = np.int64(0)
+        for byte in range(7, -1, -1):
+            length = (length << 8) | np.int64(data[position + 1 + byte])
+            time = (time << 8) | np.int64(data[position + 15 + byte])
+        if length < 22 or length > data.size - position - 9:
+            break
+        table[0, count] = np.int64(data[position + 9]) | (np.int64(data[position + 10]) << 8)
+        table[1, count] = time
+        table[2, count] = position + 31
+        table[3, count] = length - 22
+        count += 1
+        position += 9 + int(length)
+    return count, position

@@ -1,0 +1,198 @@
+"""Reading a recorded run, finished or cut, into a `RunRecord`."""
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.bags.custom_data import decode_custom_data
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.folder import Bag
+from ppc_attitude.bags.source import Block, Channel, split_rows
+from ppc_attitude.bags.timeline import Series, align
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import BY_NAME, OPTIONAL, PLANT, SAMPLED, Topic
+
+REQUIRED = tuple(topic for topic in SAMPLED if topic not in OPTIONAL)
+_Part = tuple[NDArray[np.int64], Array, NDArray[np.int64]]
+
+
+def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
+    """Read a run from a bag.
+
+    Of several messages of a topic with one stamp the first counts. If the plant's clock went
+    back, what came before is left out, with a warning. Memory beyond the result is a few blocks
+    of the bag and one topic.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder of a rosbag2 bag, or an ``.mcap`` or ``.db3`` file.
+    namespace : str, optional
+        Namespace of the run, such as ``/proposed``; needed only if the bag holds several runs.
+
+    Returns
+    -------
+    RunRecord
+        Every topic of the contract that the bag has. NaN and counts in `missing` where a message
+        is missing; `warnings` say whether the recording was cut.
+
+    Raises
+    ------
+    BagError
+        No bag, an unreadable one, or one without messages of a topic that every run has.
+    """
+    bag = Bag(path)
+    home = None if namespace is None else _tidy(namespace)
+    collected = _Collected(home)
+    for channels, block in bag.blocks():
+        collected.add(channels, block)
+    if not sum(bag.counts.values()):
+        raise BagError(f"{path} holds no messages{_flaws(bag)}")
+    if home is None:
+        home = _only_namespace(bag)
+    series = collected.series(home)
+    _demand_topics(bag, home, series)
+    facts = decode_custom_data(bag.custom_data, home)
+    timeline = align(series, _rate(facts.parameters), cut=bool(bag.flaws))
+    warnings = [*collected.warnings(home), *timeline.warnings]
+    if bag.flaws:
+        end = timeline.stamps[-1] * 1e-9
+        warnings.insert(0, f"recording was cut: {'; '.join(bag.flaws)}; read up to {end:g} s")
+    return RunRecord(
+        source=str(path),
+        controller=facts.controller,
+        stamps_ns=timeline.stamps,
+        columns=timeline.columns,
+        missing=timeline.missing,
+        parameters=facts.parameters,
+        metadata=facts.metadata,
+        warnings=tuple(warnings),
+    )
+
+
+class _Collected:
+    """Decoded messages of every topic that may be one of the contract's, by absolute name.
+
+    Until the whole bag is read nobody knows whether ``/reference/attitude`` is the reference
+    or the attitude of a run in the namespace ``/reference``; so names are resolved at the end.
+    """
+
+    def __init__(self, namespace: str | None) -> None:
+        self._namespace = namespace
+        self._parts: dict[str, list[_Part]] = {}
+        self._unreadable: dict[str, int] = {}
+        self._met = 0
+
+    def add(self, channels: Mapping[int, Channel], block: Block) -> None:
+        """Decode a block."""
+        for key, indices, rows in split_rows(block):
+            channel = channels[key]
+            topic = self._topic_of(channel)
+            if topic is None or channel.encoding != "cdr":
+                continue
+            stamps, values, readable = Codec(topic).decode_rows(rows)
+            bad = len(rows) - int(readable.sum())
+            if bad:
+                self._unreadable[channel.topic] = self._unreadable.get(channel.topic, 0) + bad
+                stamps, values, indices = stamps[readable], values[readable], indices[readable]
+            self._parts.setdefault(channel.topic, []).append((stamps, values, indices + self._met))
+        self._met += len(block.channel)
+
+    def series(self, namespace: str) -> dict[Topic, Series]:
+        """Messages of the run in a namespace; what was collected is given away."""
+        found = {}
+        for topic in SAMPLED:
+            parts = self._parts.pop(f"{namespace}/{topic.name}", [])
+            if sum(len(stamps) for stamps, _, _ in parts):
+                stamps, values, arrival = map(np.concatenate, zip(*parts, strict=True))
+                del parts
+                order = np.argsort(arrival, kind="stable")
+                if (np.diff(order) != 1).any():
+                    stamps, values, arrival = stamps[order], values[order], arrival[order]
+                found[topic] = Series(stamps, values, arrival)
+        return found
+
+    def warnings(self, namespace: str) -> list[str]:
+        """Say which topics of the run hold messages that are none."""
+        return [
+            f"{count} messages of {name} cannot be decoded"
+            for name, count in self._unreadable.items()
+            if name.startswith(f"{namespace}/")
+        ]
+
+    def _topic_of(self, channel: Channel) -> Topic | None:
+        for home, topic in _readings(channel.topic, channel.msgtype):
+            if self._namespace in (None, home):
+                return topic
+        return None
+
+
+def _readings(name: str, msgtype: str) -> Iterable[tuple[str, Topic]]:
+    """Ways to read an absolute name: namespace and topic of the contract."""
+    parts = name.lstrip("/").split("/")
+    for split in range(len(parts)):
+        topic = BY_NAME.get("/".join(parts[split:]))
+        if topic is not None and topic.column and topic.msgtype == msgtype:
+            yield "".join(f"/{part}" for part in parts[:split]), topic
+
+
+def _only_namespace(bag: Bag) -> str:
+    """Namespace of the bag's only run."""
+    topics: dict[str, set[str]] = {}
+    for name, msgtype in bag.topics.items():
+        if bag.counts.get(name):
+            for home, topic in _readings(name, msgtype):
+                topics.setdefault(home, set()).add(topic.name)
+    # `reference/attitude` looks like a run of its own, with the topics of the reference only.
+    plant = {topic.name for topic in SAMPLED if topic.source == PLANT}
+    homes = sorted(home for home, names in topics.items() if plant <= names)
+    if len(homes) > 1:
+        names = ", ".join(home or "/" for home in homes)
+        raise BagError(f"{bag.path} holds {len(homes)} runs; choose a namespace: {names}")
+    if homes:
+        return homes[0]
+    if topics:
+        return max(sorted(topics), key=lambda home: len(topics[home]))
+    held = ", ".join(f"{name} ({msgtype})" for name, msgtype in sorted(bag.topics.items()))
+    raise BagError(f"{bag.path} is no run of this package; it holds {held}{_flaws(bag)}")
+
+
+def _demand_topics(bag: Bag, namespace: str, series: Mapping[Topic, Series]) -> None:
+    lacking = [
+        _lack(bag, f"{namespace}/{topic.name}", topic) for topic in REQUIRED if topic not in series
+    ]
+    if not lacking:
+        return
+    read = ", ".join(f"{topic.name} ({len(one.stamps)})" for topic, one in series.items())
+    raise BagError(
+        f"{bag.path} lacks messages of {', '.join(lacking)}; "
+        f"messages read: {read or 'none'}{_flaws(bag)}"
+    )
+
+
+def _lack(bag: Bag, name: str, topic: Topic) -> str:
+    """Name of a topic that is missing, and why if the bag has it after all."""
+    msgtype = bag.topics.get(name, topic.msgtype)
+    if msgtype != topic.msgtype:
+        return f"{topic.name} (it is {msgtype} instead of {topic.msgtype})"
+    return topic.name if not bag.counts.get(name) else f"{topic.name} (none can be decoded)"
+
+
+def _flaws(bag: Bag) -> str:
+    return f"; recording was cut: {'; '.join(bag.flaws)}" if bag.flaws else ""
+
+
+def _tidy(namespace: str) -> str:
+    bare = namespace.strip("/")
+    return f"/{bare}" if bare else ""
+
+
+def _rate(parameters: Mapping[str, Mapping[str, Any]]) -> float | None:
+    rate = parameters.get(PLANT, {}).get("rate")
+    good = isinstance(rate, int | float) and math.isfinite(rate) and rate > 0
+    return float(rate) if rate and good else None

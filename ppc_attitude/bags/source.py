@@ -1,0 +1,160 @@
+"""What the two storages look like to the reader: channels, and messages in large blocks."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.science.kernel import kernel
+
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+
+_BLOCK_BYTES = 8 * 2**20
+
+
+class Channel(NamedTuple):
+    """A topic of a storage file."""
+
+    topic: str
+    msgtype: str
+    encoding: str
+    offered_qos: str
+
+
+class Block(NamedTuple):
+    """Consecutive messages: where each lies in `data`, whose it is and when it was received."""
+
+    data: Bytes
+    channel: Integers
+    time: Integers
+    offset: Integers
+    length: Integers
+
+
+class Source(Protocol):
+    """One storage file."""
+
+    @property
+    def channels(self) -> Mapping[int, Channel]:
+        """Channels by their number in the file."""
+
+    @property
+    def custom_data(self) -> Mapping[str, str]:
+        """Custom data that the file itself holds."""
+
+    @property
+    def cut(self) -> str:
+        """Why the file ends early; empty if it does not."""
+
+    def blocks(self) -> Iterator[Block]:
+        """Messages in the order of the file.
+
+        `channels` knows the channel of every message handed out; `custom_data` and `cut`, the
+        reason why the file ends early or an empty string, are complete when the iterator is.
+        """
+
+
+def merge_blocks(blocks: Iterator[Block]) -> Iterator[Block]:
+    """Blocks of some megabytes made of smaller ones, so that the cost of a block does not count."""
+    pending: list[Block] = []
+    size = 0
+    for block in blocks:
+        if pending and size + len(block.data) > _BLOCK_BYTES:
+            yield _merge(pending)
+            pending, size = [], 0
+        pending.append(block)
+        size += len(block.data)
+    if pending:
+        yield _merge(pending)
+
+
+def _merge(blocks: list[Block]) -> Block:
+    if len(blocks) == 1:
+        return blocks[0]
+    starts = np.cumsum([0, *(len(block.data) for block in blocks[:-1])])
+    offsets = [block.offset + start for block, start in zip(blocks, starts, strict=True)]
+    return Block(
+        np.concatenate([block.data for block in blocks]),
+        np.concatenate([block.channel for block in blocks]),
+        np.concatenate([block.time for block in blocks]),
+        np.concatenate(offsets),
+        np.concatenate([block.length for block in blocks]),
+    )
+
+
+def block_of(channel: list[int], time: list[int], payloads: list[bytes]) -> Block:
+    """Block of messages that are there one by one."""
+    length = np.fromiter(map(len, payloads), np.int64, len(payloads))
+    data = np.frombuffer(b"".join(payloads), np.uint8)
+    return Block(
+        data,
+        np.array(channel, np.int64),
+        np.array(time, np.int64),
+        np.cumsum(length) - length,
+        length,
+    )
+
+
+def decompressed(block: Block) -> Block:
+    """Block of a bag whose messages were compressed one by one.
+
+    Raises
+    ------
+    BagError
+        A message is no zstd frame.
+    """
+    payloads = [unzstd(payload) for payload in payloads_of(block)]
+    return block_of(block.channel.tolist(), block.time.tolist(), payloads)
+
+
+def payloads_of(block: Block) -> list[bytes]:
+    """Bytes of each message."""
+    data = block.data.tobytes()
+    ends = (block.offset + block.length).tolist()
+    return [data[a:b] for a, b in zip(block.offset.tolist(), ends, strict=True)]
+
+
+def unzstd(data: bytes) -> bytes:
+    """Content of one zstd frame.
+
+    Raises
+    ------
+    BagError
+        The bytes are no complete zstd frame.
+    """
+    try:
+        stream = zstandard.ZstdDecompressor().decompressobj()
+        content: bytes = stream.decompress(data)
+    except zstandard.ZstdError as error:
+        raise BagError(f"damaged zstd data: {error}") from error
+    if not stream.eof:
+        raise BagError("damaged zstd data: the frame is incomplete")
+    return content
+
+
+def split_rows(block: Block) -> Iterator[tuple[int, Integers, Bytes]]:
+    """Messages of a block by channel and length: channel, their indices, their bytes by row."""
+    if len(block.channel) == 0:
+        return
+    order = np.lexsort((block.length, block.channel))
+    channel, length = block.channel[order], block.length[order]
+    borders = np.flatnonzero((np.diff(channel) != 0) | (np.diff(length) != 0)) + 1
+    for indices in np.split(order, borders):
+        first = indices[0]
+        rows = _gather(block.data, block.offset[indices], int(block.length[first]))
+        yield int(block.channel[first]), indices, rows
+
+
+@kernel
+def _gather(data: Bytes, offsets: Integers, length: int) -> Bytes:
+    """Rows of `length` bytes that begin at the offsets."""
+    rows = np.empty((offsets.size, length), np.uint8)
+    for row in range(offsets.size):
+        start = offsets[row]
+        for column in range(length):
+            rows[row, column] = data[start + column]
+    return rows

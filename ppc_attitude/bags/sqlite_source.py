@@ -1,0 +1,88 @@
+"""Messages of a rosbag2 SQLite file, finished or cut, in bulk."""
+
+import contextlib
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from urllib.parse import quote
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.source import Block, Channel, block_of
+
+_ROWS = 20_000
+_JOURNALS = ("-journal", "-wal")
+# What a damaged file makes the sqlite3 module raise, in the rows as well as in the schema.
+_DAMAGE = (sqlite3.Error, TypeError, ValueError, OverflowError)
+
+
+class SqliteSource:
+    """A SQLite file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    BagError
+        The file is empty or no rosbag2 database.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.custom_data: dict[str, str] = {}
+        self.cut = ""
+        if path.stat().st_size == 0:
+            raise BagError(f"{path} is empty")
+        with self._open() as database:
+            try:
+                rows = database.execute("SELECT * FROM topics")
+                names = [column[0] for column in rows.description]
+                found = [dict(zip(names, row, strict=True)) for row in rows]
+                self.channels = {row["id"]: _channel(row) for row in found}
+            except (*_DAMAGE, KeyError) as error:
+                raise BagError(f"{path} is no rosbag2 database: {error}") from error
+
+    def blocks(self) -> Iterator[Block]:
+        """Messages in the order of the file."""
+        with self._open() as database:
+            try:
+                rows = database.execute(
+                    "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
+                )
+                while batch := rows.fetchmany(_ROWS):
+                    channel, time, data = map(list, zip(*batch, strict=True))
+                    for unknown in set(channel) - self.channels.keys():
+                        raise ValueError(f"message of topic {unknown}, which is not defined")
+                    yield block_of(channel, time, data)
+            except _DAMAGE as error:
+                self.cut = f"{self.path.name} is damaged: {error}"
+
+    @contextlib.contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        """Open for reading; what a killed writer left half done is undone in a copy."""
+        with contextlib.ExitStack() as stack:
+            path, mode = self.path, "ro"
+            left = [journal for journal in _JOURNALS if Path(f"{path}{journal}").exists()]
+            if left:
+                folder = Path(stack.enter_context(TemporaryDirectory()))
+                for suffix in ("", *left):
+                    shutil.copyfile(f"{path}{suffix}", folder / f"{path.name}{suffix}")
+                path, mode = folder / path.name, "rw"
+            uri = f"file:{quote(str(path.absolute()))}?mode={mode}"
+            database = stack.enter_context(
+                contextlib.closing(sqlite3.connect(uri, uri=True, check_same_thread=False))
+            )
+            yield database
+
+
+def _channel(row: dict[str, object]) -> Channel:
+    return Channel(
+        str(row["name"]),
+        str(row["type"]),
+        str(row["serialization_format"]),
+        str(row.get("offered_qos_profiles", "")),
+    )

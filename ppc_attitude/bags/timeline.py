@@ -1,0 +1,198 @@
+"""From messages as they arrived to columns on one timeline.
+
+The plant is the master of time: the instants of a run are the stamps of what it publishes,
+completed to a regular grid where all of its messages of an instant are missing.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.cdr import NANOSECONDS
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.topics import ATTITUDE, PLANT, Topic
+
+Integers = NDArray[np.int64]
+
+# A message that comes late is followed within so many by one that is newer than all before;
+# the stamps of a plant that was reset stay behind for longer.
+_LONGEST_DELAY = 3
+# A killed recorder leaves the last instants without some of their messages.
+_RAGGED_END = 3
+# More missing instants than this times the recorded ones are not filled in with NaN.
+_LARGEST_FILL = 10
+
+
+@dataclass(frozen=True)
+class Series:
+    """Messages of one topic as they arrived.
+
+    Attributes
+    ----------
+    stamps : ndarray of int64, shape (n,)
+        Their stamps [ns].
+    values : ndarray, shape (n, width)
+        Their numbers.
+    arrival : ndarray of int64, shape (n,)
+        Their places in the bag, increasing.
+    """
+
+    stamps: Integers
+    values: Array
+    arrival: Integers
+
+    def since(self, index: int) -> "Series":
+        """Messages from an index on."""
+        return Series(self.stamps[index:], self.values[index:], self.arrival[index:])
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Columns of a run, as in `RunRecord`."""
+
+    stamps: Integers
+    columns: Mapping[str, Array]
+    missing: Mapping[str, int]
+    warnings: tuple[str, ...]
+
+
+def align(series: dict[Topic, Series], rate: float | None, *, cut: bool) -> Timeline:
+    """Put every topic on the plant's timeline.
+
+    Parameters
+    ----------
+    series : dict of Topic to Series
+        Messages of the sampled topics, at least the attitude's; emptied on the way, so that a
+        long bag is not in memory twice.
+    rate : float or None
+        Rate of the plant [Hz] where it is known.
+    cut : bool
+        The recording ended abruptly: its last instants may lack messages without any loss.
+    """
+    warnings: list[str] = []
+    _keep_last_epoch(series, warnings)
+    for topic in series:
+        series[topic] = _in_order(topic, series[topic], warnings)
+    recorded = [one.stamps for topic, one in series.items() if topic.source == PLANT]
+    stamps, unfilled = _complete(_union(recorded), rate, warnings)
+    if cut:
+        stamps = _without_ragged_end(stamps, series)
+    columns, missing = {}, {}
+    for topic in list(series):
+        column, absent, strays = _spread(series.pop(topic), stamps)
+        columns[topic.column] = column
+        if absent + unfilled:
+            missing[topic.name] = absent + unfilled
+        if strays:
+            warnings.append(f"{strays} messages of {topic.name} have no stamp of the plant's")
+    return Timeline(stamps, columns, missing, tuple(warnings))
+
+
+def _keep_last_epoch(series: dict[Topic, Series], warnings: list[str]) -> None:
+    """Drop what came before the last reset of the plant."""
+    plant = series[ATTITUDE]
+    start, resets = _last_reset(plant.stamps)
+    if not resets:
+        return
+    before, after = plant.stamps[start - 1] * 1e-9, plant.stamps[start] * 1e-9
+    warnings.append(
+        f"the clock went back {resets} time{'s' if resets > 1 else ''}, last from {before:g} s to "
+        f"{after:g} s (plant reset or restarted); only what follows is read"
+    )
+    arrival = plant.arrival[start]
+    for topic, one in series.items():
+        own, own_resets = _last_reset(one.stamps)
+        first = own if own_resets else int(np.searchsorted(one.arrival, arrival))
+        series[topic] = one.since(first)
+
+
+def _last_reset(stamps: Integers) -> tuple[int, int]:
+    """Index of the first message after the last backward jump, and the number of jumps."""
+    start = resets = 0
+    while True:
+        rest = stamps[start:]
+        newest = np.maximum.accumulate(rest)
+        late = np.concatenate([[False], rest[1:] < newest[:-1], [False]])
+        borders = np.flatnonzero(np.diff(late.astype(np.int8)))
+        first, last = borders[::2] + 1, borders[1::2] + 1
+        jumps = first[last - first > _LONGEST_DELAY]
+        if len(jumps) == 0:
+            return start, resets
+        start += int(jumps[0])
+        resets += 1
+
+
+def _in_order(topic: Topic, one: Series, warnings: list[str]) -> Series:
+    """Sort by stamp; of several messages with one stamp keep the first, on which others acted."""
+    steps = np.diff(one.stamps)
+    if (steps > 0).all():
+        return one
+    late = int((steps < 0).sum())
+    if late:
+        warnings.append(f"{late} messages of {topic.name} arrived out of order")
+    stamps, first = np.unique(one.stamps, return_index=True)
+    return Series(stamps, one.values[first], one.arrival[first])
+
+
+def _union(parts: list[Integers]) -> Integers:
+    if all(np.array_equal(part, parts[0]) for part in parts[1:]):
+        return parts[0]
+    return np.unique(np.concatenate(parts))
+
+
+def _complete(stamps: Integers, rate: float | None, warnings: list[str]) -> tuple[Integers, int]:
+    """Fill the gaps of the plant's stamps; the second number is how many instants were not."""
+    steps = np.diff(stamps)
+    if len(steps) == 0:
+        return stamps, 0
+    period = NANOSECONDS / rate if rate else float(np.median(steps))
+    lost = np.maximum(np.rint(steps / period).astype(np.int64) - 1, 0)
+    total = int(lost.sum())
+    if total == 0:
+        return stamps, 0
+    if total > _LARGEST_FILL * len(stamps):
+        warnings.append(
+            f"{total} of {total + len(stamps)} instants are missing and left out of the record"
+        )
+        return stamps, total
+    before = np.repeat(np.arange(len(lost)), lost)
+    place = np.arange(total) - np.repeat(np.cumsum(lost) - lost, lost) + 1
+    between = stamps[before] + np.rint(place * (steps / (lost + 1))[before]).astype(np.int64)
+    if rate:
+        between = _on_grid(between, rate, stamps)
+    return np.sort(np.concatenate([stamps, between])), 0
+
+
+def _on_grid(between: Integers, rate: float, stamps: Integers) -> Integers:
+    """Stamps as the plant would have rounded them (`contract.cdr.stamp_of`), if it does so."""
+
+    def rounded(instants: Integers) -> Integers:
+        steps = np.rint(instants * (rate / NANOSECONDS))
+        grid: Integers = np.rint(steps * NANOSECONDS / rate).astype(np.int64)
+        return grid
+
+    return rounded(between) if np.array_equal(rounded(stamps), stamps) else between
+
+
+def _without_ragged_end(stamps: Integers, series: Mapping[Topic, Series]) -> Integers:
+    """Drop up to a few last instants that lack messages."""
+    for _ in range(min(_RAGGED_END, len(stamps) - 1)):
+        if all(one.stamps[-1] >= stamps[-1] for one in series.values() if len(one.stamps)):
+            break
+        stamps = stamps[:-1]
+    return stamps
+
+
+def _spread(one: Series, stamps: Integers) -> tuple[Array, int, int]:
+    """Column on the timeline, number of instants without and of messages beside the timeline."""
+    if np.array_equal(one.stamps, stamps):
+        return one.values, 0, 0
+    place = np.searchsorted(stamps, one.stamps)
+    inside = place < len(stamps)
+    inside[inside] = stamps[place[inside]] == one.stamps[inside]
+    column = np.full((len(stamps), one.values.shape[1]), np.nan)
+    column[place[inside]] = one.values[inside]
+    strays = ~inside & (one.stamps <= stamps[-1])
+    return column, len(stamps) - int(inside.sum()), int(strays.sum())
