@@ -84,7 +84,7 @@ setup(
             "catkin_pkg>=1.1.1",
             "colcon-common-extensions>=0.3.0",
             "docutils>=0.21.2",
-            "flake8>=7.5.0",
+            "flake8>=7.4.1",
             "flake8-quotes>=3.4.0",
             "hypothesis>=6.168.5",
             "mypy>=2.4.1",
