@@ -36,7 +36,7 @@ test: $(INSTALLED) ## lint, check types, run the tests (ARGS='-k name' goes to p
 	ROS_PYTHON_CHECK_FIELDS=1 python -m pytest $(ARGS)
 
 bench: $(INSTALLED) ## measure this stack and its yardsticks side by side
-	@$(ENTER); python -m pip install -q --use-pep517 -e '.[bench]'; \
+	@$(ENTER); python -m pip install -q -e '.[bench]'; \
 	mkdir -p build; python -m bench
 
 clean: ## remove what make created (recorded bags stay)
@@ -77,5 +77,5 @@ $(INSTALLED): setup.py Makefile
 	  "$$chosen" -m venv --clear $${options[@]+"$${options[@]}"} .venv; \
 	fi; \
 	echo "make: installing ppc_attitude[$$extras] (some minutes the first time)"; \
-	.venv/bin/python -m pip install -q --disable-pip-version-check --use-pep517 -e ".[$$extras]"; \
+	.venv/bin/python -m pip install -q --disable-pip-version-check -e ".[$$extras]"; \
 	touch $@
