@@ -27,6 +27,7 @@ PLAN = np.dtype(
         ("stretch", np.float64),  # how many times slower than the table it falls
         ("attitude_clock", np.float64),  # [s] where on its table the attitude envelope begins
         ("rate_clock", np.float64),  # [s] where on its table the rate envelope begins
+        ("angle_deg", np.float64),  # [deg] error angle when the plan was made
         ("feasible", np.float64),  # 1 if the model stays inside
         ("count", np.float64),  # plans made so far
     ],
@@ -118,10 +119,9 @@ def _stays_inside(
 
 
 @kernel
-def _plan_stretch(plan: Any, q: Vector, q0: float, omega_e: Vector, gains: Any) -> None:
+def _plan_stretch(plan: Any, phi: float, q: Vector, q0: float, omega_e: Vector, gains: Any) -> None:
     """Set hold and the fastest stretch by bisection on the model of the turn."""
     ready, outward = _acquisition(q, q0, omega_e, gains)
-    phi = 2.0 * math.asin(min(norm(q), 1.0))
     plan.hold, phi = _hold_time(phi, ready, outward, gains)
     slow, fast = MAX_STRETCH, 1.0
     clock = plan.attitude_clock
@@ -169,15 +169,20 @@ def plan_envelopes(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, g
     plan.start = t
     plan.hold = 0.0
     plan.stretch = 1.0
-    plan.feasible = 1.0
     plan.attitude_clock = 0.0
     plan.rate_clock = 0.0
     if t > 0.0:
         plan.attitude_clock = clock_at(largest(q) / _FILL, gains.attitude_shape)
         rho = nominal(plan.attitude_clock, gains.attitude_shape)[0]
         plan.rate_clock = _rate_clock(q, q0, omega_e, rho, gains)
+    phi = 2.0 * math.asin(min(norm(q), 1.0))
+    plan.angle_deg = math.degrees(phi)
     if gains.auto != 0.0:
-        _plan_stretch(plan, q, q0, omega_e, gains)
+        _plan_stretch(plan, phi, q, q0, omega_e, gains)
+    else:
+        ready, outward = _acquisition(q, q0, omega_e, gains)
+        inside = _stays_inside(1.0, plan.attitude_clock, 0.0, phi, ready, outward, gains)
+        plan.feasible = 1.0 if inside else 0.0
     plan.count += 1.0
 
 

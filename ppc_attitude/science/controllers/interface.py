@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import from_dtype, types
@@ -48,6 +48,29 @@ COMMAND = np.dtype(
 COLUMNS = tuple(COMMAND.names or ())
 
 
+class Advice(NamedTuple):
+    """What a law has to say to its user.
+
+    Attributes
+    ----------
+    number : int
+        Rises with every new advice.
+    text : str
+        The advice.
+    warning : bool
+        True if the user should act.
+    """
+
+    number: int
+    text: str
+    warning: bool
+
+
+def no_advice(memory: Any) -> Advice:
+    """Advice of a law that has none."""
+    return Advice(0, "", False)
+
+
 @dataclass(frozen=True)
 class Controller:
     """A control law.
@@ -68,6 +91,8 @@ class Controller:
         The kernel's type.
     columns : tuple of str
         The fields of `COMMAND` that the law fills.
+    advice : callable
+        From the memory after a step to what the user should know.
     """
 
     name: str
@@ -77,6 +102,16 @@ class Controller:
     step: Callable[[Any, Any, Any, Any], None]
     signature: Any
     columns: tuple[str, ...] = COLUMNS
+    advice: Callable[[Any], Advice] = no_advice
+
+    def fill(self, command: Any) -> dict[str, float]:
+        """Largest |error|/envelope of each envelope the law has; above 1 the error is outside."""
+        pairs = {"attitude_envelope": "attitude_error", "rate_envelope": "rate_error"}
+        return {
+            envelope: float(np.max(np.abs(command[error][:3]) / command[envelope]))
+            for envelope, error in pairs.items()
+            if envelope in self.columns and np.all(command[envelope] > 0.0)
+        }
 
     def new_memory(self) -> Any:
         """Memory of a law that has not yet run."""

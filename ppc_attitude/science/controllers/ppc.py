@@ -25,6 +25,7 @@ from ppc_attitude.science.controllers.common import (
     is_diagonal,
 )
 from ppc_attitude.science.controllers.interface import (
+    Advice,
     Controller,
     error_state,
     step_signature,
@@ -61,20 +62,20 @@ from ppc_attitude.science.virtual_control import virtual_control
 GAINS = (
     Parameter("k", 3.0, "gain k of the virtual control", above=0.0),
     Parameter("M_omega", 0.017, "speed scale M_ω of the virtual control", "rad/s", above=0.0),
-    Parameter("beta", 3.7, "steepness β of the virtual control", above=0.0),
-    Parameter("K_omega", 1.19, "gain K_ω on the rate error z2", "1/s", low=0.0),
-    Parameter("K_u", 0.156, "gain K_u on the auxiliary state θ", low=0.0),
-    Parameter("K_a", 1.03, "decay K_a of the auxiliary state", "1/s", low=0.0),
-    Parameter("K_b", 1.07, "saturation-driven decay K_b of the auxiliary state", low=0.0),
-    Parameter("C_q", 0.16, "decay C_q of the attitude envelope's widening", "1/s", low=0.0),
-    Parameter("C_omega", 0.778, "decay C_ω of the rate envelope's widening", "1/s", low=0.0),
-    Parameter("C_tau", 0.00344, "gain C_τ of the attitude envelope's widening", low=0.0),
-    Parameter("B_tau", 0.0383, "gain B_τ of the rate envelope's widening", low=0.0),
+    Parameter("beta", 3.6, "steepness β of the virtual control", above=0.0),
+    Parameter("K_omega", 2.3, "gain K_ω on the rate error z2", "1/s", low=0.0),
+    Parameter("K_u", 0.171, "gain K_u on the auxiliary state θ", low=0.0),
+    Parameter("K_a", 3.81, "decay K_a of the auxiliary state", "1/s", low=0.0),
+    Parameter("K_b", 3.09, "saturation-driven decay K_b of the auxiliary state", low=0.0),
+    Parameter("C_q", 0.975, "decay C_q of the attitude envelope's widening", "1/s", low=0.0),
+    Parameter("C_omega", 0.898, "decay C_ω of the rate envelope's widening", "1/s", low=0.0),
+    Parameter("C_tau", 0.00998, "gain C_τ of the attitude envelope's widening", low=0.0),
+    Parameter("B_tau", 0.0418, "gain B_τ of the rate envelope's widening", low=0.0),
     Parameter("F1", 1.0, "scale F1 of the attitude barrier", above=0.0),
     Parameter("F2", 1.0, "scale F2 of the rate barrier", above=0.0),
     Parameter("k1", 1.0, "weight k1 of the attitude barrier", above=0.0),
     Parameter("k2", 1.0, "weight k2 of the rate barrier", above=0.0),
-    Parameter("sigma", 0.0134, "σ that keeps the cross term's denominator from zero", above=0.0),
+    Parameter("sigma", 0.0113, "σ that keeps the cross term's denominator from zero", above=0.0),
 )
 PARAMETERS = (
     INERTIA,
@@ -248,6 +249,16 @@ def composite_envelopes(
 
 
 @kernel
+def is_outside(q: Vector, rho_q: Vector) -> bool:
+    """True if the attitude error is outside its envelope; an envelope at its bound 1 holds all."""
+    return bool(
+        (abs(q[0]) > rho_q[0] and rho_q[0] < 1.0)
+        or (abs(q[1]) > rho_q[1] and rho_q[1] < 1.0)
+        or (abs(q[2]) > rho_q[2] and rho_q[2] < 1.0)
+    )
+
+
+@kernel
 def disturbance_estimate(epsilon_omega: Vector, rho_omega: Vector, gains: Any) -> Vector:
     """d̂ = D_m tanh(ε_ω/μ) [N·m]; for a full inertia D_m tanh(J⁻¹ ξ ε_ω/μ)."""
     argument = epsilon_omega
@@ -290,6 +301,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     t = measurement.t
 
     if memory.started == 0.0:
+        memory.plan.count = 0.0
         plan_envelopes(memory.plan, t, q, q0, omega_e, gains)
         memory.started = 1.0
         memory.t = t
@@ -300,6 +312,12 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
         memory, gains, attitude, rate
     )
+    if gains.auto != 0.0 and is_outside(q, rho_q):
+        plan_envelopes(memory.plan, t, q, q0, omega_e, gains)
+        rate, attitude = carry_on(memory.plan, t, gains)
+        rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
+            memory, gains, attitude, rate
+        )
 
     v, v_rate = virtual_control(
         q,
@@ -334,6 +352,22 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store(command.auxiliary_state, theta)
 
 
+def advice(memory: Any) -> Advice:
+    """Say which plan the envelopes follow, and warn of a start from which they cannot be kept."""
+    plan = memory["plan"]
+    text = (
+        f"envelope plan from t = {plan['start']:.3f} s: attitude error {plan['angle_deg']:.2f}°, "
+        f"hold {plan['hold']:.2f} s, stretch {plan['stretch']:.3f}, begins "
+        f"{plan['attitude_clock']:.2f} s down its table"
+    )
+    if plan["feasible"] == 0.0:
+        text += (
+            "; the error is not expected to stay inside from here: use envelope: auto, which "
+            "stretches the envelope, or a longer attitude_envelope.settling_time"
+        )
+    return Advice(int(plan["count"]), text, warning=plan["feasible"] == 0.0)
+
+
 CONTROLLER = Controller(
     name="ppc",
     parameters=PARAMETERS,
@@ -341,4 +375,5 @@ CONTROLLER = Controller(
     memory=MEMORY,
     step=step,
     signature=_SIGNATURE,
+    advice=advice,
 )

@@ -1,0 +1,237 @@
+"""What all five nodes share: parameters, links, refusals, diagnostics, start and stop."""
+
+import signal
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from types import FrameType
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Duration
+
+from ppc_attitude.contract.cdr import NANOSECONDS, Codec
+from ppc_attitude.contract.topics import DIAGNOSTICS_TOPIC, Topic
+from ppc_attitude.nodes.messages import Inbox, Refused, message_class
+from ppc_attitude.nodes.parameters import NodeParameters
+from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import Value
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+EXIT_OK, EXIT_CONFIGURATION, EXIT_BROKEN = 0, 2, 3
+_LOG_PERIOD = 1.0  # [s] the same complaint is logged at most this often
+_IDLE_WAIT = 0.1  # [s] longest wait for a message before a node looks around
+_IDLE_DIAGNOSTICS = 2.0  # [s] of silence after which diagnostics follow the wall clock
+_ACKNOWLEDGE = 2.0  # [s] how long a stopping node waits for its last messages to arrive
+
+
+class BaseNode(Node):
+    """A node of the stack.
+
+    Subclasses override `check`, `status`, `wake` and `close` as they need.
+    """
+
+    executable = ""
+
+    def __init__(self) -> None:
+        super().__init__(self.executable)
+        self.parameters = NodeParameters(self, self.executable, self.check)
+        self.finished = False
+        self.exit_code = EXIT_OK
+        self.refused: Counter[str] = Counter()
+        self._last_log: dict[str, float] = {}
+        self._outgoing: list[Any] = []
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, DIAGNOSTICS_TOPIC.name, published(DIAGNOSTICS_TOPIC)
+        )
+        self._next_diagnostics_ns = 0
+        self._last_activity = time.monotonic()
+
+    def check(self, values: Mapping[str, Value]) -> None:
+        """Raise ConfigurationError if the parameters do not fit together."""
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        """Level, summary and details for `/diagnostics`."""
+        return OK, "running", {}
+
+    def wake(self) -> float:
+        """Do what is due by the wall clock; return the longest wait [s] until the next call."""
+        return _IDLE_WAIT
+
+    def drain(self, executor: Executor) -> None:
+        """Take what has already arrived, before the node ends."""
+
+    def close(self) -> None:
+        """Release what the node holds, after the last message."""
+
+    def sender(self, topic: Topic) -> Callable[[int, tuple[float, ...]], None]:
+        """Return a function that publishes (stamp [ns], numbers) on a topic."""
+        publisher = self.create_publisher(
+            message_class(topic.msgtype), topic.name, published(topic)
+        )
+        self._outgoing.append(publisher)
+        publish, encode = publisher.publish, Codec(topic).encode
+
+        def send(stamp_ns: int, values: tuple[float, ...]) -> None:
+            publish(encode(stamp_ns, values))
+
+        return send
+
+    def listen(
+        self,
+        topic: Topic,
+        handle: Callable[[int, tuple[float, ...]], None],
+        any_frame: bool = False,
+    ) -> None:
+        """Call `handle(stamp [ns], numbers)` for every message of a topic that passes the checks."""
+        read = Inbox(topic, any_frame).read
+
+        def receive(data: bytes) -> None:
+            try:
+                sample = read(data)
+                handle(sample.stamp_ns, sample.values)
+            except Refused as reason:
+                self.refuse(topic.name, str(reason))
+
+        self.create_subscription(
+            message_class(topic.msgtype), topic.name, receive, subscribed(topic), raw=True
+        )
+
+    def refuse(self, kind: str, reason: str) -> None:
+        """Count a refusal and log it, at most once a second for each kind."""
+        self.refused[kind] += 1
+        self.complain(kind, f"refused {reason}")
+
+    def complain(self, kind: str, text: str) -> None:
+        """Log a warning, at most once a second for each kind."""
+        now = time.monotonic()
+        if now - self._last_log.get(kind, -_LOG_PERIOD) >= _LOG_PERIOD:
+            self._last_log[kind] = now
+            self.get_logger().warning(text)
+
+    def report(self, stamp_ns: int, at_once: bool = False) -> None:
+        """Publish diagnostics once per simulated second, or at once."""
+        self._last_activity = time.monotonic()
+        if at_once or stamp_ns >= self._next_diagnostics_ns:
+            self._publish_diagnostics(stamp_ns)
+            self._next_diagnostics_ns = stamp_ns + NANOSECONDS
+
+    def restart_report(self) -> None:
+        """Let the diagnostics begin again after time has gone back."""
+        self._next_diagnostics_ns = 0
+
+    def is_idle(self) -> bool:
+        """True if no step has come for a while."""
+        return time.monotonic() - self._last_activity > 0.5 * _IDLE_DIAGNOSTICS
+
+    def report_if_idle(self, stamp_ns: int) -> None:
+        """Publish diagnostics by the wall clock when no step has come for a while."""
+        if time.monotonic() - self._last_activity > _IDLE_DIAGNOSTICS:
+            self._last_activity = time.monotonic() - _IDLE_DIAGNOSTICS + 1.0
+            self._publish_diagnostics(stamp_ns)
+
+    def _publish_diagnostics(self, stamp_ns: int) -> None:
+        level, summary, details = self.status()
+        refusals = {f"refused {name}": count for name, count in sorted(self.refused.items())}
+        status = DiagnosticStatus(
+            level=level,
+            name=f"{self.get_name()}: {self.executable}",
+            message=summary,
+            hardware_id=self.get_fully_qualified_name(),
+            values=[
+                KeyValue(key=key, value=_text(value))
+                for key, value in {**details, **refusals}.items()
+            ],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+        self._diagnostics.publish(message)
+
+    def flush(self) -> None:
+        """Wait until every peer has what this node has sent."""
+        for publisher in self._outgoing:
+            if publisher.get_subscription_count():
+                publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE))
+
+
+def _text(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def new_executor() -> Executor:
+    """Return the events executor where rclpy has it: it costs a fifth of the standard one."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+class StopRequest:
+    """Remember SIGINT and SIGTERM, so that a node ends between two messages and not inside one."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+
+
+def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = None) -> int:
+    """Run a node until it has finished or is asked to stop; the `main` of every executable.
+
+    Returns
+    -------
+    int
+        Exit code: 0 done, 2 bad configuration, 3 the node broke.
+    """
+    stop = StopRequest()
+    try:
+        rclpy.init(
+            args=list(arguments or sys.argv), signal_handler_options=SignalHandlerOptions.NO
+        )
+    except Exception as error:  # rcl raises many types for a bad argument or parameter file
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_CONFIGURATION
+    node = None
+    try:
+        node = make()
+        _spin(node, stop)
+        return node.exit_code
+    except ConfigurationError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_CONFIGURATION
+    except Exception:
+        traceback.print_exc()
+        return EXIT_BROKEN
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _spin(node: BaseNode, stop: StopRequest) -> None:
+    executor = new_executor()
+    executor.add_node(node)
+    try:
+        while not (stop.requested or node.finished):
+            executor.spin_once(timeout_sec=node.wake())
+        node.flush()
+        node.drain(executor)
+    finally:
+        node.close()
+        executor.remove_node(node)

@@ -1,0 +1,102 @@
+"""Keeping step by stamps: which stamp is new, and when the messages of one instant are complete.
+
+No handshake and no clock: every peer answers a state with messages of the same stamp, and a
+repeated state with the same answer. The plant repeats a state that stays unanswered, so a peer
+that is late, restarts or lost a message is served by the same mechanism as every other.
+"""
+
+from collections.abc import Iterable
+from enum import Enum
+
+Values = tuple[float, ...]
+
+
+class Verdict(Enum):
+    """What a stamp is, compared with those before."""
+
+    NEW = "new"
+    REPEATED = "repeated"
+    STALE = "stale"
+    RESTART = "restart"
+
+
+class StampGuard:
+    """Judge the stamps of one stream.
+
+    A stamp that goes back is refused as out of order, unless time has begun again: at stamp zero,
+    or when `CONFIRMATIONS` messages in a row advance on the earlier time.
+    """
+
+    CONFIRMATIONS = 3
+
+    def __init__(self) -> None:
+        self.last: int | None = None
+        self._candidate: int | None = None
+        self._confirmed = 0
+
+    def judge(self, stamp_ns: int) -> Verdict:
+        """Classify a stamp [ns] and remember it unless it is stale."""
+        if self.last is None or stamp_ns > self.last:
+            return self._accept(stamp_ns, Verdict.NEW)
+        if stamp_ns == self.last:
+            return Verdict.REPEATED
+        advances = self._candidate is not None and stamp_ns > self._candidate
+        self._confirmed = self._confirmed + 1 if advances else 1
+        self._candidate = stamp_ns
+        if stamp_ns == 0 or self._confirmed >= self.CONFIRMATIONS:
+            return self._accept(stamp_ns, Verdict.RESTART)
+        return Verdict.STALE
+
+    def _accept(self, stamp_ns: int, verdict: Verdict) -> Verdict:
+        self.last = stamp_ns
+        self._candidate = None
+        self._confirmed = 0
+        return verdict
+
+
+class Instant:
+    """Collect the messages of one instant.
+
+    Parameters
+    ----------
+    names : iterable of str
+        What an instant consists of.
+    depth : int
+        How many incomplete instants are kept; a source may run this far ahead of another.
+    """
+
+    def __init__(self, names: Iterable[str], depth: int = 8) -> None:
+        self._names = tuple(names)
+        self._depth = depth
+        self._parts: dict[int, dict[str, Values]] = {}
+        self.dropped = 0
+
+    def add(self, name: str, stamp_ns: int, values: Values) -> dict[str, Values] | None:
+        """Add one message; return the instant's messages once all are there."""
+        parts = self._parts.setdefault(stamp_ns, {})
+        parts[name] = values
+        if len(parts) == len(self._names):
+            self._forget_until(stamp_ns)
+            return parts
+        if len(self._parts) > self._depth:
+            # dicts keep insertion order: the first is the one that has waited longest.
+            del self._parts[next(iter(self._parts))]
+            self.dropped += 1
+        return None
+
+    def missing(self) -> tuple[str, ...]:
+        """What the latest incomplete instant lacks; all names if there is none."""
+        if not self._parts:
+            return self._names
+        latest = self._parts[next(reversed(self._parts))]
+        return tuple(name for name in self._names if name not in latest)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._parts.clear()
+
+    def _forget_until(self, stamp_ns: int) -> None:
+        older = [stamp for stamp in self._parts if stamp < stamp_ns]
+        self.dropped += len(older)
+        for stamp in (*older, stamp_ns):
+            del self._parts[stamp]

@@ -1,0 +1,85 @@
+"""Messages in and out of a node: bytes to checked numbers, numbers to bytes.
+
+Raw subscriptions and publishers carry CDR bytes; `contract.cdr` packs and unpacks them. What
+arrives is checked here, once for all nodes: frame, finite numbers, unit quaternions.
+"""
+
+import math
+from importlib import import_module
+from typing import Any
+
+from ppc_attitude.contract.cdr import CdrError, Codec, Sample, finite
+from ppc_attitude.contract.topics import QUATERNION, Topic
+
+_UNIT_TOLERANCE = 1e-3
+_LARGEST = 1e6  # no rate [rad/s] or torque [N·m] of a spacecraft is larger
+
+
+class Refused(ValueError):
+    """A message must not be used; says why."""
+
+
+def message_class(msgtype: str) -> Any:
+    """Python class of a ROS type ``package/msg/Name``."""
+    package, _, name = msgtype.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+class Inbox:
+    """Decode and check the messages of one topic.
+
+    Parameters
+    ----------
+    topic : Topic
+        A stamped topic of the contract.
+    any_frame : bool
+        True if an empty frame is accepted as well.
+    """
+
+    def __init__(self, topic: Topic, any_frame: bool = False) -> None:
+        self._topic = topic
+        self._decode = Codec(topic).decode
+        self._frames = {topic.frame_id, ""} if any_frame else {topic.frame_id}
+        self._is_attitude = topic.msgtype == QUATERNION
+
+    def read(self, data: bytes) -> Sample:
+        """Checked sample; a quaternion is normalised.
+
+        Raises
+        ------
+        Refused
+            Not a message of the type, another frame, a number that is not finite or absurdly
+            large, a quaternion that is not a unit one, a negative stamp.
+        """
+        try:
+            sample = self._decode(data)
+        except CdrError as error:
+            raise Refused(f"{self._topic.name}: {error}") from None
+        stamp_ns, frame_id, values = sample
+        if frame_id not in self._frames:
+            raise Refused(
+                f"{self._topic.name}: frame_id {frame_id!r}; allowed: {self._topic.frame_id!r}"
+            )
+        if stamp_ns < 0:
+            raise Refused(f"{self._topic.name}: negative stamp {stamp_ns} ns")
+        if not finite(values):
+            raise Refused(f"{self._topic.name}: {values} is not finite")
+        if self._is_attitude:
+            return Sample(stamp_ns, frame_id, self._unit(values))
+        if max(map(abs, values)) > _LARGEST:
+            raise Refused(
+                f"{self._topic.name}: {values} {self._topic.unit}; allowed: magnitudes up to "
+                f"{_LARGEST:g}"
+            )
+        return sample
+
+    def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:
+        length = math.hypot(*values)
+        if abs(length - 1.0) > _UNIT_TOLERANCE:
+            raise Refused(
+                f"{self._topic.name}: quaternion {values} has norm {length:.6g}; allowed: 1 "
+                f"within {_UNIT_TOLERANCE:g}"
+            )
+        if abs(length - 1.0) <= 1e-12:
+            return values  # ours already: renormalising would change its last bits
+        return tuple(value / length for value in values)

@@ -1,0 +1,118 @@
+"""ROS parameters from the one table: declared with descriptors, checked at start and when set."""
+
+from array import array
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import Parameter, Value, resolved
+
+# Declared by rclpy itself; the rest of a parameter file's names must be ours.
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+
+Check = Callable[[Mapping[str, Value]], None]
+
+
+class NodeParameters:
+    """The parameters of one node.
+
+    Parameters
+    ----------
+    node : Node
+        Where to declare them.
+    executable : str
+        Whose table it is.
+    check : callable
+        Raises ConfigurationError if values do not fit together.
+
+    Attributes
+    ----------
+    values : dict
+        Checked values by name, as of the last accepted change.
+    changed : bool
+        True after an accepted change until the node has taken it over at a step boundary.
+    """
+
+    def __init__(self, node: Node, executable: str, check: Check) -> None:
+        self._check = check
+        self._table = {parameter.name: parameter for parameter in PARAMETERS[executable]}
+        given = {
+            name: _plain(override.value)
+            for name, override in node._parameter_overrides.items()
+            if name not in _OF_ROS and not name.startswith("qos_overrides.")
+        }
+        self.values = resolved(self._table.values(), given, executable)
+        check(self.values)
+        for parameter in self._table.values():
+            node.declare_parameter(
+                parameter.name,
+                _ros_value(parameter, self.values[parameter.name]),
+                descriptor(parameter),
+                ignore_override=True,
+            )
+        self.changed = False
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def __getitem__(self, name: str) -> Any:
+        """Value of a parameter."""
+        return self.values[name]
+
+    def _on_set(self, parameters: list[RosParameter]) -> SetParametersResult:
+        proposed = dict(self.values)
+        try:
+            for parameter in parameters:
+                if parameter.name in self._table:
+                    entry = self._table[parameter.name]
+                    if entry.read_only:
+                        raise ConfigurationError(f"{parameter.name} has effect only at start")
+                    proposed[parameter.name] = entry.checked(_plain(parameter.value))
+            self._check(proposed)
+        except ConfigurationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.changed = self.changed or proposed != self.values
+        self.values = proposed
+        return SetParametersResult(successful=True)
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, array | tuple) else value
+
+
+def _ros_value(parameter: Parameter, value: Any) -> Any:
+    # An empty list has no type; an empty array of doubles has.
+    if parameter.is_list and not parameter.of_strings:
+        return array("d", value)
+    return value
+
+
+def descriptor(parameter: Parameter) -> ParameterDescriptor:
+    """ROS descriptor: description with unit, what is allowed, range, read-only."""
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    result = ParameterDescriptor(
+        name=parameter.name,
+        description=parameter.description + unit,
+        additional_constraints=parameter.allowed,
+        read_only=parameter.read_only,
+    )
+    # rcl compares a range's ends inclusively and knows no open end: only closed ones go there.
+    closed = parameter.low > -float("inf") and parameter.high < float("inf")
+    if closed and not parameter.is_list and parameter.above == -float("inf"):
+        if isinstance(parameter.default, int):
+            result.integer_range = [
+                IntegerRange(from_value=int(parameter.low), to_value=int(parameter.high))
+            ]
+        else:
+            result.floating_point_range = [
+                FloatingPointRange(from_value=parameter.low, to_value=parameter.high)
+            ]
+    return result

@@ -1,0 +1,164 @@
+"""The controller: computes the torque from each new state and the reference of its instant."""
+
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from std_srvs.srv import SetBool
+
+from ppc_attitude.contract.cdr import seconds
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    BY_COLUMN,
+    CONTROLLER,
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+    TORQUE_COMMAND,
+    Topic,
+)
+from ppc_attitude.nodes.base import OK, STALE, WARN, BaseNode, run_node
+from ppc_attitude.nodes.lockstep import Instant, StampGuard, Values, Verdict
+from ppc_attitude.nodes.messages import Refused
+from ppc_attitude.science.controllers.interface import new_command, new_measurement
+from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.science.parameter import Value
+
+_INPUTS = (ATTITUDE, ANGULAR_VELOCITY, REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
+_ZERO = (0.0, 0.0, 0.0)
+
+
+class PpcController(BaseNode):
+    """Runs the selected law on the stamps of its inputs; remembers nothing but the law's memory."""
+
+    executable = CONTROLLER
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._law = CONTROLLERS[self.parameters["controller"]]
+        self._memory = self._law.new_memory()
+        self._measurement = new_measurement()
+        self._command = new_command()
+        self._apply_parameters()
+        self._guard = StampGuard()
+        self._instant = Instant(topic.column for topic in _INPUTS)
+        self._enabled = True
+        self._saturated = 0
+        self._steps = 0
+        self._announced = 0.0
+
+        self._send_torque = self.sender(TORQUE_COMMAND)
+        self._telemetry = [
+            (column, self.sender(BY_COLUMN[column]))
+            for column in self._law.columns
+            if column != TORQUE_COMMAND.column
+        ]
+        for topic in _INPUTS:
+            self.listen(topic, self._receiver(topic))
+        self.create_service(SetBool, "~/enable", self._on_enable)
+
+    def check(self, values: Mapping[str, Value]) -> None:
+        """See that inertia and envelopes are feasible, for whatever law is selected."""
+        for law in CONTROLLERS.values():
+            law.configure(values)
+
+    def _apply_parameters(self) -> None:
+        self._configuration = self._law.configure(self.parameters.values)
+        self.parameters.changed = False
+
+    def _receiver(self, topic: Topic) -> Callable[[int, Values], None]:
+        column = topic.column
+
+        def receive(stamp_ns: int, values: Values) -> None:
+            parts = self._instant.add(column, stamp_ns, values)
+            if parts is not None:
+                self._on_instant(stamp_ns, parts)
+
+        return receive
+
+    def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
+        verdict = self._guard.judge(stamp_ns)
+        if verdict is Verdict.STALE:
+            raise Refused(f"state: stamp {seconds(stamp_ns):.6f} s is out of order")
+        if verdict is Verdict.RESTART:
+            self.get_logger().info(f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed")
+            self._memory = self._law.new_memory()
+            self._announced = 0.0
+            self.restart_report()
+        if verdict is not Verdict.REPEATED:
+            self._compute(stamp_ns, parts)
+        self._publish(stamp_ns)
+        self._announce_plan()
+        self.report(stamp_ns)
+
+    def _compute(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
+        if self.parameters.changed:
+            self._apply_parameters()
+        measurement = self._measurement
+        measurement.t = seconds(stamp_ns)
+        for topic in _INPUTS:
+            measurement[topic.column] = parts[topic.column]
+        self._law.step(measurement, self._memory, self._configuration, self._command)
+        self._steps += 1
+        if tuple(self._command.torque_command) != tuple(self._command.unsaturated_torque):
+            self._saturated += 1
+
+    def _publish(self, stamp_ns: int) -> None:
+        """Publish the torque first: the plant waits for it, the telemetry has time."""
+        command = self._command
+        torque = tuple(command["torque_command"].tolist()) if self._enabled else _ZERO
+        self._send_torque(stamp_ns, torque)
+        for column, send in self._telemetry:
+            send(stamp_ns, tuple(command[column].tolist()))
+
+    def _announce_plan(self) -> None:
+        advice = self._law.advice(self._memory)
+        if advice.number != self._announced:
+            self._announced = advice.number
+            log = self.get_logger()
+            (log.warning if advice.warning else log.info)(advice.text)
+
+    def _on_enable(self, request: Any, response: Any) -> Any:
+        if request.data and not self._enabled:
+            self._memory = self._law.new_memory()
+        self._enabled = bool(request.data)
+        state = "enabled: re-armed from the present error" if self._enabled else "disabled: zero torque"
+        self.get_logger().info(state)
+        response.success = True
+        response.message = state
+        return response
+
+    def wake(self) -> float:
+        """Report by the wall clock while no complete instant arrives."""
+        self.report_if_idle(max(self._guard.last or 0, 0))
+        return super().wake()
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        """Waiting for inputs, disabled, outside an envelope, or running."""
+        details: dict[str, Any] = {
+            "time [s]": seconds(max(self._guard.last or 0, 0)),
+            "controller": self._law.name,
+            "steps": self._steps,
+            "steps in saturation": self._saturated,
+            "instants incomplete": self._instant.dropped,
+        }
+        fill = self._law.fill(self._command)
+        details.update({f"{name} fill": value for name, value in fill.items()})
+        if self.is_idle():
+            return STALE, f"waiting for {', '.join(self._instant.missing())}", details
+        if not self._enabled:
+            return WARN, "disabled: zero torque", details
+        outside = [name for name, value in fill.items() if value > 1.0]
+        if outside:
+            return WARN, f"outside: {', '.join(outside)}", details
+        return OK, "running", details
+
+
+def main() -> int:
+    """Run the executable `ppc_controller`."""
+    return run_node(PpcController)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

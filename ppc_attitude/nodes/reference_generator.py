@@ -1,0 +1,77 @@
+"""The reference generator: answers every state with the desired motion of the same instant."""
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from ppc_attitude.contract.cdr import seconds
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    REFERENCE,
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+)
+from ppc_attitude.nodes.base import OK, STALE, BaseNode, run_node
+from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.reference import desired_motion, new_cursor
+from ppc_attitude.simulation.scenario import reference_record
+
+
+class ReferenceGenerator(BaseNode):
+    """Desired attitude, rate and acceleration: functions of the stamp alone."""
+
+    executable = REFERENCE
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._apply_parameters()
+        self._stamp = -1
+        self._send_attitude = self.sender(REFERENCE_ATTITUDE)
+        self._send_rate = self.sender(REFERENCE_RATE)
+        self._send_acceleration = self.sender(REFERENCE_ACCELERATION)
+        self.listen(ATTITUDE, self._on_state)
+
+    def check(self, values: Mapping[str, Value]) -> None:
+        """See that the initial attitude is a unit quaternion."""
+        reference_record(values)
+
+    def _apply_parameters(self) -> None:
+        self._reference = reference_record(self.parameters.values)
+        self._cursor = new_cursor()
+        self.parameters.changed = False
+
+    def _on_state(self, stamp_ns: int, attitude: tuple[float, ...]) -> None:
+        if self.parameters.changed:
+            self._apply_parameters()
+        if stamp_ns < self._stamp:
+            self.restart_report()
+        self._stamp = stamp_ns
+        q_d, omega_d, acceleration_d = desired_motion(
+            seconds(stamp_ns), self._reference, self._cursor
+        )
+        self._send_attitude(stamp_ns, q_d)
+        self._send_rate(stamp_ns, omega_d)
+        self._send_acceleration(stamp_ns, acceleration_d)
+        self.report(stamp_ns)
+
+    def wake(self) -> float:
+        """Report by the wall clock while no state arrives."""
+        self.report_if_idle(max(self._stamp, 0))
+        return super().wake()
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        """Waiting for states, or running."""
+        details = {"time [s]": seconds(max(self._stamp, 0))}
+        if self.is_idle():
+            return STALE, f"waiting for {ATTITUDE.name}", details
+        return OK, "running", details
+
+
+def main() -> int:
+    """Run the executable `reference_generator`."""
+    return run_node(ReferenceGenerator)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
