@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from synthetic import environment, pulse_torque, times
 
 from ppc_attitude.analysis.pulses import find_pulses
-from synthetic import environment, pulse_torque, times
 
 RATES = [50.0, 100.0, 333.0, 1000.0]
 HIT = (0.8, 0.8, 0.8)

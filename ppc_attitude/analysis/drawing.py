@@ -1,0 +1,208 @@
+"""What every figure shares: style, panels, lines that stay light and lose no spike."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ppc_attitude.contract.run_record import Array
+
+# Okabe and Ito's colours, which colour-blind readers can tell apart.
+BLUE, RED, GREEN = "#0072B2", "#D55E00", "#009E73"
+ORANGE, PURPLE, SKY, BLACK = "#E69F00", "#CC79A7", "#56B4E9", "#000000"
+GREY = "#6E6E6E"
+AXIS_COLOURS = (BLUE, RED, GREEN)
+RUN_COLOURS = (RED, BLUE, GREEN, PURPLE, ORANGE, SKY)
+
+COLUMN_WIDTH = 3.5
+"""Width of a journal's column [inch]."""
+PAGE_WIDTH = 7.2
+"""Width of a journal's page [inch]."""
+
+BUCKETS = 600
+"""Pairs of points a line is drawn with: more than a printed column can show."""
+
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 7.5,
+    "mathtext.fontset": "dejavusans",
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "axes.edgecolor": "#404040",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "grid.color": "#E2E2E2",
+    "grid.linewidth": 0.5,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+LINE_WIDTH = 1.0
+ENVELOPE_WIDTH = 0.8
+
+
+def panels(
+    rows: int,
+    columns: int = 1,
+    *,
+    width: float = COLUMN_WIDTH,
+    row_height: float = 1.75,
+    share_x: bool = False,
+) -> tuple[Figure, list[list[Axes]]]:
+    """Make a figure of panels in the common style, without pyplot's global state.
+
+    Parameters
+    ----------
+    rows, columns : int
+        How many panels.
+    width, row_height : float
+        Size of the figure and of a row [inch].
+    share_x : bool
+        True if the panels of a column share their time axis.
+
+    Returns
+    -------
+    Figure, list of rows of Axes
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width, row_height * rows + 0.3), layout="constrained")
+        sharing = "col" if share_x else "none"
+        axes = figure.subplots(rows, columns, squeeze=False, sharex=sharing)  # type: ignore[arg-type]
+        for axis in axes.flat:
+            axis.yaxis.set_offset_position("right")  # the legend is on the left
+    return figure, [list(row) for row in axes]
+
+
+def decimated(t: Array, values: Array) -> tuple[Array, Array]:
+    """Thin a line to its extremes, so that it stays light and no spike is lost.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Abscissa.
+    values : ndarray, shape (n,)
+        Ordinate; NaN breaks the line.
+
+    Returns
+    -------
+    t, values : ndarray, shape (m,)
+        The samples themselves if they are few; otherwise the least and the largest of each of
+        `BUCKETS` stretches, in order, the first and the last sample, and a NaN for a stretch
+        without any number.
+    """
+    if values.size <= 2 * BUCKETS:
+        return t, values
+    size = -(-values.size // BUCKETS)
+    padded = np.full(size * -(-values.size // size), np.nan)
+    padded[: values.size] = values
+    rows = padded.reshape(-1, size)
+    gaps = np.isnan(rows)
+    extremes = np.column_stack(
+        [
+            np.where(gaps, np.inf, rows).argmin(axis=1),
+            np.where(gaps, -np.inf, rows).argmax(axis=1),
+        ]
+    )
+    picked = (np.sort(extremes, axis=1) + size * np.arange(len(rows))[:, None]).ravel()
+    picked = np.concatenate([[0], picked, [values.size - 1]])
+    return t[picked], values[picked]
+
+
+def draw(
+    axes: Axes,
+    t: Array,
+    values: Array,
+    *,
+    label: str = "",
+    colour: str = BLACK,
+    width: float = LINE_WIDTH,
+    style: str | tuple[float, Sequence[float]] = "-",
+) -> None:
+    """Draw one line, thinned, in the common style."""
+    axes.plot(
+        *decimated(t, values),
+        color=colour,
+        linewidth=width,
+        linestyle=style,
+        label=label or "_",
+        solid_joinstyle="round",
+    )
+
+
+def limit_lines(axes: Axes, *levels: float, label: str = "") -> None:
+    """Draw horizontal limits; the label goes to the first."""
+    for k, level in enumerate(levels):
+        axes.axhline(
+            level,
+            color=BLACK,
+            linewidth=0.8,
+            linestyle=(0, (6, 2, 1, 2)),
+            label=label if label and k == 0 else "_",
+        )
+
+
+def mark_hits(axes: Axes, starts: Iterable[float]) -> None:
+    """Mark the starts of sudden disturbances that are in view: a faint line, a triangle on top."""
+    low, high = axes.get_xlim()
+    for k, start in enumerate(start for start in starts if low <= start <= high):
+        axes.axvline(start, color=GREY, linewidth=0.6, linestyle=(0, (1, 1.5)), zorder=0.5)
+        axes.plot(
+            [start],
+            [1.0],
+            marker="v",
+            markersize=4,
+            color=GREY,
+            linestyle="none",
+            transform=axes.get_xaxis_transform(),
+            clip_on=False,
+            label="hit" if k == 0 else "_",
+            zorder=5,
+        )
+
+
+def legend(axes: Axes) -> None:
+    """Put the legend in one row above the panel, where it hides nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(
+        handles,
+        labels,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=len(handles),
+        frameon=False,
+        fontsize=7.5,
+        handlelength=1.6,
+        columnspacing=0.9,
+        handletextpad=0.4,
+        borderaxespad=0.2,
+    )
+
+
+def time_axis(axes: Axes, t: Array) -> None:
+    """Label the time and show the whole run."""
+    axes.set_xlabel("time [s]")
+    axes.set_xlim(float(t[0]), float(t[-1]) if t[-1] > t[0] else float(t[0]) + 1.0)
+
+
+def log_axis(axes: Axes, floor: float) -> None:
+    """Make the ordinate logarithmic, from `floor` up: zero crossings reach no further down."""
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=floor)
+
+
+def save(figure: Figure, folder: Path, name: str) -> Path:
+    """Write a figure as PNG at print resolution; the folder is made if there is none."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}.png"
+    figure.savefig(path, dpi=300, metadata={"Software": None})
+    return path
