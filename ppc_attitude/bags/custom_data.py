@@ -1,4 +1,4 @@
-"""What a bag says about its run besides messages: rosbag2's custom data, under three keys."""
+"""What a bag says about its run besides messages: rosbag2's custom data, under our own keys."""
 
 import json
 from collections.abc import Mapping
@@ -9,6 +9,7 @@ from ppc_attitude.contract.topics import CONTROLLER
 CONTROLLER_KEY = "ppc_attitude.controller"
 PARAMETERS_KEY = "ppc_attitude.parameters"
 METADATA_KEY = "ppc_attitude.metadata"
+RECOVERED_KEY = "ppc_attitude.recovered"  # why the recording was cut before it was recovered
 UNKNOWN_CONTROLLER = "unknown"
 
 

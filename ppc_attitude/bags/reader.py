@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.bags.custom_data import decode_custom_data
+from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.source import Block, Channel, split_rows
@@ -58,11 +58,13 @@ def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
     series = collected.series(home)
     _demand_topics(bag, home, series)
     facts = decode_custom_data(bag.custom_data, home)
-    timeline = align(series, _rate(facts.parameters), cut=bool(bag.flaws))
+    recovered = bag.custom_data.get(RECOVERED_KEY)
+    cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
+    timeline = align(series, _rate(facts.parameters), cut=bool(cut))
     warnings = [*collected.warnings(home), *timeline.warnings]
-    if bag.flaws:
+    if cut:
         end = timeline.stamps[-1] * 1e-9
-        warnings.insert(0, f"recording was cut: {'; '.join(bag.flaws)}; read up to {end:g} s")
+        warnings.insert(0, f"recording was cut: {'; '.join(cut)}; read up to {end:g} s")
     return RunRecord(
         source=str(path),
         controller=facts.controller,

@@ -79,6 +79,21 @@ class SqliteSource:
             yield database
 
 
+def settle(path: Path) -> None:
+    """Undo what a killed writer left half done, so that no journal is left beside the file.
+
+    Raises
+    ------
+    BagError
+        The database cannot be opened.
+    """
+    try:
+        with contextlib.closing(sqlite3.connect(path)) as database:
+            database.execute("SELECT count(*) FROM topics").fetchone()
+    except sqlite3.Error as error:
+        raise BagError(f"{path} cannot be settled: {error}") from error
+
+
 def _channel(row: dict[str, object]) -> Channel:
     return Channel(
         str(row["name"]),

@@ -94,7 +94,7 @@ class KillSafeSqlite(Sqlite3Writer):
         """Keep a message for the next batch of rows."""
         self._rows.append((connection.id, timestamp, data))
         if len(self._rows) >= _BATCH_ROWS:
-            self._insert()
+            self.flush()
 
     def flush(self) -> None:
         """Insert the pending rows and commit."""

@@ -102,7 +102,6 @@ class BagWriter:
         self._failure = ""
         self._flush_is_due = False
         self._connections: dict[str, Connection] = {}
-        self._messages = 0
         try:
             self._writer = KillSafeWriter(self.path, version=9, storage_plugin=PLUGINS[storage])
             self._writer.open()
@@ -175,7 +174,6 @@ class BagWriter:
                 raise BagError(f"topic {topic} was not announced to bag {self.path}")
             try:
                 self._writer.write(connection, receive_time_ns, data)
-                self._messages += 1
                 if self._flush_is_due:
                     self._flush()
             except (OSError, sqlite3.Error) as error:
@@ -262,7 +260,7 @@ class BagWriter:
         """Stop recording for good and leave what is on disk as it is."""
         self._failure = (
             f"bag {self.path} cannot be written any further: {_reason(error)}; "
-            f"it holds most of {self._messages} messages and can be read"
+            f"what was on disk before can be read"
         )
         with contextlib.suppress(OSError, sqlite3.Error):
             self._writer.abort()

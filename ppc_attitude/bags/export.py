@@ -1,0 +1,111 @@
+"""A run as one wide table, for pandas and spreadsheets.
+
+Columns: ``stamp_ns``, ``t`` [s], then every number of every sample: ``attitude_x``, …,
+``torque_command_z``. Missing samples are NaN in Parquet and empty in CSV.
+"""
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ppc_attitude.bags.custom_data import encode_custom_data
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.contract.run_record import Array, RunRecord
+
+_AXES = "xyzw"
+_ROWS = 10_000
+
+
+def export_parquet(run: RunRecord | Path | str, out: Path | str) -> None:
+    """Write a run as a Parquet file.
+
+    The file's metadata carry controller, parameters, run metadata, missing counts and warnings.
+
+    Parameters
+    ----------
+    run : RunRecord, Path or str
+        The run, or its bag.
+    out : Path or str
+        File to write; must not exist yet.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read, the file exists or cannot be written, or pyarrow is missing.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise BagError(
+            "Parquet needs pyarrow, which is not installed: pip install pyarrow"
+        ) from error
+    record, target = _prepare(run, out)
+    facts = {
+        **encode_custom_data(record.controller, record.parameters, record.metadata),
+        "ppc_attitude.missing": json.dumps(dict(record.missing)),
+        "ppc_attitude.warnings": json.dumps(record.warnings, ensure_ascii=False),
+    }
+    columns = {"stamp_ns": record.stamps_ns, "t": record.t, **dict(_numbers(record))}
+    table = pyarrow.table(columns).replace_schema_metadata(facts)
+    partial = target.with_name(f"{target.name}.part")
+    try:
+        pyarrow.parquet.write_table(table, partial)
+        partial.replace(target)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise BagError(f"{target} cannot be written: {error.strerror or error}") from error
+
+
+def export_csv(run: RunRecord | Path | str, out: Path | str) -> None:
+    """Write a run as a CSV file; every number reads back to the last bit.
+
+    Parameters
+    ----------
+    run : RunRecord, Path or str
+        The run, or its bag.
+    out : Path or str
+        File to write; must not exist yet.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read, or the file exists or cannot be written.
+    """
+    record, target = _prepare(run, out)
+    names, columns = zip(*_numbers(record), strict=True)
+    partial = target.with_name(f"{target.name}.part")
+    try:
+        with partial.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(("stamp_ns", "t", *names))
+            for start in range(0, len(record.stamps_ns), _ROWS):
+                rows = slice(start, start + _ROWS)
+                cells = [_cells(column[rows]) for column in (record.t, *columns)]
+                writer.writerows(zip(record.stamps_ns[rows].tolist(), *cells, strict=True))
+        partial.replace(target)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise BagError(f"{target} cannot be written: {error.strerror or error}") from error
+
+
+def _prepare(run: RunRecord | Path | str, out: Path | str) -> tuple[RunRecord, Path]:
+    target = Path(out)
+    if target.exists():
+        raise BagError(f"{target} exists already, it is not overwritten")
+    return (run if isinstance(run, RunRecord) else read_run(run)), target
+
+
+def _numbers(record: RunRecord) -> Iterator[tuple[str, Array]]:
+    """Name and numbers of each column of the table, without the time."""
+    for name, samples in record.columns.items():
+        for axis, numbers in zip(_AXES, samples.T, strict=False):
+            yield f"{name}_{axis}", numbers
+
+
+def _cells(numbers: Array) -> list[float | None]:
+    return [None if np.isnan(number) else number for number in numbers.tolist()]

@@ -1,0 +1,141 @@
+"""Finishing a bag whose recorder was killed."""
+
+import contextlib
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2.metadata import parse_qos
+
+from ppc_attitude.bags.custom_data import RECOVERED_KEY
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.folder import METADATA, UNFINISHED, Bag, claim
+from ppc_attitude.bags.source import Channel, payloads_of
+from ppc_attitude.bags.sqlite_source import settle
+from ppc_attitude.bags.writer import BagWriter
+
+_WORK = ".recovering"
+_STORAGE = {".mcap": "mcap", ".db3": "sqlite3"}
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What was saved.
+
+    Attributes
+    ----------
+    path : Path
+        The bag, complete now.
+    messages : int
+        Messages in it.
+    topics : dict of str to int
+        Messages by topic.
+    start_ns, end_ns : int
+        First and last receive time [ns].
+    flaws : tuple of str
+        Why the recording was cut.
+    """
+
+    path: Path
+    messages: int
+    topics: dict[str, int]
+    start_ns: int
+    end_ns: int
+    flaws: tuple[str, ...]
+
+
+def recover(path: Path | str) -> Recovery:
+    """Finish a cut bag: write its index and ``metadata.yaml``.
+
+    The bag is copied inside its folder, so that needs as much space again; the original is
+    replaced when the copy is complete. The custom data say that it was cut. A recovery that was itself killed can be repeated.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder of the bag.
+
+    Raises
+    ------
+    BagError
+        The bag is complete, is still being recorded, holds nothing, or cannot be written.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise BagError(f"{folder} is not the folder of a bag")
+    try:
+        descriptor = claim(folder)
+        try:
+            original = _original(folder)
+            return _replace(original, folder)
+        finally:
+            os.close(descriptor)
+            with contextlib.suppress(FileNotFoundError):
+                shutil.rmtree(folder / _WORK)
+    except OSError as error:
+        raise BagError(f"{folder} cannot be recovered: {error.strerror}") from error
+
+
+def _original(folder: Path) -> Path:
+    """Storage file of the bag, once it is known to be cut."""
+    bag = Bag(folder)
+    if len(bag.files) != 1 or bag.files[0].suffix not in _STORAGE:
+        names = ", ".join(file.name for file in bag.files)
+        raise BagError(f"{folder} has {names}; only a bag of one plain file can be recovered")
+    for _ in bag.blocks():
+        pass
+    if not bag.flaws:
+        raise BagError(f"{folder} is complete, there is nothing to recover")
+    if not sum(bag.counts.values()):
+        raise BagError(f"{folder} holds no messages, there is nothing to recover")
+    return bag.files[0]
+
+
+def _replace(original: Path, folder: Path) -> Recovery:
+    if original.suffix == ".db3":
+        settle(original)
+    if (folder / _WORK).exists():
+        shutil.rmtree(folder / _WORK)
+    copy = folder / _WORK / folder.absolute().name
+    recovery = _copy(Bag(folder), copy)
+    (finished,) = (file for file in copy.iterdir() if file.suffix in _STORAGE)
+    target = folder / finished.name
+    finished.replace(target)
+    if target != original:
+        original.unlink()
+    (copy / METADATA).replace(folder / METADATA)
+    (folder / UNFINISHED).unlink(missing_ok=True)
+    return recovery
+
+
+def _copy(bag: Bag, copy: Path) -> Recovery:
+    """Write every message of a bag into another one."""
+    first, last = 2**63 - 1, 0
+    announced: set[str] = set()
+    with BagWriter(copy, storage=_STORAGE[bag.files[0].suffix]) as writer:
+        for channels, block in bag.blocks():
+            for channel in channels.values():
+                if channel.topic not in announced:
+                    _announce(writer, channel)
+                    announced.add(channel.topic)
+            for key, time, data in zip(
+                block.channel.tolist(), block.time.tolist(), payloads_of(block), strict=True
+            ):
+                writer.write(channels[key].topic, time, data)
+            first = min(first, int(block.time.min(initial=first)))
+            last = max(last, int(block.time.max(initial=last)))
+        for key, value in bag.custom_data.items():
+            writer.set_custom_data(key, value)
+        writer.set_custom_data(RECOVERED_KEY, "; ".join(bag.flaws))
+    messages = sum(bag.counts.values())
+    return Recovery(bag.path, messages, dict(bag.counts), first, last, tuple(bag.flaws))
+
+
+def _announce(writer: BagWriter, channel: Channel) -> None:
+    try:
+        qos = parse_qos(channel.offered_qos)
+    except (ReaderError, KeyError, TypeError) as error:
+        raise BagError(f"the QoS of {channel.topic} cannot be read: {error}") from error
+    writer.add_topic(channel.topic, channel.msgtype, qos)

@@ -1,0 +1,64 @@
+"""A recorder in a process of its own, for tests that kill it or fill its disk.
+
+Usage: bag_child.py endless|idle|full BAG STORAGE. Every report is a line on standard output.
+"""
+
+import resource
+import signal
+import sys
+import time
+from pathlib import Path
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.writer import BagWriter, offered_qos
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.topics import SAMPLED
+
+STEP_NS = 10_000_000
+REPORT_EVERY = 50
+PERIOD = 1e-3  # [s]
+IDLE_STEPS = 7
+DISK_BYTES = 3_000_000
+
+
+def values(step: int, width: int) -> tuple[float, ...]:
+    """What the recorder writes at a step."""
+    return tuple(step + 0.25 * axis for axis in range(width))
+
+
+def record(writer: BagWriter, step: int, codecs: list[Codec]) -> None:
+    for codec in codecs:
+        data = codec.encode(step * STEP_NS, values(step, codec.topic.width))
+        writer.write(f"/{codec.topic.name}", time.monotonic_ns(), data)
+
+
+def main(mode: str, bag: Path, storage: str) -> None:
+    if mode == "full":
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (DISK_BYTES, DISK_BYTES))
+    codecs = [Codec(topic) for topic in SAMPLED]
+    writer = BagWriter(bag, storage=storage, custom_data={"ppc_attitude.controller": "child"})
+    for codec in codecs:
+        writer.add_topic(f"/{codec.topic.name}", codec.topic.msgtype, [offered_qos()])
+    step = 0
+    try:
+        while mode != "idle" or step < IDLE_STEPS:
+            record(writer, step, codecs)
+            step += 1
+            if mode == "endless":
+                time.sleep(PERIOD)  # the rate of a fast run
+            if step % REPORT_EVERY == 0:
+                print(step, time.monotonic_ns(), flush=True)
+    except BagError as error:
+        print("refused:", error, flush=True)
+        try:
+            writer.close()
+        except BagError as error:
+            print("close:", error, flush=True)
+        return
+    print("idle", flush=True)
+    signal.pause()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]), sys.argv[3])

@@ -1,0 +1,83 @@
+"""Bags for the tests: raw messages, comparison of runs, cut copies."""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ppc_attitude.bags.custom_data import encode_custom_data
+from ppc_attitude.bags.writer import BagWriter, offered_qos
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import BY_COLUMN, Topic
+
+Message = tuple[Topic, int, bytes]
+STORAGES = ("mcap", "sqlite3")
+
+
+def messages(run: RunRecord, frame_id: str | None = None) -> Iterator[Message]:
+    """Every sample as (topic, stamp, CDR), instant by instant."""
+    topics = [BY_COLUMN[column] for column in run.columns]
+    codecs = [
+        Codec(topic if frame_id is None else replace(topic, frame_id=frame_id)) for topic in topics
+    ]
+    for step, stamp in enumerate(run.stamps_ns.tolist()):
+        for topic, codec in zip(topics, codecs, strict=True):
+            sample = tuple(run[topic.column][step].tolist())
+            yield topic, stamp, codec.encode(stamp, sample)
+
+
+def write_messages(
+    path: Path,
+    sequence: list[Message],
+    *,
+    storage: str = "mcap",
+    namespaces: tuple[str, ...] = ("",),
+    run: RunRecord | None = None,
+) -> Path:
+    """Write messages in the order given, in each namespace; the receive time counts them."""
+    facts = {} if run is None else encode_custom_data(run.controller, run.parameters, run.metadata)
+    with BagWriter(path, storage=storage, custom_data=facts) as writer:
+        for topic in dict.fromkeys(topic for topic, _, _ in sequence):
+            for namespace in namespaces:
+                writer.add_topic(f"{namespace}/{topic.name}", topic.msgtype, [offered_qos()])
+        for count, (topic, _, data) in enumerate(sequence):
+            for namespace in namespaces:
+                writer.write(f"{namespace}/{topic.name}", count, data)
+    return path
+
+
+def storage_file(path: Path) -> Path:
+    """The one storage file of a bag."""
+    (file,) = (file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
+    return file
+
+
+def cut_copy(bag: Path, target: Path, size: int, *, with_metadata: bool = False) -> Path:
+    """Copy of a bag whose storage file ends after `size` bytes."""
+    shutil.rmtree(target, ignore_errors=True)
+    target.mkdir()
+    source = storage_file(bag)
+    (target / source.name).write_bytes(source.read_bytes()[:size])
+    if with_metadata:
+        shutil.copy(bag / "metadata.yaml", target)
+    return target
+
+
+def assert_same(read: RunRecord, run: RunRecord) -> None:
+    """Both have the same samples to the last bit."""
+    np.testing.assert_array_equal(read.stamps_ns, run.stamps_ns)
+    assert set(read.columns) == set(run.columns)
+    for column in run.columns:
+        np.testing.assert_array_equal(read[column], run[column], err_msg=column)
+
+
+def assert_prefix(read: RunRecord, run: RunRecord) -> None:
+    """Every sample read is the one that was recorded at that instant."""
+    places = np.searchsorted(run.stamps_ns, read.stamps_ns)
+    np.testing.assert_array_equal(run.stamps_ns[places], read.stamps_ns)
+    for column, samples in read.columns.items():
+        there = ~np.isnan(samples).all(axis=1)
+        np.testing.assert_array_equal(samples[there], run[column][places][there], err_msg=column)

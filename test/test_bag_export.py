@@ -1,0 +1,82 @@
+"""Tables made from runs."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import normal_run
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.export import export_csv, export_parquet
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.writer import write_run
+from ppc_attitude.contract.run_record import RunRecord
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    run = normal_run(duration=120.0, rate=100.0)
+    run["torque_command"][7] = np.nan
+    write_run(run, tmp_path / "bag")
+    return tmp_path / "bag"
+
+
+def expected(run: RunRecord) -> dict[str, np.ndarray]:
+    table = {"stamp_ns": run.stamps_ns, "t": run.t}
+    for name, samples in run.columns.items():
+        for place in range(samples.shape[1]):
+            table[f"{name}_{'xyzw'[place]}"] = samples[:, place]
+    return table
+
+
+def test_parquet_has_every_number_and_the_facts(bag: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    export_parquet(bag, tmp_path / "run.parquet")
+    table = parquet.read_table(tmp_path / "run.parquet")
+    run = read_run(bag)
+    columns = expected(run)
+    assert table.column_names == list(columns)
+    for name, numbers in columns.items():
+        np.testing.assert_array_equal(table[name].to_numpy(), numbers, err_msg=name)
+    facts = {key.decode(): value.decode() for key, value in table.schema.metadata.items()}
+    assert facts["ppc_attitude.controller"] == "ppc"
+    assert json.loads(facts["ppc_attitude.parameters"]) == run.parameters
+    assert json.loads(facts["ppc_attitude.missing"]) == {"torque_command": 1}
+
+
+def test_csv_reads_back_to_the_last_bit(bag: Path, tmp_path: Path) -> None:
+    run = read_run(bag)
+    export_csv(run, tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="") as file:
+        names, *rows = csv.reader(file)
+    columns = expected(run)
+    assert names == list(columns)
+    assert len(rows) == len(run.stamps_ns) == 12001
+    for name, cells in zip(names, zip(*rows, strict=True), strict=True):
+        numbers = [float(cell) if cell else np.nan for cell in cells]
+        np.testing.assert_array_equal(numbers, columns[name], err_msg=name)
+    assert rows[7][names.index("torque_command_x")] == ""
+
+
+@pytest.mark.parametrize("export", [export_csv, export_parquet])
+def test_refusals(export, bag: Path, tmp_path: Path) -> None:
+    target = tmp_path / "taken"
+    target.write_text("mine")
+    with pytest.raises(BagError, match=r"taken exists already"):
+        export(bag, target)
+    assert target.read_text() == "mine"
+    with pytest.raises(BagError, match=r"cannot be written: .*No such file"):
+        export(bag, tmp_path / "no" / "where")
+    with pytest.raises(BagError, match=r"nothing does not exist"):
+        export(tmp_path / "nothing", tmp_path / "out")
+
+
+def test_missing_pyarrow_is_named(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(BagError, match=r"Parquet needs pyarrow.*pip install pyarrow"):
+        export_parquet(bag, tmp_path / "out")

@@ -1,0 +1,130 @@
+"""Finishing bags that were cut."""
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import pytest
+from bag_helpers import STORAGES, assert_prefix, assert_same, cut_copy, messages, storage_file
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from synthetic import normal_run
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.folder import UNFINISHED
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.recover import recover
+from ppc_attitude.bags.writer import BagWriter, write_run
+from ppc_attitude.contract.topics import SAMPLED
+
+RUN = normal_run(duration=1.0)
+
+
+def unfinished(path: Path, storage: str) -> Path:
+    """A bag as a killed recorder leaves it: everything flushed, nothing closed."""
+    live = path.with_name("live")
+    facts = {"ppc_attitude.controller": "ppc"}
+    with BagWriter(live, storage=storage, custom_data=facts) as writer:
+        for topic in SAMPLED:
+            writer.add_topic(f"/{topic.name}", topic.msgtype)
+        for topic, stamp, data in messages(RUN):
+            writer.write(f"/{topic.name}", stamp, data)
+        writer._writer.flush()
+        shutil.copytree(live, path)
+    return path
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_recovered_bag_is_complete_for_everyone(tmp_path: Path, storage: str) -> None:
+    bag = unfinished(tmp_path / "bag", storage)
+    summary = recover(bag)
+    count = len(RUN.stamps_ns)
+    assert summary.messages == count * len(SAMPLED)
+    assert summary.topics == {f"/{topic.name}": count for topic in SAMPLED}
+    assert (summary.start_ns, summary.end_ns) == (0, RUN.stamps_ns[-1])
+    assert summary.flaws[0] == "it has no metadata.yaml"
+    suffix = {"mcap": "mcap", "sqlite3": "db3"}[storage]
+    assert {file.name for file in bag.iterdir()} == {"metadata.yaml", f"bag.{suffix}"}
+    read = read_run(bag)
+    assert_same(read, RUN)
+    assert read.controller == "ppc"
+    with Reader(bag) as reader:
+        assert reader.message_count == summary.messages
+        assert {connection.digest[:7] for connection in reader.connections} == {"RIHS01_"}
+    if storage == "mcap":
+        with storage_file(bag).open("rb") as file:
+            assert sum(1 for _ in make_reader(file).iter_messages()) == summary.messages
+
+
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.95])
+def test_a_truncated_file_is_recovered_as_far_as_it_goes(tmp_path: Path, part: float) -> None:
+    write_run(RUN, tmp_path / "bag")
+    size = int(part * storage_file(tmp_path / "bag").stat().st_size)
+    cut = cut_copy(tmp_path / "bag", tmp_path / "cut", size, with_metadata=True)
+    before = read_run(cut)
+    recover(cut)
+    after = read_run(cut)
+    assert_same(after, before)
+    assert_prefix(after, RUN)
+    assert [file.name for file in cut.glob("*.mcap")] == ["cut.mcap"]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_healthy_bag_is_refused_and_untouched(tmp_path: Path, storage: str) -> None:
+    bag = tmp_path / "bag"
+    write_run(RUN, bag, storage=storage)
+    before = {file.name: file.read_bytes() for file in bag.iterdir()}
+    with pytest.raises(BagError, match=r"bag is complete, there is nothing to recover"):
+        recover(bag)
+    assert {file.name: file.read_bytes() for file in bag.iterdir()} == before
+
+
+def test_a_recovery_that_was_killed_can_be_repeated(tmp_path: Path) -> None:
+    bag = unfinished(tmp_path / "bag", "mcap")
+    left = bag / ".recovering" / "bag"
+    left.mkdir(parents=True)
+    (left / "bag.mcap").write_bytes(b"half a copy")
+    recover(bag)
+    assert_same(read_run(bag), RUN)
+    # Killed between the two replacements: the file is complete, metadata.yaml is not there yet.
+    (bag / "metadata.yaml").unlink()
+    (bag / UNFINISHED).write_text("{}")
+    recover(bag)
+    assert_same(read_run(bag), RUN)
+
+
+def test_what_sqlite_left_half_done_is_undone(tmp_path: Path) -> None:
+    """A kill within a commit leaves a hot journal beside pages of the unfinished transaction."""
+    bag = unfinished(tmp_path / "bag", "sqlite3")
+    file = storage_file(bag)
+    database = sqlite3.connect(file, isolation_level=None)
+    database.execute("PRAGMA cache_size=1")  # write pages before the commit
+    database.execute("BEGIN")
+    database.execute("UPDATE messages SET data = zeroblob(length(data))")
+    killed = tmp_path / "killed"
+    shutil.copytree(bag, killed)
+    database.close()
+    journal = killed / f"{file.name}-journal"
+    assert journal.stat().st_size > 0
+    assert_same(read_run(killed), RUN)
+    assert journal.exists()
+    recover(killed)
+    assert_same(read_run(killed), RUN)
+    assert not journal.exists()
+
+
+def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match=r"nowhere is not the folder of a bag"):
+        recover(tmp_path / "nowhere")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BagError, match=r"is an empty folder"):
+        recover(tmp_path / "empty")
+    write_run(RUN, tmp_path / "bag")
+    headless = cut_copy(tmp_path / "bag", tmp_path / "headless", 20)
+    with pytest.raises(BagError, match=r"holds no messages"):
+        recover(headless)
+    assert storage_file(headless).stat().st_size == 20
+    two = cut_copy(tmp_path / "bag", tmp_path / "two", 5000)
+    (two / "other.mcap").write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(BagError, match=r"has bag.mcap, other.mcap; only a bag of one plain file"):
+        recover(two)

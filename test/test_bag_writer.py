@@ -1,0 +1,329 @@
+"""Format, safety and refusals of the bag writer."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from random import Random
+
+import bag_child
+import numpy as np
+import pytest
+import yaml
+from bag_helpers import STORAGES, assert_same, messages, storage_file, write_messages
+from mcap.reader import make_reader
+from packaging.specifiers import SpecifierSet
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+from synthetic import normal_run
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.folder import Bag
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.recover import recover
+from ppc_attitude.bags.storage import ROSBAGS_RANGE
+from ppc_attitude.bags.writer import BagWriter, offered_qos, write_run
+from ppc_attitude.contract.cdr import Codec, encode_clock
+from ppc_attitude.contract.topics import ATTITUDE, SAMPLED, TOPICS
+
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+FOREVER = {"sec": 9223372036, "nsec": 854775807}
+SECOND = 1_000_000_000
+
+
+@pytest.fixture(params=STORAGES)
+def storage(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def test_the_installed_rosbags_is_one_whose_internals_are_known() -> None:
+    assert version("rosbags") in SpecifierSet(ROSBAGS_RANGE)
+
+
+def test_metadata_field_by_field(tmp_path: Path, storage: str) -> None:
+    bag = tmp_path / "bag"
+    codec = Codec(ATTITUDE)
+    with BagWriter(bag, storage=storage, custom_data={"a": "1"}) as writer:
+        writer.add_topic("/attitude", ATTITUDE.msgtype, [offered_qos(depth=7)])
+        writer.add_topic(
+            "/clock",
+            "rosgraph_msgs/msg/Clock",
+            [offered_qos(reliability="best_effort", durability="transient_local", depth=1)],
+        )
+        writer.add_topic("/silent", "std_msgs/msg/String")
+        for time in (5 * SECOND, 3 * SECOND, 9 * SECOND):
+            writer.write("/attitude", time, codec.encode(time, (0.0, 0.0, 0.0, 1.0)))
+        writer.write("/clock", 4 * SECOND, encode_clock(4 * SECOND))
+        writer.set_custom_data("b", "zwei")
+
+    def topic(name: str, msgtype: str, count: int, qos: list[dict[str, object]]) -> object:
+        return {
+            "topic_metadata": {
+                "name": name,
+                "type": msgtype,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": qos,
+                "type_description_hash": JAZZY.hash_rihs01(msgtype),
+            },
+            "message_count": count,
+        }
+
+    def qos(reliability: str, durability: str, depth: int) -> dict[str, object]:
+        return {
+            "history": "keep_last",
+            "depth": depth,
+            "reliability": reliability,
+            "durability": durability,
+            "deadline": FOREVER,
+            "lifespan": FOREVER,
+            "liveliness": "automatic",
+            "liveliness_lease_duration": FOREVER,
+            "avoid_ros_namespace_conventions": False,
+        }
+
+    name = storage_file(bag).name
+    assert name == {"mcap": "bag.mcap", "sqlite3": "bag.db3"}[storage]
+    assert yaml.safe_load((bag / "metadata.yaml").read_text()) == {
+        "rosbag2_bagfile_information": {
+            "version": 9,
+            "storage_identifier": storage,
+            "duration": {"nanoseconds": 6 * SECOND},
+            "starting_time": {"nanoseconds_since_epoch": 3 * SECOND},
+            "message_count": 4,
+            "topics_with_message_count": [
+                topic("/attitude", ATTITUDE.msgtype, 3, [qos("reliable", "volatile", 7)]),
+                topic(
+                    "/clock",
+                    "rosgraph_msgs/msg/Clock",
+                    1,
+                    [qos("best_effort", "transient_local", 1)],
+                ),
+                topic("/silent", "std_msgs/msg/String", 0, []),
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [name],
+            "files": [
+                {
+                    "path": name,
+                    "starting_time": {"nanoseconds_since_epoch": 3 * SECOND},
+                    "duration": {"nanoseconds": 6 * SECOND},
+                    "message_count": 4,
+                }
+            ],
+            "custom_data": {"a": "1", "b": "zwei"},
+            "ros_distro": "rosbags",
+        }
+    }
+    assert sorted(file.name for file in bag.iterdir()) == sorted([name, "metadata.yaml"])
+
+
+def test_rosbags_reads_every_message_with_its_definition(tmp_path: Path, storage: str) -> None:
+    run = normal_run(duration=0.5)
+    write_run(run, tmp_path / "bag", storage=storage)
+    with Reader(tmp_path / "bag") as reader:
+        connections = {connection.topic: connection for connection in reader.connections}
+        for topic in SAMPLED:
+            connection = connections[f"/{topic.name}"]
+            definition, _ = JAZZY.generate_msgdef(topic.msgtype, ros_version=2)
+            assert connection.msgdef.data == definition
+            assert connection.msgcount == len(run.stamps_ns)
+        read = [
+            JAZZY.deserialize_cdr(data, ATTITUDE.msgtype)
+            for _, _, data in reader.messages([connections["/attitude"]])
+        ]
+    values = [[getattr(message.quaternion, axis) for axis in "xyzw"] for message in read]
+    np.testing.assert_array_equal(values, run["attitude"])
+    assert {message.header.frame_id for message in read} == {"inertial"}
+
+
+def test_the_mcap_package_reads_the_bag_by_its_index(tmp_path: Path) -> None:
+    run = normal_run(duration=0.5)
+    write_run(run, tmp_path / "bag")
+    with storage_file(tmp_path / "bag").open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert summary.statistics.message_count == 15 * len(run.stamps_ns)
+        assert summary.statistics.message_end_time == run.stamps_ns[-1]
+        assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
+        read = [message for _, _, message in reader.iter_messages(topics=["/attitude"])]
+    assert [message.log_time for message in read] == run.stamps_ns.tolist()
+
+
+def test_types_have_the_hashes_of_the_installed_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    packages = pytest.importorskip("ament_index_python.packages")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.environ.get("AMENT_PREFIX_PATH") or sys.prefix)
+    for msgtype in {topic.msgtype for topic in TOPICS}:
+        package, _, name = msgtype.split("/")
+        share = Path(packages.get_package_share_directory(package))
+        description = json.loads((share / "msg" / f"{name}.json").read_text())
+        hashes = {one["type_name"]: one["hash_string"] for one in description["type_hashes"]}
+        assert JAZZY.hash_rihs01(msgtype) == hashes[msgtype]
+
+
+def test_an_existing_folder_is_never_overwritten(tmp_path: Path, storage: str) -> None:
+    (tmp_path / "bag").mkdir()
+    with pytest.raises(BagError, match=r"bag exists already"):
+        BagWriter(tmp_path / "bag", storage=storage)
+    assert list((tmp_path / "bag").iterdir()) == []
+
+
+def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match=r"storage is 'tape', allowed are mcap, sqlite3"):
+        BagWriter(tmp_path / "bag", storage="tape")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match=r"cannot be made: Not a directory"):
+        BagWriter(tmp_path / "file" / "bag")
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/a", "std_msgs/msg/String")
+    with pytest.raises(BagError, match=r"has topic /a already"):
+        writer.add_topic("/a", "std_msgs/msg/String")
+    with pytest.raises(BagError, match=r"my_msgs/msg/Thing, the type of /b, is not in Jazzy"):
+        writer.add_topic("/b", "my_msgs/msg/Thing")
+    with pytest.raises(BagError, match=r"topic /c was not announced"):
+        writer.write("/c", 0, b"")
+    with pytest.raises(BagError, match=r"receive time of /a is -1 ns"):
+        writer.write("/a", -1, b"")
+    writer.close()
+    writer.close()
+    with pytest.raises(BagError, match=r"is closed"):
+        writer.write("/a", 0, b"")
+
+
+def test_an_exception_in_the_recorder_keeps_the_bag(tmp_path: Path, storage: str) -> None:
+    run = normal_run(duration=0.2)
+    with (
+        pytest.raises(ZeroDivisionError),
+        BagWriter(tmp_path / "bag", storage=storage) as writer,
+    ):
+        for topic in SAMPLED:
+            writer.add_topic(f"/{topic.name}", topic.msgtype)
+        for topic, stamp, data in messages(run):
+            writer.write(f"/{topic.name}", stamp, data)
+        raise ZeroDivisionError
+    assert_same(read_run(tmp_path / "bag"), run)
+
+
+def test_a_written_run_leaves_out_samples_that_are_missing(tmp_path: Path) -> None:
+    run = normal_run(duration=0.2)
+    run["torque_command"][4] = np.nan
+    write_run(run, tmp_path / "bag", namespace="/ns")
+    read = read_run(tmp_path / "bag")
+    assert_same(read, run)
+    assert read.missing == {"torque_command": 1}
+
+
+@pytest.fixture
+def child() -> Iterator[list[subprocess.Popen[str]]]:
+    started: list[subprocess.Popen[str]] = []
+    yield started
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def start(child: list[subprocess.Popen[str]], *arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, str(Path(bag_child.__file__)), *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    child.append(process)
+    return process
+
+
+def report(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert line, "the recorder ended"
+    return line
+
+
+def assert_child_wrote(bag: Path, at_least: int) -> int:
+    """The bag holds the first steps of the child, unchanged; returns how many."""
+    run = read_run(bag)
+    steps = np.arange(len(run.stamps_ns))
+    np.testing.assert_array_equal(run.stamps_ns, steps * bag_child.STEP_NS)
+    for topic in SAMPLED:
+        expected = [bag_child.values(step, topic.width) for step in steps]
+        np.testing.assert_array_equal(run[topic.column], expected)
+    assert len(steps) >= at_least
+    assert run.controller == "child"
+    assert run.missing == {}
+    return len(steps)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_after_sigkill_all_but_the_last_second_is_there(
+    tmp_path: Path, storage: str, seed: int, child: list[subprocess.Popen[str]]
+) -> None:
+    bag = tmp_path / "bag"
+    process = start(child, "endless", str(bag), storage)
+    _, began = map(int, report(process).split())
+    lifetime = int(Random(seed).uniform(1.0, 2.5) * SECOND)
+    reports = []
+    while not reports or reports[-1][1] < began + lifetime:
+        step, time = map(int, report(process).split())
+        reports.append((step, time))
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    safe = max((step for step, time in reports if time < reports[-1][1] - SECOND), default=0)
+    count = assert_child_wrote(bag, safe)
+    (warning,) = read_run(bag).warnings
+    assert warning.startswith("recording was cut: it has no metadata.yaml")
+
+    summary = recover(bag)
+    assert summary.messages >= count * len(SAMPLED)
+    assert_child_wrote(bag, count)
+    (warning,) = read_run(bag).warnings
+    assert warning.startswith("recording was cut: it has no metadata.yaml")
+    assert "(since recovered)" in warning
+
+
+def test_messages_become_safe_when_nothing_follows_them(
+    tmp_path: Path, storage: str, child: list[subprocess.Popen[str]]
+) -> None:
+    bag = tmp_path / "bag"
+    process = start(child, "idle", str(bag), storage)
+    assert report(process) == "idle\n"
+    count = 0
+    while count < bag_child.IDLE_STEPS * len(SAMPLED):  # the suite's time limit ends a failure
+        opened = Bag(bag)
+        for _ in opened.blocks():
+            pass
+        count = sum(opened.counts.values())
+    with pytest.raises(BagError, match=r"is still being recorded"):
+        recover(bag)
+    process.kill()
+    process.wait()
+    assert assert_child_wrote(bag, bag_child.IDLE_STEPS) == bag_child.IDLE_STEPS
+
+
+def test_a_full_disk_is_named_and_leaves_a_readable_bag(
+    tmp_path: Path, storage: str, child: list[subprocess.Popen[str]]
+) -> None:
+    bag = tmp_path / "bag"
+    process = start(child, "full", str(bag), storage)
+    assert process.stdout is not None
+    lines = process.stdout.read().splitlines()
+    assert process.wait() == 0
+    refused = [line for line in lines if not line[0].isdigit()]
+    assert [line.split(":")[0] for line in refused] == ["refused", "close"]
+    for line in refused:
+        assert f"bag {bag} cannot be written any further" in line
+    assert_child_wrote(bag, 500)
+    recover(bag)
+    assert_child_wrote(bag, 500)
+
+
+def test_topics_of_two_namespaces_in_one_bag(tmp_path: Path, storage: str) -> None:
+    run = normal_run(duration=0.1)
+    bag = write_messages(
+        tmp_path / "bag", list(messages(run)), storage=storage, namespaces=("/a", "/b/c")
+    )
+    with pytest.raises(BagError, match=r"holds 2 runs; choose a namespace: /a, /b/c"):
+        read_run(bag)
+    assert_same(read_run(bag, namespace="b/c/"), run)
+    assert_same(read_run(bag, namespace="/a"), run)
