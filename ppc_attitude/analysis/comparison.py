@@ -9,19 +9,26 @@ from matplotlib.figure import Figure
 
 from ppc_attitude.analysis.drawing import (
     BLUE,
-    GREY,
     PAGE_WIDTH,
     RED,
     RUN_COLOURS,
     draw,
     legend,
     limit_lines,
+    log_axis,
     mark_hits,
     panels,
     save,
     time_axis,
 )
-from ppc_attitude.analysis.figures import AXES, draw_envelope, fit, zoom_window
+from ppc_attitude.analysis.figures import (
+    AXES,
+    RATE_FLOOR,
+    draw_envelope,
+    fit,
+    look_closely,
+    zoom_window,
+)
 from ppc_attitude.analysis.metrics import (
     OUTSIDE_LIMIT_PER_HIT,
     RATE_LIMIT_DEG,
@@ -43,7 +50,7 @@ _Series = tuple[Array, Array, Array | None]
 
 def attitude_comparison(records: Sequence[RunRecord], labels: Sequence[str]) -> Figure:
     """Draw q_ev of several runs, each in its own envelope, and a late hit closely."""
-    series = [
+    series: list[_Series] = [
         (elapsed(record), attitude_errors(record), _envelope(record, ATTITUDE_ENVELOPE.column))
         for record in records
     ]
@@ -52,16 +59,21 @@ def attitude_comparison(records: Sequence[RunRecord], labels: Sequence[str]) -> 
 
 
 def rate_error_comparison(records: Sequence[RunRecord], labels: Sequence[str]) -> Figure:
-    """Draw z2 of several runs, each in its own envelope, and a late hit closely."""
+    """Draw |z2| of several runs, each in its own envelope, and a late hit closely.
+
+    Logarithmic: a hit is a thousand times the envelope.
+    """
     series = [
         (
             elapsed(record),
-            vectors(record, RATE_ERROR.column),
-            _envelope(record, RATE_ENVELOPE.column),
+            np.abs(vectors(record, RATE_ERROR.column)),
+            vectors(record, RATE_ENVELOPE.column),
         )
         for record in records
     ]
-    return _side_by_side(records, labels, series, [f"$z_{{2,{a}}}$ [rad/s]" for a in AXES])[0]
+    rows = [f"$|z_{{2,{axis}}}|$ [rad/s]" for axis in AXES]
+    figure, _ = _side_by_side(records, labels, series, rows, floor=RATE_FLOOR)
+    return figure
 
 
 def angular_velocity_comparison(records: Sequence[RunRecord], labels: Sequence[str]) -> Figure:
@@ -117,7 +129,11 @@ def comparisons_of(records: Sequence[RunRecord], labels: Sequence[str]) -> dict[
         name: draw_figure(records, labels)
         for name, (_, draw_figure) in COMPARISONS.items()
         if draw_figure is not rate_error_comparison
-        or all(has(record, RATE_ERROR.column) for record in records)
+        or all(
+            has(record, column)
+            for record in records
+            for column in (RATE_ERROR.column, RATE_ENVELOPE.column)
+        )
     }
 
 
@@ -226,8 +242,13 @@ def _side_by_side(
     labels: Sequence[str],
     series: Sequence[_Series],
     names: Sequence[str],
+    *,
+    floor: float | None = None,
 ) -> tuple[Figure, list[list[Axes]]]:
-    """One row a component: the whole run, and a late hit closely if a run has one."""
+    """Draw a row a component: the whole run, and a late hit closely if a run has one.
+
+    Logarithmic from `floor` up, if that is given.
+    """
     hits = sorted({hit.start_s for record in records for hit in disturbances_of(record)})
     longest = max((t for t, _, _ in series), key=lambda t: float(t[-1]))
     window = zoom_window(longest, hits)
@@ -236,26 +257,29 @@ def _side_by_side(
     )
     for k, row in enumerate(rows):
         row[0].set_ylabel(names[k])
+        look_closely(row, window)
         for axes in row:
-            _draw_row(axes, k, labels, series)
-        time_axis(row[0], longest)
-        if window is not None:
-            row[1].set_xlim(*window)
+            _draw_row(axes, k, labels, series, mirrored=floor is None)
+        if floor is None and window is not None:
             _fit_all(row[1], window, k, series)
         for axes in row:
+            if floor is not None:
+                log_axis(axes, floor)
+            time_axis(axes, longest)
             mark_hits(axes, hits)
             axes.set_xlabel("time [s]" if row is rows[-1] else "")
     legend(rows[0][0])
     return figure, rows
 
 
-def _draw_row(axes: Axes, k: int, labels: Sequence[str], series: Sequence[_Series]) -> None:
+def _draw_row(
+    axes: Axes, k: int, labels: Sequence[str], series: Sequence[_Series], *, mirrored: bool
+) -> None:
     """Draw component k of every run, the first on top, each with its envelope dotted."""
-    axes.axhline(0.0, color=GREY, linewidth=0.5, zorder=0.5)
     for label, colour, (t, values, envelope) in zip(labels, RUN_COLOURS, series, strict=False):
         draw(axes, t, values[:, k], colour=colour, label=label)
         if envelope is not None:
-            draw_envelope(axes, t, envelope[:, [k]], [colour])
+            draw_envelope(axes, t, envelope[:, [k]], [colour], mirrored=mirrored)
     for order, line in enumerate(reversed(axes.get_lines())):
         line.set_zorder(2.0 + 0.01 * order)
 

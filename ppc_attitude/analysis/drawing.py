@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -25,7 +26,7 @@ PAGE_WIDTH = 7.2
 BUCKETS = 600
 """Pairs of points a line is drawn with: more than a printed column can show."""
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
     "mathtext.fontset": "dejavusans",
@@ -76,8 +77,8 @@ def panels(
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, row_height * rows + 0.3), layout="constrained")
-        sharing = "col" if share_x else "none"
-        axes = figure.subplots(rows, columns, squeeze=False, sharex=sharing)  # type: ignore[arg-type]
+        sharing: Literal["col", "none"] = "col" if share_x else "none"
+        axes = figure.subplots(rows, columns, squeeze=False, sharex=sharing)
         for axis in axes.flat:
             axis.yaxis.set_offset_position("right")  # the legend is on the left
     return figure, [list(row) for row in axes]
@@ -128,7 +129,14 @@ def draw(
     width: float = LINE_WIDTH,
     style: str | tuple[float, Sequence[float]] = "-",
 ) -> None:
-    """Draw one line, thinned, in the common style."""
+    """Draw one line, thinned, in the common style.
+
+    Into a panel whose time is set beforehand goes only what is in view, so that a window of a
+    long run is drawn as finely as a short run.
+    """
+    if not axes.get_autoscalex_on():
+        view = _in_view(axes, t)
+        t, values = t[view], values[view]
     axes.plot(
         *decimated(t, values),
         color=colour,
@@ -137,6 +145,13 @@ def draw(
         label=label or "_",
         solid_joinstyle="round",
     )
+
+
+def _in_view(axes: Axes, t: Array) -> slice:
+    """Slice the samples within the limits of the time axis, and one more on either side."""
+    low, high = axes.get_xlim()
+    first, last = np.searchsorted(t, [low, high])
+    return slice(max(int(first) - 1, 0), int(last) + 2)
 
 
 def limit_lines(axes: Axes, *levels: float, label: str = "") -> None:
@@ -189,8 +204,10 @@ def legend(axes: Axes) -> None:
 
 
 def time_axis(axes: Axes, t: Array) -> None:
-    """Label the time and show the whole run."""
+    """Label the time and show the whole run, unless the panel's time is set already."""
     axes.set_xlabel("time [s]")
+    if not axes.get_autoscalex_on():
+        return
     axes.set_xlim(float(t[0]), float(t[-1]) if t[-1] > t[0] else float(t[0]) + 1.0)
 
 

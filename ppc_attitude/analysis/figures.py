@@ -105,13 +105,14 @@ def applied_torque_figure(record: RunRecord) -> Figure:
     window = zoom_window(t, _hits(record))
     figure, rows = panels(1 if window is None else 2, row_height=2.0)
     shown = [row[0] for row in rows]
+    look_closely(shown, window)
     reach = 1.15 * max(limit, float(np.nanmax(np.abs(torque))))
     for axes in shown:
         _components(axes, t, torque, r"\tau")
         limit_lines(axes, limit, -limit, label="limit")
         axes.set_ylabel("applied torque [N·m]")
         axes.set_ylim(-reach, reach)
-    _finish(shown, record, window)
+    _finish(shown, record)
     return figure
 
 
@@ -268,6 +269,12 @@ def zoom_window(t: Array, hits: Sequence[float]) -> tuple[float, float] | None:
     return max(late[0] - ZOOM_BEFORE, float(t[0])), min(late[0] + ZOOM_AFTER, float(t[-1]))
 
 
+def look_closely(shown: Sequence[Axes], window: tuple[float, float] | None) -> None:
+    """Restrict the last panel to the window, if there is one, before anything is drawn."""
+    if window is not None:
+        shown[-1].set_xlim(*window)
+
+
 def fit(axes: Axes, window: tuple[float, float], t: Array, shown: Sequence[Array]) -> None:
     """Make the ordinate just large enough for what the arrays, shape (n, …), do in the window."""
     inside = (t >= window[0]) & (t <= window[1])
@@ -281,11 +288,12 @@ def draw_envelope(
 ) -> None:
     """Draw envelopes, shape (n, k), dashed in the colours of their errors.
 
-    The dashes of several take turns, so that envelopes that coincide still show every colour.
+    The dashes of several take turns, so that envelopes that coincide still show every colour;
+    a single one is dotted, as the paper has it.
     """
     count = len(colours)
     for k, colour in enumerate(colours):
-        dashes = (3.0 * k, (3.0, 3.0 * max(count - 1, 1)))
+        dashes = (0.0, (1.0, 1.5)) if count == 1 else (3.0 * k, (3.0, 3.0 * (count - 1)))
         for sign in (1.0, -1.0) if mirrored else (1.0,):
             draw(axes, t, sign * envelope[:, k], colour=colour, width=ENVELOPE_WIDTH, style=dashes)
 
@@ -308,6 +316,7 @@ def _in_envelope(
     window = zoom_window(t, _hits(record))
     figure, rows = panels(2 if window is None else 3)
     shown = [row[0] for row in rows]
+    look_closely(shown, window)
     scales = ("linear", "log", closely)
     for axes, scale in zip(shown, scales, strict=False):
         magnitude = scale == "log"
@@ -319,7 +328,7 @@ def _in_envelope(
             log_axis(axes, floor)
     if envelope is not None:
         shown[0].plot([], [], color=BLACK, linewidth=0.8, linestyle="--", label=rf"$\pm{bound}$")
-    _finish(shown, record, window)
+    _finish(shown, record)
     if window is not None and closely == "linear":
         fit(shown[2], window, t, [error] if envelope is None else [error, envelope])
     return figure
@@ -334,19 +343,11 @@ def _components(axes: Axes, t: Array, values: Array, symbol: str) -> None:
         draw(axes, t, values[:, k], label=rf"${base}_{{{subscript}}}$", colour=colour)
 
 
-def _finish(
-    shown: Sequence[Axes], record: RunRecord, window: tuple[float, float] | None = None
-) -> None:
-    """Label time and marks; the last panel shows the window only, if there is one.
-
-    A panel has a legend if it says more than the first panel's.
-    """
+def _finish(shown: Sequence[Axes], record: RunRecord) -> None:
+    """Label time and marks; a panel has a legend if it says more than the first panel's."""
     t, hits = elapsed(record), _hits(record)
     for axes in shown:
         time_axis(axes, t)
-    if window is not None:
-        shown[-1].set_xlim(*window)
-    for axes in shown:
         mark_hits(axes, hits)
     for axes in shown[:-1]:
         if axes.get_shared_x_axes().joined(axes, shown[-1]):
@@ -359,7 +360,7 @@ def _finish(
 
 
 def _hits(record: RunRecord) -> list[float]:
-    """Starts of the sudden disturbances [s]."""
+    """Find when the sudden disturbances start [s]."""
     return [hit.start_s for hit in disturbances_of(record)]
 
 
