@@ -1,0 +1,189 @@
+"""Starting, watching and stopping the five processes of a run."""
+
+import contextlib
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import IO
+
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER, REFERENCE
+
+_PATIENCE = 20.0  # [s] how long a process may take to end after it was asked to
+_KILLED_AFTER = 5.0  # [s] how long the family of a killed process may take
+_PROGRESS = re.compile(r"^t ([0-9.]+)$")
+_LOUD = re.compile(r"\[(WARN|ERROR|FATAL)\]|^error:|Traceback|Error: ")
+# The recorder goes last, when all others have sent their last message.
+_STOP_ORDER = (PLANT, CONTROLLER, REFERENCE, INJECTOR, RECORDER)
+
+
+class StackError(Exception):
+    """The run broke; says which node and what happened."""
+
+
+@dataclass
+class NodeProcess:
+    """One running executable."""
+
+    name: str
+    process: subprocess.Popen[str]
+    tail: deque[str] = field(default_factory=lambda: deque(maxlen=40))
+    reader: threading.Thread | None = None
+
+    def ended(self) -> str:
+        """How the process ended, in words."""
+        code = self.process.returncode
+        if code is not None and code < 0:
+            return f"was killed by {signal.Signals(-code).name}"
+        return f"ended with exit code {code}"
+
+
+def private_environment() -> dict[str, str]:
+    """Environment of the processes of a run: this host only, and a domain of their own.
+
+    A range or domain that the user has set is kept.
+    """
+    environment = dict(os.environ)
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if "ROS_DOMAIN_ID" not in environment:
+        environment["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
+    environment["PYTHONUNBUFFERED"] = "1"
+    return environment
+
+
+class Stack:
+    """The processes of one run.
+
+    Parameters
+    ----------
+    arguments : mapping of str to sequence of str
+        Executable to its command-line arguments; the executables that are to run.
+    environment : mapping of str to str
+        Environment of all of them.
+    on_time : callable
+        Called with simulated time [s] as the plant advances.
+    """
+
+    def __init__(
+        self,
+        arguments: Mapping[str, Sequence[str]],
+        environment: Mapping[str, str],
+        on_time: Callable[[float], None],
+    ) -> None:
+        self._arguments = arguments
+        self._environment = environment
+        self._on_time = on_time
+        self._nodes: dict[str, NodeProcess] = {}
+
+    def start(self) -> None:
+        """Start every process."""
+        for name in NODES:
+            if name in self._arguments:
+                self._start(name)
+
+    def _start(self, name: str) -> None:
+        module = f"ppc_attitude.nodes.{name}"
+        process = subprocess.Popen(
+            [sys.executable, "-m", module, *self._arguments[name]],
+            env=dict(self._environment),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            # A Ctrl-C at the terminal is ours to pass on, in the order that loses nothing.
+            start_new_session=True,
+        )
+        node = NodeProcess(name, process)
+        assert process.stdout is not None
+        node.reader = threading.Thread(
+            target=self._read, args=(node, process.stdout), name=name, daemon=True
+        )
+        self._nodes[name] = node
+        node.reader.start()
+
+    def _read(self, node: NodeProcess, stream: IO[str]) -> None:
+        for line in stream:
+            progress = _PROGRESS.match(line)
+            if progress:
+                self._on_time(float(progress[1]))
+                continue
+            node.tail.append(line.rstrip("\n"))
+            if _LOUD.search(line):
+                print(f"{node.name}: {line}", end="", file=sys.stderr, flush=True)
+
+    def wait(self, stop: threading.Event) -> None:
+        """Wait until the plant has finished or a stop is asked for.
+
+        Raises
+        ------
+        StackError
+            Another process ended first, or the plant broke.
+        """
+        while not stop.is_set():
+            for node in self._nodes.values():
+                if node.process.poll() is None:
+                    continue
+                if node.name == PLANT and node.process.returncode == 0:
+                    return
+                raise self._broken(node)
+            stop.wait(0.02)
+
+    def stop(self) -> None:
+        """Ask every process to end, the recorder last; kill what does not.
+
+        Raises
+        ------
+        StackError
+            A process had to be killed or ended with an error.
+        """
+        problems: list[StackError] = []
+        try:
+            for name in _STOP_ORDER:
+                if name in self._nodes:
+                    problems += self._stop_one(self._nodes[name])
+        finally:
+            self.kill()
+        if problems:
+            raise problems[0]
+
+    def _stop_one(self, node: NodeProcess) -> list[StackError]:
+        if node.process.poll() is None:
+            node.process.send_signal(signal.SIGINT)
+        try:
+            node.process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            node.process.kill()
+            node.process.wait()
+            return [StackError(f"{node.name} did not end within {_PATIENCE:g} s and was killed")]
+        self._finish_reading(node)
+        return [self._broken(node)] if node.process.returncode != 0 else []
+
+    def kill(self) -> None:
+        """Kill whatever still runs; nothing of the stack survives its starter."""
+        for node in self._nodes.values():
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(node.process.pid, signal.SIGKILL)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                node.process.wait(_KILLED_AFTER)
+
+    def exit_codes(self) -> dict[str, int | None]:
+        """Exit code of each process; None while it runs."""
+        return {name: node.process.poll() for name, node in self._nodes.items()}
+
+    def _finish_reading(self, node: NodeProcess) -> None:
+        if node.reader is not None:
+            node.reader.join(timeout=2.0)
+
+    def _broken(self, node: NodeProcess) -> StackError:
+        self._finish_reading(node)
+        reason = next(
+            (line for line in reversed(node.tail) if line.strip()), "without saying why"
+        )
+        return StackError(f"{node.name} {node.ended()}: {reason}")

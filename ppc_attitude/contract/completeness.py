@@ -1,0 +1,66 @@
+"""Is a recording complete? Judged while it grows, in memory that does not grow with it."""
+
+from dataclasses import dataclass
+
+from ppc_attitude.contract.cdr import seconds
+from ppc_attitude.contract.topics import ATTITUDE
+
+
+@dataclass
+class _Tally:
+    count: int = 0
+    total: int = 0  # sum of the stamps: equal counts with other stamps give another sum
+    last: int = -1
+    previous: int = -1
+
+    def until(self, stamp_ns: int) -> tuple[int, int]:
+        """Count and sum of the stamps up to one that is the last or the last but one."""
+        if self.last > stamp_ns and self.previous == stamp_ns:
+            return self.count - 1, self.total - self.last
+        return self.count, self.total
+
+
+class Completeness:
+    """Compare every topic's stamps with those of the states.
+
+    A run that is stopped may lack the answers to its last state; any other difference is a gap.
+    """
+
+    def __init__(self) -> None:
+        self._tallies: dict[str, _Tally] = {}
+        self._period: int | None = None
+        self._jumps: list[str] = []
+
+    def add(self, name: str, stamp_ns: int) -> None:
+        """Count one message of a topic."""
+        tally = self._tallies.setdefault(name, _Tally())
+        if name == ATTITUDE.name and tally.count:
+            self._look_for_jump(tally.last, stamp_ns)
+        tally.count += 1
+        tally.total += stamp_ns
+        tally.previous, tally.last = tally.last, stamp_ns
+
+    def _look_for_jump(self, last: int, stamp_ns: int) -> None:
+        step = stamp_ns - last
+        if self._period is None and step > 0:
+            self._period = step
+        elif self._period is not None and step > 1.5 * self._period:
+            self._jumps.append(
+                f"{ATTITUDE.name} jumps from {seconds(last):.6f} s to {seconds(stamp_ns):.6f} s"
+            )
+
+    def gaps(self) -> list[str]:
+        """Describe what is missing; empty if nothing is."""
+        states = self._tallies.get(ATTITUDE.name)
+        if states is None:
+            return [f"{name} without {ATTITUDE.name}" for name in self._tallies]
+        found = list(self._jumps)
+        for name, tally in self._tallies.items():
+            end = min(tally.last, states.last)
+            complete = abs(tally.last - states.last) <= 1.5 * (self._period or 0)
+            if not complete or tally.until(end) != states.until(end):
+                found.append(
+                    f"{name} has {tally.count} messages until {seconds(tally.last):.6f} s, "
+                    f"{ATTITUDE.name} {states.count} until {seconds(states.last):.6f} s"
+                )
+        return found

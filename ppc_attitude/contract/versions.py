@@ -1,0 +1,38 @@
+"""What made a run: versions of everything that can change a number."""
+
+import platform
+import subprocess
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from ppc_attitude import __version__
+
+_PACKAGES = ("numpy", "numba", "scipy", "rosbags", "rclpy")
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of this package, Python, and what it builds on; the git revision if there is one."""
+    found = {"ppc_attitude": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    revision = _git_revision()
+    if revision:
+        found["git_revision"] = revision
+    return found
+
+
+def _git_revision() -> str:
+    folder = Path(__file__).resolve().parents[2]
+    if not (folder / ".git").exists():
+        return ""
+    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=40"]
+    try:
+        result = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return result.stdout.strip()

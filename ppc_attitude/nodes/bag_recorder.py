@@ -1,0 +1,193 @@
+"""The recorder: every topic of the run into a rosbag2 bag, and the truth about what is missing."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from ppc_attitude.bags.custom_data import encode_custom_data
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.writer import BagWriter, offered_qos
+from ppc_attitude.contract.cdr import header_stamp, seconds
+from ppc_attitude.contract.completeness import Completeness
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, RECORDER, TOPICS, Topic
+from ppc_attitude.contract.versions import versions
+from ppc_attitude.nodes.base import ERROR, EXIT_BROKEN, OK, STALE, BaseNode, run_node
+from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.qos import published, recorded
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import Value
+
+_QUIET = 0.3  # [s] without a message after which all that was sent has arrived
+
+
+class BagRecorder(BaseNode):
+    """Writes raw messages as they arrive; a bag with a missing message is never called complete.
+
+    Messages are logged at the simulated time of their stamp, those without a stamp at the time of
+    the latest state, so that two runs of one configuration give the same bag.
+    """
+
+    executable = RECORDER
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._run_info = _run_info(self.parameters["run_info"])
+        self._path = Path(self.parameters["bag"] or _dated_folder())
+        try:
+            self._writer = BagWriter(
+                self._path, storage=self.parameters["storage"], custom_data=self._custom_data()
+            )
+        except BagError as error:
+            raise ConfigurationError(str(error)) from None
+        self._now = 0
+        self._count = 0
+        self._failure = ""
+        self._announced: set[str] = set()
+        self._completeness = Completeness()
+        for topic in TOPICS:
+            self.create_subscription(
+                message_class(topic.msgtype),
+                topic.name,
+                self._receiver(topic),
+                recorded(topic),
+                raw=True,
+            )
+        self.get_logger().info(f"recording to {self._path}")
+
+    def check(self, values: Mapping[str, Value]) -> None:
+        """See that the facts about the run are JSON."""
+        _run_info(str(values["run_info"]))
+
+    def _custom_data(self) -> dict[str, str]:
+        parameters = self._run_info.get("parameters", {})
+        metadata = {**versions(), **self._run_info.get("metadata", {})}
+        controller = str(parameters.get(CONTROLLER, {}).get("controller", "unknown"))
+        return encode_custom_data(controller, parameters, metadata)
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        name = self.resolve_topic_name(topic.name)
+        sampled = bool(topic.column)
+        leads = topic is ATTITUDE
+        last = b""
+
+        def receive(data: bytes) -> None:
+            nonlocal last
+            self._count += 1
+            if sampled and data == last:
+                return  # a peer's repeated answer to a repeated state
+            stamp = header_stamp(data, topic.msgtype)
+            if sampled and stamp is not None and stamp >= 0:
+                last = data
+                self._completeness.add(topic.name, stamp)
+                if leads:
+                    self._now = stamp
+            self._write(name, topic, self._now if stamp is None or stamp < 0 else stamp, data)
+
+        return receive
+
+    def _write(self, name: str, topic: Topic, time_ns: int, data: bytes) -> None:
+        if self._failure:
+            return
+        try:
+            if name not in self._announced:
+                self._announced.add(name)
+                self._writer.add_topic(name, topic.msgtype, [_offered(topic)])
+            self._writer.write(name, time_ns, data)
+        except BagError as error:
+            self._fail(str(error))
+        else:
+            if topic is ATTITUDE:
+                self.report(time_ns)
+
+    def _fail(self, reason: str) -> None:
+        self._failure = reason
+        self.exit_code = EXIT_BROKEN
+        self.get_logger().error(reason)
+        self.finished = True
+
+    def drain(self, executor: Executor) -> None:
+        """Take all that was sent before the stop: until nothing has come for a while."""
+        quiet_since, seen = time.monotonic(), self._count
+        while not self._failure and time.monotonic() - quiet_since < _QUIET:
+            executor.spin_once(timeout_sec=0.05)
+            if self._count != seen:
+                quiet_since, seen = time.monotonic(), self._count
+
+    def close(self) -> None:
+        """Finish the bag, and say whether it is complete."""
+        gaps = self._completeness.gaps()
+        try:
+            if not self._failure:
+                self._writer.set_custom_data("ppc_attitude.gaps", json.dumps(gaps))
+            self._writer.close()
+        except BagError as error:
+            if not self._failure:
+                self._fail(str(error))
+        if gaps:
+            self.exit_code = EXIT_BROKEN
+            for gap in gaps:
+                self.get_logger().error(f"bag {self._path} is incomplete: {gap}")
+        elif not self._failure:
+            self.get_logger().info(f"closed {self._path}: {self._count} messages, none missing")
+
+    def wake(self) -> float:
+        """Report by the wall clock while no state arrives."""
+        self.report_if_idle(self._now)
+        return super().wake()
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        """Failed, waiting, or recording."""
+        details = {
+            "time [s]": seconds(self._now),
+            "bag": self._path,
+            "storage": self.parameters["storage"],
+        }
+        if self._failure:
+            return ERROR, self._failure, details
+        if self.is_idle():
+            return STALE, f"waiting for {ATTITUDE.name}", details
+        return OK, "recording", details
+
+
+def _offered(topic: Topic) -> Any:
+    profile = published(topic)
+    reliable = profile.reliability == ReliabilityPolicy.RELIABLE
+    kept = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return offered_qos(
+        reliability="reliable" if reliable else "best_effort",
+        durability="transient_local" if kept else "volatile",
+        depth=profile.depth,
+    )
+
+
+def _run_info(text: str) -> dict[str, Any]:
+    if not text:
+        return {}
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ConfigurationError(f"run_info is not JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise ConfigurationError("run_info must be a JSON object")
+    return content
+
+
+def _dated_folder() -> str:
+    return f"bags/{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
+
+
+def main() -> int:
+    """Run the executable `bag_recorder`."""
+    return run_node(BagRecorder)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
