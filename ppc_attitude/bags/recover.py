@@ -50,7 +50,8 @@ def recover(path: Path | str) -> Recovery:
     """Finish a cut bag: write its index and ``metadata.yaml``.
 
     The bag is copied inside its folder, so that needs as much space again; the original is
-    replaced when the copy is complete. The custom data say that it was cut. A recovery that was itself killed can be repeated.
+    replaced when the copy is complete, whose custom data say that it was cut. A recovery that was
+    itself killed can be repeated.
 
     Parameters
     ----------

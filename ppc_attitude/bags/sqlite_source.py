@@ -1,6 +1,7 @@
 """Messages of a rosbag2 SQLite file, finished or cut, in bulk."""
 
 import contextlib
+import os
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -44,7 +45,7 @@ class SqliteSource:
                 found = [dict(zip(names, row, strict=True)) for row in rows]
                 self.channels = {row["id"]: _channel(row) for row in found}
             except (*_DAMAGE, KeyError) as error:
-                raise BagError(f"{path} is no rosbag2 database: {error}") from error
+                raise BagError(f"{path} cannot be read as a rosbag2 database: {error}") from error
 
     def blocks(self) -> Iterator[Block]:
         """Messages in the order of the file."""
@@ -67,16 +68,30 @@ class SqliteSource:
         with contextlib.ExitStack() as stack:
             path, mode = self.path, "ro"
             left = [journal for journal in _JOURNALS if Path(f"{path}{journal}").exists()]
-            if left:
+            torn = 0 if left else _bytes_of_torn_page(path)
+            if left or torn:
                 folder = Path(stack.enter_context(TemporaryDirectory()))
                 for suffix in ("", *left):
                     shutil.copyfile(f"{path}{suffix}", folder / f"{path.name}{suffix}")
                 path, mode = folder / path.name, "rw"
+            if torn:
+                self.cut = f"{self.path.name} ends within a page"
+                os.truncate(path, path.stat().st_size - torn)
             uri = f"file:{quote(str(path.absolute()))}?mode={mode}"
             database = stack.enter_context(
                 contextlib.closing(sqlite3.connect(uri, uri=True, check_same_thread=False))
             )
             yield database
+
+
+def _bytes_of_torn_page(path: Path) -> int:
+    """Size of an incomplete last page, the rest of which SQLite would read as zeros."""
+    with path.open("rb") as file:
+        head = file.read(18)
+    page = int.from_bytes(head[16:18], "big")
+    # The format writes 65536 as 1; the header of no database may say anything.
+    page = 65536 if page == 1 else page
+    return path.stat().st_size % page if page else 0
 
 
 def settle(path: Path) -> None:
