@@ -98,7 +98,7 @@ setup(
     entry_points={
         "console_scripts": [
             *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
-            f"{NAME} = {NAME}.command_line.main:main",
+            f"{NAME} = {NAME}.command_line.main:run",
         ],
     },
 )

@@ -183,7 +183,5 @@ class Stack:
 
     def _broken(self, node: NodeProcess) -> StackError:
         self._finish_reading(node)
-        reason = next(
-            (line for line in reversed(node.tail) if line.strip()), "without saying why"
-        )
+        reason = next((line for line in reversed(node.tail) if line.strip()), "without saying why")
         return StackError(f"{node.name} {node.ended()}: {reason}")

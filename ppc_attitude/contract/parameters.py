@@ -21,7 +21,13 @@ HALF_DEGREE = 0.008726646259971648  # 0.5°/s in rad/s
 
 _PLANT = (
     Parameter(
-        "rate", 100.0, "steps per second of simulated time", "Hz", low=1.0, high=10000.0, read_only=True
+        "rate",
+        100.0,
+        "steps per second of simulated time",
+        "Hz",
+        low=1.0,
+        high=10000.0,
+        read_only=True,
     ),
     Parameter(
         "inertia",
@@ -91,10 +97,20 @@ _PLANT = (
         high=3600.0,
     ),
     Parameter(
-        "attitude_noise", 0.0, "standard deviation of the measured attitude, per axis", "rad", low=0.0, high=1.0
+        "attitude_noise",
+        0.0,
+        "standard deviation of the measured attitude, per axis",
+        "rad",
+        low=0.0,
+        high=1.0,
     ),
     Parameter(
-        "rate_noise", 0.0, "standard deviation of the measured rate, per axis", "rad/s", low=0.0, high=1.0
+        "rate_noise",
+        0.0,
+        "standard deviation of the measured rate, per axis",
+        "rad/s",
+        low=0.0,
+        high=1.0,
     ),
     Parameter("seed", 0, "seed of the sensor noise", low=0, high=2**53, read_only=True),
 )
@@ -114,9 +130,7 @@ _REFERENCE = (
         low=-10.0,
         high=10.0,
     ),
-    Parameter(
-        "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, above=0.0
-    ),
+    Parameter("period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, above=0.0),
 )
 _INJECTOR = (
     Parameter("environment", True, "the environment torque of the paper acts"),
@@ -135,7 +149,12 @@ _INJECTOR = (
         "injection_duration", 0.1, "how long an injected torque acts", "s", above=0.0, high=1e8
     ),
     Parameter(
-        "max_injected_torque", 10.0, "larger injected torques are refused, per axis", "N·m", above=0.0, high=1e6
+        "max_injected_torque",
+        10.0,
+        "larger injected torques are refused, per axis",
+        "N·m",
+        above=0.0,
+        high=1e6,
     ),
 )
 _CONTROLLER = (
@@ -144,9 +163,7 @@ _CONTROLLER = (
 )
 _RECORDER = (
     Parameter("bag", "", "folder of the bag; empty: a new, dated one under bags/", read_only=True),
-    Parameter(
-        "storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3"), read_only=True
-    ),
+    Parameter("storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3"), read_only=True),
     Parameter(
         "run_info",
         "",

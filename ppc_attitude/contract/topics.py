@@ -122,9 +122,7 @@ DISTURBANCE = Topic(
     "N·m",
     "all external torque",
 )
-INJECT = Topic(
-    "disturbance/inject", WRENCH, BODY, "", "", "N·m", "extra torque, from anyone"
-)
+INJECT = Topic("disturbance/inject", WRENCH, BODY, "", "", "N·m", "extra torque, from anyone")
 ATTITUDE_ERROR = Topic(
     "control/attitude_error",
     QUATERNION,

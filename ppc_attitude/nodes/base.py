@@ -201,9 +201,7 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
     """
     stop = StopRequest()
     try:
-        rclpy.init(
-            args=list(arguments or sys.argv), signal_handler_options=SignalHandlerOptions.NO
-        )
+        rclpy.init(args=list(arguments or sys.argv), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
         print(f"error: {error}", file=sys.stderr)
         return EXIT_CONFIGURATION

@@ -54,12 +54,7 @@ class NodeParameters:
         self.values = resolved(self._table.values(), given, executable)
         check(self.values)
         for parameter in self._table.values():
-            node.declare_parameter(
-                parameter.name,
-                _ros_value(parameter, self.values[parameter.name]),
-                descriptor(parameter),
-                ignore_override=True,
-            )
+            _declare(node, parameter, self.values[parameter.name])
         self.changed = False
         node.add_on_set_parameters_callback(self._on_set)
 
@@ -88,11 +83,14 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, array | tuple) else value
 
 
-def _ros_value(parameter: Parameter, value: Any) -> Any:
-    # An empty list has no type; an empty array of doubles has.
-    if parameter.is_list and not parameter.of_strings:
-        return array("d", value)
-    return value
+def _declare(node: Node, parameter: Parameter, value: Any) -> None:
+    if value != []:
+        node.declare_parameter(parameter.name, value, descriptor(parameter), ignore_override=True)
+        return
+    # rclpy takes an empty list for bytes: declare the type, then set the value with it.
+    kind = RosParameter.Type.DOUBLE_ARRAY
+    node.declare_parameter(parameter.name, kind, descriptor(parameter), ignore_override=True)
+    node.set_parameters([RosParameter(parameter.name, kind, value)])
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -46,7 +46,7 @@ class PpcController(BaseNode):
         self._enabled = True
         self._saturated = 0
         self._steps = 0
-        self._announced = 0.0
+        self._announced = 0
 
         self._send_torque = self.sender(TORQUE_COMMAND)
         self._telemetry = [
@@ -84,7 +84,7 @@ class PpcController(BaseNode):
         if verdict is Verdict.RESTART:
             self.get_logger().info(f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed")
             self._memory = self._law.new_memory()
-            self._announced = 0.0
+            self._announced = 0
             self.restart_report()
         if verdict is not Verdict.REPEATED:
             self._compute(stamp_ns, parts)
@@ -96,13 +96,13 @@ class PpcController(BaseNode):
         if self.parameters.changed:
             self._apply_parameters()
         measurement = self._measurement
-        measurement.t = seconds(stamp_ns)
+        measurement["t"] = seconds(stamp_ns)
         for topic in _INPUTS:
             measurement[topic.column] = parts[topic.column]
         self._law.step(measurement, self._memory, self._configuration, self._command)
         self._steps += 1
-        if tuple(self._command.torque_command) != tuple(self._command.unsaturated_torque):
-            self._saturated += 1
+        saturated = self._command["torque_command"] != self._command["unsaturated_torque"]
+        self._saturated += bool(saturated.any())
 
     def _publish(self, stamp_ns: int) -> None:
         """Publish the torque first: the plant waits for it, the telemetry has time."""
@@ -123,7 +123,9 @@ class PpcController(BaseNode):
         if request.data and not self._enabled:
             self._memory = self._law.new_memory()
         self._enabled = bool(request.data)
-        state = "enabled: re-armed from the present error" if self._enabled else "disabled: zero torque"
+        state = (
+            "enabled: re-armed from the present error" if self._enabled else "disabled: zero torque"
+        )
         self.get_logger().info(state)
         response.success = True
         response.message = state

@@ -189,3 +189,8 @@ def simulate(scenario: Scenario, duration: float) -> RunRecord:
         columns={column: samples[column] for column in columns},
         parameters=scenario.parameters,
     )
+
+
+def warm_up(scenario: Scenario) -> None:
+    """Compile every kernel of a scenario, so that processes started next find them cached."""
+    run_samples(scenario, stamps_of(float(str(scenario.parameters[PLANT]["rate"])), 0.1))

@@ -1,0 +1,182 @@
+"""`ppc_attitude run`: the five nodes as processes, recorded and judged."""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import yaml
+from tqdm import tqdm
+
+from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line.errors import RunError
+from ppc_attitude.command_line.options import (
+    add_report_option,
+    add_scenario_options,
+    exit_code,
+    scenario_of,
+)
+from ppc_attitude.command_line.stack import Stack, StackError, private_environment
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import NODES, PLANT, RECORDER
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import warm_up
+from ppc_attitude.simulation.scenario import Scenario
+
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "run",
+        help="run the five nodes, record, and judge",
+        description=(
+            "Starts plant, reference, controller, injector and recorder as processes in "
+            "lock-step, stops them all, and prints the verdict from the bag."
+        ),
+    )
+    add_scenario_options(parser)
+    parser.add_argument(
+        "--bag", metavar="DIR", type=Path, help="folder of the bag; default a new, dated one"
+    )
+    parser.add_argument(
+        "--realtime",
+        action="store_true",
+        help="free-running on the wall clock instead of lock-step",
+    )
+    add_report_option(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Run, record, judge."""
+    bag = _bag_folder(arguments.bag)
+    extra = {
+        PLANT: {"lockstep": not arguments.realtime},
+        RECORDER: {"bag": str(bag)},
+    }
+    scenario = scenario_of(arguments, extra)
+    warm_up(scenario)
+    interrupted = _run_stack(arguments, scenario, bag)
+    record = _read(bag)
+    verdict = analyse(record)
+    print(verdict_table(verdict))
+    for warning in record.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    if arguments.report:
+        from ppc_attitude.analysis.report import write_report
+
+        write_report([(record, verdict)], arguments.report)
+        print(f"report: {arguments.report}")
+    print(f"bag: {bag}")
+    if record.missing_messages:
+        lost = ", ".join(f"{count} of {name}" for name, count in record.missing.items())
+        raise RunError(f"the bag lacks messages: {lost}")
+    if interrupted:
+        raise RunError("interrupted before the end; the bag holds what was run until then")
+    return exit_code(verdict)
+
+
+def _bag_folder(given: Path | None) -> Path:
+    folder = given or Path("bags") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
+    if folder.exists():
+        raise ConfigurationError(f"bag folder {folder} exists already and is not overwritten")
+    return folder.absolute() if given is None else folder
+
+
+def _run_stack(arguments: argparse.Namespace, scenario: Scenario, bag: Path) -> bool:
+    """Run all processes to the end; True if the user interrupted."""
+    environment = private_environment()
+    print(
+        f"ROS domain {environment['ROS_DOMAIN_ID']}, "
+        f"discovery {environment['ROS_AUTOMATIC_DISCOVERY_RANGE'].lower()}",
+        file=sys.stderr,
+    )
+    duration = float(str(scenario.parameters[PLANT]["duration"]))
+    with tempfile.TemporaryDirectory(prefix="ppc_attitude_") as folder:
+        environment.setdefault("ROS_LOG_DIR", folder)
+        overlay = Path(folder) / "run.yaml"
+        overlay.write_text(_overlay(scenario), encoding="utf-8")
+        common = ["--ros-args", "--params-file", str(overlay)]
+        command_lines = {name: list(common) for name in NODES}
+        command_lines[PLANT] = ["--progress", *common]
+        with _progress(duration) as show, _stop_on_signals() as stop:
+            stack = Stack(command_lines, environment, show)
+            try:
+                stack.start()
+                stack.wait(stop)
+            except StackError as error:
+                _end_after_failure(stack)
+                raise RunError(f"{error}\nbag: {bag}" if bag.exists() else str(error)) from None
+            try:
+                stack.stop()
+            except StackError as error:
+                raise RunError(f"{error}\nbag: {bag}") from None
+            return stop.is_set()
+
+
+def _end_after_failure(stack: Stack) -> None:
+    # The first failure is the one to report; what stopping finds is its consequence.
+    try:
+        stack.stop()
+    except StackError:
+        return
+
+
+def _overlay(scenario: Scenario) -> str:
+    """Return the resolved parameters of every node as a ROS parameter file."""
+    info = {"parameters": scenario.parameters, "metadata": {"command": " ".join(sys.argv)}}
+    nodes: dict[str, Any] = {}
+    for node, values in scenario.parameters.items():
+        # rcl knows no type for an empty list; it is the default, and stays away.
+        nodes[f"/**/{node}"] = {
+            "ros__parameters": {name: value for name, value in values.items() if value != []}
+        }
+    nodes[f"/**/{RECORDER}"]["ros__parameters"]["run_info"] = json.dumps(info)
+    return yaml.safe_dump(nodes, allow_unicode=True)
+
+
+@contextmanager
+def _progress(duration: float) -> Iterator[Any]:
+    """Progress bar over simulated time; gives the function that moves it."""
+    form = "{l_bar}{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}, {rate_fmt}{postfix}]"
+    with tqdm(
+        total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr, leave=True
+    ) as bar:
+        yield lambda t: bar.update(max(t - bar.n, 0.0))
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[threading.Event]:
+    """Event that SIGINT and SIGTERM set, so that a second Ctrl-C cannot break the orderly stop."""
+    stop = threading.Event()
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    previous = {number: signal.signal(number, on_signal) for number in _SIGNALS}
+    try:
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _read(bag: Path) -> RunRecord:
+    try:
+        return read_run(bag)
+    except BagError as error:
+        raise RunError(str(error)) from None

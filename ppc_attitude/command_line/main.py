@@ -1,0 +1,77 @@
+"""The command `ppc_attitude`: parser, dispatch, and exit codes for what goes wrong."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from ppc_attitude import __version__
+from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, RunError, UsageError
+
+COMMANDS = (
+    "run",
+    "simulate",
+    "analyse",
+    "recover",
+    "export",
+)
+_EXAMPLES = """examples:
+  ppc_attitude run --config config/paper.yaml
+  ppc_attitude run --config config/paper.yaml --config config/sudden_disturbance.yaml
+  ppc_attitude analyse bags/2026-01-31_12-00-00 --report report.html
+  ppc_attitude check --config config/paper.yaml
+
+exit codes: 0 done and all requirements met; 1 done, a requirement failed;
+            2 bad input or configuration; 3 the run broke
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Build the parser with every command."""
+    parser = argparse.ArgumentParser(
+        prog="ppc_attitude",
+        description="Prescribed-performance attitude control: run, record, judge.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        import_module(f"ppc_attitude.command_line.commands.{name}").add_parser(subparsers)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    parsed = build_parser().parse_args(arguments)
+    try:
+        return int(parsed.execute(parsed))
+    except RunError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BROKEN
+    except (ValueError, UsageError) as error:
+        # Configuration, bag and analysis errors are ValueErrors that name what is wrong.
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        print(f"error: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return BROKEN
+
+
+def run() -> None:
+    """Run as an executable, quiet when the reader of a pipe has gone."""
+    try:
+        code = main()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = BROKEN
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,73 @@
+"""Options that several commands share."""
+
+import argparse
+import json
+from pathlib import Path
+
+from ppc_attitude.analysis.verdict import Verdict
+from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.simulation.scenario import Overrides, Scenario, load
+
+PAPER_DURATION = 120.0  # [s] what a scenario without a duration of its own runs
+
+
+def add_scenario_options(parser: argparse.ArgumentParser) -> None:
+    """Add --config, --duration and --controller."""
+    parser.add_argument(
+        "--config",
+        metavar="FILE",
+        type=Path,
+        action="append",
+        default=[],
+        help="ROS parameter file; may be given several times, later files win",
+    )
+    parser.add_argument(
+        "--duration", metavar="S", type=positive, help="simulated time [s]; the plant's `duration`"
+    )
+    parser.add_argument("--controller", choices=tuple(CONTROLLERS), help="the control law")
+
+
+def add_report_option(parser: argparse.ArgumentParser) -> None:
+    """Add --report."""
+    parser.add_argument(
+        "--report", metavar="FILE.html", type=Path, help="write a self-contained HTML report"
+    )
+
+
+def positive(text: str) -> float:
+    """Parse a positive finite number."""
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} must be positive and finite")
+    return value
+
+
+def scenario_of(arguments: argparse.Namespace, extra: Overrides | None = None) -> Scenario:
+    """Scenario from the files and options; the duration is never zero.
+
+    Raises
+    ------
+    ConfigurationError
+        A file or value is wrong.
+    """
+    overrides = {node: dict(values) for node, values in (extra or {}).items()}
+    if arguments.controller:
+        overrides.setdefault(CONTROLLER, {})["controller"] = arguments.controller
+    if arguments.duration:
+        overrides.setdefault(PLANT, {})["duration"] = arguments.duration
+    scenario = load(arguments.config, overrides)
+    if scenario.parameters[PLANT]["duration"] == 0.0:
+        return scenario.with_values(PLANT, duration=PAPER_DURATION)
+    return scenario
+
+
+def exit_code(verdict: Verdict) -> int:
+    """0 if every requirement is met, else 1."""
+    return DONE if verdict.all_met else REQUIREMENT_FAILED
+
+
+def print_json(content: object) -> None:
+    """Print one JSON object; NaN is never valid in it."""
+    print(json.dumps(content, ensure_ascii=False, allow_nan=False))
