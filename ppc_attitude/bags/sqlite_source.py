@@ -12,7 +12,7 @@ from urllib.parse import quote
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.source import Block, Channel, block_of
 
-_ROWS = 20_000
+_ROWS = 1_000  # their tuples stay in the processor's cache
 _JOURNALS = ("-journal", "-wal")
 # What a damaged file makes the sqlite3 module raise, in the rows as well as in the schema.
 _DAMAGE = (sqlite3.Error, TypeError, ValueError, OverflowError)
@@ -55,7 +55,9 @@ class SqliteSource:
                     "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
                 )
                 while batch := rows.fetchmany(_ROWS):
-                    channel, time, data = map(list, zip(*batch, strict=True))
+                    channel = [row[0] for row in batch]
+                    time = [row[1] for row in batch]
+                    data = [row[2] for row in batch]
                     for unknown in set(channel) - self.channels.keys():
                         raise ValueError(f"message of topic {unknown}, which is not defined")
                     yield block_of(channel, time, data)
