@@ -433,7 +433,7 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         for count, (topic, stamp, data) in enumerate(messages(RUN)):
             writer.write(f"/{topic.name}", stamp, data)
             if count % 200 == 199:
-                writer._writer.flush()
+                writer.flush()
     return bag
 
 

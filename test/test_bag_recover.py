@@ -29,7 +29,7 @@ def unfinished(path: Path, storage: str) -> Path:
             writer.add_topic(f"/{topic.name}", topic.msgtype)
         for topic, stamp, data in messages(RUN):
             writer.write(f"/{topic.name}", stamp, data)
-        writer._writer.flush()
+        writer.flush()
         shutil.copytree(live, path)
     return path
 
@@ -89,7 +89,9 @@ def test_a_recovery_that_was_killed_can_be_repeated(tmp_path: Path) -> None:
     # Killed between the two replacements: the file is complete, metadata.yaml is not there yet.
     (bag / "metadata.yaml").unlink()
     (bag / UNFINISHED).write_text("{}")
+    (bag / UNFINISHED).with_suffix(".tmp").write_text("{")
     recover(bag)
+    assert {file.name for file in bag.iterdir()} == {"metadata.yaml", "bag.mcap"}
     assert_same(read_run(bag), RUN)
 
 

@@ -107,7 +107,8 @@ def _replace(original: Path, folder: Path) -> Recovery:
     if target != original:
         original.unlink()
     (copy / METADATA).replace(folder / METADATA)
-    (folder / UNFINISHED).unlink(missing_ok=True)
+    for mark in folder.glob(f"{Path(UNFINISHED).stem}.*"):
+        mark.unlink()
     return recovery
 
 

@@ -195,6 +195,21 @@ class BagWriter:
             except OSError as error:
                 raise self._fail(error) from error
 
+    def flush(self) -> None:
+        """Make everything written so far safe from a kill; happens by itself every `FLUSH_PERIOD`.
+
+        Raises
+        ------
+        BagError
+            The bag is closed or writing failed.
+        """
+        with self._lock:
+            self._check()
+            try:
+                self._flush()
+            except (OSError, sqlite3.Error) as error:
+                raise self._fail(error) from error
+
     def close(self) -> None:
         """Finish the bag: index, ``metadata.yaml``. Closing twice is harmless.
 
