@@ -188,7 +188,7 @@ def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
     early, late = verdict.metrics.disturbances
     assert (early.start_s, late.start_s) == (20.0, 80.0)
     assert late.torque == pytest.approx((0.8, 0.8, 0.8), abs=1e-6)
-    # 0.02 exp(−0.4 s) − 0.23 exp(−0.09 (80 + s)) + 2e-5 sin(80 + s) = 5e-3 at s = 3.38…
+    # 0.02 exp(−0.4 s) − 0.23 exp(−0.09 (80 + s)) + 2e-5 sin(80 + s) = 5e-3 at s = 3.41…
     t = np.arange(0, 10, 0.01) + 80
     error = 0.02 * np.exp(-0.4 * (t - 80)) - 0.23 * np.exp(-0.09 * t) + 2e-5 * np.sin(t)
     assert late.recovery_time_s == pytest.approx(

@@ -33,7 +33,7 @@ from ppc_attitude.analysis.metrics import (
     OUTSIDE_LIMIT_PER_HIT,
     RATE_LIMIT_DEG,
     RECOVERY_LIMIT,
-    disturbances_of,
+    pulses_of,
 )
 from ppc_attitude.analysis.series import AnalysisError, attitude_errors, elapsed, has, vectors
 from ppc_attitude.contract.run_record import Array, RunRecord
@@ -249,7 +249,7 @@ def _side_by_side(
 
     Logarithmic from `floor` up, if that is given.
     """
-    hits = sorted({hit.start_s for record in records for hit in disturbances_of(record)})
+    hits = sorted({hit.start_s for record in records for hit in pulses_of(record)})
     longest = max((t for t, _, _ in series), key=lambda t: float(t[-1]))
     window = zoom_window(longest, hits)
     figure, rows = panels(

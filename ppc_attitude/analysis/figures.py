@@ -25,7 +25,7 @@ from ppc_attitude.analysis.metrics import (
     SETTLED,
     SETTLING_DEADLINE,
     TERMINAL_LIMIT,
-    disturbances_of,
+    pulses_of,
     torque_limit,
 )
 from ppc_attitude.analysis.series import (
@@ -142,7 +142,7 @@ def angular_velocity_figure(record: RunRecord) -> Figure:
 def disturbance_figure(record: RunRecord) -> Figure:
     """Draw the external torque; with hits, the environment once more at its own scale."""
     t, torque = elapsed(record), vectors(record, DISTURBANCE.column)
-    hits = disturbances_of(record)
+    hits = pulses_of(record)
     figure, rows = panels(2 if hits else 1, row_height=1.9, share_x=True)
     shown = [row[0] for row in rows]
     for axes in shown:
@@ -361,13 +361,13 @@ def _finish(shown: Sequence[Axes], record: RunRecord) -> None:
 
 def _hits(record: RunRecord) -> list[float]:
     """Find when the sudden disturbances start [s]."""
-    return [hit.start_s for hit in disturbances_of(record)]
+    return [hit.start_s for hit in pulses_of(record)]
 
 
 def _without_hits(record: RunRecord, t: Array, torque: Array) -> Array:
     """Pick the external torque where no sudden disturbance acts, shape (m, 3)."""
     rest = np.ones(t.size, dtype=np.bool_)
-    for hit in disturbances_of(record):
+    for hit in pulses_of(record):
         rest &= (t < hit.start_s) | (t >= hit.start_s + hit.duration_s)
     return torque[rest]
 

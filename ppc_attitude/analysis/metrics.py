@@ -54,6 +54,7 @@ __all__ = [
     "AnalysisError",
     "analyse",
     "disturbances_of",
+    "pulses_of",
     "torque_limit",
     "verdict_table",
 ]
@@ -135,19 +136,32 @@ def disturbances_of(record: RunRecord) -> tuple[Disturbance, ...]:
     Raises
     ------
     AnalysisError
-        If the record has no instant, or no attitude error.
+        If the record has no instant, or hits but no attitude error.
     """
-    t = elapsed(record)
-    if not has(record, DISTURBANCE.column):
+    pulses = pulses_of(record)
+    if not pulses:
         return ()
-    error = np.abs(attitude_errors(record)).max(axis=1)
-    pulses = find_pulses(t, vectors(record, DISTURBANCE.column))
+    t, error = elapsed(record), np.abs(attitude_errors(record)).max(axis=1)
     return tuple(
         Disturbance(
             pulse.start_s, pulse.duration_s, pulse.torque, _recovery(t, error, pulse, pulses)
         )
         for pulse in pulses
     )
+
+
+def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
+    """Find the sudden disturbances of a run, by start; none where none is recorded.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no instant.
+    """
+    t = elapsed(record)
+    if not has(record, DISTURBANCE.column):
+        return ()
+    return find_pulses(t, vectors(record, DISTURBANCE.column))
 
 
 def torque_limit(record: RunRecord) -> float:

@@ -1,4 +1,4 @@
-"""One self-contained HTML page: verdicts, figures, configuration and versions of one run or more."""
+"""One self-contained HTML page: verdicts, figures, configuration and versions of the runs."""
 
 import base64
 import io
@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from ppc_attitude.analysis.comparison import COMPARISONS, comparisons_of
@@ -48,6 +49,9 @@ figcaption { font-size: .85rem; color: #444; padding: 0 0 .3rem .5rem; }
 @media print {
   body { padding: 0; font-size: 9.5pt; max-width: none; }
   .figures { grid-template-columns: 1fr 1fr; }
+  .columns { columns: 2 16rem; font-size: 8pt; }
+  .columns section { break-inside: auto; }
+  section.run + section.run { break-before: page; }
   h2, h3 { break-after: avoid; }
   tr { break-inside: avoid; }
 }
@@ -137,7 +141,7 @@ def _heading(runs: Sequence[tuple[RunRecord, Verdict]]) -> str:
 
 
 def _comparison(runs: Sequence[tuple[RunRecord, Verdict]], labels: Sequence[str]) -> str:
-    """Requirements of all runs in one table, and the common figures."""
+    """Put the requirements of all runs in one table, then the common figures."""
     names = list(dict.fromkeys(each.name for _, v in runs for each in v.requirements))
     rows = []
     for name in names:
@@ -175,7 +179,7 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
     warnings = "".join(f'<p class="warning">{escape(each)}</p>\n' for each in record.warnings)
     return "\n".join(
         [
-            f"<h2>{escape(title)}</h2>",
+            f'<section class="run"><h2>{escape(title)}</h2>',
             warnings + _pairs(facts),
             "<h3>Requirements</h3>",
             _requirements(verdict),
@@ -188,6 +192,7 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
             _configuration(record.parameters),
             "<h3>Versions</h3>",
             _pairs(record.metadata.items()) if record.metadata else "<p>not recorded</p>",
+            "</section>",
         ]
     )
 
@@ -202,7 +207,7 @@ def _requirements(verdict: Verdict) -> str:
 
 
 def _outcome(each: Requirement) -> str:
-    """The verdict in words as well as in colour."""
+    """Tell the verdict in words as well as in colour."""
     return '<span class="met">✓ met</span>' if each.met else '<span class="failed">✗ failed</span>'
 
 
@@ -246,7 +251,7 @@ def _configuration(parameters: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _plain(value: Any) -> str:
-    """A parameter as one writes it in YAML."""
+    """Write a parameter as in YAML."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list | tuple):
@@ -283,5 +288,6 @@ def _figures(
 def _data_uri(figure: Figure) -> str:
     """SVG in an image of its own, so that the names inside it meet no other figure's."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    with mpl.rc_context({"svg.hashsalt": "ppc_attitude"}):  # the same page for the same run
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

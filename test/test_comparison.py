@@ -1,0 +1,136 @@
+"""Figures of several runs and of the sweep."""
+
+import numpy as np
+import pytest
+from synthetic import hit_run, normal_run, with_columns, without_columns
+
+from ppc_attitude.analysis.comparison import (
+    angular_velocity_comparison,
+    attitude_comparison,
+    comparisons_of,
+    rate_error_comparison,
+    save_comparison,
+    save_sweep,
+    sweep_figure,
+)
+from ppc_attitude.analysis.drawing import BLUE, RED
+from ppc_attitude.analysis.series import AnalysisError
+
+LABELS = ["proposed", "benchmark"]
+
+
+@pytest.fixture(scope="module")
+def runs():
+    one = normal_run(50.0, rate=10.0)
+    envelope = np.full_like(one["attitude_envelope"], 0.7)
+    return [one, with_columns(one, attitude_envelope=envelope)]
+
+
+def lines(axes, colour):
+    return [line for line in axes.get_lines() if line.get_color() == colour]
+
+
+def test_the_first_is_red_and_the_second_blue_each_in_its_dotted_envelope(runs):
+    axes = attitude_comparison(runs, LABELS).axes
+    assert len(axes) == 3
+    for k, panel in enumerate(axes):
+        for run, colour in zip(runs, (RED, BLUE), strict=True):
+            state, upper, lower = lines(panel, colour)
+            assert np.array_equal(state.get_ydata(), run["attitude_error"][:, k])
+            assert np.array_equal(upper.get_ydata(), run["attitude_envelope"][:, k])
+            assert np.array_equal(lower.get_ydata(), -run["attitude_envelope"][:, k])
+            assert state.get_linestyle() == "-"
+            assert upper.get_linestyle() != "-"
+        assert panel.get_ylabel() == f"$q_{{ev,{'xyz'[k]}}}$ [1]"
+    assert [text.get_text() for text in axes[0].get_legend().get_texts()] == LABELS
+
+
+def test_the_rates_with_their_norm_and_the_limit(runs):
+    axes = angular_velocity_comparison(runs, LABELS).axes
+    assert len(axes) == 4
+    rate = np.rad2deg(runs[1]["angular_velocity"])
+    assert np.array_equal(lines(axes[2], BLUE)[0].get_ydata(), rate[:, 2])
+    assert np.allclose(lines(axes[3], RED)[0].get_ydata(), np.linalg.norm(rate, axis=1))
+    assert any(set(line.get_ydata()) == {3.0} for line in axes[3].get_lines())
+    assert all("deg/s" in each.get_ylabel() for each in axes)
+
+
+def test_a_late_hit_of_any_run_is_shown_closely():
+    runs = [hit_run(), normal_run()]
+    axes = attitude_comparison(runs, LABELS).axes
+    assert len(axes) == 6
+    assert [each.get_xlim() for each in axes[1::2]] == [(78.0, 92.0)] * 3
+    bound = runs[0]["attitude_envelope"][7800:9201].max()
+    assert axes[1].get_ylim()[1] == pytest.approx(1.1 * bound, rel=1e-12)
+
+
+def test_rate_errors_are_compared_where_both_have_envelopes(tmp_path, runs):
+    assert [path.stem for path in save_comparison(runs, LABELS, tmp_path / "a")] == [
+        "comparison_attitude_error",
+        "comparison_angular_velocity",
+        "comparison_rate_error",
+    ]
+    plain = [runs[0], without_columns(runs[1], "rate_envelope")]
+    assert [path.stem for path in save_comparison(plain, LABELS, tmp_path / "b")] == [
+        "comparison_attitude_error",
+        "comparison_angular_velocity",
+    ]
+    panel = rate_error_comparison(runs, LABELS).axes[0]
+    assert panel.get_yscale() == "log"
+    z2 = np.abs(runs[0]["rate_error"][:, 0])
+    assert np.array_equal(lines(panel, RED)[0].get_ydata(), z2)
+
+
+def test_runs_of_different_length():
+    figure = attitude_comparison([normal_run(10.0), normal_run(30.0)], LABELS)
+    assert figure.axes[0].get_xlim() == (0.0, 30.0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_too_few_or_too_many(count, runs):
+    with pytest.raises(AnalysisError, match=f"{count} runs to compare; from 2 to 6"):
+        comparisons_of(runs[:1] * count, ["a"] * count)
+
+
+def test_a_label_for_each(runs):
+    with pytest.raises(AnalysisError, match="1 labels for 2 runs"):
+        comparisons_of(runs, ["a"])
+
+
+def test_the_sweep(tmp_path):
+    durations = [0.05, 0.1, 0.2, 0.5, 1.0]
+    recovery = [2.0, 3.5, 12.0, None, None]
+    outside = [0.1, 0.2, 0.4, 2.0, 5.0]
+    top, bottom = sweep_figure(durations, recovery, outside).axes
+    by_label = {line.get_label(): line for line in top.get_lines()}
+    assert list(by_label["recovery"].get_xdata()) == durations[:3]
+    assert list(by_label["recovery"].get_ydata()) == recovery[:3]
+    assert list(by_label["not recovered"].get_xdata()) == [0.5, 1.0]
+    assert by_label["limit 10 s"].get_ydata()[0] == 10.0
+    assert list(bottom.get_lines()[0].get_ydata()) == outside
+    assert [text.get_text() for text in bottom.get_xticklabels()] == [
+        "0.05",
+        "0.1",
+        "0.2",
+        "0.5",
+        "1",
+    ]
+    assert bottom.get_xlabel() == "duration of the hit [s]"
+    assert top.get_ylabel() == "recovery time [s]"
+    path = tmp_path / "figures" / "sweep.png"
+    save_sweep(durations, recovery, outside, path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("recovery", "outside"), [([None, None], [1.0, 2.0]), ([1.0, 2.0], [0.0, 0.0])]
+)
+def test_a_sweep_of_one_kind(tmp_path, recovery, outside):
+    save_sweep([0.1, 0.2], recovery, outside, tmp_path / "sweep.png")
+
+
+def test_a_sweep_that_does_not_match():
+    with pytest.raises(AnalysisError, match="given 1 and 2 for 2"):
+        sweep_figure([0.1, 0.2], [1.0], [0.0, 0.0])
+    with pytest.raises(AnalysisError):
+        sweep_figure([], [], [])

@@ -1,0 +1,60 @@
+"""Lines thinned for drawing: light, and no spike lost."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ppc_attitude.analysis.drawing import BUCKETS, decimated, draw, panels
+
+
+def test_an_hour_is_light_and_keeps_its_spikes():
+    t = np.arange(360_001) / 100
+    values = np.sin(t / 100)
+    values[123_456], values[300_001] = 7.0, -9.0
+    x, y = decimated(t, values)
+    assert x.size <= 2 * BUCKETS + 2
+    assert (y.max(), y.min()) == (7.0, -9.0)
+    assert x[y.argmax()] == 1234.56
+    assert (x[0], x[-1]) == (0.0, 3600.0)
+
+
+def test_a_short_line_is_drawn_as_it_is():
+    t = np.arange(2.0 * BUCKETS)
+    x, y = decimated(t, -t)
+    assert np.array_equal(x, t)
+    assert np.array_equal(y, -t)
+
+
+def test_a_long_gap_breaks_the_line_and_a_short_one_does_not():
+    t = np.arange(100_000.0)
+    values = np.cos(t)
+    values[40_000:50_000] = np.nan
+    values[7] = np.nan
+    x, y = decimated(t, values)
+    assert np.isnan(y[(x > 40_200) & (x < 49_800)]).all()
+    assert np.isfinite(y[(x < 39_800) | (x > 50_200)]).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(n=st.integers(1, 20_000), seed=st.integers(0, 2**32 - 1), holes=st.floats(0, 1))
+def test_what_is_kept(n, seed, holes):
+    """Samples of the line, in order, with the extremes of every stretch."""
+    random = np.random.default_rng(seed)
+    values = random.normal(size=n)
+    values[random.random(n) < holes] = np.nan
+    x, y = decimated(np.arange(float(n)), values)
+    assert (np.diff(x) >= 0).all()
+    assert np.array_equal(values[x.astype(int)], y, equal_nan=True)
+    if np.isfinite(values).any():
+        assert np.nanmax(y) == np.nanmax(values)
+        assert np.nanmin(y) == np.nanmin(values)
+
+
+def test_a_close_look_is_as_fine_as_the_record():
+    _, rows = panels(1)
+    (axes,) = rows[0]
+    axes.set_xlim(1000.0, 1010.0)
+    t = np.arange(360_001) / 100
+    draw(axes, t, t)
+    (line,) = axes.get_lines()
+    assert np.array_equal(line.get_xdata(), t[99_999:101_002])

@@ -1,0 +1,264 @@
+"""What the figures of a run show: lines, labels with units, limits, the record's own numbers."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from synthetic import hit_run, normal_run, times, with_columns, without_columns
+
+from ppc_attitude.analysis.figures import (
+    FIGURES,
+    angular_velocity_figure,
+    applied_torque_figure,
+    attitude_error_figure,
+    auxiliary_state_figure,
+    disturbance_figure,
+    figures_of,
+    rate_error_figure,
+    save_figures,
+    transformed_errors_figure,
+    zoom_window,
+)
+from ppc_attitude.analysis.series import AnalysisError
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def normal():
+    return normal_run(70.0, rate=10.0)  # few enough samples to be drawn as they are
+
+
+@pytest.fixture(scope="module")
+def hit():
+    return hit_run()
+
+
+def labelled(axes):
+    """Lines that the legend tells, by label."""
+    return {
+        line.get_label(): line
+        for line in axes.get_lines()
+        if not str(line.get_label()).startswith("_")
+    }
+
+
+def shows(line, t, values):
+    assert np.array_equal(line.get_xdata(), t)
+    assert np.array_equal(line.get_ydata(), values)
+
+
+def levels(axes):
+    """Horizontal lines across the panel."""
+    return {
+        line.get_ydata()[0]
+        for line in axes.get_lines()
+        if len(line.get_ydata()) == 2 and line.get_ydata()[0] == line.get_ydata()[1]
+    }
+
+
+def test_the_attitude_error_in_its_envelope(normal):
+    figure = attitude_error_figure(normal)
+    linear, logarithmic = figure.axes
+    t, error = normal.stamps_ns / 1e9, normal["attitude_error"]
+    for k, axis in enumerate("xyz"):
+        shows(labelled(linear)[f"$q_{{ev,{axis}}}$"], t, error[:, k])
+        shows(labelled(logarithmic)[f"$q_{{ev,{axis}}}$"], t, np.abs(error[:, k]))
+    drawn = [line.get_ydata() for line in linear.get_lines()]
+    for k in range(3):
+        for sign in (1, -1):
+            bound = sign * normal["attitude_envelope"][:, k]
+            assert any(np.array_equal(bound, each) for each in drawn)
+    assert r"$\pm\rho_q$" in labelled(linear)
+    assert linear.get_ylabel() == "$q_{ev}$ [1]"
+    assert logarithmic.get_ylabel() == "$|q_{ev}|$ [1]"
+    assert logarithmic.get_yscale() == "log"
+    assert {5e-3, 5e-4} <= levels(logarithmic)
+    assert linear.get_xlabel() == "time [s]"
+    assert linear.get_xlim() == (0.0, 70.0)
+
+
+def test_the_rate_error_in_its_envelope(normal):
+    linear, logarithmic = rate_error_figure(normal).axes
+    shows(labelled(linear)["$z_{2,y}$"], normal.stamps_ns / 1e9, normal["rate_error"][:, 1])
+    assert linear.get_ylabel() == "$z_2$ [rad/s]"
+    assert logarithmic.get_yscale() == "log"
+    assert len(linear.get_lines()) == 3 + 6 + 1
+    assert len(logarithmic.get_lines()) == 3 + 3
+
+
+def test_the_applied_torque_and_its_limits(normal):
+    (axes,) = applied_torque_figure(normal).axes
+    t = normal.stamps_ns / 1e9
+    shows(labelled(axes)[r"$\tau_{z}$"], t, normal["applied_torque"][:, 2])
+    assert levels(axes) == {0.05, -0.05}
+    assert axes.get_ylabel() == "applied torque [N·m]"
+    weak = replace(normal, parameters={"spacecraft_plant": {"max_torque": 0.02}})
+    (axes,) = applied_torque_figure(weak).axes
+    assert levels(axes) == {0.02, -0.02}
+    assert axes.get_ylim()[1] > 0.05  # what broke the limit is in view
+
+
+def test_the_angular_velocity_over_the_desired_one_in_body_axes(normal):
+    t = normal.stamps_ns / 1e9
+    # A craft turned by 90° about z: what the desired frame has on x, the body has on −y.
+    half = np.sqrt(0.5)
+    turned = with_columns(
+        normal,
+        attitude=np.tile([0.0, 0.0, half, half], (t.size, 1)),
+        reference_angular_velocity=np.tile([np.deg2rad(0.5), 0.0, 0.0], (t.size, 1)),
+    )
+    top, bottom = angular_velocity_figure(turned).axes
+    rate = np.rad2deg(turned["angular_velocity"])
+    shows(labelled(top)[r"$\omega_{s,x}$"], t, rate[:, 0])
+    dotted = [line.get_ydata() for line in top.get_lines() if line.get_linestyle() != "-"][:3]
+    assert np.allclose(np.column_stack(dotted), [0.0, -0.5, 0.0], atol=1e-12)
+    norm = labelled(bottom)[r"$\|\omega_s\|$"]
+    assert np.allclose(norm.get_ydata(), np.sqrt((rate**2).sum(axis=1)), rtol=1e-14)
+    assert levels(bottom) == {3.0}
+    assert "deg/s" in top.get_ylabel()
+    assert "deg/s" in bottom.get_ylabel()
+
+
+def test_a_run_without_reference_still_shows_its_rate(normal):
+    top, _ = angular_velocity_figure(without_columns(normal, "reference_angular_velocity")).axes
+    assert list(labelled(top)) == [rf"$\omega_{{s,{axis}}}$" for axis in "xyz"]
+
+
+def test_the_disturbance(normal, hit):
+    (axes,) = disturbance_figure(normal).axes
+    shows(labelled(axes)["$d_{x}$"], normal.stamps_ns / 1e9, normal["disturbance_torque"][:, 0])
+    whole, enlarged = disturbance_figure(hit).axes
+    assert whole.get_ylim()[1] > 0.8
+    assert 3e-3 < enlarged.get_ylim()[1] < 5e-3
+    assert "N·m" in whole.get_ylabel()
+
+
+def test_the_transformed_errors(normal, hit):
+    attitude, rate = transformed_errors_figure(normal).axes
+    epsilon = normal["attitude_error"][:, :3] / normal["attitude_envelope"]
+    shows(labelled(attitude)[r"$\varepsilon_{q,x}$"], normal.stamps_ns / 1e9, epsilon[:, 0])
+    epsilon = normal["rate_error"] / normal["rate_envelope"]
+    shows(labelled(rate)[r"$\varepsilon_{\omega,z}$"], normal.stamps_ns / 1e9, epsilon[:, 2])
+    assert levels(attitude) == levels(rate) == {1.0, -1.0}
+    far = with_columns(hit, rate_error=1e3 * hit["rate_envelope"])
+    assert [axes.get_yscale() for axes in transformed_errors_figure(far).axes] == [
+        "linear",
+        "symlog",
+    ]
+
+
+def test_the_auxiliary_state(normal):
+    (axes,) = auxiliary_state_figure(normal).axes
+    assert list(labelled(axes)) == [rf"$\theta_{{{axis}}}$" for axis in "xyz"]
+    shows(labelled(axes)[r"$\theta_{y}$"], normal.stamps_ns / 1e9, normal["auxiliary_state"][:, 1])
+
+
+def test_a_hit_is_marked_and_shown_closely(hit):
+    *whole, close = attitude_error_figure(hit).axes
+    for axes in whole:
+        marks = [line.get_xdata()[0] for line in axes.get_lines() if line.get_marker() == "v"]
+        assert marks == [20.0, 80.0]
+    assert [line.get_xdata()[0] for line in close.get_lines() if line.get_marker() == "v"] == [80.0]
+    assert close.get_xlim() == (78.0, 92.0)
+    bound = hit["attitude_envelope"][7800:9201].max()
+    assert close.get_ylim()[1] == pytest.approx(1.1 * bound, rel=1e-12)
+    assert rate_error_figure(hit).axes[2].get_yscale() == "log"
+    assert applied_torque_figure(hit).axes[1].get_xlim() == (78.0, 92.0)
+
+
+@pytest.mark.parametrize(
+    ("hits", "window"),
+    [
+        ([], None),
+        ([20.0], None),
+        ([20.0, 80.0], (78.0, 92.0)),
+        ([61.0, 80.0], (59.0, 73.0)),
+        ([115.0], (113.0, 120.0)),
+    ],
+)
+def test_what_is_shown_closely(hits, window):
+    assert zoom_window(times(120.0)[1], hits) == window
+
+
+def test_every_panel_tells_its_time_and_unit(normal, hit):
+    for run in (normal, hit):
+        for name, figure in figures_of(run).items():
+            assert figure.axes[-1].get_xlabel() == "time [s]", name
+            assert all(axes.get_ylabel().endswith("]") for axes in figure.axes), name
+            assert figure.get_size_inches()[0] == 3.5
+
+
+def test_figures_are_saved(tmp_path, hit):
+    folder = tmp_path / "new" / "folder"
+    paths = save_figures(hit, folder)
+    assert paths == [folder / f"{name}.png" for name in FIGURES]
+    assert all(path.read_bytes().startswith(PNG) for path in paths)
+
+
+def test_nothing_collides(tmp_path, hit, recwarn):
+    """A layout that does not fit is told by a warning."""
+    save_figures(hit, tmp_path)
+    assert [str(each.message) for each in recwarn] == []
+
+
+def test_only_what_the_controller_has(tmp_path, normal):
+    plain = without_columns(
+        normal, "attitude_envelope", "rate_error", "rate_envelope", "auxiliary_state"
+    )
+    assert [path.stem for path in save_figures(plain, tmp_path)] == [
+        "attitude_error",
+        "applied_torque",
+        "angular_velocity",
+        "disturbance",
+    ]
+
+
+def test_missing_samples_are_gaps(normal):
+    rows = normal["attitude_error"].copy()
+    rows[100:200] = np.nan
+    linear = attitude_error_figure(with_columns(normal, attitude_error=rows)).axes[0]
+    drawn = labelled(linear)["$q_{ev,x}$"].get_ydata()
+    assert np.isnan(drawn[100:200]).all()
+    assert np.isfinite(drawn[200:]).all()
+
+
+def test_nothing_to_draw(normal):
+    empty = replace(
+        normal,
+        stamps_ns=normal.stamps_ns[:0],
+        columns={name: rows[:0] for name, rows in normal.columns.items()},
+    )
+    with pytest.raises(AnalysisError, match="no sample at all"):
+        figures_of(empty)
+    with pytest.raises(AnalysisError, match="nothing to draw"):
+        figures_of(replace(normal, columns={}))
+
+
+def test_a_single_instant(tmp_path):
+    assert save_figures(normal_run(0.0), tmp_path)
+
+
+def test_global_state_is_left_alone(normal):
+    before = dict(mpl.rcParams)
+    figures_of(normal)
+    assert dict(mpl.rcParams) == before
+
+
+def test_pyplot_is_never_imported():
+    """It would look for a display and keep every figure alive."""
+    program = (
+        "import sys\n"
+        "from synthetic import normal_run\n"
+        "from ppc_attitude.analysis.figures import figures_of\n"
+        "figures_of(normal_run(1.0))\n"
+        "sys.exit('matplotlib.pyplot' in sys.modules)\n"
+    )
+    here = Path(__file__).parent
+    environment = {**os.environ, "PYTHONPATH": f"{here.parent}{os.pathsep}{here}"}
+    subprocess.run([sys.executable, "-c", program], check=True, env=environment)
