@@ -59,7 +59,7 @@ class RunRecord:
     @property
     def t(self) -> Array:
         """Instants [s], shape (n,)."""
-        return self.stamps_ns * 1e-9
+        return np.asarray(self.stamps_ns * 1e-9, dtype=np.float64)
 
     @property
     def missing_messages(self) -> int:

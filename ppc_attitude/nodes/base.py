@@ -10,15 +10,16 @@ from types import FrameType
 from typing import Any
 
 import rclpy
+import rclpy.utilities
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.time import Duration
+from rclpy.duration import Duration
 
 from ppc_attitude.contract.cdr import NANOSECONDS, Codec
 from ppc_attitude.contract.topics import DIAGNOSTICS_TOPIC, Topic
-from ppc_attitude.nodes.messages import Inbox, Refused, message_class
+from ppc_attitude.nodes.messages import Inbox, RefusedError, message_class
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.science.errors import ConfigurationError
@@ -95,14 +96,14 @@ class BaseNode(Node):
         handle: Callable[[int, tuple[float, ...]], None],
         any_frame: bool = False,
     ) -> None:
-        """Call `handle(stamp [ns], numbers)` for every message of a topic that passes the checks."""
+        """Call `handle(stamp [ns], numbers)` for every message that passes the checks."""
         read = Inbox(topic, any_frame).read
 
         def receive(data: bytes) -> None:
             try:
                 sample = read(data)
                 handle(sample.stamp_ns, sample.values)
-            except Refused as reason:
+            except RefusedError as reason:
                 self.refuse(topic.name, str(reason))
 
         self.create_subscription(
@@ -219,7 +220,7 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
     finally:
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
+        rclpy.utilities.try_shutdown()
 
 
 def _spin(node: BaseNode, stop: StopRequest) -> None:

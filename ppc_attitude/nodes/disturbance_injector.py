@@ -10,7 +10,7 @@ from ppc_attitude.contract.cdr import seconds
 from ppc_attitude.contract.topics import ATTITUDE, DISTURBANCE, INJECT, INJECTOR
 from ppc_attitude.nodes.base import OK, STALE, BaseNode, run_node
 from ppc_attitude.nodes.lockstep import StampGuard, Verdict
-from ppc_attitude.nodes.messages import Refused
+from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.science.disturbance import PULSE, external_torque
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.simulation.scenario import pulse, pulses
@@ -56,7 +56,7 @@ class DisturbanceInjector(BaseNode):
             self._send(stamp_ns, self._last)
             return
         if verdict is Verdict.STALE:
-            raise Refused(f"{ATTITUDE.name}: stamp {seconds(stamp_ns):.6f} s is out of order")
+            raise RefusedError(f"{ATTITUDE.name}: stamp {seconds(stamp_ns):.6f} s is out of order")
         if verdict is Verdict.RESTART:
             self._injected.clear()
             self.restart_report()
@@ -80,11 +80,11 @@ class DisturbanceInjector(BaseNode):
     def _on_inject(self, stamp_ns: int, torque: tuple[float, ...]) -> None:
         limit = self.parameters["max_injected_torque"]
         if max(map(abs, torque)) > limit:
-            raise Refused(f"{INJECT.name}: {torque} N·m; allowed: up to {limit} N·m per axis")
+            raise RefusedError(f"{INJECT.name}: {torque} N·m; allowed: up to {limit} N·m per axis")
         if len(self._injected) + len(self._beginning) >= _MAX_INJECTED:
             self._collect()
             if len(self._injected) + len(self._beginning) >= _MAX_INJECTED:
-                raise Refused(f"{INJECT.name}: {_MAX_INJECTED} pulses are pending already")
+                raise RefusedError(f"{INJECT.name}: {_MAX_INJECTED} pulses are pending already")
         self._accepted += 1
         if stamp_ns > self._stamp:
             self._injected.append(pulse(stamp_ns, self.parameters["injection_duration"], torque))

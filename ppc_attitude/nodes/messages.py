@@ -15,7 +15,7 @@ _UNIT_TOLERANCE = 1e-3
 _LARGEST = 1e6  # no rate [rad/s] or torque [N·m] of a spacecraft is larger
 
 
-class Refused(ValueError):
+class RefusedError(ValueError):
     """A message must not be used; says why."""
 
 
@@ -47,27 +47,27 @@ class Inbox:
 
         Raises
         ------
-        Refused
+        RefusedError
             Not a message of the type, another frame, a number that is not finite or absurdly
             large, a quaternion that is not a unit one, a negative stamp.
         """
         try:
             sample = self._decode(data)
         except CdrError as error:
-            raise Refused(f"{self._topic.name}: {error}") from None
+            raise RefusedError(f"{self._topic.name}: {error}") from None
         stamp_ns, frame_id, values = sample
         if frame_id not in self._frames:
-            raise Refused(
+            raise RefusedError(
                 f"{self._topic.name}: frame_id {frame_id!r}; allowed: {self._topic.frame_id!r}"
             )
         if stamp_ns < 0:
-            raise Refused(f"{self._topic.name}: negative stamp {stamp_ns} ns")
+            raise RefusedError(f"{self._topic.name}: negative stamp {stamp_ns} ns")
         if not finite(values):
-            raise Refused(f"{self._topic.name}: {values} is not finite")
+            raise RefusedError(f"{self._topic.name}: {values} is not finite")
         if self._is_attitude:
             return Sample(stamp_ns, frame_id, self._unit(values))
         if max(map(abs, values)) > _LARGEST:
-            raise Refused(
+            raise RefusedError(
                 f"{self._topic.name}: {values} {self._topic.unit}; allowed: magnitudes up to "
                 f"{_LARGEST:g}"
             )
@@ -76,7 +76,7 @@ class Inbox:
     def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:
         length = math.hypot(*values)
         if abs(length - 1.0) > _UNIT_TOLERANCE:
-            raise Refused(
+            raise RefusedError(
                 f"{self._topic.name}: quaternion {values} has norm {length:.6g}; allowed: 1 "
                 f"within {_UNIT_TOLERANCE:g}"
             )

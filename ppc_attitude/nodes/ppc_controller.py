@@ -20,7 +20,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.base import OK, STALE, WARN, BaseNode, run_node
 from ppc_attitude.nodes.lockstep import Instant, StampGuard, Values, Verdict
-from ppc_attitude.nodes.messages import Refused
+from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.science.controllers.interface import new_command, new_measurement
 from ppc_attitude.science.controllers.registry import CONTROLLERS
 from ppc_attitude.science.parameter import Value
@@ -80,7 +80,7 @@ class PpcController(BaseNode):
     def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         verdict = self._guard.judge(stamp_ns)
         if verdict is Verdict.STALE:
-            raise Refused(f"state: stamp {seconds(stamp_ns):.6f} s is out of order")
+            raise RefusedError(f"state: stamp {seconds(stamp_ns):.6f} s is out of order")
         if verdict is Verdict.RESTART:
             self.get_logger().info(f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed")
             self._memory = self._law.new_memory()

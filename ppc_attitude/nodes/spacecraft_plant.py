@@ -19,13 +19,14 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.base import OK, STALE, WARN, BaseNode, run_node
-from ppc_attitude.nodes.messages import Refused
+from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.nodes.qos import published
+from ppc_attitude.science.kernel import Vector
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.spacecraft import applied_torque, measured, plant_step
 from ppc_attitude.simulation.scenario import initial_state, nanoseconds, plant_record
 
-_ZERO = (0.0, 0.0, 0.0)
+_ZERO: Vector = (0.0, 0.0, 0.0)
 _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated after this
 _SAY_WAITING = 5.0  # [s] between two messages about what the plant waits for
 _REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of catching up
@@ -48,7 +49,9 @@ class SpacecraftPlant(BaseNode):
         self._input_stamps = dict.fromkeys(self._inputs, -1)
         self._apply_parameters()
 
-        self._clock = self.create_publisher(Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC))
+        self._clock_publisher = self.create_publisher(
+            Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC)
+        )
         self._send_attitude = self.sender(ATTITUDE)
         self._send_rate = self.sender(ANGULAR_VELOCITY)
         self._send_applied = self.sender(APPLIED_TORQUE)
@@ -87,17 +90,17 @@ class SpacecraftPlant(BaseNode):
     def _receiver(self, name: str) -> Any:
         def receive(stamp_ns: int, values: tuple[float, ...]) -> None:
             if stamp_ns > self._stamp:
-                raise Refused(
+                raise RefusedError(
                     f"{name}: stamp {seconds(stamp_ns):.6f} s is in the future of "
                     f"{seconds(self._stamp):.6f} s"
                 )
             if stamp_ns <= self._input_stamps[name]:
                 if stamp_ns < self._input_stamps[name]:
-                    raise Refused(f"{name}: stamp {seconds(stamp_ns):.6f} s is out of order")
+                    raise RefusedError(f"{name}: stamp {seconds(stamp_ns):.6f} s is out of order")
                 return  # a peer's repeated answer
             if self._lockstep and stamp_ns < self._stamp:
                 return  # an answer to an earlier state, sent before its peer saw this one
-            self._inputs[name] = values
+            self._inputs[name] = (values[0], values[1], values[2])
             self._input_stamps[name] = stamp_ns
             if self._lockstep:
                 self._step_if_complete()
@@ -105,13 +108,13 @@ class SpacecraftPlant(BaseNode):
         return receive
 
     def _publish_state(self) -> None:
-        self._clock.publish(encode_clock(self._stamp))
+        self._clock_publisher.publish(encode_clock(self._stamp))
         q, omega = measured(self._plant, self._q, self._omega, self._step)
         self._send_attitude(self._stamp, q)
         self._send_rate(self._stamp, omega)
         self._started = True
 
-    def _advance(self, command: tuple[float, ...], disturbance: tuple[float, ...]) -> None:
+    def _advance(self, command: Vector, disturbance: Vector) -> None:
         """Hold both torques until the next stamp, publish what acted and the new state."""
         applied = applied_torque(self._plant, command)
         stamp = self._stamp
@@ -170,7 +173,7 @@ class SpacecraftPlant(BaseNode):
         self._advance(self._command_or_zero(), self._inputs[DISTURBANCE.name])
         return 0.0
 
-    def _command_or_zero(self) -> tuple[float, ...]:
+    def _command_or_zero(self) -> Vector:
         """Return the held torque, or zero when the last command is older than the time-out."""
         age_ns = self._stamp - self._input_stamps[TORQUE_COMMAND.name]
         timed_out = self._input_stamps[TORQUE_COMMAND.name] < 0 or age_ns > self._timeout_ns

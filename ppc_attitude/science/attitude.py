@@ -48,7 +48,7 @@ def kinematics(q: Quaternion, omega: Vector) -> Quaternion:
 
 @kernel
 def moved(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
-    """q + h q', not normalised: the stages of a Runge-Kutta step."""
+    """Q + h q', not normalised: the stages of a Runge-Kutta step."""
     return (q[0] + h * rate[0], q[1] + h * rate[1], q[2] + h * rate[2], q[3] + h * rate[3])
 
 
@@ -83,7 +83,8 @@ def attitude_error(q_s: Quaternion, q_d: Quaternion) -> Quaternion:
 def to_body(a: Vector, q: Vector, q0: float) -> Vector:
     """C_e a = (q0² − qᵀq) a + 2 q qᵀa − 2 q0 q × a: desired frame to body."""
     return add(
-        scale(q0 * q0 - dot(q, q), a), subtract(scale(2.0 * dot(q, a), q), scale(2.0 * q0, cross(q, a)))
+        scale(q0 * q0 - dot(q, q), a),
+        subtract(scale(2.0 * dot(q, a), q), scale(2.0 * q0, cross(q, a))),
     )
 
 

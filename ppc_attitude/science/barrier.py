@@ -22,7 +22,7 @@ def barrier(epsilon: Vector, k: float, F: float) -> float:
 
 @kernel
 def barrier_gain(epsilon: Vector, k: float, F: float) -> float:
-    """k tanh(εᵀε/F), the factor of ε in the gradient."""
+    """K tanh(εᵀε/F), the factor of ε in the gradient."""
     return k * math.tanh(dot(epsilon, epsilon) / F)
 
 

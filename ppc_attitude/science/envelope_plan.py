@@ -16,7 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.kernel import Vector, apply, dot, kernel, largest, matrix, norm, scale, subtract
+from ppc_attitude.science.kernel import (
+    Vector,
+    apply,
+    dot,
+    kernel,
+    largest,
+    matrix,
+    norm,
+    scale,
+    subtract,
+)
 from ppc_attitude.science.performance import clock_at, nominal
 from ppc_attitude.science.virtual_control import sign, virtual_control
 
@@ -38,6 +48,8 @@ MAX_STRETCH = 64.0
 _FILL = 0.4
 # The model of the turn may fill this part; the rest is for what the model leaves out.
 _MODEL_FILL = 0.85
+# At t2 it may fill this part: from there the rest dies out in seconds instead of crawling.
+_END_FILL = 0.3
 # The envelope waits while sin(φ/2) is above this: near φ = π a turn hardly changes sin(φ/2).
 _HOLD_ABOVE = 0.8
 _MODEL_STEPS = 400
@@ -47,9 +59,7 @@ _BISECTIONS = 12
 @kernel
 def _turn_rate(phi: float, rho: float, gains: Any) -> float:
     """Speed [rad/s] at which the virtual control lets the error angle φ fall."""
-    return float(
-        gains.k * gains.M_omega * rho * math.tanh(gains.beta * math.sin(0.5 * phi) / rho)
-    )
+    return float(gains.k * gains.M_omega * rho * math.tanh(gains.beta * math.sin(0.5 * phi) / rho))
 
 
 @kernel
@@ -115,7 +125,7 @@ def _stays_inside(
         phi = min(max(phi, 0.0), math.pi)
         t += h
         clock += h_clock
-    return bool(math.sin(0.5 * phi) <= _MODEL_FILL * shape.terminal)
+    return bool(math.sin(0.5 * phi) <= _END_FILL * shape.terminal)
 
 
 @kernel
@@ -187,9 +197,7 @@ def plan_envelopes(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, g
 
 
 @kernel
-def carry_on(
-    plan: Any, t: float, gains: Any
-) -> tuple[tuple[float, float], tuple[float, float]]:
+def carry_on(plan: Any, t: float, gains: Any) -> tuple[tuple[float, float], tuple[float, float]]:
     """(ρ_ω0, ρ_ω0') and (ρ_q0, ρ_q0') of the plan at t [s]."""
     since = t - plan.start
     falling = since - plan.hold

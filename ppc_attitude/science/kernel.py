@@ -4,7 +4,9 @@ Inside a kernel a vector is a tuple of floats. Tuples live in registers, so a co
 allocates nothing, and they are values, so no function changes its caller's vector.
 """
 
+import hashlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
 
 import numba
@@ -15,8 +17,28 @@ Matrix: TypeAlias = tuple[Vector, Vector, Vector]  # rows
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+
+
+def _cache_folder() -> Path:
+    """Where compiled kernels are kept: one folder for each state of the sources.
+
+    Numba looks for a change only in the file of the kernel itself. Kernels call kernels of other
+    files, so after an edit, or an update of some files, it would run old machine code.
+    """
+    package = Path(__file__).parent.parent
+    digest = hashlib.sha256()
+    for folder in ("science", "simulation"):
+        for source in sorted((package / folder).rglob("*.py")):
+            digest.update(source.read_bytes())
+    root = Path(numba.config.CACHE_DIR or Path(__file__).parent / "__pycache__")
+    return root / f"ppc_attitude-{digest.hexdigest()[:16]}"
+
+
+# Where this folder cannot be written, Numba falls back to the user's own.
+numba.config.CACHE_DIR = str(_cache_folder())
+
 # No fastmath: the node, the in-process loop and the replay must agree to the last bit.
-OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
+OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 def kernel(function: _Function) -> _Function:
@@ -77,19 +99,19 @@ def store_quaternion(target: Any, a: Quaternion) -> None:
 
 @kernel
 def add(a: Vector, b: Vector) -> Vector:
-    """a + b."""
+    """A + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @kernel
 def subtract(a: Vector, b: Vector) -> Vector:
-    """a − b."""
+    """A − b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @kernel
 def scale(s: float, a: Vector) -> Vector:
-    """s a."""
+    """S a."""
     return (s * a[0], s * a[1], s * a[2])
 
 

@@ -94,7 +94,8 @@ class Parameter:
             Wrong type, length, range or not finite; names the parameter, value and what is allowed.
         """
         if not self.is_list:
-            return self._element(value, self.default)
+            scalar: Value = self._element(value, self.default)
+            return scalar
         if isinstance(value, str) or not hasattr(value, "__iter__"):
             raise self._refusal(value)
         elements = list(value)
@@ -131,9 +132,7 @@ class Parameter:
         return ConfigurationError(f"{self.name} = {value!r}{unit}; allowed: {self.allowed}")
 
 
-def resolved(
-    table: Iterable[Parameter], given: Mapping[str, Any], owner: str
-) -> dict[str, Value]:
+def resolved(table: Iterable[Parameter], given: Mapping[str, Any], owner: str) -> dict[str, Value]:
     """Defaults overlaid with checked values.
 
     Parameters

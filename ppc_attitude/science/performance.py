@@ -161,8 +161,8 @@ def _infeasible(name: str, table: EnvelopeTable, r: float, lt2: float) -> str:
     if r <= _R_LIMIT:
         nearest_time = 2.0 / table.decay
         return (
-            f"{head} gives t1 < 0 with decay·settling_time = {lt2:.6g}. Nearest feasible value of "
-            f"one parameter, the others kept: {name}.settling_time ≥ about {nearest_time:.6g} s, or "
+            f"{head} gives t1 < 0 with decay·settling_time = {lt2:.6g}. Nearest feasible value "
+            f"of one parameter, the others kept: {name}.settling_time ≥ about {nearest_time:.6g} s, or "
             f"{name}.decay ≥ about {2.0 / table.settling_time:.6g} 1/s"
         )
     gap = table.terminal - table.exponential_terminal

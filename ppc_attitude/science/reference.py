@@ -74,7 +74,7 @@ def desired_attitude(t: float, reference: Any, cursor: Any) -> Quaternion:
         Record of dtype `CURSOR`: the last grid point, so that the next call goes on from there.
         A call for an earlier time begins again.
     """
-    whole = int(math.floor(t / GRID))
+    whole = math.floor(t / GRID)
     q = quaternion(cursor.attitude)
     if q == (0.0, 0.0, 0.0, 0.0) or cursor.steps > whole:
         cursor.steps = 0
@@ -87,7 +87,6 @@ def desired_attitude(t: float, reference: Any, cursor: Any) -> Quaternion:
     if rest > 0.0:
         return _attitude_step(q, whole * GRID, rest, reference)
     return q
-
 
 
 @kernel

@@ -21,7 +21,6 @@ from ppc_attitude.science.kernel import (
     subtract,
 )
 
-
 PLANT = np.dtype(
     [
         ("inertia", np.float64, (3, 3)),  # [kg·m²]

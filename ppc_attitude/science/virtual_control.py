@@ -55,7 +55,7 @@ def componentwise(
 def directional(
     q: Vector, q_rate: Vector, rho: Vector, rho_rate: Vector, beta: float
 ) -> tuple[Vector, Vector]:
-    """w = q g(‖ε‖) and w' = q' g + q g' ‖ε‖', with g(e) = tanh(β e)/e."""
+    """W = q g(‖ε‖) and w' = q' g + q g' ‖ε‖', with g(e) = tanh(β e)/e."""
     epsilon = divide(q, rho)
     epsilon_rate = divide(subtract(q_rate, multiply(rho_rate, epsilon)), rho)
     e = math.sqrt(dot(epsilon, epsilon))

@@ -38,6 +38,9 @@ from ppc_attitude.simulation.scenario import (
     reference_record,
 )
 
+_TUPLE: Any = types.UniTuple  # untyped in Numba
+_QUATERNION = _TUPLE(types.float64, 4)
+_VECTOR = _TUPLE(types.float64, 3)
 SAMPLE = np.dtype([(t.column, np.float64, (t.width,)) for t in SAMPLED], align=True)
 
 
@@ -110,8 +113,8 @@ def loop_of(name: str) -> Any:
         types.boolean,
         from_dtype(PULSE)[::1],
         types.int64[::1],
-        types.UniTuple(types.float64, 4),
-        types.UniTuple(types.float64, 3),
+        _QUATERNION,
+        _VECTOR,
         from_dtype(MEASUREMENT),
         from_dtype(COMMAND),
         from_dtype(SAMPLE)[::1],

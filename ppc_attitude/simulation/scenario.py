@@ -1,4 +1,4 @@
-"""The scenario: ROS parameter files read, overlaid, checked, and turned into the kernels' records."""
+"""The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from ppc_attitude.science.controllers.interface import Controller
 from ppc_attitude.science.controllers.registry import CONTROLLERS
 from ppc_attitude.science.disturbance import PULSE
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import Quaternion, Vector
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.reference import REFERENCE as REFERENCE_RECORD
 from ppc_attitude.science.spacecraft import PLANT as PLANT_RECORD
@@ -190,10 +191,12 @@ def plant_record(values: Mapping[str, Any]) -> Any:
     return record
 
 
-def initial_state(values: Mapping[str, Any]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def initial_state(values: Mapping[str, Any]) -> tuple[Quaternion, Vector]:
     """Attitude x y z w and angular velocity [rad/s] at t = 0."""
     attitude = unit_quaternion("initial_attitude", values["initial_attitude"])
-    return tuple(map(float, attitude)), tuple(map(float, values["initial_angular_velocity"]))
+    x, y, z, w = map(float, attitude)
+    rate_x, rate_y, rate_z = map(float, values["initial_angular_velocity"])
+    return (x, y, z, w), (rate_x, rate_y, rate_z)
 
 
 def reference_record(values: Mapping[str, Any]) -> Any:

@@ -34,7 +34,6 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
 
-
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -64,7 +63,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Run, record, judge."""
     bag = _bag_folder(arguments.bag)
-    extra = {
+    extra: dict[str, dict[str, Any]] = {
         PLANT: {"lockstep": not arguments.realtime},
         RECORDER: {"bag": str(bag)},
     }

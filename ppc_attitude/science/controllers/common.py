@@ -49,7 +49,9 @@ ATTITUDE_TABLE = EnvelopeTable(1.0, 1e-4, 0.05, 60.0, 5e-3)
 # Table II has no solution (r = 1.76e5, at most e/2); this is the nearest table that has one.
 RATE_TABLE = EnvelopeTable(0.08, 3e-5, 0.5, 40.0, 3e-5)
 
-ATTITUDE_ENVELOPE = envelope_parameters("attitude_envelope", "attitude envelope", "", ATTITUDE_TABLE)
+ATTITUDE_ENVELOPE = envelope_parameters(
+    "attitude_envelope", "attitude envelope", "", ATTITUDE_TABLE
+)
 RATE_ENVELOPE = envelope_parameters("rate_envelope", "rate envelope", "rad/s", RATE_TABLE)
 
 

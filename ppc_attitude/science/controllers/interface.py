@@ -136,9 +136,7 @@ def step_signature(memory: np.dtype[Any], configuration: np.dtype[Any]) -> Any:
 
 
 @kernel
-def error_state(
-    measurement: Any, inertia: Any
-) -> tuple[Quaternion, Vector, Vector]:
+def error_state(measurement: Any, inertia: Any) -> tuple[Quaternion, Vector, Vector]:
     """q_e, ω_e [rad/s] and M0 [N·m], the error system of eq. 1.
 
     ω_e = ω_s − C_e ω_d and M0 = J (ω_e × C_e ω_d) − J C_e ω_d' − ω_s × J ω_s, in body axes.
@@ -165,4 +163,3 @@ def store_command(
     store(command.rate_error, rate_error)
     store(command.unsaturated_torque, unsaturated)
     store(command.torque_command, torque)
-

@@ -103,7 +103,13 @@ def inverse_jacobian(q: Vector, q0: float, a: Vector) -> Vector:
 
 @kernel
 def desired_rate_error(
-    q: Vector, q0: float, omega_e: Vector, rho: float, rho_rate: float, rho_acceleration: float, K1: float
+    q: Vector,
+    q0: float,
+    omega_e: Vector,
+    rho: float,
+    rho_rate: float,
+    rho_acceleration: float,
+    K1: float,
 ) -> tuple[Vector, Vector]:
     """α = F_e⁻¹ g [rad/s] and α' [rad/s²], with g = −(K1 − η) q and η = ρ'/ρ."""
     eta = rho_rate / rho

@@ -52,7 +52,6 @@ from ppc_attitude.science.kernel import (
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import (
     SHAPE,
-    nominal,
     widened_attitude_envelope,
     widened_rate_envelope,
 )

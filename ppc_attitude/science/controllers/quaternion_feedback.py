@@ -37,7 +37,11 @@ from ppc_attitude.science.virtual_control import sign
 
 _OWN = (
     Parameter(
-        "quaternion_feedback.natural_frequency", 0.5, "natural frequency of the loop", "rad/s", above=0.0
+        "quaternion_feedback.natural_frequency",
+        0.5,
+        "natural frequency of the loop",
+        "rad/s",
+        above=0.0,
     ),
     Parameter("quaternion_feedback.damping", 1.0, "damping ratio of the loop", above=0.0),
     Parameter(
