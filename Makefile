@@ -26,7 +26,8 @@ setup: $(INSTALLED) ## create .venv and install everything there (about 1 GB)
 
 run: $(INSTALLED) ## run the paper's normal case through the five nodes, print the verdicts
 	@$(ENTER); mkdir -p build; \
-	ppc_attitude run --config config/paper.yaml --report build/paper.html
+	code=0; ppc_attitude run --config config/paper.yaml --report build/paper.html || code=$$?; \
+	echo "report: $$PWD/build/paper.html"; exit $$code
 
 test: $(INSTALLED) ## lint, check types, run the tests (ARGS='-k name' goes to pytest)
 	@$(ENTER); \

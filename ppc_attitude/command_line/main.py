@@ -13,6 +13,10 @@ COMMANDS = (
     "run",
     "simulate",
     "analyse",
+    "compare",
+    "sweep",
+    "replay",
+    "inject",
     "recover",
     "export",
 )
@@ -27,8 +31,8 @@ exit codes: 0 done and all requirements met; 1 done, a requirement failed;
 """
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Build the parser with every command."""
+def build_parser(only: str = "") -> argparse.ArgumentParser:
+    """Build the parser with every command, or with one: each costs its imports."""
     parser = argparse.ArgumentParser(
         prog="ppc_attitude",
         description="Prescribed-performance attitude control: run, record, judge.",
@@ -37,14 +41,15 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS:
+    for name in (only,) if only in COMMANDS else COMMANDS:
         import_module(f"ppc_attitude.command_line.commands.{name}").add_parser(subparsers)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    parsed = build_parser().parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    parsed = build_parser(given[0] if given else "").parse_args(given)
     try:
         return int(parsed.execute(parsed))
     except RunError as error:

@@ -12,10 +12,10 @@ from typing import Any
 import rclpy
 import rclpy.utilities
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.duration import Duration
 
 from ppc_attitude.contract.cdr import NANOSECONDS, Codec
 from ppc_attitude.contract.topics import DIAGNOSTICS_TOPIC, Topic

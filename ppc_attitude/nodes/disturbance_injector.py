@@ -29,7 +29,8 @@ class DisturbanceInjector(BaseNode):
         self._stamp = -1
         self._last: tuple[float, ...] = (0.0, 0.0, 0.0)
         self._injected: list[Any] = []
-        self._beginning: list[tuple[float, ...]] = []  # torques that act from the next state on
+        # Torque and duration of what acts from the next state on.
+        self._beginning: list[tuple[tuple[float, ...], float]] = []
         self._accepted = 0
         self._apply_parameters()
         self._send = self.sender(DISTURBANCE)
@@ -72,8 +73,7 @@ class DisturbanceInjector(BaseNode):
         self.report(stamp_ns)
 
     def _begin_injected(self, stamp_ns: int) -> None:
-        duration = self.parameters["injection_duration"]
-        self._injected += [pulse(stamp_ns, duration, torque) for torque in self._beginning]
+        self._injected += [pulse(stamp_ns, each[1], each[0]) for each in self._beginning]
         self._beginning.clear()
         self._collect()
 
@@ -86,12 +86,13 @@ class DisturbanceInjector(BaseNode):
             if len(self._injected) + len(self._beginning) >= _MAX_INJECTED:
                 raise RefusedError(f"{INJECT.name}: {_MAX_INJECTED} pulses are pending already")
         self._accepted += 1
+        duration = self.parameters["injection_duration"]
         if stamp_ns > self._stamp:
-            self._injected.append(pulse(stamp_ns, self.parameters["injection_duration"], torque))
+            self._injected.append(pulse(stamp_ns, duration, torque))
             self._collect()
             when = f"from t = {seconds(stamp_ns):.3f} s on"
         else:
-            self._beginning.append(torque)
+            self._beginning.append((torque, duration))
             when = "from the next state on"
         self.get_logger().info(f"injected torque {torque} N·m acts {when}")
 

@@ -1,0 +1,44 @@
+"""`ppc_attitude compare`: several runs side by side."""
+
+import argparse
+from pathlib import Path
+
+from ppc_attitude.analysis.comparison import save_comparison
+from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.report import run_labels, write_report
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line.errors import DONE, UsageError
+from ppc_attitude.command_line.options import add_report_option
+
+_MOST = 6
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "compare",
+        help="compare recorded runs",
+        description="Verdicts and figures of several runs side by side; the first is drawn red.",
+    )
+    parser.add_argument(
+        "bags", metavar="BAG", type=Path, nargs="+", help="folders of two to six bags"
+    )
+    parser.add_argument("--figures", metavar="DIR", type=Path, help="draw the comparisons there")
+    add_report_option(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Read all, print every verdict, draw."""
+    if not 2 <= len(arguments.bags) <= _MOST:
+        raise UsageError(f"{len(arguments.bags)} bags given; allowed: 2 to {_MOST}")
+    records = [read_run(bag) for bag in arguments.bags]
+    judged = [(record, analyse(record)) for record in records]
+    print("\n\n".join(verdict_table(verdict) for _, verdict in judged))
+    if arguments.figures:
+        for path in save_comparison(records, run_labels(records), arguments.figures):
+            print(f"figure: {path}")
+    if arguments.report:
+        write_report(judged, arguments.report)
+        print(f"report: {arguments.report}")
+    return DONE

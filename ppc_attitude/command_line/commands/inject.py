@@ -1,0 +1,53 @@
+"""`ppc_attitude inject`: a sudden torque into a running stack, without the ros2 command."""
+
+import argparse
+import sys
+
+from ppc_attitude.command_line.errors import BROKEN, DONE
+from ppc_attitude.command_line.options import positive
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "inject",
+        help="inject a torque into a running stack",
+        description=(
+            "Publishes on disturbance/inject, in the domain that ROS_DOMAIN_ID names. What acted "
+            "is on disturbance/torque."
+        ),
+    )
+    parser.add_argument(
+        "torque", metavar=("X", "Y", "Z"), type=float, nargs=3, help="torque, body axes [N·m]"
+    )
+    parser.add_argument(
+        "--duration",
+        metavar="S",
+        type=positive,
+        help="how long it acts [s]; default the injector's `injection_duration`",
+    )
+    parser.add_argument(
+        "--at",
+        metavar="T",
+        type=positive,
+        help="simulated time [s] at which it begins; default now",
+    )
+    parser.add_argument(
+        "--namespace", metavar="NS", default="", help="namespace of the stack; default none"
+    )
+    parser.set_defaults(execute=execute)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Inject and say what was sent."""
+    from ppc_attitude.nodes.inject import inject
+
+    problem = inject(
+        tuple(arguments.torque), arguments.at or 0.0, arguments.duration, arguments.namespace
+    )
+    if problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return BROKEN
+    when = "now" if arguments.at is None else f"at t = {arguments.at:g} s"
+    print(f"injected {arguments.torque} N·m {when}")
+    return DONE
