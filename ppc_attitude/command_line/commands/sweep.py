@@ -98,9 +98,8 @@ def _listed(rows: Sequence[tuple[float, Metrics]]) -> list[dict[str, float | Non
 
 
 def _print_table(rows: Sequence[tuple[float, Metrics]], after: float) -> None:
-    print(
-        f"{'hit [s]':>8} {'recovered after [s]':>20} {'q_ev outside [s]':>17} {'z2 outside [s]':>15}"
-    )
+    head = ("hit [s]", "recovered after [s]", "q_ev outside [s]", "z2 outside [s]")
+    print(f"{head[0]:>8} {head[1]:>20} {head[2]:>17} {head[3]:>15}")
     for duration, metrics in rows:
         recovery = _recovery(metrics)
         shown = f"not in {after:g}" if recovery is None else f"{recovery:.2f}"
