@@ -1,0 +1,246 @@
+"""Print the numbers of docs/theory.md that no command of ppc_attitude prints.
+
+python docs/examples/theory_numbers.py
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.attitude import (
+    attitude_error,
+    jacobian,
+    jacobian_inverse_scaled,
+    jacobian_transposed,
+    product,
+)
+from ppc_attitude.science.controllers.common import ATTITUDE_TABLE, RATE_TABLE
+from ppc_attitude.science.controllers.interface import new_command, new_measurement
+from ppc_attitude.science.disturbance import environment_torque
+from ppc_attitude.science.kernel import vector
+from ppc_attitude.science.performance import nominal, solve_envelope
+from ppc_attitude.science.reference import desired_motion, desired_rate, new_cursor
+from ppc_attitude.science.spacecraft import applied_torque, plant_step
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import (
+    Scenario,
+    initial_state,
+    load,
+    plant_record,
+    reference_record,
+)
+
+CONFIG = Path(__file__).parents[2] / "config"
+J = np.array([2.8, 2.5, 1.9])
+SETTLED = 5e-3
+
+
+def show(name: str, value: Any, unit: str = "") -> None:
+    """Print one number as the page has it."""
+    print(f"{name:<58} {value:.4g} {unit}".rstrip())
+
+
+def errors_of(record: Any) -> Any:
+    """Largest |q_ev| component at every instant."""
+    return np.abs(record["attitude_error"][:, :3]).max(axis=1)
+
+
+def last_unsettled(t: Any, error: Any) -> float:
+    """Last instant [s] at which the error is 5e-3 or more."""
+    return float(t[error >= SETTLED].max(initial=0.0))
+
+
+def task(paper: Scenario) -> None:
+    """Reference, environment and initial error."""
+    reference = reference_record(paper.parameters[REFERENCE])
+    times = np.arange(0.0, 120.01, 0.01)
+    rates = np.degrees([np.linalg.norm(desired_rate(t, reference)) for t in times])
+    show("largest |omega_d| in 120 s", rates.max(), "deg/s")
+    torques = [np.linalg.norm(environment_torque(t)) for t in np.arange(0.0, 700.0, 0.1)]
+    show("largest |d| of the environment, a whole period", max(torques), "N·m")
+    q_s, _ = initial_state(paper.parameters[PLANT])
+    q_d, _, _ = desired_motion(0.0, reference, new_cursor())
+    q_e = attitude_error(q_s, q_d)
+    print("initial error q_e", " ".join(f"{each:.5f}" for each in q_e))
+    show("initial error angle", math.degrees(2.0 * math.acos(abs(q_e[3]))), "deg")
+
+
+def envelopes() -> None:
+    """Joints and steepest relative fall of the two tables."""
+    for name, table in (("Table I", ATTITUDE_TABLE), ("Table II repaired", RATE_TABLE)):
+        envelope = solve_envelope(name, table)
+        shape = envelope.shape()
+        times = np.linspace(0.0, table.settling_time, 200_001)
+        fall = np.array([-rate / value for value, rate in (nominal(t, shape) for t in times)])
+        show(f"{name}: r", envelope.r)
+        print(f"{name + ': t1':<58} {envelope.t1:.9f} s")
+        print(f"{name + ': a1':<58} {envelope.a1:.11e}")
+        show(f"{name}: largest -rho'/rho", fall.max(), "1/s")
+        show(f"{name}: at", times[fall.argmax()], "s")
+
+
+def rate_bounds() -> None:
+    """Largest |v|/(k M_omega max rho) of the componentwise form, beta -> infinity."""
+    random = np.random.default_rng(1)
+    quaternions = random.normal(size=(200_000, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    speeds = np.array(
+        [jacobian_inverse_scaled(tuple(q[:3]), q[3], tuple(np.sign(q[:3]))) for q in quaternions]
+    )
+    show("largest |v| / (k M_omega rho), 200000 attitudes", np.linalg.norm(speeds, axis=1).max())
+    show("largest |v_i| / (k M_omega rho)", np.abs(speeds).max())
+
+
+def cross_term_ratio() -> None:
+    """Cross term of V2' over the z2 term of V1' (to cancel: -1), sigma = 0, random states."""
+    random = np.random.default_rng(2)
+    k1, k2 = 2.0, 0.7
+    corrected, printed = [], []
+    for _ in range(1000):
+        q_e = random.normal(size=4)
+        q_e /= np.linalg.norm(q_e)
+        q, q0 = tuple(map(float, q_e[:3])), float(q_e[3])
+        rho_q, rho_w, z2 = random.uniform(0.1, 1.0, (3, 3))
+        eps_q, eps_w = np.array(q) / rho_q, z2 / rho_w
+        gain_q, gain_w = math.tanh(eps_q @ eps_q), k2 * math.tanh(eps_w @ eps_w)
+        target = k1 * gain_q * (eps_q / rho_q) @ jacobian(q, q0, tuple(z2))
+        right = rho_w**2 * np.array(jacobian_transposed(q, q0, tuple(eps_q / rho_q)))
+        wrong = rho_w**2 / rho_q * np.array(jacobian(q, q0, tuple(eps_q)))
+        corrected.append(-gain_w * (eps_w / rho_w) @ right * k1 * gain_q / gain_w / target)
+        printed.append(-gain_w * (eps_w / rho_w) @ wrong * gain_q / gain_w / target)
+    show("cross term ratio as implemented: smallest", min(corrected))
+    show("cross term ratio as implemented: largest", max(corrected))
+    show("cross term ratio as printed: 10th percentile", np.percentile(printed, 10))
+    show("cross term ratio as printed: 90th percentile", np.percentile(printed, 90))
+
+
+def follows_table(paper: Scenario, component: float, axis: int) -> bool:
+    """True if a start with this component of q_ev on one axis keeps to Table I."""
+    error = np.zeros(4)
+    error[axis], error[3] = component, math.sqrt(1.0 - component**2)
+    reference = reference_record(paper.parameters[REFERENCE])
+    q_d, _, _ = desired_motion(0.0, reference, new_cursor())
+    start = product(q_d, tuple(map(float, error)))
+    record = simulate(paper.with_values(PLANT, initial_attitude=list(start)), 120.0)
+    return bool(np.all(np.abs(record["attitude_error"][:, :3]) < record["attitude_envelope"]))
+
+
+def largest_start(paper: Scenario) -> None:
+    """Bisect the largest component of q_ev on each axis from which the error follows Table I."""
+    for axis, name in enumerate("xyz"):
+        low, high = 0.1, 0.9
+        while high - low > 1e-3:
+            middle = 0.5 * (low + high)
+            low, high = (
+                (middle, high) if follows_table(paper, middle, axis) else (low, middle)
+            )
+        show(f"largest initial |q_ev,{name}| that Table I admits", low)
+
+
+def sample_times(paper: Scenario) -> None:
+    """The normal case and the hit at 80 s at other rates, and with one sample of delay."""
+    for rate in (50.0, 100.0, 200.0, 500.0, 1000.0):
+        report(f"{rate:g} Hz", paper.with_values(PLANT, rate=rate), 0)
+    report("100 Hz, one sample of delay", paper, 1)
+    report("norm form, beta 6", paper.with_values(CONTROLLER, virtual_control="norm", beta=6.0), 0)
+
+
+def report(name: str, scenario: Scenario, delay: int) -> None:
+    """Settling, terminal error, largest rate, and recovery from 0.8 N·m x 0.1 s at 80 s."""
+    t, error, rate = delayed(scenario, delay)
+    hit = {"pulse_times": [80.0], "pulse_durations": [0.1], "pulse_torques": [0.8] * 3}
+    _, hit_error, _ = delayed(scenario.with_values(INJECTOR, **hit), delay)
+    print(
+        f"{name:<28} settled {last_unsettled(t, error):.2f} s, last 20 s "
+        f"{error[t >= 100.0].max():.3g}, rate {rate:.3f} deg/s, recovery "
+        f"{last_unsettled(t, hit_error) - 80.0:.2f} s"
+    )
+
+
+def delayed(scenario: Scenario, delay: int) -> tuple[Any, Any, float]:
+    """Times, largest |q_ev| and largest rate [deg/s], the command acting `delay` samples late."""
+    if delay == 0:
+        record = simulate(scenario, 120.0)
+        rates = np.linalg.norm(record["angular_velocity"], axis=1)
+        return record.t, errors_of(record), float(np.degrees(rates.max()))
+    exact = simulate(scenario, 120.0)
+    values = scenario.parameters
+    law, plant = scenario.controller, plant_record(values[PLANT])
+    memory, gains = law.new_memory(), law.configure(values[CONTROLLER])
+    measurement, command = new_measurement(), new_command()
+    q, omega = initial_state(values[PLANT])
+    held = [(0.0, 0.0, 0.0)] * delay
+    errors, rates = [], []
+    h = 1.0 / float(str(values[PLANT]["rate"]))
+    for k, t in enumerate(exact.t):
+        measurement["t"], measurement["attitude"] = t, q
+        measurement["angular_velocity"] = omega
+        for column in measurement.dtype.names[3:]:
+            measurement[column] = exact[column][k]
+        law.step(measurement, memory, gains, command)
+        held.append(applied_torque(plant, vector(command["torque_command"])))
+        errors.append(np.abs(command["attitude_error"][:3]).max())
+        rates.append(np.linalg.norm(omega))
+        disturbance = tuple(exact["disturbance_torque"][k])
+        q, omega = plant_step(plant, q, omega, held.pop(0), disturbance, h)
+    return exact.t, np.array(errors), float(np.degrees(max(rates)))
+
+
+def hits() -> None:
+    """What momentum and angle a pulse of 0.8 N·m on every axis leaves, and 0.05 N·m takes away."""
+    print("hit [s]  rate left [deg/s]  stop after [s]  largest angle turned on an axis [deg]")
+    for duration in (0.05, 0.1, 0.2, 0.5, 1.0):
+        rate = np.degrees(np.linalg.norm(0.8 * duration / J))
+        stop = 0.8 * duration / 0.05
+        turned = np.degrees(0.5 * 0.8 * duration / J.min() * stop)
+        print(f"{duration:<8g} {rate:<18.3g} {stop:<15.3g} {turned:.3g}")
+
+
+def benchmark() -> None:
+    """Where the logarithmic barrier settles after the hit at 80 s, predicted and simulated."""
+    names = ("paper", "comparison_hit", "traditional")
+    scenario = load([CONFIG / f"{name}.yaml" for name in names])
+    gains = scenario.parameters[CONTROLLER]
+    table = float(str(gains["attitude_envelope.terminal"]))
+    k_b, K1, K2 = (float(str(gains[f"log_barrier.{name}"])) for name in ("k_b", "K1", "K2"))
+    show("log_barrier: predicted q*", math.sqrt(table**2 + k_b / (4.0 * K1 * K2)))
+    record = simulate(scenario, 600.0)
+    for column, name in enumerate("xyz"):
+        settled = np.abs(record["attitude_error"][record.t > 300.0, column])
+        print(f"log_barrier: |q_ev,{name}| after 300 s: {settled.min():.4f} to {settled.max():.4f}")
+    rates = np.degrees(np.linalg.norm(record["angular_velocity"], axis=1))
+    show("log_barrier: largest rate in the first 80 s", rates[record.t < 80.0].max(), "deg/s")
+
+
+def along_the_run(paper: Scenario) -> None:
+    """How much of its envelope the normal case fills."""
+    record = simulate(paper, 120.0)
+    fill = np.abs(record["attitude_error"][:, :3]) / record["attitude_envelope"]
+    show("normal case: largest |eps_q|", fill.max())
+    show("normal case: at", record.t[fill.max(axis=1).argmax()], "s")
+    show("normal case: |eps_q| at t2 = 60 s", fill[record.t >= 60.0].max())
+    outer = np.abs(record["rate_error"]) / record["rate_envelope"]
+    show("normal case: largest |eps_omega|", outer.max())
+    saturated = record["torque_command"] != record["unsaturated_torque"]
+    show("normal case: time with an axis saturated", saturated.any(axis=1).mean() * 120.0, "s")
+
+
+def main() -> None:
+    """Print all of them."""
+    paper = load([CONFIG / "paper.yaml"])
+    task(paper)
+    envelopes()
+    rate_bounds()
+    cross_term_ratio()
+    along_the_run(paper)
+    largest_start(paper)
+    sample_times(paper)
+    hits()
+    benchmark()
+
+
+if __name__ == "__main__":
+    main()
