@@ -8,6 +8,7 @@ from ppc_attitude.contract.topics import (
     CONTROLLER,
     DISTURBANCE,
     INJECTOR,
+    MARKERS,
     PLANT,
     RECORDER,
     REFERENCE,
@@ -163,12 +164,33 @@ _CONTROLLER = (
 )
 _RECORDER = (
     Parameter("bag", "", "folder of the bag; empty: a new, dated one under bags/", read_only=True),
+    Parameter(
+        "namespaces",
+        [""],
+        "namespaces whose topics go into the bag; an empty one: the recorder's own",
+        read_only=True,
+    ),
     Parameter("storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3"), read_only=True),
     Parameter(
         "run_info",
         "",
         "JSON object with what the starter knows of the run: parameters, versions, seed",
         read_only=True,
+    ),
+)
+_MARKERS = (
+    Parameter("update_rate", 20.0, "pictures per second", "Hz", low=0.1, high=1000.0),
+    Parameter(
+        "position", [0.0, 0.0, 0.0], "where the craft is drawn", "m", length=3, low=-1e6, high=1e6
+    ),
+    Parameter("torque_scale", 20.0, "length of the torque arrow", "m/(N·m)", above=0.0, high=1e6),
+    Parameter(
+        "disturbance_scale",
+        200.0,
+        "length of the disturbance arrow; no arrow is longer than 2 m",
+        "m/(N·m)",
+        above=0.0,
+        high=1e6,
     ),
 )
 
@@ -178,4 +200,5 @@ PARAMETERS: dict[str, tuple[Parameter, ...]] = {
     CONTROLLER: _CONTROLLER,
     INJECTOR: _INJECTOR,
     RECORDER: _RECORDER,
+    MARKERS: _MARKERS,
 }

@@ -13,6 +13,7 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 CLOCK = "rosgraph_msgs/msg/Clock"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 PARAMETER_EVENTS = "rcl_interfaces/msg/ParameterEvent"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 
 INERTIAL, BODY, DESIRED = "inertial", "body", "desired"
 
@@ -22,6 +23,7 @@ CONTROLLER = "ppc_controller"
 INJECTOR = "disturbance_injector"
 RECORDER = "bag_recorder"
 NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
+MARKERS = "attitude_markers"  # draws the run for RViz and Foxglove; no run needs it
 
 WIDTH = {QUATERNION: 4, VECTOR: 3, WRENCH: 3}  # numbers of one sample (of a wrench: the torque)
 
@@ -175,6 +177,9 @@ CLOCK_TOPIC = Topic("/clock", CLOCK, "", PLANT, "", "s", "simulated time")
 DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, "", "", "", "", "health of every node")
 PARAMETER_EVENTS_TOPIC = Topic(
     "/parameter_events", PARAMETER_EVENTS, "", "", "", "", "changed parameters"
+)
+MARKERS_TOPIC = Topic(
+    "markers", MARKER_ARRAY, INERTIAL, MARKERS, "", "m", "craft, frames and torques as shapes"
 )
 
 SAMPLED = (

@@ -7,10 +7,12 @@ import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.validate_topic_name import validate_topic_name
 
 from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.errors import BagError
@@ -51,20 +53,21 @@ class BagRecorder(BaseNode):
         self._count = 0
         self._failure = ""
         self._announced: set[str] = set()
-        self._completeness = Completeness()
-        for topic in TOPICS:
-            self.create_subscription(
-                message_class(topic.msgtype),
-                topic.name,
-                self._receiver(topic),
-                recorded(topic),
-                raw=True,
-            )
+        self._completeness: dict[str, Completeness] = {}
+        for namespace in dict.fromkeys(_tidy(name) for name in self.parameters["namespaces"]):
+            self._completeness[namespace] = Completeness()
+            self._subscribe_all(namespace)
         self.get_logger().info(f"recording to {self._path}")
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """See that the facts about the run are JSON."""
+        """See that the facts about the run are JSON, and that the namespaces can be some."""
         _run_info(str(values["run_info"]))
+        for namespace in cast(list[str], values["namespaces"]):
+            try:
+                validate_topic_name(f"{_tidy(namespace)}{ATTITUDE.name}")
+            except InvalidTopicNameException as error:
+                reason = str(error).partition("\n")[0].rstrip(":")
+                raise ConfigurationError(f"namespaces: {namespace!r}: {reason}") from None
 
     def _custom_data(self) -> dict[str, str]:
         parameters = self._run_info.get("parameters", {})
@@ -72,8 +75,23 @@ class BagRecorder(BaseNode):
         controller = str(parameters.get(CONTROLLER, {}).get("controller", "unknown"))
         return encode_custom_data(controller, parameters, metadata)
 
-    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
-        name = self.resolve_topic_name(topic.name)
+    def _subscribe_all(self, namespace: str) -> None:
+        for topic in TOPICS:
+            absolute = topic.name.startswith("/")
+            if absolute and len(self._completeness) > 1:
+                continue  # one for all namespaces
+            name = topic.name if absolute else f"{namespace}{topic.name}"
+            self.create_subscription(
+                message_class(topic.msgtype),
+                name,
+                self._receiver(topic, self.resolve_topic_name(name), self._completeness[namespace]),
+                recorded(topic),
+                raw=True,
+            )
+
+    def _receiver(
+        self, topic: Topic, name: str, completeness: Completeness
+    ) -> Callable[[bytes], None]:
         sampled = bool(topic.column)
         leads = topic is ATTITUDE
         last = b""
@@ -86,7 +104,7 @@ class BagRecorder(BaseNode):
             stamp = header_stamp(data, topic.msgtype)
             if sampled and stamp is not None and stamp >= 0:
                 last = data
-                self._completeness.add(topic.name, stamp)
+                completeness.add(topic.name, stamp)
                 if leads:
                     self._now = stamp
             self._write(name, topic, self._now if stamp is None or stamp < 0 else stamp, data)
@@ -123,7 +141,11 @@ class BagRecorder(BaseNode):
 
     def close(self) -> None:
         """Finish the bag, and say whether it is complete."""
-        gaps = self._completeness.gaps()
+        gaps = [
+            f"{namespace}{gap}"
+            for namespace, completeness in self._completeness.items()
+            for gap in completeness.gaps()
+        ]
         try:
             if not self._failure:
                 self._writer.set_custom_data("ppc_attitude.gaps", json.dumps(gaps))
@@ -166,6 +188,12 @@ def _offered(topic: Topic) -> Any:
         durability="transient_local" if kept else "volatile",
         depth=profile.depth,
     )
+
+
+def _tidy(namespace: str) -> str:
+    """Prefix of the topics of a namespace; empty for the recorder's own."""
+    bare = namespace.rstrip("/")
+    return f"{bare}/" if namespace else ""
 
 
 def _run_info(text: str) -> dict[str, Any]:

@@ -56,7 +56,8 @@ class Parameter:
     @property
     def of_strings(self) -> bool:
         """True if the parameter is a string or an array of strings."""
-        return isinstance(self.default, str) or bool(self.choices)
+        first = self.default[:1] if isinstance(self.default, list) else [self.default]
+        return any(isinstance(value, str) for value in first)
 
     @property
     def allowed(self) -> str:
@@ -66,7 +67,7 @@ class Parameter:
             parts.append("true or false")
         elif self.choices:
             parts.append(("any of " if self.is_list else "one of ") + ", ".join(self.choices))
-        elif isinstance(self.default, str):
+        elif self.of_strings:
             parts.append("text")
         else:
             parts.append("an integer" if isinstance(self.default, int) else "finite")
