@@ -1,0 +1,63 @@
+"""What a recorder that nobody told anything asks the other nodes: their parameters."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.topics import RECORDER
+
+_PERIOD = 1.0  # [s] between two looks for nodes that have not answered
+
+
+class ParameterSurvey:
+    """Ask every other node of the namespace for its parameters, whenever it appears.
+
+    Parameters
+    ----------
+    node : Node
+        Who asks.
+    on_answer : callable
+        Called with all answers so far, node name to parameters, after each answer.
+    """
+
+    def __init__(self, node: Node, on_answer: Callable[[dict[str, dict[str, Any]]], None]) -> None:
+        self._on_answer = on_answer
+        self._answers: dict[str, dict[str, Any]] = {}
+        self._asked: set[str] = set()
+        self._clients = {
+            name: node.create_client(GetParameters, f"{name}/get_parameters")
+            for name in PARAMETERS
+            if name != RECORDER
+        }
+        self._timer = node.create_timer(_PERIOD, self._ask)
+
+    def _ask(self) -> None:
+        for name, client in self._clients.items():
+            if name not in self._asked and client.service_is_ready():
+                self._asked.add(name)
+                names = [parameter.name for parameter in PARAMETERS[name]]
+                future = client.call_async(GetParameters.Request(names=names))
+                future.add_done_callback(self._receiver(name, names))
+        if self._asked == set(self._clients):
+            self._timer.cancel()
+
+    def _receiver(self, name: str, names: list[str]) -> Callable[[Future], None]:
+        def receive(future: Future) -> None:
+            response = future.result()
+            if response is None or len(response.values) != len(names):
+                self._asked.discard(name)
+                return
+            values = map(parameter_value_to_python, response.values)
+            self._answers[name] = {key: _plain(value) for key, value in zip(names, values, strict=True)}
+            self._on_answer(self._answers)
+
+        return receive
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if hasattr(value, "tolist") or isinstance(value, tuple) else value
