@@ -12,6 +12,7 @@ NODES = (
     "ppc_controller",
     "disturbance_injector",
     "bag_recorder",
+    "attitude_markers",
 )
 SHARED_FOLDERS = ("config", "launch")
 

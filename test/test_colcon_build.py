@@ -10,7 +10,7 @@ import pytest
 from test_layers import PACKAGE, ROOT
 
 import ppc_attitude
-from ppc_attitude.contract.topics import NODES
+from ppc_attitude.contract.topics import MARKERS, NODES
 
 GENERATED = {"bags", "build", "install", "log", f"{PACKAGE}.egg-info"}
 SHARED_FILES = [
@@ -53,7 +53,7 @@ def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 def test_executables_are_where_ros2_run_looks(workspace: Path) -> None:
     folder = workspace / "install" / PACKAGE / "lib" / PACKAGE
-    assert {path.name for path in folder.iterdir()} == {*NODES, PACKAGE}
+    assert {path.name for path in folder.iterdir()} == {*NODES, MARKERS, PACKAGE}
     assert all(os.access(path, os.X_OK) for path in folder.iterdir())
 
 

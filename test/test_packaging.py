@@ -12,7 +12,7 @@ from catkin_pkg.package import Package, parse_package
 from test_layers import PACKAGE, ROOT, SOURCES, imports_of
 
 import ppc_attitude
-from ppc_attitude.contract.topics import NODES
+from ppc_attitude.contract.topics import MARKERS, NODES
 
 # Imported module: its requirement for pip (None: not on PyPI), its rosdep key (None: optional).
 DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
@@ -127,7 +127,7 @@ def test_nothing_is_declared_that_nothing_needs(
 
 def test_entry_points_lead_to_a_main(setup_arguments: dict[str, Any]) -> None:
     scripts = dict(line.split(" = ") for line in setup_arguments["entry_points"]["console_scripts"])
-    assert scripts.keys() == {*NODES, PACKAGE}
+    assert scripts.keys() == {*NODES, MARKERS, PACKAGE}
     for target in scripts.values():
         module, _, function = target.partition(":")
         source = ROOT.joinpath(*module.split(".")).with_suffix(".py")

@@ -1,0 +1,143 @@
+"""The picture of a run for RViz and Foxglove: craft, frames and torques; TF where there is one."""
+
+import sys
+import time
+from typing import Any
+
+from rclpy.node import Node
+from visualization_msgs.msg import MarkerArray
+
+from ppc_attitude.contract.cdr import Sample, seconds
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    ATTITUDE,
+    BODY,
+    DESIRED,
+    DISTURBANCE,
+    MARKERS,
+    MARKERS_TOPIC,
+    REFERENCE_ATTITUDE,
+    Topic,
+)
+from ppc_attitude.nodes.base import OK, STALE, BaseNode, run_node
+from ppc_attitude.nodes.latest import LatestSamples
+from ppc_attitude.nodes.marker_shapes import arrow, axes, box, transform
+from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.qos import published
+from ppc_attitude.science.attitude import rotate
+from ppc_attitude.science.kernel import Quaternion, Vector, scale
+
+_TORQUES = (
+    (APPLIED_TORQUE, "torque", "torque_scale", (1.0, 0.55, 0.0)),
+    (DISTURBANCE, "disturbance", "disturbance_scale", (0.85, 0.10, 0.75)),
+)
+
+
+class AttitudeMarkers(BaseNode):
+    """Draws the latest state a few times a second; nobody waits for it."""
+
+    executable = MARKERS
+
+    def __init__(self) -> None:
+        super().__init__()
+        topics = (ATTITUDE, REFERENCE_ATTITUDE, *(topic for topic, *_ in _TORQUES))
+        self._latest = LatestSamples(self, topics)
+        self._publisher = self.create_publisher(
+            MarkerArray, MARKERS_TOPIC.name, published(MARKERS_TOPIC)
+        )
+        self._broadcaster = _broadcaster(self)
+        # Frames of several craft in one TF tree need names of their own.
+        self._prefix = f"{self.get_namespace()}/".lstrip("/")
+        self._stamp = -1
+        self._next = 0.0
+        self._drawn = 0
+
+    def wake(self) -> float:
+        """Draw when it is time and there is a new state."""
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = now + 1.0 / float(self.parameters["update_rate"])
+            self._draw()
+            self.report_if_idle(max(self._stamp, 0))
+        return min(super().wake(), self._next - now)
+
+    def _draw(self) -> None:
+        state = self._sample(ATTITUDE)
+        if state is None or state.stamp_ns == self._stamp:
+            return
+        if state.stamp_ns < self._stamp:
+            self.restart_report()
+        self._stamp = state.stamp_ns
+        x, y, z = self.parameters["position"]
+        position = (x, y, z)
+        attitude = _quaternion(state)
+        markers = [box(self._stamp, position, attitude)]
+        markers += axes(self._stamp, BODY, position, attitude, 1.0, 1.0)
+        frames = {BODY: attitude}
+        desired = self._sample(REFERENCE_ATTITUDE)
+        if desired is not None:
+            frames[DESIRED] = _quaternion(desired)
+            markers += axes(self._stamp, DESIRED, position, frames[DESIRED], 1.3, 0.4)
+        markers += self._torques(position, attitude)
+        self._publisher.publish(MarkerArray(markers=markers))
+        if self._broadcaster is not None:
+            self._broadcaster.sendTransform(
+                [
+                    transform(self._stamp, self._prefix + name, position, rotation)
+                    for name, rotation in frames.items()
+                ]
+            )
+        self._drawn += 1
+        self.report(self._stamp)
+
+    def _torques(self, position: Vector, attitude: Quaternion) -> list[Any]:
+        shown = []
+        for topic, name, parameter, colour in _TORQUES:
+            sample = self._sample(topic)
+            if sample is not None:
+                torque = (sample.values[0], sample.values[1], sample.values[2])
+                extent = scale(self.parameters[parameter], rotate(attitude, torque))
+                shown.append(arrow(self._stamp, (name, 0), position, extent, (colour, 1.0, 0.04)))
+        return shown
+
+    def _sample(self, topic: Topic) -> Sample | None:
+        try:
+            return self._latest.get(topic)
+        except RefusedError as reason:
+            self.refuse(topic.name, str(reason))
+            return None
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        """Waiting for states, or drawing."""
+        details = {
+            "time [s]": seconds(max(self._stamp, 0)),
+            "pictures": self._drawn,
+            "transforms": "no tf2_ros" if self._broadcaster is None else "on /tf",
+        }
+        if self.is_idle():
+            return STALE, f"waiting for {ATTITUDE.name}", details
+        return OK, "drawing", details
+
+
+def _quaternion(sample: Sample) -> Quaternion:
+    x, y, z, w = sample.values
+    return (x, y, z, w)
+
+
+def _broadcaster(node: Node) -> Any:
+    """TF broadcaster, or None where tf2_ros is not installed."""
+    try:
+        from tf2_ros import TransformBroadcaster
+    except ImportError:
+        node.get_logger().info("tf2_ros is not installed: markers, but no TF")
+        return None
+    return TransformBroadcaster(node)
+
+
+def main() -> int:
+    """Run the executable `attitude_markers`."""
+    return run_node(AttitudeMarkers)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,56 @@
+"""For those who look on: the latest message of each topic, kept as it came, decoded when asked."""
+
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from ppc_attitude.contract.cdr import Sample
+from ppc_attitude.contract.topics import Topic
+from ppc_attitude.nodes.messages import Inbox, message_class
+
+# An onlooker never holds up a publisher, and of what it missed it wants the newest only.
+ONLOOKER = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE
+)
+
+
+class LatestSamples:
+    """The latest sample of each of some topics.
+
+    Parameters
+    ----------
+    node : Node
+        Subscribes; its namespace is that of the topics.
+    topics : sequence of Topic
+        Stamped topics of the contract.
+    """
+
+    def __init__(self, node: Node, topics: Sequence[Topic]) -> None:
+        self._inboxes = {topic: Inbox(topic) for topic in topics}
+        self._raw: dict[Topic, bytes] = {}
+        for topic in topics:
+            node.create_subscription(
+                message_class(topic.msgtype), topic.name, self._keeper(topic), ONLOOKER, raw=True
+            )
+
+    def _keeper(self, topic: Topic) -> Callable[[bytes], None]:
+        def keep(data: bytes) -> None:
+            self._raw[topic] = data
+
+        return keep
+
+    def __contains__(self, topic: Topic) -> bool:
+        """True if a message of the topic has come."""
+        return topic in self._raw
+
+    def get(self, topic: Topic) -> Sample | None:
+        """Latest sample of a topic; None if none has come.
+
+        Raises
+        ------
+        RefusedError
+            The message must not be used; says why.
+        """
+        data = self._raw.get(topic)
+        return None if data is None else self._inboxes[topic].read(data)

@@ -1,0 +1,123 @@
+"""The shapes that stand for a run: a box, the axes of two frames, two arrows."""
+
+import math
+
+from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
+
+from ppc_attitude.contract.cdr import NANOSECONDS
+from ppc_attitude.contract.topics import INERTIAL
+from ppc_attitude.science import kernel
+from ppc_attitude.science.attitude import rotate
+
+LONGEST = 2.0  # [m] of an arrow, whatever the torque
+_SHORTEST = 1e-3  # [m] shorter arrows are taken away: a viewer cannot draw them
+_BOX = (0.7, 0.6, 0.5)  # [m] longest along the axis of least inertia in the paper's craft
+_AXES = (
+    ((1.0, 0.0, 0.0), (0.90, 0.20, 0.20)),
+    ((0.0, 1.0, 0.0), (0.20, 0.75, 0.25)),
+    ((0.0, 0.0, 1.0), (0.25, 0.40, 0.95)),
+)
+
+
+def header(stamp_ns: int) -> Header:
+    """Header of what is drawn: everything stands in the inertial frame."""
+    result = Header(frame_id=INERTIAL)
+    result.stamp.sec, result.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+    return result
+
+
+def box(stamp_ns: int, position: kernel.Vector, attitude: kernel.Quaternion) -> Marker:
+    """Return the craft."""
+    marker = _marker(stamp_ns, "craft", 0, Marker.CUBE, (0.75, 0.75, 0.80), 0.6)
+    marker.pose.position = _point(position)
+    marker.pose.orientation = _quaternion(attitude)
+    marker.scale = Vector3(x=_BOX[0], y=_BOX[1], z=_BOX[2])
+    return marker
+
+
+def axes(
+    stamp_ns: int,
+    name: str,
+    position: kernel.Vector,
+    attitude: kernel.Quaternion,
+    length: float,
+    alpha: float,
+) -> list[Marker]:
+    """Return the three axes of a frame, x y z in red, green and blue."""
+    return [
+        arrow(
+            stamp_ns,
+            (name, number),
+            position,
+            kernel.scale(length, rotate(attitude, axis)),
+            (colour, alpha, 0.02),
+        )
+        for number, (axis, colour) in enumerate(_AXES)
+    ]
+
+
+def arrow(
+    stamp_ns: int,
+    identity: tuple[str, int],
+    start: kernel.Vector,
+    extent: kernel.Vector,
+    look: tuple[tuple[float, float, float], float, float],
+) -> Marker:
+    """Return an arrow.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        Stamp [ns].
+    identity : tuple of str and int
+        Namespace and number of the marker.
+    start, extent : tuple of 3 floats
+        Where it begins and how far it goes [m], inertial axes.
+    look : tuple
+        Colour (red, green, blue), opacity and shaft diameter [m].
+    """
+    colour, alpha, diameter = look
+    marker = _marker(stamp_ns, *identity, Marker.ARROW, colour, alpha)
+    length = math.sqrt(kernel.dot(extent, extent))
+    if length < _SHORTEST:
+        marker.action = Marker.DELETE
+        return marker
+    shown = kernel.scale(min(1.0, LONGEST / length), extent)
+    marker.points = [_point(start), _point(kernel.add(start, shown))]
+    marker.scale = Vector3(x=diameter, y=2.5 * diameter, z=4.0 * diameter)
+    return marker
+
+
+def transform(
+    stamp_ns: int, child: str, position: kernel.Vector, attitude: kernel.Quaternion
+) -> TransformStamped:
+    """Return the place of a frame in the inertial frame."""
+    result = TransformStamped(header=header(stamp_ns), child_frame_id=child)
+    result.transform.translation = Vector3(x=position[0], y=position[1], z=position[2])
+    result.transform.rotation = _quaternion(attitude)
+    return result
+
+
+def _marker(
+    stamp_ns: int,
+    name: str,
+    number: int,
+    kind: int,
+    colour: tuple[float, float, float],
+    alpha: float,
+) -> Marker:
+    red, green, blue = colour
+    marker = Marker(header=header(stamp_ns), ns=name, id=number, type=kind, action=Marker.ADD)
+    marker.pose.orientation.w = 1.0
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
+    return marker
+
+
+def _point(a: kernel.Vector) -> Point:
+    return Point(x=a[0], y=a[1], z=a[2])
+
+
+def _quaternion(q: kernel.Quaternion) -> Quaternion:
+    return Quaternion(x=q[0], y=q[1], z=q[2], w=q[3])

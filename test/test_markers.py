@@ -1,0 +1,195 @@
+"""The markers show where the craft points and what acts on it, and TF needs tf2_ros."""
+
+import math
+import sys
+import time
+import types
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    ATTITUDE,
+    DISTURBANCE,
+    MARKERS_TOPIC,
+    REFERENCE_ATTITUDE,
+    Topic,
+)
+from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
+from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.marker_shapes import LONGEST
+from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.qos import published
+
+HALF = math.sqrt(0.5)
+QUARTER_TURN = (0.0, 0.0, HALF, HALF)  # body x is inertial y
+STAMP_NS = 1_500_000_000
+INPUTS = (ATTITUDE, REFERENCE_ATTITUDE, APPLIED_TORQUE, DISTURBANCE)
+
+
+class Scene:
+    """The marker node and a peer that feeds it and collects what it draws."""
+
+    def __init__(self) -> None:
+        self.node = AttitudeMarkers()
+        namespace = self.node.get_namespace()
+        self.peer = Node("peer", namespace=namespace)
+        self.publishers = {
+            topic: self.peer.create_publisher(
+                message_class(topic.msgtype), topic.name, published(topic)
+            )
+            for topic in INPUTS
+        }
+        self.drawn: list[MarkerArray] = []
+        self.peer.create_subscription(MarkerArray, MARKERS_TOPIC.name, self.drawn.append, 10)
+        self.executor = new_executor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.peer)
+        self.until(
+            lambda: (
+                all(publisher.get_subscription_count() for publisher in self.publishers.values())
+                and self.peer.count_publishers(MARKERS_TOPIC.name) == 1
+            )
+        )
+
+    def send(self, topic: Topic, values: tuple[float, ...], stamp_ns: int = STAMP_NS) -> None:
+        self.publishers[topic].publish(Codec(topic).encode(stamp_ns, values))
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 20.0
+        while not condition():
+            assert time.monotonic() < deadline, "what was waited for did not come"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def arrived(self, *topics: Topic) -> None:
+        self.until(lambda: all(topic in self.node._latest for topic in topics))
+
+    def picture(self) -> dict[tuple[str, int], Marker]:
+        self.drawn.clear()
+
+        def drawn() -> bool:
+            self.node.wake()
+            return bool(self.drawn)
+
+        self.until(drawn)
+        return {(marker.ns, marker.id): marker for marker in self.drawn[-1].markers}
+
+    def close(self) -> None:
+        self.executor.remove_node(self.node)
+        self.executor.remove_node(self.peer)
+        self.node.destroy_node()
+        self.peer.destroy_node()
+
+
+@pytest.fixture
+def make_scene() -> Iterator[Callable[..., Scene]]:
+    scenes: list[Scene] = []
+
+    def make(*arguments: str) -> Scene:
+        rclpy.init(args=["--ros-args", *arguments] if arguments else [])
+        scenes.append(Scene())
+        return scenes[-1]
+
+    yield make
+    for scene in scenes:
+        scene.close()
+    rclpy.try_shutdown()
+
+
+def tip(marker: Marker) -> tuple[float, float, float]:
+    start, end = marker.points
+    return (end.x - start.x, end.y - start.y, end.z - start.z)
+
+
+def test_the_picture_of_one_state(make_scene: Callable[..., Scene]) -> None:
+    scene = make_scene("-p", "position:=[5.0, 0.0, 0.0]", "-p", "torque_scale:=10.0")
+    scene.send(REFERENCE_ATTITUDE, (0.0, 0.0, 0.0, 1.0))
+    scene.send(APPLIED_TORQUE, (0.05, 0.0, 0.0))
+    scene.send(DISTURBANCE, (0.0, 0.0, 0.8))
+    scene.arrived(REFERENCE_ATTITUDE, APPLIED_TORQUE, DISTURBANCE)
+    scene.send(ATTITUDE, QUARTER_TURN)
+    shapes = scene.picture()
+
+    craft = shapes["craft", 0]
+    assert craft.type == Marker.CUBE
+    assert craft.header.frame_id == "inertial"
+    assert (craft.header.stamp.sec, craft.header.stamp.nanosec) == (1, 500_000_000)
+    assert craft.pose.position.x == 5.0
+    assert (craft.pose.orientation.z, craft.pose.orientation.w) == (HALF, HALF)
+    assert tip(shapes["body", 0]) == pytest.approx((0.0, 1.0, 0.0), abs=1e-12)
+    assert tip(shapes["body", 1]) == pytest.approx((-1.0, 0.0, 0.0), abs=1e-12)
+    assert tip(shapes["desired", 0]) == pytest.approx((1.3, 0.0, 0.0), abs=1e-12)
+    assert tip(shapes["torque", 0]) == pytest.approx((0.0, 0.5, 0.0), abs=1e-12)
+    assert tip(shapes["disturbance", 0]) == pytest.approx((0.0, 0.0, LONGEST))
+    assert all(marker.color.a > 0.0 for marker in shapes.values())
+    assert all(
+        min(m.scale.x, m.scale.y, m.scale.z) > 0.0 for m in shapes.values() if m.action == m.ADD
+    )
+
+
+def test_what_does_not_act_is_taken_away(make_scene: Callable[..., Scene]) -> None:
+    scene = make_scene()
+    scene.send(APPLIED_TORQUE, (0.0, 0.0, 0.0))
+    scene.arrived(APPLIED_TORQUE)
+    scene.send(ATTITUDE, QUARTER_TURN)
+    shapes = scene.picture()
+    assert shapes["torque", 0].action == Marker.DELETE
+    assert ("disturbance", 0) not in shapes
+    assert ("desired", 0) not in shapes
+
+
+def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
+    scene = make_scene()
+    scene.send(ATTITUDE, (0.0, 0.0, 0.0, 2.0))
+    scene.arrived(ATTITUDE)
+    scene.node.wake()
+    scene.until(lambda: scene.node.refused[ATTITUDE.name] > 0 or not scene.node.wake())
+    scene.send(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
+    assert scene.picture()["craft", 0].header.stamp.sec == 3
+    assert len(scene.drawn) == 1
+
+
+@pytest.mark.parametrize(("namespace", "prefix"), [("/", ""), ("/proposed", "proposed/")])
+def test_transforms_where_tf2_ros_is_installed(
+    make_scene: Callable[..., Scene],
+    monkeypatch: pytest.MonkeyPatch,
+    namespace: str,
+    prefix: str,
+) -> None:
+    sent: list[Any] = []
+
+    class TransformBroadcaster:
+        def __init__(self, node: Node) -> None:
+            assert isinstance(node, Node)
+
+        def sendTransform(self, transforms: list[Any]) -> None:
+            sent.extend(transforms)
+
+    stand_in = types.ModuleType("tf2_ros")
+    stand_in.TransformBroadcaster = TransformBroadcaster  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "tf2_ros", stand_in)
+    scene = make_scene("-r", f"__ns:={namespace}")
+    scene.send(REFERENCE_ATTITUDE, (1.0, 0.0, 0.0, 0.0))
+    scene.arrived(REFERENCE_ATTITUDE)
+    scene.send(ATTITUDE, QUARTER_TURN)
+    scene.picture()
+    assert [t.child_frame_id for t in sent] == [f"{prefix}body", f"{prefix}desired"]
+    assert {t.header.frame_id for t in sent} == {"inertial"}
+    assert sent[0].transform.rotation.w == HALF
+    assert sent[1].transform.rotation.x == 1.0
+
+
+def test_without_tf2_ros_there_are_still_markers(
+    make_scene: Callable[..., Scene], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "tf2_ros", None)
+    scene = make_scene()
+    scene.send(ATTITUDE, QUARTER_TURN)
+    assert ("craft", 0) in scene.picture()
+    assert scene.node.status()[2]["transforms"] == "no tf2_ros"
