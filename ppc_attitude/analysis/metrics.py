@@ -76,6 +76,30 @@ RECOVERY_LIMIT = 10.0
 OUTSIDE_LIMIT_PER_HIT = 0.5
 """How long a sudden disturbance may put the rate error outside its envelope [s]."""
 
+SETTLING_TIME = "settling time"
+ERROR_AFTER_DEADLINE = f"attitude error from {SETTLING_DEADLINE:g} s on"
+TERMINAL_ERROR = f"attitude error in the last {TERMINAL_WINDOW:g} s"
+RATE = "angular rate (norm)"
+APPLIED = "applied torque on an axis"
+ATTITUDE_OUTSIDE = "attitude error outside its envelope"
+RATE_OUTSIDE = "rate error outside its envelope"
+RATE_OUTSIDE_AFTER_HIT = "rate error outside its envelope, a hit"
+RECOVERY = "recovery from a sudden disturbance"
+LOST = "messages missing or not finite"
+REQUIREMENTS = (
+    SETTLING_TIME,
+    ERROR_AFTER_DEADLINE,
+    TERMINAL_ERROR,
+    RATE,
+    APPLIED,
+    ATTITUDE_OUTSIDE,
+    RATE_OUTSIDE,
+    RATE_OUTSIDE_AFTER_HIT,
+    RECOVERY,
+    LOST,
+)
+"""Names of all requirements, in the order of a verdict; a run is judged by those that apply."""
+
 Mask = NDArray[np.bool_]
 
 
@@ -99,14 +123,16 @@ def analyse(record: RunRecord) -> Verdict:
         If the record has no instant, or no finite sample of a needed quantity.
     """
     t = elapsed(record)
-    error = np.abs(attitude_errors(record)).max(axis=1)
-    hits = disturbances_of(record)
+    errors = attitude_errors(record)
+    error = _magnitude(errors)
+    hits = _disturbances(t, error, pulses_of(record))
+    attitude_outside, rate_outside = _outside_attitude(record, errors), _outside_rate(record)
     metrics = Metrics(
         **_attitude_metrics(t, error, hits),
         **_rate_metrics(t, vectors(record, ANGULAR_VELOCITY.column), hits),
         max_applied_torque=float(np.nanmax(np.abs(vectors(record, APPLIED_TORQUE.column)))),
-        time_outside_attitude_envelope_s=_time(_outside_attitude(record), t),
-        time_outside_rate_envelope_s=_time(_outside_rate(record), t),
+        time_outside_attitude_envelope_s=_time(attitude_outside, t),
+        time_outside_rate_envelope_s=_time(rate_outside, t),
         disturbances=hits,
     )
     return Verdict(
@@ -115,7 +141,7 @@ def analyse(record: RunRecord) -> Verdict:
         duration_s=float(t[-1]),
         steps=int(t.size),
         missing_messages=record.missing_messages,
-        requirements=tuple(_requirements(record, t, metrics)),
+        requirements=tuple(_requirements(record, t, metrics, rate_outside)),
         metrics=metrics,
     )
 
@@ -141,13 +167,7 @@ def disturbances_of(record: RunRecord) -> tuple[Disturbance, ...]:
     pulses = pulses_of(record)
     if not pulses:
         return ()
-    t, error = elapsed(record), np.abs(attitude_errors(record)).max(axis=1)
-    return tuple(
-        Disturbance(
-            pulse.start_s, pulse.duration_s, pulse.torque, _recovery(t, error, pulse, pulses)
-        )
-        for pulse in pulses
-    )
+    return _disturbances(elapsed(record), _magnitude(attitude_errors(record)), pulses)
 
 
 def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
@@ -162,6 +182,16 @@ def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
     if not has(record, DISTURBANCE.column):
         return ()
     return find_pulses(t, vectors(record, DISTURBANCE.column))
+
+
+def _disturbances(t: Array, error: Array, pulses: tuple[Pulse, ...]) -> tuple[Disturbance, ...]:
+    """Add to each pulse the recovery of the error, shape (n,), from it."""
+    return tuple(
+        Disturbance(
+            pulse.start_s, pulse.duration_s, pulse.torque, _recovery(t, error, pulse, pulses)
+        )
+        for pulse in pulses
+    )
 
 
 def torque_limit(record: RunRecord) -> float:
@@ -197,51 +227,48 @@ def _rate_metrics(t: Array, rate: Array, hits: tuple[Disturbance, ...]) -> dict[
     }
 
 
-def _requirements(record: RunRecord, t: Array, metrics: Metrics) -> list[Requirement]:
+def _requirements(
+    record: RunRecord, t: Array, metrics: Metrics, rate_outside: Mask | None
+) -> list[Requirement]:
     """Judge the requirements that apply to the run."""
     judged = Requirement.judged
     hits = metrics.disturbances
     rows = []
     if _first(hits) >= SETTLING_DEADLINE:
         settling = metrics.settling_time_s if t[-1] >= SETTLING_DEADLINE else None
-        rows.append(judged("settling time", settling, SETTLING_DEADLINE, "s", strict=True))
-    name = f"attitude error from {SETTLING_DEADLINE:g} s on"
-    rows.append(judged(name, metrics.error_after_settling_deadline, SETTLED, "", strict=True))
+        rows.append(judged(SETTLING_TIME, settling, SETTLING_DEADLINE, "s", strict=True))
+    after = metrics.error_after_settling_deadline
+    rows.append(judged(ERROR_AFTER_DEADLINE, after, SETTLED, "", strict=True))
     if all(_since(t, hit.start_s)[-1] >= SETTLING_DEADLINE + TERMINAL_WINDOW for hit in hits):
-        name = f"attitude error in the last {TERMINAL_WINDOW:g} s"
-        rows.append(judged(name, metrics.terminal_error, TERMINAL_LIMIT, "", strict=True))
+        rows.append(judged(TERMINAL_ERROR, metrics.terminal_error, TERMINAL_LIMIT, "", strict=True))
     rows += [
-        judged("angular rate (norm)", metrics.max_rate_deg_s, RATE_LIMIT_DEG, "deg/s"),
-        judged(
-            "applied torque on an axis", metrics.max_applied_torque, torque_limit(record), "N·m"
-        ),
-        *_envelope_requirements(record, t, hits),
+        judged(RATE, metrics.max_rate_deg_s, RATE_LIMIT_DEG, "deg/s"),
+        judged(APPLIED, metrics.max_applied_torque, torque_limit(record), "N·m"),
+        *_envelope_requirements(t, metrics, rate_outside),
     ]
     late = [hit for hit in hits if hit.start_s >= SETTLING_DEADLINE]
     if late:
         recovery = _slowest_recovery(late)
-        rows.append(judged("recovery from a sudden disturbance", recovery, RECOVERY_LIMIT, "s"))
-    rows.append(judged("messages missing or not finite", float(_lost(record)), 0.0, ""))
+        rows.append(judged(RECOVERY, recovery, RECOVERY_LIMIT, "s"))
+    rows.append(judged(LOST, float(_lost(record)), 0.0, ""))
     return rows
 
 
 def _envelope_requirements(
-    record: RunRecord, t: Array, hits: tuple[Disturbance, ...]
+    t: Array, metrics: Metrics, rate_outside: Mask | None
 ) -> list[Requirement]:
     """Time outside the envelopes that the run has."""
     judged = Requirement.judged
+    hits = metrics.disturbances
     rows = []
-    attitude, rate = _outside_attitude(record), _outside_rate(record)
-    if attitude is not None:
-        rows.append(judged("attitude error outside its envelope", _time(attitude, t), 0.0, "s"))
-    if rate is not None:
-        before = _time(rate[t < _first(hits)], t)
-        rows.append(judged("rate error outside its envelope", before, 0.0, "s"))
-    if rate is not None and hits:
-        after = max(_time_of(rate[_window(t, hit, hits)], t) for hit in hits)
-        rows.append(
-            judged("rate error outside its envelope, a hit", after, OUTSIDE_LIMIT_PER_HIT, "s")
-        )
+    if metrics.time_outside_attitude_envelope_s is not None:
+        rows.append(judged(ATTITUDE_OUTSIDE, metrics.time_outside_attitude_envelope_s, 0.0, "s"))
+    if rate_outside is not None:
+        before = _time(rate_outside[t < _first(hits)], t)
+        rows.append(judged(RATE_OUTSIDE, before, 0.0, "s"))
+    if rate_outside is not None and hits:
+        after = max(_time_of(rate_outside[_window(t, hit, hits)], t) for hit in hits)
+        rows.append(judged(RATE_OUTSIDE_AFTER_HIT, after, OUTSIDE_LIMIT_PER_HIT, "s"))
     return rows
 
 
@@ -286,11 +313,17 @@ def _since(t: Array, start: float) -> Array:
     return np.round(t - start, 9)
 
 
-def _outside_attitude(record: RunRecord) -> Mask | None:
+def _magnitude(errors: Array) -> Array:
+    """Largest component of each row of shape (n, 3); NaN where one is."""
+    x, y, z = np.abs(errors).T
+    return np.asarray(np.maximum(np.maximum(x, y), z))
+
+
+def _outside_attitude(record: RunRecord, errors: Array) -> Mask | None:
     """Instants with a component of q_ev beyond ρ_q, shape (n,); None without an envelope."""
     if not has(record, ATTITUDE_ENVELOPE.column):
         return None
-    return _beyond(attitude_errors(record), record[ATTITUDE_ENVELOPE.column])
+    return _beyond(errors, record[ATTITUDE_ENVELOPE.column])
 
 
 def _outside_rate(record: RunRecord) -> Mask | None:
@@ -302,7 +335,7 @@ def _outside_rate(record: RunRecord) -> Mask | None:
 
 def _beyond(error: Array, envelope: Array) -> Mask:
     """Rows, finite in both, with a component beyond its envelope."""
-    beyond = (np.abs(error) > envelope).any(axis=1)
+    beyond = np.logical_or.reduce(np.abs(error).T > envelope.T)
     return np.asarray(beyond & finite(error) & finite(envelope))
 
 

@@ -90,15 +90,16 @@ def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
 def _steps(t: Array, torque: Array) -> tuple[NDArray[np.intp], Array]:
     """First sample of each new level, and the height of the step without the smooth part."""
     change = np.diff(torque, axis=0)
-    interval = np.diff(t)[:, None]
-    is_step = np.abs(change).max(axis=1) > SMALLEST_STEP
-    slope = np.where(is_step[:, None], np.nan, change / interval)
-    beside = np.full((2, *change.shape), np.nan)
-    beside[0, 1:], beside[1, :-1] = slope[:-1], slope[1:]
-    known = np.isfinite(beside)
-    smooth = np.where(known, beside, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    interval = np.diff(t)
+    is_step = np.logical_or.reduce(np.abs(change).T > SMALLEST_STEP)
     at = np.flatnonzero(is_step)
-    return at + 1, (change - smooth * interval)[at]
+    # The smooth part goes on at the mean slope of the intervals beside, unless they are steps.
+    beside = np.stack([at - 1, at + 1])
+    inside = np.clip(beside, 0, is_step.size - 1)
+    known = ((beside == inside) & ~is_step[inside])[..., None]
+    slopes = np.where(known, change[inside] / interval[inside, None], 0.0)
+    smooth = slopes.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return at + 1, change[at] - smooth * interval[at, None]
 
 
 def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Array:
