@@ -3,6 +3,8 @@
 python docs/examples/own_controller.py
 """
 
+import contextlib
+
 import rclpy
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from rclpy.executors import ExternalShutdownException
@@ -34,10 +36,8 @@ class RateDamper(Node):
 def main() -> None:
     """Run until the process is asked to stop."""
     rclpy.init()
-    try:
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(RateDamper())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
 
 
 if __name__ == "__main__":

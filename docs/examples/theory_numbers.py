@@ -134,9 +134,7 @@ def largest_start(paper: Scenario) -> None:
         low, high = 0.1, 0.9
         while high - low > 1e-3:
             middle = 0.5 * (low + high)
-            low, high = (
-                (middle, high) if follows_table(paper, middle, axis) else (low, middle)
-            )
+            low, high = (middle, high) if follows_table(paper, middle, axis) else (low, middle)
         show(f"largest initial |q_ev,{name}| that Table I admits", low)
 
 

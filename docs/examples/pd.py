@@ -1,0 +1,62 @@
+"""Proportional-derivative tracking: the smallest law that points a craft."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
+from ppc_attitude.science.controllers.interface import (
+    Controller,
+    error_state,
+    step_signature,
+    store_command,
+)
+from ppc_attitude.science.kernel import add, apply, clamp, kernel_of, matrix, scale
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.spacecraft import inertia_matrix
+from ppc_attitude.science.virtual_control import sign
+
+PARAMETERS = (
+    INERTIA,
+    MAX_TORQUE,
+    Parameter("pd.frequency", 0.5, "natural frequency, critically damped", "rad/s", above=0.0),
+)
+CONFIGURATION = np.dtype(
+    [("frequency", np.float64), ("max_torque", np.float64), ("inertia", np.float64, (3, 3))],
+    align=True,
+)
+MEMORY = np.dtype([("unused", np.float64)], align=True)
+_SIGNATURE = step_signature(MEMORY, CONFIGURATION)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values."""
+    record = np.zeros((), CONFIGURATION)[()]
+    record["frequency"] = values["pd.frequency"]
+    record["max_torque"] = values["max_torque"]
+    record["inertia"] = inertia_matrix("inertia", values["inertia"])
+    return record
+
+
+@kernel_of(_SIGNATURE)
+def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
+    """Compute u = −M0 − J (2 ω_n² s q_ev + 2 ω_n ω_e)."""
+    inertia = matrix(gains.inertia)
+    q_e, omega_e, m_0 = error_state(measurement, inertia)
+    error = scale(sign(q_e[3]), (q_e[0], q_e[1], q_e[2]))
+    stiffness, damping = 2.0 * gains.frequency**2, 2.0 * gains.frequency
+    demand = apply(inertia, add(scale(stiffness, error), scale(damping, omega_e)))
+    u = scale(-1.0, add(m_0, demand))
+    store_command(command, q_e, omega_e, u, clamp(u, gains.max_torque))
+
+
+CONTROLLER = Controller(
+    name="pd",
+    parameters=PARAMETERS,
+    configure=configure,
+    memory=MEMORY,
+    step=step,
+    signature=_SIGNATURE,
+    columns=("torque_command", "unsaturated_torque", "attitude_error", "rate_error"),
+)
