@@ -23,6 +23,7 @@ from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, RECORDER, TOPICS,
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.nodes.base import ERROR, EXIT_BROKEN, OK, STALE, BaseNode, run_node
 from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.parameter_survey import ParameterSurvey
 from ppc_attitude.nodes.qos import published, recorded
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
@@ -57,6 +58,8 @@ class BagRecorder(BaseNode):
         for namespace in dict.fromkeys(_tidy(name) for name in self.parameters["namespaces"]):
             self._completeness[namespace] = Completeness()
             self._subscribe_all(namespace)
+        if not self._run_info:
+            self._survey = ParameterSurvey(self, tuple(self._completeness), self._learn)
         self.get_logger().info(f"recording to {self._path}")
 
     def check(self, values: Mapping[str, Value]) -> None:
@@ -68,6 +71,12 @@ class BagRecorder(BaseNode):
             except InvalidTopicNameException as error:
                 reason = str(error).partition("\n")[0].rstrip(":")
                 raise ConfigurationError(f"namespaces: {namespace!r}: {reason}") from None
+
+    def _learn(self, parameters: dict[str, dict[str, Any]]) -> None:
+        """Write down what the other nodes say of themselves."""
+        self._run_info["parameters"] = parameters
+        for key, value in self._custom_data().items():
+            self._writer.set_custom_data(key, value)
 
     def _custom_data(self) -> dict[str, str]:
         parameters = self._run_info.get("parameters", {})

@@ -1,6 +1,6 @@
 """What a recorder that nobody told anything asks the other nodes: their parameters."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters
@@ -15,22 +15,32 @@ _PERIOD = 1.0  # [s] between two looks for nodes that have not answered
 
 
 class ParameterSurvey:
-    """Ask every other node of the namespace for its parameters, whenever it appears.
+    """Ask every other node of some namespaces for its parameters, whenever it appears.
 
     Parameters
     ----------
     node : Node
         Who asks.
+    namespaces : iterable of str
+        Prefixes of the nodes' names.
     on_answer : callable
         Called with all answers so far, node name to parameters, after each answer.
     """
 
-    def __init__(self, node: Node, on_answer: Callable[[dict[str, dict[str, Any]]], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        namespaces: Iterable[str],
+        on_answer: Callable[[dict[str, dict[str, Any]]], None],
+    ) -> None:
         self._on_answer = on_answer
         self._answers: dict[str, dict[str, Any]] = {}
         self._asked: set[str] = set()
         self._clients = {
-            name: node.create_client(GetParameters, f"{name}/get_parameters")
+            f"{namespace}{name}": node.create_client(
+                GetParameters, f"{namespace}{name}/get_parameters"
+            )
+            for namespace in namespaces
             for name in PARAMETERS
             if name != RECORDER
         }
@@ -40,7 +50,8 @@ class ParameterSurvey:
         for name, client in self._clients.items():
             if name not in self._asked and client.service_is_ready():
                 self._asked.add(name)
-                names = [parameter.name for parameter in PARAMETERS[name]]
+                table = PARAMETERS[name.rpartition("/")[2]]
+                names = [parameter.name for parameter in table]
                 future = client.call_async(GetParameters.Request(names=names))
                 future.add_done_callback(self._receiver(name, names))
         if self._asked == set(self._clients):
@@ -53,7 +64,9 @@ class ParameterSurvey:
                 self._asked.discard(name)
                 return
             values = map(parameter_value_to_python, response.values)
-            self._answers[name] = {key: _plain(value) for key, value in zip(names, values, strict=True)}
+            self._answers[name] = {
+                key: _plain(value) for key, value in zip(names, values, strict=True)
+            }
             self._on_answer(self._answers)
 
         return receive
