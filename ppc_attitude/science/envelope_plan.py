@@ -3,12 +3,21 @@
 The paper's envelope falls by its table whatever the error is, and with Table I only errors up to
 about 0.44 per axis can follow it. A plan places the tabulated envelope in time: it may begin
 further down the table (a controller that starts in mid-flight is near the target already), wait
-(`hold`) until a nearly inverted craft has begun to turn, and fall `stretch` times slower. Stretching
-changes l to l/s and t2 to s t2, so r, and with it feasibility, stays the same.
+(`hold`) until the craft turns the right way and is clear of the inverted attitude, and fall
+`stretch` times slower. Stretching changes l to l/s and t2 to s t2, so r, and with it feasibility,
+stays the same.
 
-The plan is the fastest stretch ≥ 1 for which a model of the turn stays inside: the craft turns
-about its eigenaxis at the virtual control's speed, φ' = −k M_ω ρ tanh(β x/ρ) with x = sin(φ/2), after
-the time that the torque limit needs to reach that speed from the present rate.
+The plan is the fastest for which a model of the turn stays inside: the craft turns about its
+eigenaxis at the virtual control's speed, φ' = −k M_ω ρ tanh(β x/ρ) with x = sin(φ/2), after the time
+that the torque limit needs to bring it to that speed from its present rate. When the hold ends the
+stretch is chosen anew from the state that has been reached. Where the table as it stands can be
+followed, the plan is the table as it stands.
+
+What the plan guarantees of the rate, with the norm form of the virtual control:
+‖v‖ ≤ k M_ω max ρ_q ≤ k M_ω holds at every instant for every error, envelope and plan. As
+ω_s = C_e ω_d + v + z2, always ‖ω_s‖ ≤ max‖ω_d‖ + k M_ω max ρ_q + ‖z2‖, and ‖z2‖ ≤ √3 max ρ_ω inside the
+rate envelope. Until z2 has come in (seconds: the torque limit sets it) its own size counts, and a
+hit can make the rate what it likes; of that nothing is guaranteed.
 """
 
 import math
@@ -34,122 +43,143 @@ PLAN = np.dtype(
     [
         ("start", np.float64),  # [s] when the plan was made
         ("hold", np.float64),  # [s] how long the attitude envelope waits before it falls
+        ("level", np.float64),  # part of the envelope that sin(φ/2) fills when the hold ends
         ("stretch", np.float64),  # how many times slower than the table it falls
         ("attitude_clock", np.float64),  # [s] where on its table the attitude envelope begins
         ("rate_clock", np.float64),  # [s] where on its table the rate envelope begins
         ("angle_deg", np.float64),  # [deg] error angle when the plan was made
         ("feasible", np.float64),  # 1 if the model stays inside
-        ("count", np.float64),  # plans made so far
+        ("waiting", np.float64),  # 1 until the hold has ended and the stretch is final
+        ("count", np.float64),  # plans and revisions made so far
     ],
     align=True,
 )
 MAX_STRETCH = 64.0
-# A plan made in flight begins where the present error fills this part of the envelope.
+# A plan made in flight does not begin at the table's top, so it may also be faster than the table.
+_MIN_STRETCH_IN_FLIGHT = 0.25
+# A plan made in flight begins where the error, at its coming peak, fills this part of the envelope.
 _FILL = 0.4
 # The model of the turn may fill this part; the rest is for what the model leaves out.
 _MODEL_FILL = 0.85
 # At t2 it may fill this part: from there the rest dies out in seconds instead of crawling.
 _END_FILL = 0.3
-# The envelope waits while sin(φ/2) is above this: near φ = π a turn hardly changes sin(φ/2).
-_HOLD_ABOVE = 0.8
-_MODEL_STEPS = 400
-_BISECTIONS = 12
+# Fills at which the fall may begin. Near φ = π a turn hardly changes sin(φ/2), so none is near 1.
+_LEVELS = (0.8, 0.6, 0.45, 0.35, 0.25, 0.15)
+_MODEL_STEPS = 200
+_BISECTIONS = 10
+_HOLD_STEP = 0.1  # [s]
+_LONGEST_HOLD = 3600.0  # [s]
 
 
 @kernel
 def _turn_rate(phi: float, rho: float, gains: Any) -> float:
-    """Speed [rad/s] at which the virtual control lets the error angle φ fall."""
-    return float(gains.k * gains.M_omega * rho * math.tanh(gains.beta * math.sin(0.5 * phi) / rho))
+    """φ' [rad/s] that the virtual control asks for."""
+    return float(
+        -gains.k * gains.M_omega * rho * math.tanh(gains.beta * math.sin(0.5 * phi) / rho)
+    )
 
 
 @kernel
-def _acquisition(q: Vector, q0: float, omega_e: Vector, gains: Any) -> tuple[float, float]:
-    """Seconds until the commanded rate is reached, and the present outward rate [rad/s] of φ."""
+def _present_turn(
+    phi: float, q: Vector, q0: float, omega_e: Vector, gains: Any
+) -> tuple[float, float, float]:
+    """φ' [rad/s] now, and the time [s] and φ'' [rad/s²] with which torque makes it the asked one."""
     length = norm(q)
-    if length < 1e-12:
-        return 0.0, 0.0
-    axis = scale(sign(q0) / length, q)
-    speed = _turn_rate(2.0 * math.asin(min(length, 1.0)), 1.0, gains)
-    change = subtract(scale(-speed, axis), omega_e)
-    momentum = largest(apply(matrix(gains.inertia), change))
+    axis = scale(sign(q0) / length, q) if length > 0.0 else (1.0, 0.0, 0.0)
+    rate = dot(axis, omega_e)
+    asked = _turn_rate(phi, 1.0, gains)
+    momentum = largest(apply(matrix(gains.inertia), subtract(scale(asked, axis), omega_e)))
     free_torque = max(gains.max_torque - gains.D_m, 0.1 * gains.max_torque)
-    return momentum / free_torque + 1.0 / max(gains.K_omega, 1e-3), dot(axis, omega_e)
+    ready = momentum / free_torque + 1.0 / max(gains.K_omega, 1e-3)
+    return rate, ready, abs(rate - asked) / ready
 
 
 @kernel
-def _model_rate(
-    t: float, phi: float, rho: float, ready: float, outward: float, gains: Any
-) -> float:
-    """φ' [rad/s] of the model: from the present outward rate to the turn rate in `ready` s."""
-    turn = -_turn_rate(phi, rho, gains)
-    if t >= ready:
-        return turn
-    part = t / ready
-    return outward * (1.0 - part) + turn * part
+def _advanced(
+    phi: float, rate: float, rho: float, h: float, late: bool, brake: float, gains: Any
+) -> tuple[float, float]:
+    """φ and φ' of the model after h [s]; until the rate is reached (`late`) it changes by `brake`."""
+    asked = _turn_rate(phi, rho, gains)
+    if late:
+        rate += min(max(asked - rate, -brake * h), brake * h)
+    else:
+        rate = _turn_rate(max(phi + 0.5 * h * asked, 0.0), rho, gains)
+    phi += h * rate
+    if phi > math.pi:  # through the inverted attitude: from here the other way is the short one
+        return 2.0 * math.pi - phi, -rate
+    return max(phi, 0.0), rate
 
 
 @kernel
-def _hold_time(phi: float, ready: float, outward: float, gains: Any) -> tuple[float, float]:
-    """Seconds until the modelled turn is past the hold level under ρ = 1, and φ there."""
-    limit = 2.0 * math.asin(_HOLD_ABOVE)
-    t, h = 0.0, 0.1
-    while t < 3600.0 and (phi > limit or (t < ready and _will_grow(t, ready, outward, phi, limit))):
-        phi = min(max(phi + h * _model_rate(t, phi, 1.0, ready, outward, gains), 0.0), math.pi)
-        t += h
-    return t, phi
-
-
-@kernel
-def _will_grow(t: float, ready: float, outward: float, phi: float, limit: float) -> bool:
-    # True if the present outward rate would still carry φ above the hold level.
-    remaining = ready - t
-    return outward > 0.0 and phi + 0.5 * outward * remaining > limit
+def _hold(
+    phi: float, rate: float, rho: float, fill: float, ready: float, brake: float, gains: Any
+) -> tuple[float, float, float]:
+    """Wait under ρ for the turn rate and for sin(φ/2) ≤ fill ρ: seconds, φ then, peak φ."""
+    enough = 2.0 * math.asin(fill * rho)
+    t, peak = 0.0, phi
+    while t < _LONGEST_HOLD and (t < ready or phi > enough):
+        phi, rate = _advanced(phi, rate, rho, _HOLD_STEP, t < ready, brake, gains)
+        peak = max(peak, phi)
+        t += _HOLD_STEP
+    return t, phi, peak
 
 
 @kernel
 def _stays_inside(
-    stretch: float, clock: float, t: float, phi: float, ready: float, outward: float, gains: Any
+    stretch: float, clock: float, phi: float, rate: float, ready: float, brake: float, gains: Any
 ) -> bool:
-    """True if the modelled turn from φ at t stays inside the envelope stretched so."""
+    """True if the modelled turn stays inside the envelope that falls from `clock`, stretched."""
     shape = gains.attitude_shape
     h_clock = (shape.t2 - clock) / _MODEL_STEPS
     h = h_clock * stretch
-    for _ in range(_MODEL_STEPS):
-        rho = nominal(clock, shape)[0]
-        if math.sin(0.5 * phi) > _MODEL_FILL * rho:
+    for step in range(_MODEL_STEPS):
+        if math.sin(0.5 * phi) > _MODEL_FILL * nominal(clock, shape)[0]:
             return False
-        half = phi + 0.5 * h * _model_rate(t, phi, rho, ready, outward, gains)
-        half = min(max(half, 0.0), math.pi)
-        middle = nominal(clock + 0.5 * h_clock, shape)[0]
-        phi += h * _model_rate(t + 0.5 * h, half, middle, ready, outward, gains)
-        phi = min(max(phi, 0.0), math.pi)
-        t += h
+        rho = nominal(clock + 0.5 * h_clock, shape)[0]
+        phi, rate = _advanced(phi, rate, rho, h, step * h < ready, brake, gains)
         clock += h_clock
     return bool(math.sin(0.5 * phi) <= _END_FILL * shape.terminal)
 
 
 @kernel
-def _plan_stretch(plan: Any, phi: float, q: Vector, q0: float, omega_e: Vector, gains: Any) -> None:
-    """Set hold and the fastest stretch by bisection on the model of the turn."""
-    ready, outward = _acquisition(q, q0, omega_e, gains)
-    plan.hold, phi = _hold_time(phi, ready, outward, gains)
-    slow, fast = MAX_STRETCH, 1.0
-    clock = plan.attitude_clock
-    plan.feasible = 1.0
-    if _stays_inside(fast, clock, plan.hold, phi, ready, outward, gains):
-        plan.stretch = fast
-        return
-    if not _stays_inside(slow, clock, plan.hold, phi, ready, outward, gains):
-        plan.feasible = 0.0
-        plan.stretch = slow
-        return
+def _fastest_stretch(start: float, clock: float, phi: float, gains: Any) -> tuple[float, bool]:
+    """Smallest stretch that the turn from φ can follow, and whether there is one."""
+    fast = _MIN_STRETCH_IN_FLIGHT if start > 0.0 else 1.0
+    slow = MAX_STRETCH
+    if _stays_inside(fast, clock, phi, 0.0, 0.0, 0.0, gains):
+        return fast, True
+    if not _stays_inside(slow, clock, phi, 0.0, 0.0, 0.0, gains):
+        return slow, False
     for _ in range(_BISECTIONS):
         middle = math.sqrt(slow * fast)
-        if _stays_inside(middle, clock, plan.hold, phi, ready, outward, gains):
+        if _stays_inside(middle, clock, phi, 0.0, 0.0, 0.0, gains):
             slow = middle
         else:
             fast = middle
-    plan.stretch = slow
+    return slow, True
+
+
+@kernel
+def _plan_fall(
+    plan: Any, phi: float, rate: float, ready: float, brake: float, gains: Any
+) -> bool:
+    """Choose hold and stretch for the least settling time; True if the model then stays inside.
+
+    Waiting turns the craft at full speed, the fall slows it with ρ: mostly it pays to wait longer
+    and to fall faster.
+    """
+    clock = plan.attitude_clock
+    rho = min(nominal(clock, gains.attitude_shape)[0], 1.0)
+    fall = gains.attitude_shape.t2 - clock
+    best, feasible = math.inf, False
+    for level in _LEVELS:
+        hold, phi_then, _ = _hold(phi, rate, rho, level, ready, brake, gains)
+        stretch, inside = _fastest_stretch(plan.start, clock, phi_then, gains)
+        settled = hold + stretch * fall
+        if settled < best:
+            best, feasible = settled, inside
+            plan.hold, plan.stretch, plan.level = hold, stretch, level
+    return feasible
 
 
 @kernel
@@ -173,26 +203,49 @@ def plan_envelopes(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, g
     """Place both envelopes in time at t [s] for the present error.
 
     At t = 0 the envelopes begin at the top of their tables, as in the paper; a plan made later
-    begins where the present errors fill a part `_FILL` of them. With ``envelope: nominal`` the
-    stretch is 1 and nothing waits.
+    begins where the errors fill a part `_FILL` of them. With ``envelope: nominal`` nothing waits
+    and the stretch is 1; `feasible` then says whether the model stays inside.
     """
+    shape = gains.attitude_shape
+    phi = 2.0 * math.asin(min(norm(q), 1.0))
+    rate, ready, brake = _present_turn(phi, q, q0, omega_e, gains)
     plan.start = t
     plan.hold = 0.0
     plan.stretch = 1.0
     plan.attitude_clock = 0.0
     plan.rate_clock = 0.0
-    if t > 0.0:
-        plan.attitude_clock = clock_at(largest(q) / _FILL, gains.attitude_shape)
-        rho = nominal(plan.attitude_clock, gains.attitude_shape)[0]
-        plan.rate_clock = _rate_clock(q, q0, omega_e, rho, gains)
-    phi = 2.0 * math.asin(min(norm(q), 1.0))
     plan.angle_deg = math.degrees(phi)
-    if gains.auto != 0.0:
-        _plan_stretch(plan, phi, q, q0, omega_e, gains)
+    plan.waiting = 0.0
+    plan.count += 1.0
+    if t > 0.0:
+        reach = largest(q)
+        if gains.auto != 0.0:
+            peak = _hold(phi, rate, 1.0, 1.0, ready, brake, gains)[2]
+            reach = max(reach, math.sin(0.5 * peak))
+        plan.attitude_clock = clock_at(reach / _FILL, shape)
+        rho = nominal(plan.attitude_clock, shape)[0]
+        plan.rate_clock = _rate_clock(q, q0, omega_e, rho, gains)
+    inside = _stays_inside(1.0, plan.attitude_clock, phi, rate, ready, brake, gains)
+    if gains.auto != 0.0 and (t > 0.0 or not inside):
+        inside = _plan_fall(plan, phi, rate, ready, brake, gains)
+        plan.waiting = 1.0
+    plan.feasible = 1.0 if inside else 0.0
+
+
+@kernel
+def revise_plan(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, gains: Any) -> None:
+    """When the hold has ended: wait on if the craft is not yet on its way, else fix the stretch."""
+    phi = 2.0 * math.asin(min(norm(q), 1.0))
+    rate, ready, brake = _present_turn(phi, q, q0, omega_e, gains)
+    rho = min(nominal(plan.attitude_clock, gains.attitude_shape)[0], 1.0)
+    plan.hold = t - plan.start
+    if rate > 0.0 or math.sin(0.5 * phi) > plan.level * rho:
+        more, phi, _ = _hold(phi, rate, rho, plan.level, ready, brake, gains)
+        plan.hold += more
     else:
-        ready, outward = _acquisition(q, q0, omega_e, gains)
-        inside = _stays_inside(1.0, plan.attitude_clock, 0.0, phi, ready, outward, gains)
-        plan.feasible = 1.0 if inside else 0.0
+        plan.waiting = 0.0
+    plan.stretch, inside = _fastest_stretch(plan.start, plan.attitude_clock, phi, gains)
+    plan.feasible = 1.0 if inside else 0.0
     plan.count += 1.0
 
 

@@ -31,7 +31,7 @@ from ppc_attitude.science.controllers.interface import (
     step_signature,
     store_command,
 )
-from ppc_attitude.science.envelope_plan import PLAN, carry_on, plan_envelopes
+from ppc_attitude.science.envelope_plan import PLAN, carry_on, plan_envelopes, revise_plan
 from ppc_attitude.science.kernel import (
     Matrix,
     Vector,
@@ -304,6 +304,8 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
         plan_envelopes(memory.plan, t, q, q0, omega_e, gains)
         memory.started = 1.0
         memory.t = t
+    elif memory.plan.waiting != 0.0 and t >= memory.plan.start + memory.plan.hold:
+        revise_plan(memory.plan, t, q, q0, omega_e, gains)
     rate, attitude = carry_on(memory.plan, t, gains)
     if t > memory.t:
         integrate(memory, gains, rate[0], t - memory.t)
