@@ -17,6 +17,7 @@ COMMANDS = (
     "sweep",
     "replay",
     "inject",
+    "watch",
     "recover",
     "export",
 )

@@ -1,0 +1,89 @@
+"""`ppc_attitude watch`: a running stack in the terminal, for machines without a screen."""
+
+import argparse
+import os
+import sys
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from ppc_attitude.command_line.errors import DONE, RunError
+from ppc_attitude.command_line.options import positive
+from ppc_attitude.contract.topics import ATTITUDE
+
+if TYPE_CHECKING:
+    from ppc_attitude.nodes.onlooker import Onlooker
+
+_PERIOD = 0.1  # [s] between two pictures
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "watch",
+        help="look at a running stack in the terminal",
+        description=(
+            "Errors against envelopes, rates, torques and health of a running stack, live, in "
+            "the domain that ROS_DOMAIN_ID names. Ctrl-C ends it; the stack does not notice."
+        ),
+    )
+    parser.add_argument(
+        "--namespace", metavar="NS", default="", help="namespace of the stack; default none"
+    )
+    parser.add_argument("--once", action="store_true", help="print one picture and end")
+    parser.add_argument(
+        "--timeout",
+        metavar="S",
+        type=positive,
+        default=10.0,
+        help="with --once: how long to wait for a state [s]; default %(default)g",
+    )
+    parser.set_defaults(execute=execute)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Show one picture, or many."""
+    from ppc_attitude.nodes.onlooker import looking_on
+
+    with looking_on(arguments.namespace) as onlooker:
+        if arguments.once:
+            _show_once(onlooker, arguments.timeout, arguments.namespace)
+        else:
+            _show(onlooker)
+    return DONE
+
+
+def _show_once(onlooker: "Onlooker", timeout: float, namespace: str) -> None:
+    from rich.console import Console
+
+    from ppc_attitude.command_line.watch_view import view
+
+    deadline = time.monotonic() + timeout
+    snapshot = onlooker.look(_PERIOD)
+    while not onlooker.complete(snapshot):
+        if time.monotonic() > deadline:
+            raise RunError(
+                f"no complete state{f' in {namespace}' if namespace else ''} within {timeout:g} s "
+                f"in ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}; `ppc_attitude run` prints "
+                "the domain that it uses"
+            )
+        snapshot = onlooker.look(_PERIOD)
+    while not snapshot.health and time.monotonic() < deadline:
+        snapshot = onlooker.look(_PERIOD)  # diagnostics come once a second, if somebody sends them
+    Console().print(view(snapshot, silent=0.0))
+
+
+def _show(onlooker: "Onlooker") -> None:
+    from rich.live import Live
+
+    from ppc_attitude.command_line.watch_view import view
+
+    stamp, since = None, time.monotonic()
+    # Where there is no terminal, Live prints the last picture only.
+    with suppress(KeyboardInterrupt), Live(auto_refresh=False, screen=sys.stdout.isatty()) as live:
+        while True:
+            snapshot = onlooker.look(_PERIOD)
+            state = snapshot.samples.get(ATTITUDE.name)
+            if state is not None and state.stamp_ns != stamp:
+                stamp, since = state.stamp_ns, time.monotonic()
+            live.update(view(snapshot, time.monotonic() - since), refresh=True)

@@ -1,0 +1,141 @@
+"""What `ppc_attitude watch` shows: errors in their envelopes, rates, torques, health."""
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from ppc_attitude.contract.cdr import seconds
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    APPLIED_TORQUE,
+    ATTITUDE,
+    ATTITUDE_ENVELOPE,
+    ATTITUDE_ERROR,
+    DISTURBANCE,
+    RATE_ENVELOPE,
+    RATE_ERROR,
+    TORQUE_COMMAND,
+    Topic,
+)
+from ppc_attitude.nodes.onlooker import Health, Snapshot
+from ppc_attitude.science.attitude import rotation_angle
+
+_AXES = "xyz"
+_LEVELS = ("OK", "WARN", "ERROR", "STALE")
+_STYLES = ("green", "yellow", "bold red", "dim")
+_NEAR = 0.8  # part of an envelope from which its bar is yellow
+_DEGREES, _MILLI = 180.0 / math.pi, 1e3
+_ABSENT = "–"
+_OWN_COLUMNS = ("time [s]",)  # shown elsewhere
+
+
+def view(snapshot: Snapshot, silent: float) -> RenderableType:
+    """Draw a snapshot.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        How things stand.
+    silent : float
+        For how long no new state has come [s].
+    """
+    parts: list[RenderableType] = [_errors(snapshot), _motion(snapshot)]
+    if snapshot.health:
+        parts.append(_health(snapshot.health))
+    return Panel(Group(*parts), title=_title(snapshot, silent), title_align="left", expand=False)
+
+
+def _title(snapshot: Snapshot, silent: float) -> Text:
+    state = snapshot.samples.get(ATTITUDE.name)
+    if state is None:
+        return Text("waiting for attitude", style="yellow")
+    text = f"t = {seconds(state.stamp_ns):.2f} s"
+    error = snapshot.samples.get(ATTITUDE_ERROR.name)
+    if error is not None:
+        x, y, z, w = error.values
+        text += f"   pointing error {_DEGREES * rotation_angle((x, y, z, w)):.4g}°"
+    if silent > 1.0:
+        return Text(f"{text}   no new state for {silent:.0f} s", style="yellow")
+    return Text(text, style="bold")
+
+
+def _errors(snapshot: Snapshot) -> Table:
+    table = _table("error", "", "envelope", "fill")
+    for name, factor, topic, envelope_topic in (
+        ("attitude", 1.0, ATTITUDE_ERROR, ATTITUDE_ENVELOPE),
+        ("rate [°/s]", _DEGREES, RATE_ERROR, RATE_ENVELOPE),
+    ):
+        errors = _numbers(snapshot, topic, factor)
+        envelopes = _numbers(snapshot, envelope_topic, factor)
+        for axis, error, envelope in zip(_AXES, errors, envelopes, strict=True):
+            table.add_row(Text(f"{name} {axis}"), *_inside(error, envelope))
+    return table
+
+
+def _table(*names: str) -> Table:
+    # Text, because rich takes a unit in brackets for its own markup.
+    table = Table(box=None, pad_edge=False)
+    for number, name in enumerate(names):
+        table.add_column(Text(name), justify="right" if number and name != "fill" else "left")
+    return table
+
+
+def _inside(error: float, envelope: float) -> tuple[str, str, RenderableType]:
+    if math.isnan(error) or math.isnan(envelope):
+        return _text(error), _text(envelope), ""
+    fill = abs(error) / envelope
+    style = "green" if fill < _NEAR else "yellow" if fill <= 1.0 else "bold red"
+    bar = Table.grid(padding=(0, 1))
+    bar.add_row(
+        ProgressBar(
+            total=1.0,
+            completed=min(fill, 1.0),
+            width=16,
+            complete_style=style,
+            finished_style=style,
+        ),
+        Text(f"{100.0 * fill:3.0f} %" + (" outside" if fill > 1.0 else ""), style=style),
+    )
+    return _text(error), _text(envelope), bar
+
+
+def _motion(snapshot: Snapshot) -> Table:
+    columns = (
+        ("rate [°/s]", _numbers(snapshot, ANGULAR_VELOCITY, _DEGREES)),
+        ("torque [mN·m]", _numbers(snapshot, APPLIED_TORQUE, _MILLI)),
+        ("commanded", _numbers(snapshot, TORQUE_COMMAND, _MILLI)),
+        ("disturbance", _numbers(snapshot, DISTURBANCE, _MILLI)),
+    )
+    table = _table("axis", *(name for name, _ in columns))
+    for i, axis in enumerate(_AXES):
+        table.add_row(axis, *(_text(numbers[i]) for _, numbers in columns))
+    return table
+
+
+def _health(health: dict[str, Health]) -> Table:
+    table = Table("node", "health", "", box=None, pad_edge=False)
+    for name, state in sorted(health.items()):
+        level = min(state.level, len(_LEVELS) - 1)
+        details = "  ".join(
+            f"{key} {value}" for key, value in state.details.items() if key not in _OWN_COLUMNS
+        )
+        table.add_row(
+            name, Text(f"{_LEVELS[level]} {state.message}", style=_STYLES[level]), Text(details)
+        )
+    return table
+
+
+def _numbers(snapshot: Snapshot, topic: Topic, factor: float = 1.0) -> Sequence[float]:
+    sample = snapshot.samples.get(topic.name)
+    if sample is None:
+        return (math.nan,) * len(_AXES)
+    return [factor * value for value in sample.values[: len(_AXES)]]
+
+
+def _text(number: float) -> str:
+    return _ABSENT if math.isnan(number) else f"{number:+.3e}"

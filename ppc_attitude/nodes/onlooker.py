@@ -1,0 +1,145 @@
+"""What a running stack says right now: latest samples and health, for those who only look on."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import rclpy
+import rclpy.utilities
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
+
+from ppc_attitude.contract.cdr import Sample
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    APPLIED_TORQUE,
+    ATTITUDE,
+    ATTITUDE_ENVELOPE,
+    ATTITUDE_ERROR,
+    DIAGNOSTICS_TOPIC,
+    DISTURBANCE,
+    RATE_ENVELOPE,
+    RATE_ERROR,
+    TORQUE_COMMAND,
+)
+from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.latest import LatestSamples
+from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.qos import subscribed
+from ppc_attitude.science.errors import ConfigurationError
+
+WATCHED = (
+    ATTITUDE,
+    ANGULAR_VELOCITY,
+    APPLIED_TORQUE,
+    TORQUE_COMMAND,
+    DISTURBANCE,
+    ATTITUDE_ERROR,
+    ATTITUDE_ENVELOPE,
+    RATE_ERROR,
+    RATE_ENVELOPE,
+)
+
+
+@dataclass(frozen=True)
+class Health:
+    """What one node last said on `/diagnostics`."""
+
+    level: int
+    message: str
+    details: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What a stack says at one moment.
+
+    Attributes
+    ----------
+    samples : dict
+        Topic name to the latest sample; only topics that have sent a usable one.
+    health : dict
+        Full node name to what it last said.
+    """
+
+    samples: dict[str, Sample] = field(default_factory=dict)
+    health: dict[str, Health] = field(default_factory=dict)
+
+
+class Onlooker:
+    """Subscribes to what a person wants to see of the stack in the node's namespace."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._home = node.get_namespace()
+        self._latest = LatestSamples(node, WATCHED)
+        self._health: dict[str, Health] = {}
+        node.create_subscription(
+            DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._on_health, subscribed(DIAGNOSTICS_TOPIC)
+        )
+        self._executor = new_executor()
+        self._executor.add_node(node)
+
+    def _on_health(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.hardware_id.rpartition("/")[0] == self._home.rstrip("/"):
+                details = {entry.key: entry.value for entry in status.values}
+                self._health[status.hardware_id] = Health(status.level[0], status.message, details)
+
+    def look(self, duration: float) -> Snapshot:
+        """Take in what arrives for some time [s], and say how things stand then."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+        samples = {}
+        for topic in WATCHED:
+            try:
+                sample = self._latest.get(topic)
+            except RefusedError:
+                continue  # the nodes themselves refuse it, and say so in their diagnostics
+            if sample is not None:
+                samples[topic.name] = sample
+        return Snapshot(samples, dict(self._health))
+
+    def complete(self, snapshot: Snapshot) -> bool:
+        """True if every watched topic that somebody publishes has been seen, the state at least."""
+        return ATTITUDE.name in snapshot.samples and all(
+            topic.name in snapshot.samples or not self._node.count_publishers(topic.name)
+            for topic in WATCHED
+        )
+
+    def close(self) -> None:
+        """Stop looking."""
+        self._executor.remove_node(self._node)
+
+
+@contextmanager
+def looking_on(namespace: str) -> Iterator[Onlooker]:
+    """Look on at the stack in a namespace while the block runs.
+
+    Raises
+    ------
+    ConfigurationError
+        The namespace cannot be one.
+    """
+    home = f"/{namespace.strip('/')}"
+    try:
+        validate_namespace(home)
+    except InvalidNamespaceException as error:
+        reason = str(error).partition("\n")[0].rstrip(":")
+        raise ConfigurationError(f"namespace {namespace!r}: {reason}") from None
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = Node("watch", namespace=home)
+        onlooker = Onlooker(node)
+        try:
+            yield onlooker
+        finally:
+            onlooker.close()
+            node.destroy_node()
+    finally:
+        rclpy.utilities.try_shutdown()
