@@ -69,6 +69,11 @@ class Snapshot:
     samples: dict[str, Sample] = field(default_factory=dict)
     health: dict[str, Health] = field(default_factory=dict)
 
+    @property
+    def complete(self) -> bool:
+        """True if nothing that can be watched is missing."""
+        return bool(self.health) and all(topic.name in self.samples for topic in WATCHED)
+
 
 class Onlooker:
     """Subscribes to what a person wants to see of the stack in the node's namespace."""
@@ -104,13 +109,6 @@ class Onlooker:
             if sample is not None:
                 samples[topic.name] = sample
         return Snapshot(samples, dict(self._health))
-
-    def complete(self, snapshot: Snapshot) -> bool:
-        """True if every watched topic that somebody publishes has been seen, the state at least."""
-        return ATTITUDE.name in snapshot.samples and all(
-            topic.name in snapshot.samples or not self._node.count_publishers(topic.name)
-            for topic in WATCHED
-        )
 
     def close(self) -> None:
         """Stop looking."""

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ppc_attitude.nodes.onlooker import Onlooker
 
 _PERIOD = 0.1  # [s] between two pictures
+_SETTLE = 3.0  # [s] after the first state in which all other topics come, if they exist
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -58,18 +59,19 @@ def _show_once(onlooker: "Onlooker", timeout: float, namespace: str) -> None:
 
     from ppc_attitude.command_line.watch_view import view
 
-    deadline = time.monotonic() + timeout
+    end = time.monotonic() + timeout
     snapshot = onlooker.look(_PERIOD)
-    while not onlooker.complete(snapshot):
-        if time.monotonic() > deadline:
+    while ATTITUDE.name not in snapshot.samples:
+        if time.monotonic() > end:
             raise RunError(
-                f"no complete state{f' in {namespace}' if namespace else ''} within {timeout:g} s "
+                f"no state{f' in {namespace}' if namespace else ''} within {timeout:g} s "
                 f"in ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}; `ppc_attitude run` prints "
                 "the domain that it uses"
             )
         snapshot = onlooker.look(_PERIOD)
-    while not snapshot.health and time.monotonic() < deadline:
-        snapshot = onlooker.look(_PERIOD)  # diagnostics come once a second, if somebody sends them
+    end = time.monotonic() + _SETTLE
+    while not snapshot.complete and time.monotonic() < end:
+        snapshot = onlooker.look(_PERIOD)
     Console().print(view(snapshot, silent=0.0))
 
 

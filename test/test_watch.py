@@ -1,0 +1,128 @@
+"""`ppc_attitude watch` shows what a stack says, and says so when there is none."""
+
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from conftest import StartProcess
+from rich.console import Console
+
+from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE
+from ppc_attitude.command_line.main import main
+from ppc_attitude.command_line.watch_view import view
+from ppc_attitude.contract.cdr import Sample
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    ATTITUDE,
+    ATTITUDE_ENVELOPE,
+    ATTITUDE_ERROR,
+    CONTROLLER,
+    DISTURBANCE,
+    INJECTOR,
+    PLANT,
+    REFERENCE,
+)
+from ppc_attitude.nodes.onlooker import Health, Snapshot
+
+COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
+
+
+def lines(snapshot: Snapshot, silent: float = 0.0, width: int = 80) -> list[str]:
+    stream = io.StringIO()
+    Console(file=stream, width=width).print(view(snapshot, silent))
+    return stream.getvalue().splitlines()
+
+
+def line_with(text: str, shown: list[str]) -> str:
+    return next(line for line in shown if text in line)
+
+
+SNAPSHOT = Snapshot(
+    samples={
+        ATTITUDE.name: Sample(12_340_000_000, "inertial", (0.0, 0.0, 0.0, 1.0)),
+        ATTITUDE_ERROR.name: Sample(12_340_000_000, "desired", (0.006, -0.001, 0.0, 1.0)),
+        ATTITUDE_ENVELOPE.name: Sample(12_340_000_000, "body", (0.005, 0.004, 0.005)),
+        APPLIED_TORQUE.name: Sample(12_340_000_000, "body", (0.05, 0.0, 0.0)),
+        DISTURBANCE.name: Sample(12_340_000_000, "body", (0.8, 0.8, 0.8)),
+    },
+    health={"/ppc_controller": Health(1, "outside: attitude", {"steps": "3", "time [s]": "1"})},
+)
+
+
+def test_errors_stand_beside_their_envelopes() -> None:
+    shown = lines(SNAPSHOT)
+    outside = line_with("attitude x", shown)
+    assert "+6.000e-03" in outside
+    assert "+5.000e-03" in outside
+    assert "120 % outside" in outside
+    inside = line_with("attitude y", shown)
+    assert "25 %" in inside
+    assert "outside" not in inside
+    assert "%" not in line_with("rate [°/s] x", shown)  # no such topics in this run
+
+
+def test_units_and_times() -> None:
+    shown = lines(SNAPSHOT)
+    assert "t = 12.34 s" in shown[0]
+    assert "0.697°" in shown[0]
+    assert "no new state" not in shown[0]
+    assert "no new state for 7 s" in lines(SNAPSHOT, silent=7.0)[0]
+    assert "torque [mN·m]" in line_with("torque", shown)
+    row = next(line for line in shown if line.startswith("│ x "))
+    assert "+5.000e+01" in row
+    assert "+8.000e+02" in row
+
+
+def test_health_is_told_with_its_level() -> None:
+    row = line_with("/ppc_controller", lines(SNAPSHOT))
+    assert "WARN outside: attitude" in row
+    assert "steps 3" in row
+    assert "time" not in row
+
+
+def test_nothing_yet() -> None:
+    assert "waiting for attitude" in lines(Snapshot())[0]
+
+
+def test_it_fits_a_narrow_terminal() -> None:
+    assert max(map(len, lines(SNAPSHOT, silent=100.0))) <= 80
+
+
+@pytest.mark.ros
+def test_once_shows_a_running_stack(start_process: StartProcess, tmp_path: Path) -> None:
+    overlay = tmp_path / "paced.yaml"
+    parameters = {"lockstep": True, "real_time_factor": 2.0}
+    overlay.write_text(yaml.safe_dump({f"/**/{PLANT}": {"ros__parameters": parameters}}))
+    common = ["--ros-args", "-r", "__ns:=/one", "--params-file", str(overlay)]
+    for name in (PLANT, REFERENCE, CONTROLLER, INJECTOR):
+        start_process(
+            [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *common],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    watch = start_process([*COMMAND, "watch", "--once", "--namespace", "/one", "--timeout", "60"])
+    out, err = watch.communicate(timeout=90.0)
+    assert watch.returncode == DONE, err
+    shown = out.splitlines()
+    assert "pointing error" in shown[0]
+    assert "%" in line_with("attitude z", shown)
+    assert "%" in line_with("rate [°/s] z", shown)
+    assert "/one/" in out
+
+
+def test_no_stack_is_an_error(capfd: pytest.CaptureFixture[str], ros_domain: int) -> None:
+    assert main(["watch", "--once", "--timeout", "0.2"]) == BROKEN
+    error = capfd.readouterr().err
+    assert error.startswith("error: no state within 0.2 s")
+    assert f"domain {ros_domain}" in error
+    assert error.count("\n") == 1
+
+
+def test_an_impossible_namespace_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", "--once", "--namespace", "a b"]) == BAD_INPUT
+    error = capsys.readouterr().err
+    assert error.startswith("error: namespace 'a b': ")
+    assert error.count("\n") == 1
