@@ -7,17 +7,18 @@ further down the table (a controller that starts in mid-flight is near the targe
 `stretch` times slower. Stretching changes l to l/s and t2 to s t2, so r, and with it feasibility,
 stays the same.
 
-The plan is the fastest for which a model of the turn stays inside: the craft turns about its
-eigenaxis at the virtual control's speed, φ' = −k M_ω ρ tanh(β x/ρ) with x = sin(φ/2), after the time
-that the torque limit needs to bring it to that speed from its present rate. When the hold ends the
-stretch is chosen anew from the state that has been reached. Where the table as it stands can be
-followed, the plan is the table as it stands.
+Where the table as it stands can be followed, the plan is the table as it stands. Else it is the
+one that settles first for a model of the turn: the craft turns about its eigenaxis at the virtual
+control's speed, φ' = −k M_ω ρ tanh(β x/ρ) with x = sin(φ/2), after the time that the torque limit
+needs to bring it to that speed from its present rate. When the hold ends the stretch is chosen
+anew from the state that has been reached.
 
 What the plan guarantees of the rate, with the norm form of the virtual control:
 ‖v‖ ≤ k M_ω max ρ_q ≤ k M_ω holds at every instant for every error, envelope and plan. As
-ω_s = C_e ω_d + v + z2, always ‖ω_s‖ ≤ max‖ω_d‖ + k M_ω max ρ_q + ‖z2‖, and ‖z2‖ ≤ √3 max ρ_ω inside the
-rate envelope. Until z2 has come in (seconds: the torque limit sets it) its own size counts, and a
-hit can make the rate what it likes; of that nothing is guaranteed.
+ω_s = C_e ω_d + v + z2, always ‖ω_s‖ ≤ max‖ω_d‖ + k M_ω max ρ_q + ‖z2‖, and inside the rate envelope
+‖z2‖ ≤ √3 max ρ_ω. So ‖ω_s‖ ≤ limit is certain from the instant on at which √3 max ρ_ω ≤ limit −
+max‖ω_d‖ − k M_ω. Before that (the first seconds, and after a hit) z2 is as large as the initial
+rate or the hit makes it, and only its decay is sure.
 """
 
 import math
@@ -25,8 +26,11 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.science.attitude import kinematics, moved, normalised, rotation_angle
 from ppc_attitude.science.kernel import (
+    Quaternion,
     Vector,
+    add,
     apply,
     dot,
     kernel,
@@ -67,6 +71,7 @@ _END_FILL = 0.3
 _LEVELS = (0.8, 0.6, 0.45, 0.35, 0.25, 0.15)
 _MODEL_STEPS = 200
 _BISECTIONS = 10
+_TABLE_STEPS = 400
 _HOLD_STEP = 0.1  # [s]
 _LONGEST_HOLD = 3600.0  # [s]
 
@@ -74,18 +79,17 @@ _LONGEST_HOLD = 3600.0  # [s]
 @kernel
 def _turn_rate(phi: float, rho: float, gains: Any) -> float:
     """φ' [rad/s] that the virtual control asks for."""
-    return float(
-        -gains.k * gains.M_omega * rho * math.tanh(gains.beta * math.sin(0.5 * phi) / rho)
-    )
+    return float(-gains.k * gains.M_omega * rho * math.tanh(gains.beta * math.sin(0.5 * phi) / rho))
 
 
 @kernel
 def _present_turn(
-    phi: float, q: Vector, q0: float, omega_e: Vector, gains: Any
+    phi: float, q_e: Quaternion, omega_e: Vector, gains: Any
 ) -> tuple[float, float, float]:
-    """φ' [rad/s] now, and the time [s] and φ'' [rad/s²] with which torque makes it the asked one."""
+    """φ' [rad/s] now; time [s] and φ'' [rad/s²] with which torque makes it the asked one."""
+    q = (q_e[0], q_e[1], q_e[2])
     length = norm(q)
-    axis = scale(sign(q0) / length, q) if length > 0.0 else (1.0, 0.0, 0.0)
+    axis = scale(sign(q_e[3]) / length, q) if length > 0.0 else (1.0, 0.0, 0.0)
     rate = dot(axis, omega_e)
     asked = _turn_rate(phi, 1.0, gains)
     momentum = largest(apply(matrix(gains.inertia), subtract(scale(asked, axis), omega_e)))
@@ -98,7 +102,7 @@ def _present_turn(
 def _advanced(
     phi: float, rate: float, rho: float, h: float, late: bool, brake: float, gains: Any
 ) -> tuple[float, float]:
-    """φ and φ' of the model after h [s]; until the rate is reached (`late`) it changes by `brake`."""
+    """φ and φ' of the model after h [s]; while the rate is `late` it changes by `brake`."""
     asked = _turn_rate(phi, rho, gains)
     if late:
         rate += min(max(asked - rate, -brake * h), brake * h)
@@ -125,18 +129,53 @@ def _hold(
 
 
 @kernel
-def _stays_inside(
-    stretch: float, clock: float, phi: float, rate: float, ready: float, brake: float, gains: Any
+def _asked_rate(q_e: Quaternion, rho: float, gains: Any) -> Vector:
+    """The virtual control v [rad/s] for an error under the same ρ on every axis."""
+    v, _ = virtual_control(
+        (q_e[0], q_e[1], q_e[2]),
+        q_e[3],
+        (0.0, 0.0, 0.0),
+        (rho, rho, rho),
+        (0.0, 0.0, 0.0),
+        gains.beta,
+        gains.k * gains.M_omega,
+        gains.norm_form != 0.0,
+    )
+    return v
+
+
+@kernel
+def _follows_table(
+    clock: float, q_e: Quaternion, omega_e: Vector, ready: float, gains: Any
 ) -> bool:
+    """True if the error, turning with ω_e = v once it is `ready`, stays inside the given table."""
+    shape = gains.attitude_shape
+    h = (shape.t2 - clock) / _TABLE_STEPS
+    for step in range(_TABLE_STEPS):
+        if largest((q_e[0], q_e[1], q_e[2])) > _MODEL_FILL * nominal(clock, shape)[0]:
+            return False
+        rho = nominal(clock + 0.5 * h, shape)[0]
+        omega = _asked_rate(q_e, rho, gains)
+        omega = _asked_rate(moved(q_e, 0.5 * h, kinematics(q_e, omega)), rho, gains)
+        part = min((step + 0.5) * h / ready, 1.0)
+        omega = add(scale(1.0 - part, omega_e), scale(part, omega))
+        middle = moved(q_e, 0.5 * h, kinematics(q_e, omega))
+        q_e = normalised(moved(q_e, h, kinematics(middle, omega)))
+        clock += h
+    return bool(largest((q_e[0], q_e[1], q_e[2])) <= _MODEL_FILL * shape.terminal)
+
+
+@kernel
+def _stays_inside(stretch: float, clock: float, phi: float, gains: Any) -> bool:
     """True if the modelled turn stays inside the envelope that falls from `clock`, stretched."""
     shape = gains.attitude_shape
     h_clock = (shape.t2 - clock) / _MODEL_STEPS
     h = h_clock * stretch
-    for step in range(_MODEL_STEPS):
+    for _ in range(_MODEL_STEPS):
         if math.sin(0.5 * phi) > _MODEL_FILL * nominal(clock, shape)[0]:
             return False
         rho = nominal(clock + 0.5 * h_clock, shape)[0]
-        phi, rate = _advanced(phi, rate, rho, h, step * h < ready, brake, gains)
+        phi, _ = _advanced(phi, 0.0, rho, h, False, 0.0, gains)
         clock += h_clock
     return bool(math.sin(0.5 * phi) <= _END_FILL * shape.terminal)
 
@@ -146,13 +185,13 @@ def _fastest_stretch(start: float, clock: float, phi: float, gains: Any) -> tupl
     """Smallest stretch that the turn from φ can follow, and whether there is one."""
     fast = _MIN_STRETCH_IN_FLIGHT if start > 0.0 else 1.0
     slow = MAX_STRETCH
-    if _stays_inside(fast, clock, phi, 0.0, 0.0, 0.0, gains):
+    if _stays_inside(fast, clock, phi, gains):
         return fast, True
-    if not _stays_inside(slow, clock, phi, 0.0, 0.0, 0.0, gains):
+    if not _stays_inside(slow, clock, phi, gains):
         return slow, False
     for _ in range(_BISECTIONS):
         middle = math.sqrt(slow * fast)
-        if _stays_inside(middle, clock, phi, 0.0, 0.0, 0.0, gains):
+        if _stays_inside(middle, clock, phi, gains):
             slow = middle
         else:
             fast = middle
@@ -160,9 +199,7 @@ def _fastest_stretch(start: float, clock: float, phi: float, gains: Any) -> tupl
 
 
 @kernel
-def _plan_fall(
-    plan: Any, phi: float, rate: float, ready: float, brake: float, gains: Any
-) -> bool:
+def _plan_fall(plan: Any, phi: float, rate: float, ready: float, brake: float, gains: Any) -> bool:
     """Choose hold and stretch for the least settling time; True if the model then stays inside.
 
     Waiting turns the craft at full speed, the fall slows it with ρ: mostly it pays to wait longer
@@ -183,23 +220,14 @@ def _plan_fall(
 
 
 @kernel
-def _rate_clock(q: Vector, q0: float, omega_e: Vector, rho: float, gains: Any) -> float:
+def _rate_clock(q_e: Quaternion, omega_e: Vector, rho: float, gains: Any) -> float:
     """Where on its table the rate envelope must begin to hold the present z2."""
-    v, _ = virtual_control(
-        q,
-        q0,
-        omega_e,
-        (rho, rho, rho),
-        (0.0, 0.0, 0.0),
-        gains.beta,
-        gains.k * gains.M_omega,
-        gains.norm_form != 0.0,
-    )
-    return clock_at(largest(subtract(omega_e, v)) / _FILL, gains.rate_shape)
+    z2 = subtract(omega_e, _asked_rate(q_e, rho, gains))
+    return clock_at(largest(z2) / _FILL, gains.rate_shape)
 
 
 @kernel
-def plan_envelopes(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, gains: Any) -> None:
+def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains: Any) -> None:
     """Place both envelopes in time at t [s] for the present error.
 
     At t = 0 the envelopes begin at the top of their tables, as in the paper; a plan made later
@@ -207,8 +235,8 @@ def plan_envelopes(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, g
     and the stretch is 1; `feasible` then says whether the model stays inside.
     """
     shape = gains.attitude_shape
-    phi = 2.0 * math.asin(min(norm(q), 1.0))
-    rate, ready, brake = _present_turn(phi, q, q0, omega_e, gains)
+    phi = rotation_angle(q_e)
+    rate, ready, brake = _present_turn(phi, q_e, omega_e, gains)
     plan.start = t
     plan.hold = 0.0
     plan.stretch = 1.0
@@ -218,14 +246,14 @@ def plan_envelopes(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, g
     plan.waiting = 0.0
     plan.count += 1.0
     if t > 0.0:
-        reach = largest(q)
+        reach = largest((q_e[0], q_e[1], q_e[2]))
         if gains.auto != 0.0:
             peak = _hold(phi, rate, 1.0, 1.0, ready, brake, gains)[2]
             reach = max(reach, math.sin(0.5 * peak))
         plan.attitude_clock = clock_at(reach / _FILL, shape)
         rho = nominal(plan.attitude_clock, shape)[0]
-        plan.rate_clock = _rate_clock(q, q0, omega_e, rho, gains)
-    inside = _stays_inside(1.0, plan.attitude_clock, phi, rate, ready, brake, gains)
+        plan.rate_clock = _rate_clock(q_e, omega_e, rho, gains)
+    inside = _follows_table(plan.attitude_clock, q_e, omega_e, ready, gains)
     if gains.auto != 0.0 and (t > 0.0 or not inside):
         inside = _plan_fall(plan, phi, rate, ready, brake, gains)
         plan.waiting = 1.0
@@ -233,10 +261,10 @@ def plan_envelopes(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, g
 
 
 @kernel
-def revise_plan(plan: Any, t: float, q: Vector, q0: float, omega_e: Vector, gains: Any) -> None:
+def revise_plan(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains: Any) -> None:
     """When the hold has ended: wait on if the craft is not yet on its way, else fix the stretch."""
-    phi = 2.0 * math.asin(min(norm(q), 1.0))
-    rate, ready, brake = _present_turn(phi, q, q0, omega_e, gains)
+    phi = rotation_angle(q_e)
+    rate, ready, brake = _present_turn(phi, q_e, omega_e, gains)
     rho = min(nominal(plan.attitude_clock, gains.attitude_shape)[0], 1.0)
     plan.hold = t - plan.start
     if rate > 0.0 or math.sin(0.5 * phi) > plan.level * rho:

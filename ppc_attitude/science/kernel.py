@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
 
 import numba
+from numba.core import config as _numba_config
 
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]  # x y z w
@@ -17,6 +18,8 @@ Matrix: TypeAlias = tuple[Vector, Vector, Vector]  # rows
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+
+_SETTINGS: Any = _numba_config  # its names are made at run time
 
 
 def _cache_folder() -> Path:
@@ -30,12 +33,12 @@ def _cache_folder() -> Path:
     for folder in ("science", "simulation"):
         for source in sorted((package / folder).rglob("*.py")):
             digest.update(source.read_bytes())
-    root = Path(numba.config.CACHE_DIR or Path(__file__).parent / "__pycache__")
+    root = Path(_SETTINGS.CACHE_DIR or Path(__file__).parent / "__pycache__")
     return root / f"ppc_attitude-{digest.hexdigest()[:16]}"
 
 
 # Where this folder cannot be written, Numba falls back to the user's own.
-numba.config.CACHE_DIR = str(_cache_folder())
+_SETTINGS.CACHE_DIR = str(_cache_folder())
 
 # No fastmath: the node, the in-process loop and the replay must agree to the last bit.
 OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}

@@ -7,7 +7,7 @@ lacks a factor l and has the wrong sign: a1 = l A e^{−l t1} / (2 (t2 − t1)) 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ SHAPE = np.dtype(
 _R_LIMIT = math.e / 2.0  # the largest r with a real root
 # Computed tables may sit on the limit up to rounding (terminal = exponential_terminal: r = 0).
 _ROUNDING = 1e-12
+_LARGEST_EXPONENT = 700.0  # e to it is still finite
 
 
 @dataclass(frozen=True)
@@ -110,20 +111,30 @@ def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
         its limit and the nearest feasible value of each number.
     """
     _check_order(name, table)
-    amplitude = table.initial - table.exponential_terminal
-    lt2 = table.decay * table.settling_time
-    gap = table.terminal - table.exponential_terminal
-    r = gap * math.exp(min(lt2, 700.0)) / amplitude
-    roots = _roots(r)
-    feasible = [x for x in roots if 0.0 < x <= lt2 * (1.0 + _ROUNDING)]
-    if not feasible:
-        raise ConfigurationError(_infeasible(name, table, r, lt2))
-    x = min(feasible)  # the smaller x is the larger t1
+    x = _width(table)
+    if x is None:
+        raise ConfigurationError(_infeasible(name, table))
     t1 = max(table.settling_time - x / table.decay, 0.0)
+    amplitude = table.initial - table.exponential_terminal
     fall = table.decay * amplitude * math.exp(-table.decay * t1)
     a1 = fall / (2.0 * (table.settling_time - t1))
     t2 = table.settling_time
-    return Envelope(table, r, t1, a1, -2.0 * a1 * t2, table.terminal + a1 * t2 * t2)
+    return Envelope(
+        table, feasibility(table), t1, a1, -2.0 * a1 * t2, table.terminal + a1 * t2 * t2
+    )
+
+
+def feasibility(table: EnvelopeTable) -> float:
+    """Number r = (g∞ − ρ_e∞) e^{l t2} / A; a real t1 exists if and only if r ≤ e/2."""
+    growth = math.exp(min(table.decay * table.settling_time, _LARGEST_EXPONENT))
+    gap = table.terminal - table.exponential_terminal
+    return gap * growth / (table.initial - table.exponential_terminal)
+
+
+def _width(table: EnvelopeTable) -> float | None:
+    """Width x = l (t2 − t1) of the larger t1 ≥ 0; None if there is none."""
+    largest = table.decay * table.settling_time * (1.0 + _ROUNDING)
+    return min((x for x in _roots(feasibility(table)) if 0.0 < x <= largest), default=None)
 
 
 def _roots(r: float) -> list[float]:
@@ -153,35 +164,68 @@ def _check_order(name: str, table: EnvelopeTable) -> None:
         )
 
 
-def _infeasible(name: str, table: EnvelopeTable, r: float, lt2: float) -> str:
+def _infeasible(name: str, table: EnvelopeTable) -> str:
+    r = feasibility(table)
     head = (
         f"{name} is infeasible: r = (terminal − exponential_terminal) e^(decay·settling_time) / "
         f"(initial − exponential_terminal) = {r:.6g}"
     )
-    if r <= _R_LIMIT:
-        nearest_time = 2.0 / table.decay
-        return (
-            f"{head} gives t1 < 0 with decay·settling_time = {lt2:.6g}. Nearest feasible value "
-            f"of one parameter, the others kept: {name}.settling_time ≥ about {nearest_time:.6g} s, or "
-            f"{name}.decay ≥ about {2.0 / table.settling_time:.6g} 1/s"
-        )
-    gap = table.terminal - table.exponential_terminal
-    growth = math.exp(-min(lt2, 700.0))
-    amplitude = table.initial - table.exponential_terminal
-    nearest = {
-        "exponential_terminal": (table.terminal - _R_LIMIT * table.initial * growth)
-        / (1.0 - _R_LIMIT * growth),
-        "terminal": table.exponential_terminal + _R_LIMIT * amplitude * growth,
-        "initial": table.exponential_terminal + gap * math.exp(min(lt2, 700.0)) / _R_LIMIT,
-    }
-    limit = math.log(_R_LIMIT * amplitude / gap)
-    nearest["settling_time"] = limit / table.decay
-    nearest["decay"] = limit / table.settling_time
-    listed = ", or ".join(f"{name}.{key} = {value:.6g}" for key, value in nearest.items())
+    if r > _R_LIMIT:
+        reason = f", but at most e/2 = {_R_LIMIT:.6g} has a real t1"
+    else:
+        reason = f" gives t1 < 0 with decay·settling_time = {table.decay * table.settling_time:.6g}"
+    listed = ", or ".join(f"{name}.{key} = {value:.6g}" for key, value in nearest(table).items())
     return (
-        f"{head}, but at most e/2 = {_R_LIMIT:.6g} has a real t1. Nearest feasible value of one "
-        f"parameter, the others kept: {listed}"
+        f"{head}{reason}. Nearest feasible value of one parameter, the others kept: "
+        f"{listed or 'there is none'}"
     )
+
+
+def nearest(table: EnvelopeTable) -> dict[str, float]:
+    """Of an infeasible table, the nearest value of each number that alone makes it feasible.
+
+    Values have six digits, rounded to the feasible side; a number that cannot help is left out.
+    """
+    lt2 = table.decay * table.settling_time
+    growth = math.exp(min(lt2, _LARGEST_EXPONENT))
+    amplitude = table.initial - table.exponential_terminal
+    gap = table.terminal - table.exponential_terminal
+    if feasibility(table) > _R_LIMIT:
+        limit = math.log(_R_LIMIT * amplitude / gap)
+        wanted = {
+            "exponential_terminal": (table.terminal * growth - _R_LIMIT * table.initial)
+            / (growth - _R_LIMIT),
+            "terminal": table.exponential_terminal + _R_LIMIT * amplitude / growth,
+            "initial": table.exponential_terminal + gap * growth / _R_LIMIT,
+            "settling_time": limit / table.decay,
+            "decay": limit / table.settling_time,
+        }
+    else:  # t1 = 0 where l t2 / 2 − 1 + gap/A = 0
+        limit = 2.0 * (1.0 - gap / amplitude)
+        wanted = {
+            "terminal": table.exponential_terminal + amplitude * (1.0 - 0.5 * lt2),
+            "settling_time": limit / table.decay,
+            "decay": limit / table.settling_time,
+        }
+    found = {}
+    for key, value in wanted.items():
+        rounded = _rounded_to_feasible(table, key, value)
+        if rounded is not None:
+            found[key] = rounded
+    return found
+
+
+def _rounded_to_feasible(table: EnvelopeTable, key: str, value: float) -> float | None:
+    if not math.isfinite(value) or value <= 0.0:
+        return None
+    unit = 10.0 ** (math.floor(math.log10(value)) - 5)
+    for steps in (math.floor(value / unit), math.ceil(value / unit)):
+        rounded = float(f"{steps * unit:.6g}")
+        candidate = replace(table, **{key: rounded})
+        ordered = 0.0 < max(candidate.terminal, candidate.exponential_terminal) < candidate.initial
+        if rounded > 0.0 and ordered and _width(candidate) is not None:
+            return rounded
+    return None
 
 
 @kernel

@@ -301,11 +301,11 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
 
     if memory.started == 0.0:
         memory.plan.count = 0.0
-        plan_envelopes(memory.plan, t, q, q0, omega_e, gains)
+        plan_envelopes(memory.plan, t, q_e, omega_e, gains)
         memory.started = 1.0
         memory.t = t
     elif memory.plan.waiting != 0.0 and t >= memory.plan.start + memory.plan.hold:
-        revise_plan(memory.plan, t, q, q0, omega_e, gains)
+        revise_plan(memory.plan, t, q_e, omega_e, gains)
     rate, attitude = carry_on(memory.plan, t, gains)
     if t > memory.t:
         integrate(memory, gains, rate[0], t - memory.t)
@@ -314,7 +314,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
         memory, gains, attitude, rate
     )
     if gains.auto != 0.0 and is_outside(q, rho_q):
-        plan_envelopes(memory.plan, t, q, q0, omega_e, gains)
+        plan_envelopes(memory.plan, t, q_e, omega_e, gains)
         rate, attitude = carry_on(memory.plan, t, gains)
         rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
             memory, gains, attitude, rate
