@@ -1,7 +1,6 @@
 """`ppc_attitude run`: the five nodes as processes, recorded and judged."""
 
 import argparse
-import json
 import os
 import signal
 import sys
@@ -14,7 +13,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-import yaml
 from tqdm import tqdm
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
@@ -27,6 +25,7 @@ from ppc_attitude.command_line.options import (
     exit_code,
     scenario_of,
 )
+from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import NODES, PLANT, RECORDER
@@ -108,7 +107,7 @@ def _run_stack(arguments: argparse.Namespace, scenario: Scenario, bag: Path) -> 
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_") as folder:
         environment.setdefault("ROS_LOG_DIR", folder)
         overlay = Path(folder) / "run.yaml"
-        overlay.write_text(_overlay(scenario), encoding="utf-8")
+        overlay.write_text(parameter_file(scenario), encoding="utf-8")
         common = ["--ros-args", "--params-file", str(overlay)]
         command_lines = {name: list(common) for name in NODES}
         command_lines[PLANT] = ["--progress", *common]
@@ -133,19 +132,6 @@ def _end_after_failure(stack: Stack) -> None:
         stack.stop()
     except StackError:
         return
-
-
-def _overlay(scenario: Scenario) -> str:
-    """Return the resolved parameters of every node as a ROS parameter file."""
-    info = {"parameters": scenario.parameters, "metadata": {"command": " ".join(sys.argv)}}
-    nodes: dict[str, Any] = {}
-    for node, values in scenario.parameters.items():
-        # rcl knows no type for an empty list; it is the default, and stays away.
-        nodes[f"/**/{node}"] = {
-            "ros__parameters": {name: value for name, value in values.items() if value != []}
-        }
-    nodes[f"/**/{RECORDER}"]["ros__parameters"]["run_info"] = json.dumps(info)
-    return yaml.safe_dump(nodes, allow_unicode=True)
 
 
 @contextmanager
