@@ -27,19 +27,20 @@ ROS = {
 FLOORS: dict[str, tuple[set[str], set[str]]] = {
     "science": (set(), {"numba", "numpy", "scipy"}),
     "contract": ({"science"}, {"numpy", "yaml"}),
-    "simulation": (
-        {"science", "contract"},
-        {"dask", "distributed", "numba", "numpy", "pyarrow", "yaml"},
-    ),
+    "simulation": ({"science", "contract"}, {"numba", "numpy", "yaml"}),
     "analysis": ({"science", "contract"}, {"matplotlib", "numpy"}),
+    "campaign": (
+        {"science", "contract", "simulation", "analysis"},
+        {"distributed", "matplotlib", "numpy", "pyarrow", "yaml"},
+    ),
     "bags": (
         {"science", "contract"},
         {"lz4", "mcap", "numpy", "pyarrow", "rosbags", "yaml", "zstandard"},
     ),
     "nodes": ({"science", "contract", "simulation", "bags"}, {"numpy"} | ROS),
     "command_line": (
-        {"science", "contract", "simulation", "analysis", "bags", "nodes"},
-        {"argcomplete", "dask", "distributed", "numpy", "rich", "tqdm", "yaml"} | ROS,
+        {"science", "contract", "simulation", "analysis", "campaign", "bags", "nodes"},
+        {"argcomplete", "numpy", "rich", "tqdm", "yaml"} | ROS,
     ),
 }
 

@@ -1,0 +1,96 @@
+"""A campaign from declaration to results: run, count, keep."""
+
+import threading
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from ppc_attitude.campaign.declaration import Campaign
+from ppc_attitude.campaign.execution import outcomes
+from ppc_attitude.campaign.fan import Fan
+from ppc_attitude.campaign.pools import ClusterPool, LocalPool, Pool, cores
+from ppc_attitude.campaign.results import Results
+from ppc_attitude.campaign.rows import grid_of
+from ppc_attitude.campaign.summary import Summary
+from ppc_attitude.science.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A campaign that has been run.
+
+    Attributes
+    ----------
+    folder : Path
+        Where its files are.
+    total : int
+        How many runs were wanted; `summary.runs` were done.
+    summary : Summary
+        What it comes to.
+    fan : Fan
+        Errors over time.
+    """
+
+    folder: Path
+    total: int
+    summary: Summary
+    fan: Fan
+
+
+def run_campaign(
+    campaign: Campaign,
+    runs: int,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    stop: threading.Event | None = None,
+) -> Finished:
+    """Run a campaign and keep its results in a folder.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to run.
+    runs : int
+        How many runs, with indices from 0.
+    folder : Path
+        A folder that does not exist yet.
+    workers : int, optional
+        Processes on this machine; default one a core.
+    scheduler : str, optional
+        Address of a Dask scheduler to run on instead.
+    progress : callable, optional
+        Called with runs done and wanted after each.
+    stop : threading.Event, optional
+        Set it to end early, with what is there.
+
+    Returns
+    -------
+    Finished
+        The same, and the same files, whoever computed and in whatever order.
+
+    Raises
+    ------
+    ConfigurationError
+        A number is wrong, the folder exists, no scheduler answers, or a package is missing.
+    CampaignError
+        The campaign could not go on; the runs done until then are in the folder.
+    """
+    for name, value in (("runs", runs), ("workers", workers)):
+        if value is not None and value < 1:
+            raise ConfigurationError(f"{name} = {value}; allowed: ≥ 1")
+    grid = grid_of(campaign.rate, campaign.duration)
+    finished = Finished(folder, runs, Summary(), Fan(grid.ends))
+    pool: Pool
+    pool = ClusterPool(scheduler) if scheduler else LocalPool(campaign, workers or cores())
+    with closing(pool), Results(folder, campaign, finished.fan) as results:
+        for outcome in outcomes(campaign, runs, pool, stop or threading.Event()):
+            results.add(outcome.row)
+            finished.summary.add(outcome.row)
+            finished.fan.add(outcome.levels)
+            if progress is not None:
+                progress(finished.summary.runs, runs)
+    return finished

@@ -1,0 +1,218 @@
+"""The campaign: a scenario, what varies about it, and the seed; read from YAML and checked."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ppc_attitude.campaign.distributions import (
+    Attitudes,
+    Direction,
+    Fixed,
+    Number,
+    Range,
+    attitudes,
+    direction,
+    keys,
+    number,
+)
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.versions import versions
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.scenario import Scenario, scenario
+
+LARGEST_SEED = 2**63 - 1
+
+_RATE = Range(0.0, 100.0, "rad/s")
+_INERTIA = Range(0.0, 0.9)
+_TORQUE = Range(0.0, 1e6, "N·m")
+_STRENGTH = Range(0.0, 1e3, open_low=True)
+_NOISE = Range(0.0, 1.0, "rad or rad/s")
+_VARIABLES = (
+    "initial_attitude",
+    "initial_rate",
+    "inertia_error",
+    "disturbance",
+    "actuator_strength",
+    "attitude_noise",
+    "rate_noise",
+)
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """How the sudden pulse of every run is drawn."""
+
+    time: Number  # start [s]
+    duration: Number  # [s]
+    torque: Number  # norm [N·m]
+    direction: Direction  # body axes
+
+
+@dataclass(frozen=True)
+class Variables:
+    """What varies; None leaves it as the scenario has it.
+
+    Attributes
+    ----------
+    initial_attitude : Attitudes or None
+        The craft's attitude at t = 0.
+    initial_rate : (Number, Direction) or None
+        Norm [rad/s] and direction of what is added to the craft's rate at t = 0.
+    inertia_error : Number or None
+        Largest relative difference, about any axis, of the craft's inertia from the scenario's;
+        the controller keeps the scenario's.
+    disturbance : Pulse or None
+        One sudden pulse, in addition to the scenario's.
+    actuator_strength : Number or None
+        Factor on the plant's `max_torque`, of which the controller does not know.
+    attitude_noise, rate_noise : Number or None
+        The plant's parameters of these names [rad], [rad/s].
+    """
+
+    initial_attitude: Attitudes | None = None
+    initial_rate: tuple[Number, Direction] | None = None
+    inertia_error: Number | None = None
+    disturbance: Pulse | None = None
+    actuator_strength: Number | None = None
+    attitude_noise: Number | None = None
+    rate_noise: Number | None = None
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Everything that determines every run: run `index` is a function of this and the index.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        What is varied; its plant's `duration` is the length of every run.
+    variables : Variables
+        How it is varied.
+    seed : int
+        Seed of all draws, 0 to 2⁶³ − 1.
+    declaration : mapping
+        The YAML as read, to be kept with the results.
+    made_with : mapping of str to str
+        Versions; a worker with others would give other numbers, and refuses.
+    """
+
+    scenario: Scenario
+    variables: Variables
+    seed: int
+    declaration: Mapping[str, Any] = field(default_factory=dict)
+    made_with: Mapping[str, str] = field(default_factory=versions)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise ConfigurationError(f"seed = {self.seed}; allowed: 0 to {LARGEST_SEED}")
+        if self.duration <= 0.0:
+            raise ConfigurationError(
+                f"{PLANT}: duration = {self.duration:g} s; a campaign needs > 0"
+            )
+
+    @property
+    def duration(self) -> float:
+        """Length of every run [s]."""
+        return float(str(self.scenario.parameters[PLANT]["duration"]))
+
+    @property
+    def rate(self) -> float:
+        """Steps per second [Hz]."""
+        return float(str(self.scenario.parameters[PLANT]["rate"]))
+
+
+def load_campaign(path: Path, base: Scenario, seed: int) -> Campaign:
+    """Read a campaign.
+
+    Parameters
+    ----------
+    path : Path
+        YAML with one mapping ``campaign`` of variables; see `Variables` and `distributions`.
+    base : Scenario
+        What is varied.
+    seed : int
+        Seed of all draws.
+
+    Raises
+    ------
+    ConfigurationError
+        The file is missing, is not such a YAML, or a value in it is wrong; names it.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(f"campaign file {path}: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"campaign file {path} is not YAML: {error}") from None
+    if not isinstance(content, Mapping) or list(content) != ["campaign"]:
+        raise ConfigurationError(f"campaign file {path}: needs the key campaign at its top, alone")
+    try:
+        return campaign(content["campaign"], base, seed)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"campaign file {path}: {error}") from None
+
+
+def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
+    """Check a declaration (the mapping under ``campaign``) against the scenario that it varies.
+
+    Raises
+    ------
+    ConfigurationError
+        A name or value in it is wrong, or some draw would make an impossible scenario.
+    """
+    given = keys("campaign", declaration, _VARIABLES)
+    length = float(str(base.parameters[PLANT]["duration"]))
+    variables = Variables(
+        initial_attitude=_optional(given, "initial_attitude", attitudes),
+        initial_rate=_optional(given, "initial_rate", _rate),
+        inertia_error=_number(given, "inertia_error", _INERTIA),
+        disturbance=_optional(given, "disturbance", lambda n, g: _pulse(n, g, length)),
+        actuator_strength=_number(given, "actuator_strength", _STRENGTH),
+        attitude_noise=_number(given, "attitude_noise", _NOISE),
+        rate_noise=_number(given, "rate_noise", _NOISE),
+    )
+    _check_strength(variables.actuator_strength, base)
+    return Campaign(base, variables, seed, dict(given))
+
+
+def _optional(given: Mapping[str, Any], name: str, read: Any) -> Any:
+    return read(name, given[name]) if name in given else None
+
+
+def _number(given: Mapping[str, Any], name: str, allowed: Range) -> Number | None:
+    return number(name, given[name], allowed) if name in given else None
+
+
+def _rate(name: str, given: Any) -> tuple[Number, Direction]:
+    parts = keys(name, given, ("magnitude", "direction"))
+    return (
+        number(f"{name}.magnitude", parts.get("magnitude"), _RATE),
+        direction(f"{name}.direction", parts.get("direction", "sphere")),
+    )
+
+
+def _pulse(name: str, given: Any, length: float) -> Pulse:
+    parts = keys(name, given, ("time", "duration", "torque", "direction"))
+    within = Range(0.0, length, "s (the length of a run)")
+    lasting = Range(0.0, length, "s (the length of a run)", open_low=True)
+    return Pulse(
+        time=number(f"{name}.time", parts.get("time"), within),
+        duration=number(f"{name}.duration", parts.get("duration"), lasting),
+        torque=number(f"{name}.torque", parts.get("torque"), _TORQUE),
+        direction=direction(f"{name}.direction", parts.get("direction", "sphere")),
+    )
+
+
+def _check_strength(strength: Number | None, base: Scenario) -> None:
+    """See that the weakest actuator still gives torque."""
+    weakest = min((strength or Fixed(1.0)).support())
+    torque = float(str(base.parameters[PLANT]["max_torque"]))
+    try:
+        scenario(
+            {**base.parameters, PLANT: {**base.parameters[PLANT], "max_torque": weakest * torque}}
+        )
+    except ConfigurationError as error:
+        raise ConfigurationError(f"actuator_strength can become {weakest:g}: {error}") from None

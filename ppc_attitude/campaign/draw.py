@@ -1,0 +1,240 @@
+"""From a campaign and an index to a run: what is drawn, and the scenario that it makes.
+
+Every variable has a random stream of its own, made from the seed, the index and the variable's
+name. So a run can be drawn alone, and a variable that is added or dropped moves no other.
+"""
+
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from ppc_attitude.campaign.declaration import Campaign, Pulse
+from ppc_attitude.campaign.distributions import Number, random_axes
+from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.attitude import attitude_error, rotation_angle
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.scenario import Scenario, scenario, unit_quaternion
+
+_LARGEST_NOISE_SEED = 2**53
+_ELEMENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+
+DRAWN: dict[str, str] = {
+    **{f"initial_attitude_{axis}": "1" for axis in "xyzw"},
+    "initial_error_angle": "rad",
+    **{f"initial_rate_{axis}": "rad/s" for axis in "xyz"},
+    "initial_rate": "rad/s",
+    "inertia_error": "1",
+    **{f"inertia_{element}": "kg·m²" for element in _ELEMENTS},
+    "pulse_time": "s",
+    "pulse_duration": "s",
+    "pulse_torque": "N·m",
+    **{f"pulse_torque_{axis}": "N·m" for axis in "xyz"},
+    "actuator_strength": "1",
+    "attitude_noise": "rad",
+    "rate_noise": "rad/s",
+    "noise_seed": "",
+}
+"""Every drawn column and its unit; those of the pulse are null where there is none."""
+
+VARYING = (
+    "initial_error_angle",
+    "initial_rate",
+    "inertia_error",
+    "pulse_time",
+    "pulse_duration",
+    "pulse_torque",
+    "actuator_strength",
+    "attitude_noise",
+    "rate_noise",
+)
+"""The drawn columns that say how hard a run is, one number a variable."""
+
+
+def stream(campaign: Campaign, index: int, variable: str) -> Generator:
+    """Random stream of one variable of one run."""
+    name = zlib.crc32(variable.encode())
+    return Generator(
+        np.random.PCG64(np.random.SeedSequence(campaign.seed, spawn_key=(index, name)))
+    )
+
+
+def draw(campaign: Campaign, index: int) -> dict[str, float | int | None]:
+    """Draw one run.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to draw from.
+    index : int
+        Which run, from 0.
+
+    Returns
+    -------
+    dict
+        A value for every key of `DRAWN`.
+
+    Raises
+    ------
+    ConfigurationError
+        The index is negative.
+    """
+    if index < 0:
+        raise ConfigurationError(f"index = {index}; allowed: ≥ 0")
+    plant = campaign.scenario.parameters[PLANT]
+    return {
+        **_attitude(campaign, index),
+        **_rate(campaign, index, plant),
+        **_inertia(campaign, index, plant),
+        **_pulse(campaign.variables.disturbance, stream(campaign, index, "disturbance")),
+        **{
+            name: _number(campaign, index, name, getattr(campaign.variables, name), default)
+            for name, default in (
+                ("actuator_strength", 1.0),
+                ("attitude_noise", plant["attitude_noise"]),
+                ("rate_noise", plant["rate_noise"]),
+            )
+        },
+        "noise_seed": int(stream(campaign, index, "noise_seed").integers(_LARGEST_NOISE_SEED)),
+    }
+
+
+def scenario_of(campaign: Campaign, index: int) -> Scenario:
+    """Scenario of one run: complete, checked, to be simulated here or run over ROS.
+
+    Raises
+    ------
+    ConfigurationError
+        The index is negative, or what was drawn is impossible.
+    """
+    return scenario_with(campaign, draw(campaign, index))
+
+
+def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
+    """Scenario of a run from what was drawn for it.
+
+    Raises
+    ------
+    ConfigurationError
+        What was drawn is impossible.
+    """
+    merged = {node: dict(values) for node, values in campaign.scenario.parameters.items()}
+    plant, injector = merged[PLANT], merged[INJECTOR]
+    plant["initial_attitude"] = [drawn[f"initial_attitude_{axis}"] for axis in "xyzw"]
+    plant["initial_angular_velocity"] = [drawn[f"initial_rate_{axis}"] for axis in "xyz"]
+    plant["inertia"] = _matrix(drawn).ravel().tolist()
+    plant["max_torque"] = drawn["actuator_strength"] * plant["max_torque"]
+    plant["attitude_noise"] = drawn["attitude_noise"]
+    plant["rate_noise"] = drawn["rate_noise"]
+    plant["seed"] = drawn["noise_seed"]
+    configured: Mapping[str, Any] = campaign.scenario.parameters[INJECTOR]
+    if drawn["pulse_torque"]:
+        torque = [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
+        for name, value in (
+            ("pulse_times", [drawn["pulse_time"]]),
+            ("pulse_durations", [drawn["pulse_duration"]]),
+            ("pulse_torques", torque),
+        ):
+            injector[name] = [*configured[name], *value]
+    return scenario(merged)
+
+
+def _number(
+    campaign: Campaign, index: int, name: str, distribution: Number | None, default: Any
+) -> float:
+    """Draw a variable that is one number."""
+    if distribution is None:
+        return float(default)
+    return distribution.draw(stream(campaign, index, name))
+
+
+def _attitude(campaign: Campaign, index: int) -> dict[str, float]:
+    values = campaign.scenario.parameters
+    x, y, z, w = unit_quaternion("initial_attitude", values[PLANT]["initial_attitude"]).tolist()
+    q = (x, y, z, w)
+    if campaign.variables.initial_attitude is not None:
+        q = campaign.variables.initial_attitude.draw(stream(campaign, index, "initial_attitude"), q)
+    desired = unit_quaternion("initial_attitude", values[REFERENCE]["initial_attitude"]).tolist()
+    angle = rotation_angle(attitude_error(q, tuple(desired)))
+    named = {f"initial_attitude_{a}": value for a, value in zip("xyzw", q, strict=True)}
+    return {**named, "initial_error_angle": float(angle)}
+
+
+def _rate(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[str, float]:
+    rate = np.array(plant["initial_angular_velocity"])
+    if campaign.variables.initial_rate is not None:
+        size, direction = campaign.variables.initial_rate
+        own = stream(campaign, index, "initial_rate")
+        rate = rate + size.draw(own) * np.array(direction.draw(own))
+    named = {f"initial_rate_{axis}": float(v) for axis, v in zip("xyz", rate, strict=True)}
+    return {**named, "initial_rate": float(np.linalg.norm(rate))}
+
+
+def _inertia(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[str, float]:
+    inertia, error = np.array(plant["inertia"]).reshape(3, 3), 0.0
+    if campaign.variables.inertia_error is not None:
+        own = stream(campaign, index, "inertia_error")
+        error = campaign.variables.inertia_error.draw(own)
+        inertia = perturbed_inertia(inertia, error, own)
+    named = {f"inertia_{name}": float(inertia[place]) for name, place in _ELEMENTS.items()}
+    return {"inertia_error": error, **named}
+
+
+def perturbed_inertia(
+    inertia: NDArray[np.float64], error: float, own: Generator
+) -> NDArray[np.float64]:
+    """Draw a rigid body's inertia that differs by at most a part `error` about any axis.
+
+    Parameters
+    ----------
+    inertia : ndarray, shape (3, 3)
+        A valid inertia [kg·m²].
+    error : float
+        0 ≤ error < 1.
+    own : Generator
+        The stream to draw from.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Symmetric, positive definite, and of a body that can exist.
+
+    Notes
+    -----
+    A body's second moments S = ½ tr(J) 1 − J are positive semidefinite, and every such S is that
+    of a body. So S is what is perturbed: S^½ (1 + error E) S^½ with ‖E‖ = 1 stays between
+    (1 ± error) S, and J, linear and monotone in S, between (1 ± error) J.
+    """
+    moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    values, axes = np.linalg.eigh(moments)
+    root = axes * np.sqrt(np.maximum(values, 0.0)) @ axes.T
+    part = 2.0 * own.random(3) - 1.0
+    frame = random_axes(own)
+    change = frame * (part / np.abs(part).max()) @ frame.T
+    new = moments + error * root @ change @ root
+    result = np.trace(new) * np.eye(3) - new
+    return np.asarray(0.5 * (result + result.T))
+
+
+def _matrix(drawn: Mapping[str, Any]) -> NDArray[np.float64]:
+    matrix = np.zeros((3, 3))
+    for name, (row, column) in _ELEMENTS.items():
+        matrix[row, column] = matrix[column, row] = drawn[f"inertia_{name}"]
+    return matrix
+
+
+def _pulse(pulse: Pulse | None, own: Generator) -> dict[str, float | None]:
+    if pulse is None:
+        names = ("pulse_time", "pulse_duration", "pulse_torque")
+        return dict.fromkeys((*names, *(f"pulse_torque_{axis}" for axis in "xyz")))
+    time, duration, size = (part.draw(own) for part in (pulse.time, pulse.duration, pulse.torque))
+    parts = zip("xyz", pulse.direction.draw(own), strict=True)
+    return {
+        "pulse_time": time,
+        "pulse_duration": duration,
+        "pulse_torque": size,
+        **{f"pulse_torque_{axis}": size * part for axis, part in parts},
+    }

@@ -1,0 +1,86 @@
+"""All runs of a campaign, in the order of their index, whoever computes them."""
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, wait
+from dataclasses import dataclass
+
+from ppc_attitude.campaign.declaration import Campaign
+from ppc_attitude.campaign.pools import Pool
+from ppc_attitude.campaign.rows import Outcome, broken
+
+LARGEST_CHUNK = 16
+"""Runs that a worker computes at a time: seconds, so that little is lost with a worker."""
+_AHEAD = 4  # chunks of each slot that are submitted beyond the oldest unfinished one
+_ATTEMPTS = 2  # for a run in whose company a worker was lost: the first may have been bad luck
+_GLANCE = 0.1  # [s] between looks at the wish to stop
+
+
+@dataclass
+class _Chunk:
+    start: int
+    stop: int
+    future: "Future[list[Outcome]]"
+
+
+def outcomes(campaign: Campaign, runs: int, pool: Pool, stop: threading.Event) -> Iterator[Outcome]:
+    """Compute the runs 0 … runs − 1 and yield them in this order.
+
+    A chunk whose worker was lost is computed again run by run; a run with which workers keep
+    being lost becomes an outcome that says so. Memory does not grow with the number of runs.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to run.
+    runs : int
+        How many.
+    pool : Pool
+        Who computes.
+    stop : threading.Event
+        Once it is set, what is finished by then is yielded and the rest left out.
+
+    Raises
+    ------
+    CampaignError
+        The campaign cannot go on.
+    """
+    size = max(1, min(LARGEST_CHUNK, runs // (_AHEAD * pool.slots)))
+    pending: deque[_Chunk] = deque()
+    following = 0
+    while not stop.is_set():
+        while following < runs and len(pending) < _AHEAD * pool.slots:
+            end = min(following + size, runs)
+            pending.append(_Chunk(following, end, pool.submit(campaign, following, end)))
+            following = end
+        if not pending:
+            return
+        oldest = pending[0]
+        if wait([oldest.future], timeout=_GLANCE).done:
+            yield from _result(campaign, oldest, pool)
+            pending.popleft()
+    for chunk in pending:
+        if chunk.future.done() and not chunk.future.cancelled() and not chunk.future.exception():
+            yield from chunk.future.result()
+
+
+def _result(campaign: Campaign, chunk: _Chunk, pool: Pool) -> list[Outcome]:
+    """Outcomes of a finished chunk; of one whose worker was lost, run by run."""
+    try:
+        return chunk.future.result()
+    except BaseException as error:
+        if not pool.lost(error):
+            raise
+    return [_alone(campaign, index, pool) for index in range(chunk.start, chunk.stop)]
+
+
+def _alone(campaign: Campaign, index: int, pool: Pool) -> Outcome:
+    """One run by itself, so that a lost worker can be laid to its charge."""
+    for _ in range(_ATTEMPTS):
+        try:
+            return pool.submit(campaign, index, index + 1).result()[0]
+        except BaseException as error:
+            if not pool.lost(error):
+                raise
+    return broken(campaign, index, "every worker that ran it was lost (killed or out of memory)")

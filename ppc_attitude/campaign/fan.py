@@ -1,0 +1,98 @@
+"""Distribution of errors over time in a memory of fixed size: counts of levels in time bins.
+
+A run is reduced to one small number for each quantity and time bin: the level, on a logarithmic
+scale, of the largest value in the bin. Counting levels is exact and knows no order, so any
+grouping of the runs gives the same counts to the last bit.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import ATTITUDE_ENVELOPE
+
+QUANTITIES = ("attitude_error", "attitude_envelope", "attitude_fill")
+"""max_i |q_ev,i|, max_i ρ_q,i and max_i |q_ev,i|/ρ_q,i."""
+TIME_BINS = 240
+STEPS_PER_DECADE = 32
+EDGES = np.array([10.0 ** (k / STEPS_PER_DECADE) for k in range(-208, 41)])
+"""Levels 1 … 248 lie between these; 0 and 249 are below and above, `UNKNOWN` is not a number."""
+UNKNOWN = 255
+
+Levels = NDArray[np.uint8]
+
+
+def time_bins(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], Array]:
+    """First sample of each time bin, and the ends of the bins [s], one more than bins."""
+    bins = min(TIME_BINS, stamps_ns.size)
+    starts = np.arange(bins) * stamps_ns.size // bins
+    return starts, np.append(stamps_ns[starts], stamps_ns[-1]) * 1e-9
+
+
+def levels_of(record: RunRecord, errors: Array, starts: NDArray[np.intp]) -> Levels:
+    """Levels of one run.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+    errors : ndarray, shape (n, 3)
+        Vector part of q_e.
+    starts : ndarray of int, shape (bins,)
+        First sample of each bin.
+
+    Returns
+    -------
+    ndarray of uint8, shape (len(QUANTITIES), bins)
+        `UNKNOWN` in bins that hold a sample that is not finite, or for an envelope that the run
+        does not have.
+    """
+    size = np.abs(errors).T
+    values = [_largest(size)]
+    if ATTITUDE_ENVELOPE.column in record:
+        envelope = record[ATTITUDE_ENVELOPE.column].T
+        values += [_largest(envelope), _largest(size / envelope)]
+    levels = np.full((len(QUANTITIES), starts.size), UNKNOWN, np.uint8)
+    for row, value in zip(levels, values, strict=False):
+        peaks = np.maximum.reduceat(value, starts)
+        row[:] = np.where(np.isfinite(peaks), np.searchsorted(EDGES, peaks, "right"), UNKNOWN)
+    return levels
+
+
+def _largest(rows: Array) -> Array:
+    return np.asarray(np.maximum.reduce(rows))
+
+
+class Fan:
+    """How many runs were at each level in each time bin.
+
+    Parameters
+    ----------
+    ends : ndarray, shape (bins + 1,)
+        Ends of the time bins [s].
+    """
+
+    def __init__(self, ends: Array) -> None:
+        self.ends = ends
+        self.counts = np.zeros((len(QUANTITIES), ends.size - 1, UNKNOWN + 1), np.int64)
+        self._rows, self._columns = np.indices(self.counts.shape[:2])
+
+    def add(self, levels: Levels) -> None:
+        """Count one run."""
+        self.counts[self._rows, self._columns, levels] += 1
+
+    def quantiles(self, quantity: str, share: float) -> Array:
+        """Value below which a share of the runs lies, in each time bin; NaN where none is known.
+
+        Within a level the logarithm is taken as uniform: exact to a level, 7 %.
+        """
+        counts = self.counts[QUANTITIES.index(quantity), :, : EDGES.size + 1]
+        total = counts.sum(axis=1)
+        below = np.cumsum(counts, axis=1)
+        rank = np.maximum(share * total, 1.0)
+        level = np.minimum((below < rank[:, None]).sum(axis=1), EDGES.size)
+        bins = np.arange(level.size)
+        inside = counts[bins, level]
+        part = 1.0 - (below[bins, level] - rank) / np.maximum(inside, 1)
+        exponent = (np.log10(EDGES[0]) * STEPS_PER_DECADE + level - 1 + part) / STEPS_PER_DECADE
+        return np.where(total > 0, 10.0 ** np.clip(exponent, *np.log10(EDGES[[0, -1]])), np.nan)

@@ -1,0 +1,120 @@
+"""What a campaign leaves on disk: one Parquet file of runs, one of errors over time."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from ppc_attitude.campaign.declaration import Campaign
+from ppc_attitude.campaign.fan import EDGES, QUANTITIES, Fan
+from ppc_attitude.campaign.rows import COLUMNS, Row
+from ppc_attitude.science.errors import ConfigurationError
+
+RUNS_FILE, FAN_FILE = "runs.parquet", "error_over_time.parquet"
+BATCH = 1000
+"""Rows that are held before they are written: a row group of the file."""
+
+
+class Results:
+    """The folder of a campaign, written as the runs come; a context manager.
+
+    The files are the same to the last byte for the same runs, however these were computed. They
+    appear under their names when they are complete.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder that does not exist yet.
+    campaign : Campaign
+        What is run; kept in the files' metadata.
+    fan : Fan
+        Written when the folder is closed.
+
+    Raises
+    ------
+    ConfigurationError
+        pyarrow is not installed, or the folder exists.
+    """
+
+    def __init__(self, folder: Path, campaign: Campaign, fan: Fan) -> None:
+        try:
+            import pyarrow
+            import pyarrow.parquet
+        except ImportError:
+            raise ConfigurationError(
+                "a campaign's results need pyarrow: pip install 'ppc_attitude[campaign]'"
+            ) from None
+        if folder.exists():
+            raise ConfigurationError(f"folder {folder} exists already and is not overwritten")
+        folder.mkdir(parents=True)
+        self._arrow, self._parquet = pyarrow, pyarrow.parquet
+        self._folder, self._fan = folder, fan
+        self._metadata = {b"ppc_attitude": json.dumps(description(campaign)).encode()}
+        self._schema = pyarrow.schema(
+            [(name, _arrow_type(pyarrow, kind)) for name, kind in COLUMNS.items()],
+            metadata=self._metadata,
+        )
+        self._rows: list[Row] = []
+        self._unfinished = folder / f"{RUNS_FILE}.unfinished"
+        self._writer = pyarrow.parquet.ParquetWriter(self._unfinished, self._schema)
+
+    def add(self, row: Row) -> None:
+        """Keep the row of one run."""
+        self._rows.append(row)
+        if len(self._rows) == BATCH:
+            self._flush()
+
+    def _flush(self) -> None:
+        table = self._arrow.Table.from_pylist(self._rows, schema=self._schema)
+        self._writer.write_table(table, row_group_size=BATCH)
+        self._rows.clear()
+
+    def _write_fan(self) -> None:
+        quantity, time, level = self._fan.counts[:, :, : EDGES.size + 1].nonzero()
+        lower, upper = [0.0, *EDGES.tolist()], [*EDGES.tolist(), float("inf")]
+        table = self._arrow.table(
+            {
+                "quantity": [QUANTITIES[k] for k in quantity],
+                "from_s": self._fan.ends[time],
+                "to_s": self._fan.ends[time + 1],
+                "low": [lower[k] for k in level],
+                "high": [upper[k] for k in level],
+                "runs": self._fan.counts[quantity, time, level],
+            }
+        )
+        path = self._folder / f"{FAN_FILE}.unfinished"
+        self._parquet.write_table(table.replace_schema_metadata(self._metadata), path)
+        path.replace(self._folder / FAN_FILE)
+
+    def __enter__(self) -> "Results":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Write what is there, also when the campaign was cut short."""
+        if self._rows:
+            self._flush()
+        self._writer.close()
+        self._unfinished.replace(self._folder / RUNS_FILE)
+        self._write_fan()
+
+
+def description(campaign: Campaign) -> Mapping[str, Any]:
+    """Everything that determines the runs, as it stands in the files' metadata."""
+    return {
+        "seed": campaign.seed,
+        "campaign": campaign.declaration,
+        "parameters": campaign.scenario.parameters,
+        "versions": campaign.made_with,
+    }
+
+
+def _arrow_type(arrow: Any, kind: type) -> Any:
+    return {int: arrow.int64(), float: arrow.float64(), bool: arrow.bool_(), str: arrow.string()}[
+        kind
+    ]

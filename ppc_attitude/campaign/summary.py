@@ -1,0 +1,149 @@
+"""What a campaign comes to: how many runs meet what, the worst ones, a sample to draw."""
+
+import heapq
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from ppc_attitude.campaign.draw import VARYING
+from ppc_attitude.campaign.rows import KEYS, Row
+
+WORST = 5
+"""Runs that are listed as the worst of each requirement."""
+SAMPLE_SIZE = 3000
+"""Runs that are drawn: the first, and of those that fail the first."""
+_MOST_LIMITS = 3  # that are told apart; an actuator of random strength has one a run
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Fraction:
+    """How many of how many, with the Wilson interval that holds the truth with 95 %.
+
+    Attributes
+    ----------
+    met, judged : int
+        How many met it, of how many.
+    """
+
+    met: int
+    judged: int
+
+    @property
+    def value(self) -> float:
+        """The share; NaN of nothing."""
+        return self.met / self.judged if self.judged else math.nan
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end of the interval; all of 0 to 1 for nothing."""
+        if not self.judged:
+            return 0.0, 1.0
+        n, p, z = self.judged, self.value, _NORMAL_95
+        centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+        half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+        low = 0.0 if self.met == 0 else centre - half
+        high = 1.0 if self.met == n else centre + half
+        return low, high
+
+    def to_json(self) -> dict[str, Any]:
+        """Counts, share and interval."""
+        low, high = self.interval
+        share = self.value if self.judged else None
+        return {"met": self.met, "judged": self.judged, "fraction": share, "ci95": [low, high]}
+
+
+@dataclass
+class Tally:
+    """What is known of one requirement."""
+
+    met: int = 0
+    judged: int = 0
+    limits: dict[str, None] = field(default_factory=dict)  # as many as are told apart, and one
+    worst: list[tuple[float, int]] = field(default_factory=list)  # heap of (value, −index)
+
+    def add(self, met: bool, value: float | None, limit: str, index: int) -> None:
+        """Count one run."""
+        self.judged += 1
+        self.met += met
+        if len(self.limits) <= _MOST_LIMITS:
+            self.limits[limit] = None
+        # What a run could not show is the worst it can do.
+        entry = (math.inf if value is None else value, -index)
+        if len(self.worst) < WORST:
+            heapq.heappush(self.worst, entry)
+        else:
+            heapq.heappushpop(self.worst, entry)
+
+    @property
+    def fraction(self) -> Fraction:
+        """How many runs meet it."""
+        return Fraction(self.met, self.judged)
+
+    @property
+    def limit_text(self) -> str:
+        """The limit, or that every run has its own."""
+        several = len(self.limits) > _MOST_LIMITS
+        return "each run's own" if several else ", ".join(self.limits)
+
+    def worst_runs(self) -> list[tuple[int, float]]:
+        """Index and value of the worst runs, worst first."""
+        return [(-index, value) for value, index in sorted(self.worst, reverse=True)]
+
+
+class Summary:
+    """Accumulates rows in a memory that does not grow with their number."""
+
+    def __init__(self) -> None:
+        self.runs = 0
+        self.all_met = 0
+        self.broken = 0
+        self.first_broken: tuple[int, str] | None = None
+        self.tallies: dict[str, Tally] = {}
+        self.passing: list[dict[str, float]] = []
+        self.failing: list[dict[str, float]] = []
+
+    def add(self, row: Row) -> None:
+        """Count one run."""
+        self.runs += 1
+        if row["error"] is not None:
+            self.broken += 1
+            self.first_broken = self.first_broken or (row["index"], row["error"])
+            return
+        self.all_met += row["all_met"]
+        for name, key in KEYS.items():
+            if row[f"met_{key}"] is not None:
+                self.tallies.setdefault(name, Tally()).add(
+                    row[f"met_{key}"], row[f"value_{key}"], row[f"limit_{key}"], row["index"]
+                )
+        sample = self.passing if row["all_met"] else self.failing
+        if len(sample) < SAMPLE_SIZE:
+            sample.append({name: row[name] for name in VARYING if row[name] is not None})
+
+    @property
+    def fraction(self) -> Fraction:
+        """How many runs meet every requirement; one that broke does not."""
+        return Fraction(self.all_met, self.runs)
+
+    def requirements(self) -> list[tuple[str, Tally]]:
+        """Every requirement that applied to some run, in the order of a verdict."""
+        return [(name, self.tallies[name]) for name in KEYS if name in self.tallies]
+
+    def to_json(self) -> dict[str, Any]:
+        """All numbers of it."""
+        return {
+            "all_requirements": self.fraction.to_json(),
+            "broken": self.broken,
+            "requirements": [
+                {
+                    "name": name,
+                    "limit": tally.limit_text,
+                    **tally.fraction.to_json(),
+                    "worst": [
+                        {"index": index, "value": value if math.isfinite(value) else None}
+                        for index, value in tally.worst_runs()
+                    ],
+                }
+                for name, tally in self.requirements()
+            ],
+        }
