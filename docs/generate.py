@@ -1,0 +1,111 @@
+"""Write the generated parts of the pages: topics, commands, listings.
+
+A part stands between ``<!-- generated: NAME -->`` and ``<!-- end -->``.
+
+python docs/generate.py
+"""
+
+import argparse
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from ppc_attitude.command_line.main import build_parser
+from ppc_attitude.contract.topics import (
+    DIAGNOSTICS_TOPIC,
+    MARKERS_TOPIC,
+    PARAMETER_EVENTS_TOPIC,
+    TOPICS,
+    Topic,
+)
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("README.md", "docs/tutorial.md", "docs/reference.md")
+_PART = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def topics() -> str:
+    """The table of topics."""
+    shown = [topic for topic in TOPICS if topic is not PARAMETER_EVENTS_TOPIC]
+    if MARKERS_TOPIC not in shown:
+        shown.append(MARKERS_TOPIC)
+    head = "| topic | type | frame_id | from | meaning |\n|---|---|---|---|---|"
+    return "\n".join([head, *map(_topic_row, shown)])
+
+
+def _topic_row(topic: Topic) -> str:
+    source = topic.source or ("every node" if topic is DIAGNOSTICS_TOPIC else "anyone")
+    unit = f" [{topic.unit}]" if topic.unit not in ("", "1") else ""
+    kind = topic.msgtype.replace("/msg/", "/")
+    return f"| `{topic.name}` | {kind} | {topic.frame_id} | {source} | {topic.meaning}{unit} |"
+
+
+def commands() -> str:
+    """Every command with its arguments."""
+    return "\n\n".join(_command(name, parser) for name, parser in subparsers().items())
+
+
+def subparsers() -> dict[str, argparse.ArgumentParser]:
+    """Command name to its parser."""
+    (group,) = (
+        action
+        for action in build_parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
+    return dict(group.choices)
+
+
+def _command(name: str, parser: argparse.ArgumentParser) -> str:
+    lines = [f"### `{name}`", "", str(parser.description), ""]
+    lines += ["| argument | means |", "|---|---|", *_argument_rows(parser)]
+    return "\n".join(lines)
+
+
+def _argument_rows(parser: argparse.ArgumentParser) -> Iterator[str]:
+    formatter = parser.formatter_class(prog="")
+    for action in parser._actions:
+        if action.dest == "help":
+            continue
+        text = formatter._expand_help(action) if action.help else ""
+        if action.choices:
+            text += ": " + ", ".join(f"`{each}`" for each in action.choices)
+        yield f"| `{_label(action)}` | {text.replace('|', '&#124;')} |"
+
+
+def _label(action: argparse.Action) -> str:
+    names = action.metavar if isinstance(action.metavar, tuple) else (action.metavar,)
+    value = " ".join(str(name or ("NAME" if action.choices else "N")) for name in names)
+    if action.nargs in ("+", "*"):
+        value += " …"
+    if not action.option_strings:
+        return value
+    return " ".join([", ".join(action.option_strings), *([] if action.nargs == 0 else [value])])
+
+
+def listing(name: str) -> str:
+    """A file of docs/examples as a block of code."""
+    return f"```python\n{(ROOT / 'docs' / 'examples' / name).read_text(encoding='utf-8')}```"
+
+
+def generated(text: str) -> str:
+    """A page with its generated parts made anew."""
+
+    def part(match: re.Match[str]) -> str:
+        head, name, end = match.groups()
+        body = (
+            {"topics": topics, "commands": commands}[name]() if "." not in name else listing(name)
+        )
+        return f"{head}{body}\n{end}"
+
+    return _PART.sub(part, text)
+
+
+def main() -> None:
+    """Write every page."""
+    for page in PAGES:
+        path = ROOT / page
+        path.write_text(generated(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

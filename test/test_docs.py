@@ -1,0 +1,380 @@
+"""The documentation is true: its commands run, its tables and numbers are those of the code."""
+
+import argparse
+import json
+import os
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import yaml
+from bag_helpers import messages, write_messages
+from conftest import StartProcess
+from test_layers import ROOT
+
+from ppc_attitude.command_line import errors
+from ppc_attitude.command_line.main import build_parser, main
+from ppc_attitude.command_line.options import scenario_of
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.topics import BY_NAME, PLANT
+from ppc_attitude.science.parameter import resolved
+from ppc_attitude.simulation.closed_loop import simulate
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+GENERATE = runpy.run_path(str(ROOT / "docs" / "generate.py"))
+EXAMPLES = ROOT / "docs" / "examples"
+# Commands of other people's, as they stand on the pages: nothing of ours to check in them.
+FOREIGN = re.compile(
+    r"source (install/setup\.bash|\.venv/bin/activate)|export ROS_\w+=\S+|colcon (build|test)|"
+    r"rosdep install --from-paths src --ignore-src -y|pip install -e '\.\[\w+(,\w+)*\]'|"
+    r"ros2 bag (info|play) bags/\S+"
+)
+# What these do needs a running stack or another machine; other tests run them for real.
+NEEDS_A_STACK = ("inject", "watch", "latency")
+
+
+class Command(NamedTuple):
+    """One command of a page."""
+
+    page: Path
+    text: str
+
+    @property
+    def words(self) -> list[str]:
+        return shlex.split(self.text, comments=True)
+
+    def __str__(self) -> str:
+        return f"{self.page.name}: {self.text}"
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """The fenced blocks of a page in one language."""
+    text = page.read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def commands(page: Path) -> Iterator[Command]:
+    """Every command of a page's bash blocks, continued lines joined."""
+    for block in blocks(page, "bash"):
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.strip() and not line.startswith("#"):
+                yield Command(page, line.strip())
+
+
+def table(page: Path, head: str) -> list[list[str]]:
+    """Rows of the table whose first line begins so, without the backticks."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith(head))
+    rows = []
+    for line in lines[start + 2 :]:
+        if not line.startswith("|"):
+            break
+        cells = re.split(r"(?<!\\)\|", line)[1:-1]
+        rows.append([cell.strip().strip("`") for cell in cells])
+    return rows
+
+
+ALL = [command for page in PAGES for command in commands(page)]
+
+
+@pytest.mark.parametrize("page", [ROOT / name for name in GENERATE["PAGES"]], ids=lambda p: p.name)
+def test_generated_parts_are_current(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "<!-- generated: " in text
+    assert GENERATE["generated"](text) == text, "run: python docs/generate.py"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_resolve(page: Path) -> None:
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    links = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'src="([^"]+)"', text)
+    for link in links:
+        if re.match(r"https?:|mailto:", link):
+            continue
+        target, _, anchor = link.partition("#")
+        path = (page.parent / target).resolve() if target else page
+        assert path.exists(), f"{page.name} links to {link}"
+        if anchor:
+            titles = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", title).lower().replace(" ", "-") for title in titles}
+            assert anchor in slugs, f"{page.name} links to {link}"
+
+
+def test_every_page_is_reachable_from_the_readme() -> None:
+    linked = set(re.findall(r"\]\((docs/[^)#]+\.md)", PAGES[0].read_text(encoding="utf-8")))
+    assert linked == {f"docs/{page.name}" for page in PAGES[1:]}
+
+
+@pytest.mark.parametrize("command", ALL, ids=str)
+def test_command_is_one_of_ours_or_well_known(command: Command) -> None:
+    words = command.words
+    if FOREIGN.fullmatch(command.text):
+        return
+    if words[0] == "ppc_attitude":
+        parsed = parsed_by_us(words[1:])
+        for config in getattr(parsed, "config", []):
+            assert (ROOT / config).exists() or config.as_posix() in saved_files(command.page)
+    elif words[0] == "ros2":
+        check_ros2(words[1:])
+    elif words[0] == "make":
+        assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    elif command.page.name == "contributing.md":
+        return  # how the lower bounds are tested: minutes, and another Python
+    elif words[:2] == ["python", "-m"]:
+        assert find_spec(words[2]) is not None
+        check_node_arguments(words[2].rpartition(".")[2], words[3:])
+    elif words[0] == "python":
+        assert (ROOT / words[1]).is_file()
+    else:
+        pytest.fail(f"nobody checks this command: {command}")
+
+
+def parsed_by_us(arguments: list[str]) -> argparse.Namespace:
+    """Parse as the command does; a usage error fails the test."""
+    try:
+        return build_parser().parse_args([each for each in arguments if each != "pd"])
+    except SystemExit:
+        if "pd" in arguments:  # the third controller is not registered here
+            return build_parser().parse_args(["simulate"])
+        raise
+
+
+def saved_files(page: Path) -> dict[str, str]:
+    """Files that a page tells to save, by name."""
+    text = page.read_text(encoding="utf-8")
+    found = re.findall(
+        r"[Ss]ave this as `(\S+)`:\n\n```yaml\n(.*?)^```$", text, re.MULTILINE | re.DOTALL
+    )
+    return dict(found)
+
+
+def check_ros2(words: list[str]) -> None:
+    """Executables, topics, types, services and parameters exist, and values are allowed."""
+    if words[:2] == ["run", "ppc_attitude"]:
+        check_node_arguments(words[2], words[3:])
+    elif words[:2] == ["launch", "ppc_attitude"]:
+        assert (ROOT / "launch" / words[2]).is_file()
+    elif words[:3] == ["topic", "pub", "--once"]:
+        assert BY_NAME[words[3].lstrip("/")].msgtype == words[4]
+        assert isinstance(yaml.safe_load(words[5]), dict)
+    elif words[:2] == ["param", "set"]:
+        check_parameter(words[2].lstrip("/"), words[3], words[4])
+    elif words[:2] == ["service", "call"]:
+        rows = {f"/{row[0]}": row[1] for row in table(ROOT / "docs/reference.md", "| service |")}
+        assert rows[words[2]] == words[3].replace("/srv/", "/")
+        assert isinstance(yaml.safe_load(words[4]), dict)
+    else:
+        pytest.fail(f"nobody checks ros2 {shlex.join(words)}")
+
+
+def check_node_arguments(node: str, words: list[str]) -> None:
+    """Check the ROS arguments of a node's command line."""
+    assert node in PARAMETERS
+    assert words == [] or words[0] == "--ros-args"
+    for option, value in zip(words[1::2], words[2::2], strict=True):
+        if option == "--params-file":
+            assert (ROOT / value).is_file()
+        elif option == "-p":
+            check_parameter(node, *value.split(":=", 1))
+        else:
+            assert option == "-r"
+            assert ":=" in value
+
+
+def check_parameter(node: str, name: str, value: str) -> None:
+    """The node has the parameter and takes the value."""
+    resolved(PARAMETERS[node], {name: yaml.safe_load(value)}, node)
+
+
+def simulated_run(arguments: list[str]) -> int:
+    """Stand in for `run`: simulate its configuration and leave the bag that it would leave."""
+    parsed = build_parser("run").parse_args(arguments)
+    scenario = scenario_of(parsed)
+    record = simulate(scenario, float(str(scenario.parameters[PLANT]["duration"])))
+    bag = parsed.bag or Path("bags") / "dated"
+    bag.parent.mkdir(exist_ok=True)
+    write_messages(bag, list(messages(record)), run=record)
+    return main(["analyse", str(bag)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["README.md", "tutorial.md", "how-to.md"])
+def test_commands_of_a_page_run_in_their_order(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = next(each for each in PAGES if each.name == name)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "build").mkdir()
+    (tmp_path / "config").symlink_to(ROOT / "config")
+    for path, content in saved_files(page).items():
+        (tmp_path / path).write_text(content, encoding="utf-8")
+    ours = [each for each in commands(page) if each.words[0] == "ppc_attitude"]
+    if name == "how-to.md":  # it works with the bag of the tutorial
+        simulated_run(["run", "--config", "config/paper.yaml", "--bag", "bags/hit"])
+    codes = {}
+    for command in ours:
+        arguments = command.words[1:]
+        if arguments[0] in NEEDS_A_STACK or "pd" in arguments:
+            continue
+        code = simulated_run(arguments) if arguments[0] == "run" else main(arguments)
+        codes[command.text] = code
+        assert "error:" not in capsys.readouterr().err
+    assert codes
+    fails = ("no_widening", "traditional", "longer")
+    for text, code in codes.items():
+        expected = any(each in text for each in fails) and " compare " not in text
+        assert code == (errors.REQUIREMENT_FAILED if expected else errors.DONE), text
+
+
+def test_third_controller_is_one_file_and_one_line(tmp_path: Path) -> None:
+    script = (
+        "import runpy, sys\n"
+        "from ppc_attitude.science.controllers import registry\n"
+        f"law = runpy.run_path({str(EXAMPLES / 'pd.py')!r})['CONTROLLER']\n"
+        "registry.CONTROLLERS[law.name] = law\n"
+        "from ppc_attitude.command_line.main import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    arguments = ["simulate", "--config", "config/paper.yaml", "--controller", "pd", "--json"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *arguments],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120.0,
+    )
+    assert done.returncode == errors.REQUIREMENT_FAILED, done.stderr
+    metrics = json.loads(done.stdout)["metrics"]
+    text = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
+    said = re.search(
+        r"settles in (\S+) s, at (\S+)°/s, and the environment torque leaves it (\S+) off", text
+    )
+    assert said is not None
+    reached = ("settling_time_s", "max_rate_deg_s", "terminal_error")
+    for number, name in zip(said.groups(), reached, strict=True):
+        assert float(number) == pytest.approx(metrics[name], rel=0.02)
+
+
+@pytest.mark.ros
+def test_own_controller_joins_in_lockstep(start_process: StartProcess, tmp_path: Path) -> None:
+    (line,) = (c for c in ALL if "lockstep:=true" in c.text and "wait_for" in c.text)
+    bag = tmp_path / "bag"
+    module = "ppc_attitude.nodes."
+    recorder = start_process(
+        [sys.executable, "-m", f"{module}bag_recorder", "--ros-args", "-p", f"bag:={bag}"]
+    )
+    controller = start_process([sys.executable, str(EXAMPLES / "own_controller.py")])
+    plant = start_process(
+        [sys.executable, "-m", f"{module}spacecraft_plant", *line.words[4:]],
+    )
+    assert plant.wait(timeout=60.0) == 0
+    for process in (controller, recorder):
+        process.send_signal(2)
+        process.wait(timeout=30.0)
+    rates = recorded_rates(bag)
+    assert max(map(abs, rates[0])) == pytest.approx(0.05)
+    assert max(map(abs, rates[-1])) < 1e-6
+
+
+def recorded_rates(bag: Path) -> list[tuple[float, float, float]]:
+    """Angular velocities of a bag, read with rosbags alone."""
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([bag]) as reader:
+        links = [each for each in reader.connections if each.topic == "/angular_velocity"]
+        vectors = [
+            reader.deserialize(data, link.msgtype).vector
+            for link, _, data in reader.messages(connections=links)
+        ]
+    return [(each.x, each.y, each.z) for each in vectors]
+
+
+@pytest.mark.ros
+def test_own_plant_is_controlled(start_process: StartProcess) -> None:
+    lines = [c.words for c in commands(ROOT / "docs/how-to.md") if c.words[:2] == ["python", "-m"]]
+    peers = [start_process([sys.executable, *words[1:]]) for words in lines]
+    assert len(peers) == 2
+    plant = start_process(
+        [sys.executable, str(EXAMPLES / "own_plant.py"), "--ros-args", "-p", "steps:=100"]
+    )
+    _, said = plant.communicate(timeout=60.0)
+    assert plant.returncode == 0, said
+    for peer in peers:
+        assert peer.poll() is None
+
+
+def test_exit_codes_are_those_of_the_code() -> None:
+    rows = table(ROOT / "docs/reference.md", "| code |")
+    codes = [errors.DONE, errors.REQUIREMENT_FAILED, errors.BAD_INPUT, errors.BROKEN]
+    assert [int(row[0]) for row in rows] == codes
+
+
+def test_json_is_described_key_by_key(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["simulate", "--duration", "1", "--json"])
+    printed = json.loads(capsys.readouterr().out)
+    page = ROOT / "docs/reference.md"
+    assert [row[0] for row in table(page, "| key |")] == list(printed)
+    assert [row[0] for row in table(page, "| metric |")] == list(printed["metrics"])
+
+
+def test_nodes_services_and_configurations_are_listed() -> None:
+    page = ROOT / "docs/reference.md"
+    assert {row[0] for row in table(page, "| node |")} == set(PARAMETERS)
+    listed = {row[0] for row in table(page, "| file |")}
+    assert listed == {f"config/{path.name}" for path in (ROOT / "config").glob("*.yaml")}
+    for row in table(page, "| service |"):
+        node, service = row[0].split("/")
+        source = (ROOT / "ppc_attitude" / "nodes" / f"{node}.py").read_text(encoding="utf-8")
+        assert f'"~/{service}"' in source
+
+
+def test_verdict_of_the_readme_is_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["simulate", "--config", str(ROOT / "config" / "paper.yaml")])
+    printed = capsys.readouterr().out
+    (shown,) = (block for block in blocks(ROOT / "README.md", "text") if "requirement" in block)
+    assert shown.strip() in printed
+
+
+def numbers(text: str) -> list[float]:
+    """Every number in a text."""
+    return [float(each) for each in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:e[-+]?\d+)?", text)]
+
+
+def is_among(number: float, stated: list[float]) -> bool:
+    """True if the page states the number, up to what another machine's rounding may change."""
+    return any(abs(number - each) <= 0.005 * abs(number) for each in stated)
+
+
+@pytest.mark.slow
+def test_numbers_of_the_theory_are_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    stated = numbers((ROOT / "docs" / "theory.md").read_text(encoding="utf-8").replace("−", "-"))
+    runpy.run_path(str(EXAMPLES / "theory_numbers.py"), run_name="__main__")
+    for line in capsys.readouterr().out.splitlines():
+        for number in numbers(line):
+            assert is_among(number, stated), line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("overlay", ["paper", "no_widening"])
+def test_sweep_of_the_theory_is_measured(overlay: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments: list[Any] = ["--config", ROOT / "config" / "paper.yaml"]
+    arguments += ["--config", ROOT / "config" / f"{overlay}.yaml", "--json"]
+    main(["sweep", *map(str, arguments)])
+    hits = json.loads(capsys.readouterr().out)["hits"]
+    column = {"paper": 1, "no_widening": 2}[overlay]
+    rows = table(ROOT / "docs" / "theory.md", "| hit [s] |")
+    assert [float(row[0]) for row in rows] == [hit["duration_s"] for hit in hits]
+    for row, hit in zip(rows, hits, strict=True):
+        recovery = hit["recovery_time_s"]
+        if row[column].startswith("not"):
+            assert recovery is None or recovery > 60.0
+        else:
+            assert float(row[column]) == pytest.approx(recovery, rel=0.05)
