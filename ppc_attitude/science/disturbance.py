@@ -20,7 +20,7 @@ _OMEGA_P = 0.01  # ω_p [rad/s]
 
 @kernel
 def environment_torque(t: float) -> Vector:
-    """Environment torque d(t) [N·m], body axes, as printed in the paper; ‖d‖ ≤ 4.37e-3."""
+    """Environment torque d(t) [N·m], body axes, as printed in the paper; ‖d‖ ≤ 4.374e-3."""
     p = _OMEGA_P * t
     return (
         1e-4 * (4.0 * math.sin(3.0 * p) + 3.0 * math.cos(10.0 * p) - 20.0),

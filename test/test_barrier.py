@@ -1,0 +1,65 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ppc_attitude.science.barrier import (
+    barrier,
+    barrier_gain,
+    barrier_gradient,
+    ln_cosh,
+    log_barrier_force,
+)
+from ppc_attitude.science.kernel import Vector
+
+components = st.floats(-3.0, 3.0)
+vectors = st.tuples(components, components, components)
+weights = st.floats(0.1, 5.0)
+
+
+@given(st.floats(-300.0, 300.0))
+def test_ln_cosh(x: float) -> None:
+    assert ln_cosh(x) == pytest.approx(math.log(math.cosh(x)), rel=1e-12, abs=1e-15)
+
+
+def test_ln_cosh_does_not_overflow() -> None:
+    assert ln_cosh(1e300) == pytest.approx(1e300)
+    assert ln_cosh(-1e5) == pytest.approx(1e5 - math.log(2.0), rel=1e-15)
+
+
+@given(vectors, weights, weights)
+def test_gradient_is_the_derivative_of_the_barrier(epsilon: Vector, k: float, F: float) -> None:
+    h = 1e-6
+    for i, slope in enumerate(barrier_gradient(epsilon, k, F)):
+        ahead, back = list(epsilon), list(epsilon)
+        ahead[i] += h
+        back[i] -= h
+        expected = (barrier(tuple(ahead), k, F) - barrier(tuple(back), k, F)) / (2.0 * h)
+        assert slope == pytest.approx(expected, rel=1e-6, abs=1e-7)
+
+
+@given(vectors, weights, weights)
+def test_barrier_is_finite_positive_and_linear_outside(epsilon: Vector, k: float, F: float) -> None:
+    assert barrier(epsilon, k, F) >= 0.0
+    assert 0.0 <= barrier_gain(epsilon, k, F) <= k
+    assert np.linalg.norm(barrier_gradient(epsilon, k, F)) <= k * np.linalg.norm(epsilon) + 1e-12
+
+
+@given(st.floats(-0.99, 0.99), st.floats(1e-3, 2.0))
+def test_log_barrier_force_is_a_derivative_inside(part: float, rho: float) -> None:
+    q, h = part * rho, 1e-6 * rho * (1.0 - abs(part))
+
+    def potential(x: float) -> float:  # ½ ln(ρ²/(ρ² − x²))
+        return -0.5 * math.log1p(-((x / rho) ** 2))
+
+    expected = (potential(q + h) - potential(q - h)) / (2.0 * h)
+    force = log_barrier_force((q, 0.0, -q), (rho, rho, rho))
+    assert force[0] == pytest.approx(expected, rel=1e-4, abs=1e-5 / rho)
+    assert force[1:] == (0.0, -force[0])
+
+
+def test_log_barrier_pushes_outward_outside() -> None:
+    assert log_barrier_force((2.0, -2.0, 0.5), (1.0, 1.0, 1.0))[0] < 0.0
+    assert log_barrier_force((2.0, -2.0, 0.5), (1.0, 1.0, 1.0))[1] > 0.0

@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from ppc_attitude.science.disturbance import PULSE, environment_torque, external_torque
+
+NONE = np.zeros(0, PULSE)
+
+
+def printed(t: float) -> np.ndarray:
+    """Eq. 34, ω_p = 0.01 rad/s."""
+    p = 0.01 * t
+    return 1e-4 * np.array(
+        [
+            4 * np.sin(3 * p) + 3 * np.cos(10 * p) - 20,
+            -1.5 * np.sin(2 * p) + 3 * np.cos(5 * p) + 20,
+            3 * np.sin(10 * p) - 8 * np.cos(4 * p) + 20,
+        ]
+    )
+
+
+def test_environment_is_the_printed_one_and_bounded() -> None:
+    norms = []
+    for t in np.linspace(0.0, 700.0, 7001):  # more than a period of each term
+        assert np.allclose(environment_torque(t), printed(t), rtol=1e-14)
+        norms.append(np.linalg.norm(environment_torque(t)))
+    assert max(norms) <= 4.374e-3
+    assert max(norms) > 4.373e-3  # the bound is not idle
+
+
+def test_a_pulse_acts_from_its_first_nanosecond_and_not_at_its_last() -> None:
+    pulses = np.array([(2_000_000_000, 2_100_000_000, (0.1, 0.2, 0.3))], PULSE)
+    at = {
+        stamp: external_torque(stamp, stamp * 1e-9, False, pulses)
+        for stamp in (1_999_999_999, 2_000_000_000, 2_099_999_999, 2_100_000_000)
+    }
+    assert list(at.values()) == [(0, 0, 0), (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0, 0, 0)]
+
+
+def test_overlapping_pulses_and_the_environment_add_up() -> None:
+    pulses = np.array([(0, 100, (0.5, 0.0, 0.0)), (50, 100, (0.25, 0.0, -1.0))], PULSE)
+    assert external_torque(75, 0.0, False, pulses) == (0.75, 0.0, -1.0)
+    assert np.allclose(
+        external_torque(75, 3.0, True, pulses), printed(3.0) + (0.75, 0.0, -1.0), rtol=1e-14
+    )
+
+
+@pytest.mark.parametrize("environment", [True, False])
+def test_without_pulses(environment: bool) -> None:
+    torque = external_torque(0, 12.0, environment, NONE)
+    assert np.allclose(torque, printed(12.0) if environment else 0.0, rtol=1e-14)

@@ -1,0 +1,214 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.performance import (
+    EnvelopeTable,
+    clock_at,
+    nearest,
+    nominal,
+    solve_envelope,
+    widened_attitude_envelope,
+    widened_rate_envelope,
+)
+
+TABLE_1 = EnvelopeTable(1.0, 1e-4, 0.05, 60.0, 5e-3)
+TABLE_2_PRINTED = EnvelopeTable(0.08, 1e-6, 0.5, 40.0, 3e-5)
+TABLE_2_REPAIRED = EnvelopeTable(0.08, 3e-5, 0.5, 40.0, 3e-5)
+FIELDS = ("initial", "exponential_terminal", "decay", "settling_time", "terminal")
+
+tables = st.builds(
+    lambda initial, asymptote, lt2, t2, terminal: EnvelopeTable(
+        initial, asymptote * initial, lt2 / t2, t2, terminal * initial
+    ),
+    st.floats(1e-4, 10.0),
+    st.floats(1e-6, 0.5),
+    st.floats(0.2, 25.0),
+    st.floats(1.0, 500.0),
+    st.floats(1e-6, 0.6),
+)
+
+
+def is_feasible(table: EnvelopeTable) -> bool:
+    try:
+        solve_envelope("envelope", table)
+    except ConfigurationError:
+        return False
+    return True
+
+
+def test_table_1_has_the_known_joint() -> None:
+    envelope = solve_envelope("attitude_envelope", TABLE_1)
+    assert envelope.t1 == pytest.approx(20.547627910, abs=1e-9)
+    assert envelope.a1 == pytest.approx(2.26797041865e-4, rel=1e-9)
+    assert envelope.a2 == pytest.approx(-2.0 * 60.0 * envelope.a1, rel=1e-12)
+    assert envelope.a3 == pytest.approx(5e-3 + 3600.0 * envelope.a1, rel=1e-12)
+
+
+def test_table_2_repaired_joins_two_time_constants_before_its_end() -> None:
+    envelope = solve_envelope("rate_envelope", TABLE_2_REPAIRED)
+    assert envelope.t1 == pytest.approx(36.0, abs=1e-9)
+    assert envelope.a1 == pytest.approx(7.6121e-11, rel=1e-4)
+    assert envelope.r == 0.0
+
+
+def test_table_2_as_printed_is_refused_with_its_number_and_remedies() -> None:
+    with pytest.raises(ConfigurationError) as raised:
+        solve_envelope("rate_envelope", TABLE_2_PRINTED)
+    message = str(raised.value)
+    assert "rate_envelope is infeasible" in message
+    assert "r = " in message and "= 175875" in message
+    assert "e/2 = 1.35914" in message
+    for field in FIELDS:
+        assert f"rate_envelope.{field} = " in message
+
+
+BEYOND = {  # the side on which each number is infeasible when r is too large
+    "initial": 0.999,
+    "exponential_terminal": 0.999,
+    "decay": 1.001,
+    "settling_time": 1.001,
+    "terminal": 1.001,
+}
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_nearest_value_is_feasible_and_a_little_beyond_is_not(field: str) -> None:
+    values = nearest(TABLE_2_PRINTED)
+    assert set(values) == set(FIELDS)
+    changed = vars(TABLE_2_PRINTED) | {field: values[field]}
+    assert is_feasible(EnvelopeTable(**changed))
+    assert not is_feasible(EnvelopeTable(**(changed | {field: values[field] * BEYOND[field]})))
+
+
+def test_too_short_a_time_names_the_shortest() -> None:
+    table = EnvelopeTable(1.0, 1e-4, 0.05, 10.0, 5e-3)
+    with pytest.raises(ConfigurationError, match=r"t1 < 0 with decay·settling_time = 0\.5"):
+        solve_envelope("attitude_envelope", table)
+    shortest = nearest(table)["settling_time"]
+    # t1 = 0 in the printed condition: l t2/2 − 1 + gap/A = 0.
+    assert 0.5 * 0.05 * shortest - 1.0 + 4.9e-3 / 0.9999 == pytest.approx(0.0, abs=1e-5)
+    assert is_feasible(EnvelopeTable(1.0, 1e-4, 0.05, shortest, 5e-3))
+    assert not is_feasible(EnvelopeTable(1.0, 1e-4, 0.05, shortest * 0.999, 5e-3))
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
+def test_numbers_that_are_none(field: str, value: float) -> None:
+    with pytest.raises(ConfigurationError, match=f"envelope.{field} = "):
+        solve_envelope("envelope", EnvelopeTable(**(vars(TABLE_1) | {field: value})))
+
+
+def test_an_envelope_must_fall() -> None:
+    with pytest.raises(ConfigurationError, match=r"initial = 0.005 must be larger than"):
+        solve_envelope("envelope", EnvelopeTable(5e-3, 1e-4, 0.05, 60.0, 5e-3))
+    with pytest.raises(ConfigurationError, match=r"exponential_terminal = 2\.0 must be smaller"):
+        solve_envelope("envelope", EnvelopeTable(1.0, 2.0, 0.05, 60.0, 5e-3))
+
+
+def test_of_two_roots_the_larger_t1() -> None:
+    decay, t2, r = 0.1, 40.0, 1.2
+    table = EnvelopeTable(1.0, 0.01, decay, t2, 0.01 + r * 0.99 * math.exp(-decay * t2))
+    grid = np.linspace(0.0, t2, 400_001)
+    # The paper's first line of eq. 7, as printed (its k is l).
+    condition = (0.5 * decay * (t2 - grid) - 1.0) * 0.99 * np.exp(-decay * grid) + (
+        table.terminal - 0.01
+    )
+    roots = grid[:-1][np.diff(np.sign(condition)) != 0.0]
+    assert roots.size == 2
+    assert solve_envelope("envelope", table).t1 == pytest.approx(roots.max(), abs=2e-4)
+
+
+@settings(max_examples=300, deadline=None)
+@given(tables)
+def test_feasible_envelopes_are_smooth_and_infeasible_ones_get_remedies(
+    table: EnvelopeTable,
+) -> None:
+    assume(table.terminal < table.initial and table.exponential_terminal < table.initial)
+    amplitude = table.initial - table.exponential_terminal
+    if not is_feasible(table):
+        remedies = nearest(table)
+        assert remedies  # some number alone always helps
+        for field, value in remedies.items():
+            assert is_feasible(EnvelopeTable(**(vars(table) | {field: value})))
+        return
+    envelope = solve_envelope("envelope", table)
+    t1, t2 = envelope.t1, table.settling_time
+    assert 0.0 <= t1 < t2
+    exponential = amplitude * math.exp(-table.decay * t1)
+
+    def parabola(t: float) -> float:
+        return envelope.a1 * (t - t2) ** 2 + table.terminal
+
+    scale = max(table.terminal, exponential)
+    assert parabola(t1) == pytest.approx(exponential + table.exponential_terminal, abs=1e-9 * scale)
+    assert 2.0 * envelope.a1 * (t1 - t2) == pytest.approx(-table.decay * exponential, rel=1e-9)
+    assert envelope.a1 > 0.0
+    shape = envelope.shape()
+    assert nominal(0.0, shape)[0] == pytest.approx(table.initial, rel=1e-12) or t1 == 0.0
+    values = [nominal(t, shape)[0] for t in np.linspace(0.0, 1.2 * t2, 200)]
+    assert np.all(np.diff(values) <= 0.0)
+    assert nominal(t2, shape) == (table.terminal, 0.0)
+
+
+@pytest.mark.parametrize("table", [TABLE_1, TABLE_2_REPAIRED])
+def test_rate_is_the_derivative_on_every_piece(table: EnvelopeTable) -> None:
+    shape = solve_envelope("envelope", table).shape()
+    for t in np.linspace(0.1, 1.1 * table.settling_time, 157):
+        h = 1e-4
+        slope = (nominal(t + h, shape)[0] - nominal(t - h, shape)[0]) / (2.0 * h)
+        assert nominal(t, shape)[1] == pytest.approx(slope, rel=1e-6, abs=1e-10)
+
+
+@pytest.mark.parametrize("table", [TABLE_1, TABLE_2_REPAIRED])
+def test_clock_inverts_the_envelope(table: EnvelopeTable) -> None:
+    shape = solve_envelope("envelope", table).shape()
+    for t in np.linspace(0.0, 0.99 * table.settling_time, 41):
+        assert nominal(clock_at(nominal(t, shape)[0], shape), shape)[0] == pytest.approx(
+            nominal(t, shape)[0], rel=1e-9
+        )
+    assert clock_at(2.0 * table.initial, shape) == 0.0
+    assert clock_at(0.5 * table.terminal, shape) == table.settling_time
+
+
+DRIVE, DECAY = (0.02, 0.3, 0.0), 0.898
+
+
+def test_rate_widening_solves_its_implicit_equation() -> None:
+    delta, rho, h = (0.0, 2e-3, 1e-4), 3e-5, 0.01
+    after = widened_rate_envelope(delta, rho, DRIVE, DECAY, h)
+    for old, new, drive in zip(delta, after, DRIVE, strict=True):
+        assert new >= 0.0
+        assert new == pytest.approx(old + h * (-DECAY * new + drive / (rho + new)), rel=1e-10)
+
+
+def test_attitude_widening_solves_its_implicit_equation() -> None:
+    delta, h = (0.0, 0.1, 0.02), 0.01
+    after = widened_attitude_envelope(delta, DRIVE, DECAY, h)
+    for old, new, drive in zip(delta, after, DRIVE, strict=True):
+        assert new == pytest.approx(old + h * (-DECAY * new + drive), rel=1e-12)
+
+
+def test_widenings_converge_to_their_equations_with_the_step() -> None:
+    rho, end, delta = 3e-5, 0.5, (0.0, 1e-3, 0.05)
+
+    def slope(_: float, y: np.ndarray) -> np.ndarray:
+        drive = np.array(DRIVE)
+        rate = -DECAY * y[:3] + drive / (rho + y[:3])
+        return np.concatenate([rate, -DECAY * y[3:] + drive])
+
+    true = solve_ivp(slope, (0.0, end), delta * 2, method="Radau", rtol=1e-10, atol=1e-13).y[:, -1]
+    errors = []
+    for steps in (50, 500):
+        x = y = delta
+        for _ in range(steps):
+            x = widened_rate_envelope(x, rho, DRIVE, DECAY, end / steps)
+            y = widened_attitude_envelope(y, DRIVE, DECAY, end / steps)
+        errors.append(np.abs(np.array([*x, *y]) - true).max())
+    assert errors[0] < 0.02 * true.max()
+    assert errors[1] < 0.15 * errors[0]  # first order

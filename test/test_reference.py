@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.reference import (
+    REFERENCE,
+    desired_acceleration,
+    desired_attitude,
+    desired_motion,
+    desired_rate,
+    new_cursor,
+)
+
+HALF_DEGREE = np.deg2rad(0.5)
+
+
+def paper() -> np.void:
+    record = np.zeros((), REFERENCE)[()]
+    start = np.array([0.2, -0.5, -0.5, -0.6782])
+    record["initial_attitude"] = start / np.linalg.norm(start)
+    record["amplitude"] = HALF_DEGREE
+    record["period_constant"] = (30.0, 20.0, 40.0)
+    return record
+
+
+def rate(t: float) -> np.ndarray:
+    """ω_d as the paper prints it, in rad/s."""
+    return HALF_DEGREE * np.array([np.cos(t / 30.0), np.sin(t / 20.0), -np.cos(t / 40.0)])
+
+
+def test_rate_is_the_papers() -> None:
+    for t in (0.0, 1.0, 37.5, 119.99):
+        assert np.allclose(desired_rate(t, paper()), rate(t), rtol=1e-15)
+
+
+def test_largest_rate_is_as_stated() -> None:
+    times = np.linspace(0.0, 120.0, 12_001)
+    norms = [np.linalg.norm(desired_rate(t, paper())) for t in times]
+    assert np.rad2deg(max(norms)) == pytest.approx(0.797, abs=5e-4)
+
+
+def test_acceleration_is_the_derivative_of_the_rate() -> None:
+    for t in np.linspace(0.0, 120.0, 50):
+        h = 1e-3
+        expected = (rate(t + h) - rate(t - h)) / (2.0 * h)
+        assert np.allclose(desired_acceleration(t, paper()), expected, rtol=1e-7, atol=1e-12)
+
+
+def test_attitude_solves_the_kinematics() -> None:
+    def slope(t: float, q: np.ndarray) -> np.ndarray:
+        x, y, z, w = q
+        a, b, c = rate(t)
+        return 0.5 * np.array(
+            [
+                w * a + y * c - z * b,
+                w * b + z * a - x * c,
+                w * c + x * b - y * a,
+                -x * a - y * b - z * c,
+            ]
+        )
+
+    times = np.linspace(0.0, 120.0, 13)
+    true = solve_ivp(
+        slope,
+        (0.0, 120.0),
+        paper()["initial_attitude"],
+        method="DOP853",
+        t_eval=times,
+        rtol=1e-13,
+        atol=1e-15,
+    ).y.T
+    cursor = new_cursor()
+    for t, q in zip(times, true, strict=True):
+        ours = Rotation.from_quat(desired_attitude(float(t), paper(), cursor))
+        assert (Rotation.from_quat(q).inv() * ours).magnitude() < 1e-11
+
+
+TIMES = [0.0, 0.004, 0.01, 3.3333, 59.995, 60.0, 119.99]
+
+
+@pytest.mark.parametrize("order", ["forward", "backward", "each alone", "finely"])
+def test_attitude_is_a_function_of_time_alone(order: str) -> None:
+    cursor = new_cursor()
+    expected = {t: desired_attitude(t, paper(), new_cursor()) for t in TIMES}
+    if order == "backward":
+        found = {t: desired_attitude(t, paper(), cursor) for t in reversed(TIMES)}
+    elif order == "finely":
+        for k in range(0, 120_000, 7):
+            desired_attitude(k * 1e-3, paper(), cursor)
+        found = {119.99: desired_attitude(119.99, paper(), cursor)}
+    elif order == "each alone":
+        late = new_cursor()
+        desired_attitude(200.0, paper(), late)
+        found = {t: desired_attitude(t, paper(), late) for t in TIMES}
+    else:
+        found = {t: desired_attitude(t, paper(), cursor) for t in TIMES}
+    assert all(found[t] == expected[t] for t in found)  # to the last bit
+
+
+def test_a_fixed_attitude_stays() -> None:
+    record = paper()
+    record["amplitude"] = 0.0
+    q, omega, acceleration = desired_motion(500.0, record, new_cursor())
+    assert np.allclose(q, record["initial_attitude"], atol=1e-15)
+    assert np.all(np.array([*omega, *acceleration]) == 0.0)

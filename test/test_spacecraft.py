@@ -1,0 +1,185 @@
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import Vector, matrix
+from ppc_attitude.science.spacecraft import (
+    PLANT,
+    actuator,
+    applied_torque,
+    inertia_matrix,
+    measured,
+    plant_step,
+    rigid_body_step,
+)
+
+TRUTH = Path(__file__).parent / "truth"
+DIAGONAL = np.diag([2.8, 2.5, 1.9])
+FULL = np.array([[2.8, 0.15, -0.1], [0.15, 2.5, 0.2], [-0.1, 0.2, 1.9]])
+Array = NDArray[np.float64]
+
+
+def table(name: str) -> Array:
+    with gzip.open(TRUTH / f"{name}.csv.gz", "rt") as file:
+        return np.loadtxt(file, delimiter=",", skiprows=1)
+
+
+def trajectory(inertia: Array, q: Array, omega: Array, torques: Array, h: float) -> Array:
+    """States after each step, rows of q (x y z w) and ω; the torque of a row is held over it."""
+    j, j_inverse = matrix(inertia), matrix(np.linalg.inv(inertia))
+    state = tuple(map(float, q)), tuple(map(float, omega))
+    rows = [(*state[0], *state[1])]
+    for torque in torques.tolist():
+        state = rigid_body_step(*state, tuple(torque), j, j_inverse, h)
+        rows.append((*state[0], *state[1]))
+    return np.array(rows)
+
+
+def angles_between(q: Array, p: Array) -> Array:
+    # 2 asin of half the chord: exact to rounding where the arc cosine is not.
+    chord = np.minimum(np.linalg.norm(q - p, axis=1), np.linalg.norm(q + p, axis=1))
+    return 4.0 * np.arcsin(0.5 * chord)
+
+
+@pytest.mark.parametrize(
+    ("case", "inertia"), [("sin_diag", DIAGONAL), ("sin_full", FULL), ("tumble_diag", DIAGONAL)]
+)
+def test_hundred_hertz_follow_the_binary128_truth(case: str, inertia: Array) -> None:
+    truth = table(f"quad_{case}")
+    steps = round(truth[-1, 0] / 0.01)
+    torques = np.zeros((steps, 3))
+    if case.startswith("sin"):
+        torques = table(f"torque100Hz_{case}")[:, 1:]
+    rows = trajectory(inertia, truth[0, 1:5], truth[0, 5:8], torques[:steps], 0.01)
+    samples = rows[np.round(truth[:, 0] / 0.01).astype(int)]
+    assert angles_between(samples[:, :4], truth[:, 1:5]).max() < 1e-11
+    assert np.abs(samples[:, 4:] - truth[:, 5:8]).max() < 1e-12
+
+
+@pytest.mark.parametrize("inertia", [DIAGONAL, FULL])
+def test_free_motion_keeps_energy_and_momentum(inertia: Array) -> None:
+    q = Rotation.from_rotvec([0.4, -1.0, 0.3]).as_quat()
+    rows = trajectory(inertia, q, np.array([0.05, -0.02, 0.03]), np.zeros((30_000, 3)), 0.01)
+    momentum_body = rows[:, 4:] @ inertia
+    energy = 0.5 * np.einsum("ij,ij->i", rows[:, 4:], momentum_body)
+    momentum = Rotation.from_quat(rows[:, :4]).apply(momentum_body)
+    assert np.abs(energy / energy[0] - 1.0).max() < 1e-12
+    assert np.abs(momentum - momentum[0]).max() / np.linalg.norm(momentum[0]) < 1e-11
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_spin_about_a_principal_axis_is_a_plain_rotation(axis: int) -> None:
+    omega = np.zeros(3)
+    omega[axis] = 0.3
+    start = Rotation.from_rotvec([1.0, 2.0, -0.5])
+    rows = trajectory(DIAGONAL, start.as_quat(), omega, np.zeros((5000, 3)), 0.01)
+    expected = (start * Rotation.from_rotvec(omega * 50.0)).as_quat()
+    assert angles_between(rows[-1:, :4], expected[None])[0] < 1e-10
+    assert np.array_equal(rows[-1, 4:], omega)
+
+
+def test_constant_torque_about_a_principal_axis() -> None:
+    torques = np.tile([0.0, 0.02, 0.0], (1000, 1))
+    rows = trajectory(DIAGONAL, np.array([0.0, 0, 0, 1]), np.zeros(3), torques, 0.01)
+    expected = Rotation.from_rotvec([0.0, 0.5 * 0.02 / 2.5 * 10.0**2, 0.0]).as_quat()
+    assert angles_between(rows[-1:, :4], expected[None])[0] < 1e-12
+    assert rows[-1, 5] == pytest.approx(0.02 / 2.5 * 10.0, rel=1e-12)
+
+
+def test_fourth_order_in_the_step() -> None:
+    q, omega = np.array([0.0, 0, 0, 1]), np.array([0.5, -0.9, 0.7])
+    torque = np.array([0.3, -0.2, 0.1])
+    fine, *coarse = (
+        trajectory(FULL, q, omega, np.tile(torque, (n, 1)), 2.0 / n)[-1] for n in (6400, 20, 40)
+    )
+    errors = [np.abs(rows - fine).max() for rows in coarse]
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.15)
+
+
+def test_actuator_saturates_and_has_a_dead_band() -> None:
+    assert actuator((0.06, -7.0, 0.05), 0.05, 1e-4) == (0.05, -0.05, 0.05)
+    assert actuator((0.99e-4, -0.99e-4, 0.0), 0.05, 1e-4) == (0.0, 0.0, 0.0)
+    assert actuator((1e-4, -1e-4, 0.03), 0.05, 1e-4) == (1e-4, -1e-4, 0.03)
+
+
+def plant(**values: float) -> np.void:
+    record = np.zeros((), PLANT)[()]
+    record["inertia"], record["inertia_inverse"] = FULL, np.linalg.inv(FULL)
+    record["max_torque"], record["min_torque"] = 0.05, 1e-4
+    for name, value in values.items():
+        record[name] = value
+    return record
+
+
+def test_plant_adds_both_torques() -> None:
+    q, omega = (0.0, 0.0, 0.0, 1.0), (0.01, 0.02, 0.03)
+    applied, disturbance = (0.01, 0.0, -0.02), (0.003, 0.002, 0.001)
+    total = tuple(a + d for a, d in zip(applied, disturbance, strict=True))
+    expected = rigid_body_step(q, omega, total, matrix(FULL), matrix(np.linalg.inv(FULL)), 0.01)
+    assert plant_step(plant(), q, omega, applied, disturbance, 0.01) == expected
+    assert applied_torque(plant(), (1.0, 5e-5, -0.02)) == (0.05, 0.0, -0.02)
+
+
+TRUE_ATTITUDE = tuple(map(float, Rotation.from_rotvec([1.0, -0.4, 0.2]).as_quat()))
+TRUE_RATE = (0.01, -0.02, 0.03)
+
+
+def noise(record: np.void, steps: int) -> tuple[Array, Array]:
+    """Small rotation from true to measured, body axes [rad], and rate noise [rad/s]."""
+    draws = [measured(record, TRUE_ATTITUDE, TRUE_RATE, k) for k in range(steps)]
+    turned = Rotation.from_quat([q for q, _ in draws])
+    rotation = (Rotation.from_quat(TRUE_ATTITUDE).inv() * turned).as_rotvec()
+    return rotation, np.array([omega for _, omega in draws]) - np.array(TRUE_RATE)
+
+
+def test_noise_is_white_normal_and_independent() -> None:
+    n = 20_000
+    rotation, rate = noise(plant(attitude_noise=1e-3, rate_noise=2e-4, seed=5), n)
+    channels = np.hstack([rotation / 1e-3, rate / 2e-4])
+    for channel in channels.T:
+        assert stats.kstest(channel, "norm").pvalue > 1e-4
+        assert abs(np.corrcoef(channel[1:], channel[:-1])[0, 1]) < 5.0 / math.sqrt(n)
+    correlation = np.corrcoef(channels.T) - np.eye(6)
+    assert np.abs(correlation).max() < 5.0 / math.sqrt(n)
+
+
+def test_noise_is_a_function_of_seed_and_step() -> None:
+    def draw(seed: int, step: int) -> tuple[tuple[float, ...], Vector]:
+        record = plant(attitude_noise=1e-3, rate_noise=1e-3, seed=seed)
+        return measured(record, TRUE_ATTITUDE, TRUE_RATE, step)
+
+    assert draw(1, 1234) == draw(1, 1234)
+    assert len({draw(seed, step) for seed in (0, 1, 2**53) for step in range(50)}) == 150
+
+
+def test_without_noise_the_sensors_tell_the_truth() -> None:
+    assert measured(plant(), TRUE_ATTITUDE, TRUE_RATE, 7) == (TRUE_ATTITUDE, TRUE_RATE)
+
+
+@pytest.mark.parametrize("inertia", [DIAGONAL, FULL])
+def test_bodies_that_exist(inertia: Array) -> None:
+    assert np.array_equal(inertia_matrix("inertia", inertia.ravel().tolist()), inertia)
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ([1.0] * 8, "has 8 values, 9"),
+        ([1.0, 0, 0, 0, 1, 0, 0, 0, math.nan], "must be finite"),
+        ([1.0, 0.1, 0, 0, 1, 0, 0, 0, 1], "must be symmetric"),
+        ([1.0, 0, 0, 0, -1, 0, 0, 0, 1], "must be positive definite"),
+        ([1.0, 2, 0, 2, 1, 0, 0, 0, 1], "must be positive definite"),
+        ([1.0, 0, 0, 0, 1, 0, 0, 0, 0], "must be positive definite"),
+        ([1.0, 0, 0, 0, 1, 0, 0, 0, 3], "triangle inequality"),
+    ],
+)
+def test_bodies_that_do_not_exist(values: list[float], complaint: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"plant inertia.*{complaint}"):
+        inertia_matrix("plant inertia", values)
