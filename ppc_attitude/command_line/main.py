@@ -15,6 +15,7 @@ COMMANDS = (
     "analyse",
     "compare",
     "sweep",
+    "check",
     "replay",
     "inject",
     "watch",

@@ -20,6 +20,7 @@ from ppc_attitude.science.controllers.interface import (
     COLUMNS,
     COMMAND,
     MEASUREMENT,
+    Advice,
     new_command,
     new_measurement,
 )
@@ -201,3 +202,17 @@ def record_of(scenario: Scenario, stamps_ns: NDArray[np.int64], samples: NDArray
 def warm_up(scenario: Scenario) -> None:
     """Compile every kernel of a scenario, so that processes started next find them cached."""
     run_samples(scenario, stamps_of(float(str(scenario.parameters[PLANT]["rate"])), 0.1))
+
+
+def first_step(scenario: Scenario) -> tuple[Any, Advice]:
+    """What the law commands at t = 0 (dtype `COMMAND`), and what it says of the start."""
+    law, values = scenario.controller, scenario.parameters
+    measurement, command, memory = new_measurement(), new_command(), law.new_memory()
+    attitude, rate = initial_state(values[PLANT])
+    motion = desired_motion(0.0, reference_record(values[REFERENCE]), new_cursor())
+    measurement["attitude"], measurement["angular_velocity"] = attitude, rate
+    measurement["reference_attitude"] = motion[0]
+    measurement["reference_angular_velocity"] = motion[1]
+    measurement["reference_angular_acceleration"] = motion[2]
+    law.step(measurement, memory, law.configure(values[CONTROLLER]), command)
+    return command, law.advice(memory)

@@ -1,0 +1,176 @@
+"""The certificate of a set of parameters: the paper's conditions, corrected, and what holds.
+
+S1 to S5 make the composite Lyapunov function decrease. They are sufficient, not necessary: the
+paper's own numbers violate S1, and its simulations converge all the same. What predicts
+simulation is that the error shrinks faster than its envelope.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.controllers.common import envelope_of
+from ppc_attitude.science.performance import Envelope
+
+ENVIRONMENT_BOUND = 4.37e-3  # [N·m] ‖d‖ of the paper's environment torque
+RATE_LIMIT = math.radians(3.0)  # [rad/s] the paper's limit of ‖ω_s‖
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition.
+
+    Attributes
+    ----------
+    name : str
+        Short name, the paper's where it has one.
+    value, limit : float
+        What it is and what it is compared with.
+    relation : str
+        ``>``, ``≥`` or ``≤``: how value and limit must compare.
+    unit : str
+        Of both.
+    necessary : bool
+        False for a sufficient condition that may be violated, as the paper's numbers do.
+    meaning : str
+        What it says.
+    """
+
+    name: str
+    value: float
+    limit: float
+    relation: str
+    unit: str
+    necessary: bool
+    meaning: str
+
+    @property
+    def holds(self) -> bool:
+        """True if the condition is met."""
+        if self.relation == ">":
+            return self.value > self.limit
+        return self.value >= self.limit if self.relation == "≥" else self.value <= self.limit
+
+
+def steepest_fall(envelope: Envelope) -> float:
+    """max(−ρ'/ρ) [1/s] of a nominal envelope, in closed form.
+
+    On the exponential it is largest at t = 0, on the parabola where t2 − t = sqrt(g∞/a1).
+    """
+    table = envelope.table
+    exponential = table.decay * (1.0 - table.exponential_terminal / table.initial)
+    width = table.settling_time - envelope.t1
+    u = min(math.sqrt(table.terminal / envelope.a1), width)
+    parabola = 2.0 * envelope.a1 * u / (envelope.a1 * u * u + table.terminal)
+    return max(exponential if envelope.t1 > 0.0 else 0.0, parabola)
+
+
+def virtual_control_bound(values: Mapping[str, Any]) -> float:
+    """Bound of ‖v‖ [rad/s] for ρ_q ≤ 1; the paper's k M_ω only holds for the norm form."""
+    speed = float(values["k"]) * float(values["M_omega"])
+    return speed if values["virtual_control"] == "norm" else math.sqrt(3.0) * speed
+
+
+def certificate(
+    values: Mapping[str, Any], q_e0: float, desired_rate: float
+) -> tuple[Condition, ...]:
+    """Conditions on the parameters; S1 to S5 and the rate bound are those of the law `ppc`.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked parameter values.
+    q_e0 : float
+        Scalar part of the initial attitude error.
+    desired_rate : float
+        Largest ‖ω_d‖ [rad/s].
+
+    Returns
+    -------
+    tuple of Condition
+
+    Raises
+    ------
+    ConfigurationError
+        An envelope is infeasible.
+    """
+    attitude = envelope_of("attitude_envelope", values)
+    rate = envelope_of("rate_envelope", values)
+    for_every_law = (
+        *(_feasibility(name, each) for name, each in (("ρ_q", attitude), ("ρ_ω", rate))),
+        Condition(
+            "torque authority",
+            float(values["max_torque"]),
+            ENVIRONMENT_BOUND,
+            ">",
+            "N·m",
+            True,
+            "the actuator is stronger than the environment torque",
+        ),
+    )
+    if values["controller"] != "ppc":
+        return for_every_law
+    return (
+        *for_every_law,
+        *_lyapunov(values, abs(q_e0), steepest_fall(attitude)),
+        Condition(
+            "rate bound",
+            math.degrees(
+                virtual_control_bound(values) + desired_rate + math.sqrt(3.0) * rate.table.terminal
+            ),
+            math.degrees(RATE_LIMIT),
+            "≤",
+            "deg/s",
+            False,
+            "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in",
+        ),
+    )
+
+
+def _feasibility(name: str, envelope: Envelope) -> Condition:
+    return Condition(
+        f"r of {name}",
+        envelope.r,
+        math.e / 2.0,
+        "≤",
+        "",
+        True,
+        f"the envelope has a smooth joint: t1 = {envelope.t1:.9g} s, a1 = {envelope.a1:.12g} 1/s²",
+    )
+
+
+def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> tuple[Condition, ...]:
+    gain = {name: float(values[name]) for name in _GAINS}
+    s1 = q_e0 * gain["M_omega"] - 4.0 * fall
+    s2 = 2.0 * gain["K_omega"] - 2.0 * gain["K_u"] - 2.0
+    s3 = 2.0 * gain["K_a"] - 1.0 - gain["K_u"] * gain["k2"]
+    s4 = min(2.0 * gain["C_q"] - gain["C_tau"], 2.0 * gain["C_omega"] - gain["B_tau"])
+    s5 = 2.0 * gain["K_b"] - 1.0 - gain["k2"] - gain["C_tau"] - gain["B_tau"]
+    return (
+        Condition(
+            "S1", s1, 0.0, ">", "", False, "|q_e0| M_ω − 4 max(−ρ_q'/ρ_q): V1 decreases by itself"
+        ),
+        Condition("S2", s2, 0.0, ">", "", True, "2 K_ω − 2 K_u − 2: V2 decreases"),
+        Condition("S3", s3, 0.0, ">", "", True, "2 K_a − 1 − K_u k2: V3 decreases"),
+        Condition("S4", s4, 0.0, ">", "", True, "min(2 C_q − C_τ, 2 C_ω − B_τ): V4 decreases"),
+        Condition(
+            "S5",
+            s5,
+            0.0,
+            "≥",
+            "",
+            True,
+            "2 K_b − 1 − k2 − C_τ − B_τ: the saturation term is dominated (the paper printed < 0)",
+        ),
+    )
+
+
+_GAINS = ("M_omega", "K_omega", "K_u", "K_a", "K_b", "k2", "C_q", "C_omega", "C_tau", "B_tau")
+
+
+def largest_desired_rate(amplitude: Any) -> float:
+    """Bound of ‖ω_d‖ [rad/s] from the amplitudes of its three components."""
+    return float(np.linalg.norm(np.asarray(amplitude, dtype=np.float64)))

@@ -1,0 +1,105 @@
+"""The certificate against the numbers that the paper's tables give by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.science.certificate import (
+    Condition,
+    certificate,
+    largest_desired_rate,
+    steepest_fall,
+    virtual_control_bound,
+)
+from ppc_attitude.science.controllers.common import ATTITUDE_TABLE, RATE_TABLE
+from ppc_attitude.science.performance import EnvelopeTable, nominal, solve_envelope
+from ppc_attitude.simulation.scenario import scenario
+
+
+def by_name(values: dict[str, object], q_e0: float = -0.93133) -> dict[str, Condition]:
+    rate = largest_desired_rate([math.radians(0.5)] * 3)
+    return {each.name: each for each in certificate(values, q_e0, rate)}
+
+
+@pytest.fixture
+def values() -> dict[str, object]:
+    return dict(scenario({}).parameters[CONTROLLER])
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        ATTITUDE_TABLE,
+        RATE_TABLE,
+        EnvelopeTable(1.0, 1e-4, 0.2, 30.0, 5e-2),
+        EnvelopeTable(0.7, 4e-3, 0.12, 60.0, 5e-3),
+    ],
+)
+def test_the_steepest_fall_is_the_largest_of_a_fine_grid(table: EnvelopeTable) -> None:
+    envelope = solve_envelope("table", table)
+    shape = envelope.shape()
+    grid = np.linspace(0.0, table.settling_time, 200_001)
+    falls = [-rate / rho for rho, rate in (nominal(t, shape) for t in grid)]
+    assert steepest_fall(envelope) == pytest.approx(max(falls), rel=1e-6)
+
+
+def test_table_one_falls_fastest_shortly_before_its_end() -> None:
+    # The audited page says 0.213 1/s at 55.3 s.
+    assert steepest_fall(solve_envelope("t", ATTITUDE_TABLE)) == pytest.approx(0.213, abs=5e-4)
+
+
+def test_the_papers_numbers_violate_s1_and_that_is_said_not_to_be_necessary(
+    values: dict[str, object],
+) -> None:
+    s1 = by_name(values)["S1"]
+    assert s1.value == pytest.approx(0.93133 * 0.017 - 4 * 0.213, abs=2e-3)
+    assert not s1.holds
+    assert not s1.necessary
+
+
+def test_our_gains_meet_the_other_conditions(values: dict[str, object]) -> None:
+    conditions = by_name(values)
+    assert all(conditions[name].holds for name in ("S2", "S3", "S4", "S5"))
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("S2", {"K_omega": 1.0, "K_u": 0.1}),
+        ("S3", {"K_a": 0.5}),
+        ("S4", {"C_q": 0.004, "C_tau": 0.01}),
+        ("S5", {"K_b": 0.9}),
+        ("torque authority", {"max_torque": 0.004}),
+    ],
+)
+def test_a_necessary_condition_fails_where_it_should(
+    values: dict[str, object], name: str, changes: dict[str, float]
+) -> None:
+    condition = by_name({**values, **changes})[name]
+    assert condition.necessary
+    assert not condition.holds
+
+
+def test_the_norm_form_has_the_smaller_bound(values: dict[str, object]) -> None:
+    assert virtual_control_bound(values) == pytest.approx(math.sqrt(3) * 0.051)
+    norm = {**values, "virtual_control": "norm"}
+    assert virtual_control_bound(norm) == pytest.approx(0.051)
+    slow = by_name({**norm, "M_omega": 0.0125})["rate bound"]
+    assert slow.value == pytest.approx(math.degrees(0.0375) + math.sqrt(3) * 0.5, abs=0.01)
+
+
+def test_other_laws_are_not_judged_by_the_papers_conditions(values: dict[str, object]) -> None:
+    assert "S1" not in by_name({**values, "controller": "log_barrier"})
+
+
+def test_check_prints_every_condition_and_fails_only_for_necessary_ones(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["check"]) == 0
+    printed = capsys.readouterr().out
+    for name in ("r of ρ_q", "r of ρ_ω", "S1", "S2", "S3", "S4", "S5", "rate bound"):
+        assert name in printed
+    assert "20.5476279 s" in printed
