@@ -34,8 +34,8 @@ def values() -> dict[str, object]:
     [
         ATTITUDE_TABLE,
         RATE_TABLE,
-        EnvelopeTable(1.0, 1e-4, 0.2, 30.0, 5e-2),
-        EnvelopeTable(0.7, 4e-3, 0.12, 60.0, 5e-3),
+        EnvelopeTable(1.0, 1e-4, 0.2, 20.0, 1e-2),
+        EnvelopeTable(0.7, 5e-3, 0.12, 60.0, 5e-3),
     ],
 )
 def test_the_steepest_fall_is_the_largest_of_a_fine_grid(table: EnvelopeTable) -> None:
