@@ -11,7 +11,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
+import hypothesis
 import pytest
+
+# A slow machine is no failure; the same examples every time, so that a failure can be repeated.
+hypothesis.settings.register_profile("ppc_attitude", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("ppc_attitude")
 
 DOMAIN_IDS = range(1, 102)  # above 101 the ports of DDS meet Linux's ephemeral ports
 

@@ -40,7 +40,7 @@ def test_overlapping_pulses_and_the_environment_add_up() -> None:
     pulses = np.array([(0, 100, (0.5, 0.0, 0.0)), (50, 100, (0.25, 0.0, -1.0))], PULSE)
     assert external_torque(75, 0.0, False, pulses) == (0.75, 0.0, -1.0)
     assert np.allclose(
-        external_torque(75, 3.0, True, pulses), printed(3.0) + (0.75, 0.0, -1.0), rtol=1e-14
+        external_torque(75, 3.0, True, pulses), np.add(printed(3.0), (0.75, 0, -1)), rtol=1e-14
     )
 
 

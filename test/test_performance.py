@@ -124,7 +124,7 @@ def test_of_two_roots_the_larger_t1() -> None:
     assert solve_envelope("envelope", table).t1 == pytest.approx(roots.max(), abs=2e-4)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(tables)
 def test_feasible_envelopes_are_smooth_and_infeasible_ones_get_remedies(
     table: EnvelopeTable,

@@ -1,0 +1,151 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.kernel import Quaternion, Vector
+from ppc_attitude.science.virtual_control import directional, sign, virtual_control
+
+K, M_OMEGA = 3.0, 0.017
+SPEED = K * M_OMEGA
+FORMS = pytest.mark.parametrize("norm_form", [False, True], ids=["componentwise", "norm"])
+
+component = st.floats(-1.0, 1.0)
+quaternions = (
+    st.tuples(component, component, component, component)
+    .filter(lambda q: np.linalg.norm(q) > 1e-2)
+    .map(lambda q: tuple(float(x) for x in np.array(q) / np.linalg.norm(q)))
+)
+envelopes = st.tuples(*[st.floats(1e-3, 1.0)] * 3)
+betas = st.floats(1.0, 20.0)
+
+
+def paper_virtual_control(q_e: Quaternion, rho: Vector, beta: float, norm_form: bool) -> np.ndarray:
+    """Eq. 12 as printed, with the inverse of F_e, scaled to ψ_q⁻¹ tanh; singular at q_e0 = 0."""
+    q, q0 = np.array(q_e[:3]), q_e[3]
+    cross = np.array([[0, -q[2], q[1]], [q[2], 0, -q[0]], [-q[1], q[0], 0]])
+    epsilon = q / np.array(rho)
+    if norm_form:
+        length = np.linalg.norm(epsilon)
+        shape = epsilon / length * np.tanh(beta * length)
+    else:
+        shape = np.tanh(beta * epsilon)
+    inverse = np.linalg.inv(0.5 * (q0 * np.eye(3) + cross))
+    return -0.5 * abs(q0) * SPEED * inverse @ (np.array(rho) * shape)
+
+
+def value(q_e: Quaternion, rho: Vector, beta: float, norm_form: bool) -> np.ndarray:
+    zero = (0.0, 0.0, 0.0)
+    return np.array(virtual_control(q_e[:3], q_e[3], zero, rho, zero, beta, SPEED, norm_form)[0])
+
+
+@FORMS
+@given(quaternions.filter(lambda q: abs(q[3]) > 1e-2), envelopes, betas)
+def test_it_is_the_papers(norm_form: bool, q_e: Quaternion, rho: Vector, beta: float) -> None:
+    if np.linalg.norm(q_e[:3]) < 1e-6:
+        return
+    expected = paper_virtual_control(q_e, rho, beta, norm_form)
+    assert np.allclose(value(q_e, rho, beta, norm_form), expected, rtol=1e-9, atol=1e-13)
+
+
+@given(quaternions, envelopes, betas)
+def test_bounds_of_the_componentwise_form(q_e: Quaternion, rho: Vector, beta: float) -> None:
+    v = value(q_e, rho, beta, False)
+    assert np.linalg.norm(v) <= math.sqrt(3.0) * SPEED * max(rho) * (1.0 + 1e-12)
+    assert np.abs(v).max() <= 0.5 * (1.0 + math.sqrt(3.0)) * SPEED * max(rho) * (1.0 + 1e-12)
+
+
+@given(quaternions, envelopes, betas)
+def test_bound_of_the_norm_form(q_e: Quaternion, rho: Vector, beta: float) -> None:
+    v = value(q_e, rho, beta, True)
+    assert np.linalg.norm(v) <= SPEED * max(rho) * (1.0 + 1e-12)
+
+
+def test_both_bounds_are_reached_and_the_papers_is_passed() -> None:
+    rho, beta = (0.05, 0.05, 0.05), 50.0
+    q = np.array([0.05, 0.05, 0.05])
+    q_e = (*q.tolist(), math.sqrt(1.0 - q @ q))
+    assert np.linalg.norm(value(q_e, rho, beta, False)) > 1.7 * SPEED * 0.05
+    assert np.linalg.norm(value(q_e, rho, beta, True)) > 0.99 * SPEED * 0.05
+
+
+@FORMS
+@given(
+    q_e=quaternions.filter(lambda q: abs(q[3]) > 1e-3),
+    omega=st.tuples(*[st.floats(-0.1, 0.1)] * 3),
+    rho=st.tuples(*[st.floats(0.05, 1.0)] * 3),
+    decay=st.tuples(*[st.floats(-0.2, 0.05)] * 3),
+    beta=betas,
+)
+def test_rate_is_the_derivative_along_the_true_motion(
+    norm_form: bool, q_e: Quaternion, omega: Vector, rho: Vector, decay: Vector, beta: float
+) -> None:
+    h = 1e-4
+    rho_rate = tuple(d * r for d, r in zip(decay, rho, strict=True))
+
+    def at(t: float) -> np.ndarray:
+        turned = (Rotation.from_quat(q_e) * Rotation.from_rotvec(np.multiply(t, omega))).as_quat()
+        turned *= math.copysign(1.0, float(np.dot(turned, q_e)))
+        now = tuple(r * (1.0 + d * t) for r, d in zip(rho, decay, strict=True))
+        return value(tuple(turned.tolist()), now, beta, norm_form)
+
+    # Four points: the error of the difference is of fourth order in h.
+    expected = (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h)
+    _, rate = virtual_control(q_e[:3], q_e[3], omega, rho, rho_rate, beta, SPEED, norm_form)
+    assert np.allclose(rate, expected, rtol=1e-6, atol=2e-9)
+
+
+@FORMS
+@given(quaternions, envelopes, betas)
+def test_it_always_takes_the_short_way(
+    norm_form: bool, q_e: Quaternion, rho: Vector, beta: float
+) -> None:
+    v = value(q_e, rho, beta, norm_form)
+    q0_rate = -0.5 * float(np.dot(q_e[:3], v))
+    # q_e0 never falls when positive nor rises when negative: to +1 or −1, no unwinding.
+    assert q0_rate * sign(q_e[3]) >= -1e-15
+
+
+@FORMS
+def test_without_actuator_every_error_dies_out(norm_form: bool) -> None:
+    """Kinematics alone, ω_e = v: negative scalars go to −1, positive ones to +1."""
+    rho = (1.0, 1.0, 1.0)
+    for scalar in (-0.9, -0.05, 0.05, 0.9):
+        q = np.array([0.6, -0.64, 0.48]) * math.sqrt(1.0 - scalar * scalar)
+        attitude = Rotation.from_quat([*q, scalar])
+        q_e = np.array([*q, scalar])
+        for _ in range(4000):
+            v = value(tuple(q_e.tolist()), rho, 6.0, norm_form)
+            attitude = attitude * Rotation.from_rotvec(0.05 * v)
+            following = attitude.as_quat()
+            q_e = following * math.copysign(1.0, float(following @ q_e))
+        assert q_e[3] == pytest.approx(math.copysign(1.0, scalar), abs=1e-6)
+
+
+def test_a_half_turn_has_a_way() -> None:
+    assert sign(0.0) == 1.0
+    assert sign(-0.0) == 1.0
+    v = value((1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 6.0, True)
+    assert v[0] == pytest.approx(-SPEED * math.tanh(6.0), rel=1e-12)
+
+
+@given(st.tuples(component, component, component).filter(lambda d: np.linalg.norm(d) > 0.1), betas)
+def test_the_series_joins_smoothly(direction: Vector, beta: float) -> None:
+    """Either side of the switch at ‖ε‖ = 1e-4: w is continuous, and w' too."""
+    unit = np.array(direction) / np.linalg.norm(direction)
+    rho, rho_rate, rate = (0.5, 0.3, 0.8), (-0.01, -0.02, -0.03), (1e-3, -2e-3, 3e-3)
+    sides = [
+        directional(tuple((e * unit * rho).tolist()), rate, rho, rho_rate, beta)
+        for e in (0.9999999e-4, 1.0000001e-4)
+    ]
+    assert np.allclose(*(w for w, _ in sides), rtol=1e-6, atol=1e-15)
+    assert np.allclose(*(w_rate for _, w_rate in sides), rtol=1e-5, atol=1e-12)
+
+
+def test_no_error_no_turn() -> None:
+    zero = (0.0, 0.0, 0.0)
+    v, rate = virtual_control(zero, 1.0, zero, (1.0, 1.0, 1.0), zero, 6.0, SPEED, True)
+    assert v == rate == (0.0, 0.0, 0.0)
