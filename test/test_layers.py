@@ -40,7 +40,7 @@ FLOORS: dict[str, tuple[set[str], set[str]]] = {
     "nodes": ({"science", "contract", "simulation", "bags"}, {"numpy"} | ROS),
     "command_line": (
         {"science", "contract", "simulation", "analysis", "campaign", "bags", "nodes"},
-        {"argcomplete", "numpy", "rich", "tqdm", "yaml"} | ROS,
+        {"argcomplete", "launch", "launch_ros", "numpy", "rich", "tqdm", "yaml"} | ROS,
     ),
 }
 

@@ -46,8 +46,9 @@ class NodeParameters:
     def __init__(self, node: Node, executable: str, check: Check) -> None:
         self._check = check
         self._table = {parameter.name: parameter for parameter in PARAMETERS[executable]}
+        # rcl gives an empty list, such as `ros2 param dump` writes, without type and value.
         given = {
-            name: _plain(override.value)
+            name: [] if override.type_ == RosParameter.Type.NOT_SET else _plain(override.value)
             for name, override in node._parameter_overrides.items()
             if name not in _OF_ROS and not name.startswith("qos_overrides.")
         }

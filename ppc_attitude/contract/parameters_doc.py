@@ -1,0 +1,71 @@
+"""The page of all parameters, written from their declarations.
+
+python -m ppc_attitude.contract.parameters_doc > docs/parameters.md
+"""
+
+import sys
+from collections.abc import Iterable
+
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.science.parameter import Parameter
+
+_HEAD = """# Parameters
+
+Written by `python -m ppc_attitude.contract.parameters_doc > docs/parameters.md` from what the nodes
+declare and check; `ros2 param describe` shows the same. Numbers are doubles unless an integer is
+asked for. A value that is not allowed is refused, at start and by `ros2 param set`, with a message
+that names it, its value and what is allowed. *at start*: has effect only at start.
+"""
+_COLUMNS = ("parameter", "default", "unit", "allowed", "description")
+
+
+def page() -> str:
+    """Return the whole page, in Markdown."""
+    parts = [_HEAD]
+    for node, table in PARAMETERS.items():
+        parts.append(f"## `{node}`\n")
+        if node == CONTROLLER:
+            parts.append("*used by* names the laws that read a parameter.\n")
+            parts.append(_table(table, with_laws=True))
+        else:
+            parts.append(_table(table, with_laws=False))
+    return "\n".join(parts)
+
+
+def _table(parameters: Iterable[Parameter], with_laws: bool) -> str:
+    columns = (*_COLUMNS, "used by") if with_laws else _COLUMNS
+    rows = [columns, ("---",) * len(columns)]
+    for parameter in parameters:
+        row = (
+            f"`{parameter.name}`",
+            f"`{_value(parameter.default)}`",
+            parameter.unit,
+            parameter.allowed + (", *at start*" if parameter.read_only else ""),
+            parameter.description,
+        )
+        rows.append((*row, _laws(parameter)) if with_laws else row)
+    lines = ("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
+    return "\n".join(lines) + "\n"
+
+
+def _laws(parameter: Parameter) -> str:
+    laws = [name for name, law in CONTROLLERS.items() if parameter in law.parameters]
+    return ", ".join(laws) if 0 < len(laws) < len(CONTROLLERS) else "all"
+
+
+def _value(value: object) -> str:
+    """Return a value as YAML takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, str):
+        return f'"{value}"'
+    text = repr(value)
+    return text if "." in text else text.replace("e", ".0e")  # YAML takes 3e-05 for a text
+
+
+if __name__ == "__main__":
+    sys.stdout.write(page())

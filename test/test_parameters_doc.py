@@ -1,0 +1,192 @@
+"""Parameters are declared once: page, YAML comments and `ros2 param dump` say the same."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from conftest import StartProcess
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from test_layers import ROOT
+
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.parameters_doc import page
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.simulation.scenario import load, read_files
+
+CONFIGURATIONS = [
+    path
+    for path in sorted((ROOT / "config").glob("*.yaml"))
+    if "ros__parameters" in path.read_text(encoding="utf-8")
+]
+LINE = re.compile(r"^(?P<indent> *)(?P<name>[\w/*]+):(?P<value>[^#]*)(?:# (?P<comment>.*))?$")
+UNIT = re.compile(r"^\[(.+?)\]")
+
+
+def test_the_page_is_up_to_date() -> None:
+    told = "python -m ppc_attitude.contract.parameters_doc > docs/parameters.md"
+    text = (ROOT / "docs" / "parameters.md").read_text(encoding="utf-8")
+    assert text == page(), f"run: {told}"
+    assert told in text
+
+
+def test_the_page_has_every_parameter_with_its_default() -> None:
+    for node, table in PARAMETERS.items():
+        section = page().partition(f"## `{node}`")[2].partition("\n## ")[0]
+        rows = [line.split(" | ") for line in section.splitlines() if line.startswith("| `")]
+        assert [row[0].strip("| `") for row in rows] == [parameter.name for parameter in table]
+        for row, parameter in zip(rows, table, strict=True):
+            assert yaml.safe_load(row[1].strip("`")) == parameter.default
+
+
+def test_every_parameter_is_described() -> None:
+    for table in PARAMETERS.values():
+        for parameter in table:
+            assert parameter.description
+            assert parameter.checked(parameter.default) == parameter.default
+
+
+def commented(path: Path) -> Iterator[tuple[str, str, str | None]]:
+    """Node, parameter name and the unit in its comment, of every value in a parameter file."""
+    parents: list[tuple[int, str]] = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        match = LINE.match(line)
+        if match is None:
+            assert not line.strip() or line.lstrip().startswith("#"), f"{path.name}: {line}"
+            continue
+        indent = len(match["indent"])
+        parents = [parent for parent in parents if parent[0] < indent]
+        if not match["value"].strip():
+            parents.append((indent, match["name"]))
+            continue
+        node, _, *group = (name for _, name in parents)
+        unit = UNIT.match(match["comment"] or "")
+        yield node.rpartition("/")[2], ".".join([*group, match["name"]]), unit and unit[1]
+
+
+@pytest.mark.parametrize("path", CONFIGURATIONS, ids=lambda path: path.stem)
+def test_units_in_comments_are_those_declared(path: Path) -> None:
+    found = list(commented(path))
+    values = read_files([path])
+    assert {(node, name) for node, name, _ in found} == {
+        (node, name) for node, table in values.items() for name in table
+    }, "the comments of some values were not understood"
+    for node, name, unit in found:
+        declared = {parameter.name: parameter for parameter in PARAMETERS[node]}
+        assert unit == (declared[name].unit or None), f"{node} {name}"
+
+
+def test_the_papers_file_is_complete() -> None:
+    """Whoever reads it sees every parameter of its law, and the defaults are the paper's case."""
+    paper = load([ROOT / "config" / "paper.yaml"]).parameters
+    given = read_files([ROOT / "config" / "paper.yaml"])
+    law = load([]).controller
+    assert {parameter.name for parameter in law.parameters} <= set(given[CONTROLLER])
+    for node, table in PARAMETERS.items():
+        for parameter in table:
+            if (node, parameter.name) != (PLANT, "duration"):
+                assert paper[node][parameter.name] == parameter.default, (node, parameter.name)
+
+
+def dumped(asker: Node, node: str) -> dict[str, Any]:
+    """What `ros2 param dump NODE` writes, by the same two services."""
+
+    def call(service: Any, name: str, request: Any) -> Any:
+        client = asker.create_client(service, f"{node}/{name}")
+        assert client.wait_for_service(30.0), f"{node} does not answer"
+        future = client.call_async(request)
+        rclpy.spin_until_future_complete(asker, future, timeout_sec=30.0)
+        assert future.done()
+        return future.result()
+
+    names = sorted(call(ListParameters, "list_parameters", ListParameters.Request()).result.names)
+    values = call(GetParameters, "get_parameters", GetParameters.Request(names=names)).values
+    tree: dict[str, Any] = {}
+    for name, value in zip(names, values, strict=True):
+        *groups, last = name.split(".")
+        place = tree
+        for group in groups:
+            place = place.setdefault(group, {})
+        plain = parameter_value_to_python(value)
+        place[last] = list(plain) if hasattr(plain, "typecode") else plain
+    return {node: {"ros__parameters": tree}}
+
+
+@pytest.fixture
+def asker() -> Iterator[Node]:
+    rclpy.init()
+    node = Node("asker")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("node", [PLANT, REFERENCE, CONTROLLER, INJECTOR])
+def test_param_dump_round_trips(
+    node: str, start_process: StartProcess, asker: Node, tmp_path: Path
+) -> None:
+    given = [ROOT / "config" / "paper.yaml", tmp_path / "overlay.yaml"]
+    given[1].write_text(
+        f"/**/{PLANT}:\n  ros__parameters: {{lockstep: true, seed: 7}}\n"
+        f"/**/{CONTROLLER}:\n  ros__parameters:\n    K_u: 0.25\n    rate_envelope: {{decay: 0.6}}\n"
+        f"/**/{INJECTOR}:\n  ros__parameters: {{pulse_times: [2.0], pulse_durations: [0.1], "
+        "pulse_torques: [0.1, 0.2, 0.3]}\n"
+    )
+    expected = load(given).parameters[node]
+    files = [str(path) for path in given]
+    contents = []
+    for round_trip in range(2):
+        options = [option for file in files for option in ("--params-file", file)]
+        process = start_process(
+            [
+                sys.executable,
+                "-m",
+                f"ppc_attitude.nodes.{node}",
+                "--ros-args",
+                "-r",
+                f"__ns:=/round{round_trip}",
+                *options,
+            ],
+            stdout=subprocess.DEVNULL,
+        )
+        content = dumped(asker, f"/round{round_trip}/{node}")
+        file = tmp_path / f"{round_trip}.yaml"
+        file.write_text(yaml.safe_dump(content))
+        assert load([file]).parameters[node] == expected
+        contents.append(next(iter(content.values())))
+        # A dump names the node with its namespace, so the next round runs where it may be read.
+        file.write_text(file.read_text().replace(f"/round{round_trip}/", "/**/"))
+        files = [str(file)]
+        process.kill()
+    assert contents[0] == contents[1]
+
+
+@pytest.mark.ros
+def test_a_dump_with_an_empty_list_starts_a_node(
+    start_process: StartProcess, asker: Node, tmp_path: Path
+) -> None:
+    """`ros2 param dump` writes `pulse_times: []` where there are no pulses."""
+    file = tmp_path / "dump.yaml"
+    file.write_text(
+        f"/**/{INJECTOR}:\n  ros__parameters: {{pulse_times: [], environment: false}}\n"
+    )
+    start_process(
+        [
+            sys.executable,
+            "-m",
+            f"ppc_attitude.nodes.{INJECTOR}",
+            *("--ros-args", "--params-file", str(file)),
+        ],
+        stdout=subprocess.DEVNULL,
+    )
+    content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
+    assert content["pulse_times"] == []
+    assert content["environment"] is False
