@@ -50,7 +50,11 @@ def execute(arguments: argparse.Namespace) -> int:
             {
                 "controller": scenario.controller.name,
                 "conditions": [{**asdict(each), "holds": each.holds} for each in conditions],
-                "start": {"attitude_error": q_e.tolist(), **advice._asdict()},
+                "start": {
+                    "attitude_error": q_e.tolist(),
+                    "plan": advice.text,
+                    "warning": advice.warning,
+                },
             }
         )
     else:
