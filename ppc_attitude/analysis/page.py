@@ -1,0 +1,131 @@
+"""The parts of a self-contained HTML page: frame, tables, figures that it carries itself."""
+
+import base64
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+# Colours are stated throughout and the scheme is light: a dark browser changes nothing.
+_CSS = """
+:root { color-scheme: light; }
+* { box-sizing: border-box; }
+body { margin: 0 auto; padding: 1.5rem; max-width: 64rem; background: #fff; color: #1a1a1a;
+  font: 15px/1.45 system-ui, "DejaVu Sans", sans-serif; }
+h1 { font-size: 1.5rem; margin: 0 0 .3rem; }
+h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; border-bottom: 2px solid #0072b2; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
+p { margin: .4rem 0; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .9rem; background: #fff; color: #1a1a1a; }
+th, td { text-align: left; padding: .25rem .7rem; border-bottom: 1px solid #ddd;
+  vertical-align: top; overflow-wrap: anywhere; }
+thead th { border-bottom: 2px solid #888; white-space: nowrap; }
+tbody th { font-weight: normal; white-space: nowrap; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.met, .failed { font-weight: 600; white-space: nowrap; }
+.met { color: #00573d; }
+.failed { color: #a33c00; }
+.warning { background: #fff4e0; border-left: 4px solid #e69f00; padding: .4rem .7rem; }
+.figures { display: grid; gap: .8rem 1rem; align-items: start; margin-top: .6rem;
+  grid-template-columns: repeat(auto-fill, minmax(min(24rem, 100%), 1fr)); }
+figure { margin: 0; break-inside: avoid; }
+figure.page { grid-column: 1 / -1; }
+figure img { width: 100%; height: auto; background: #fff; display: block; }
+figcaption { font-size: .85rem; color: #444; padding: 0 0 .3rem .5rem; }
+.columns { columns: 2 24rem; }
+.columns section { break-inside: avoid; margin-bottom: 1rem; }
+.columns h3 { margin-top: 0; }
+@media print {
+  body { padding: 0; font-size: 9.5pt; max-width: none; }
+  .figures { grid-template-columns: 1fr 1fr; }
+  .columns { columns: 2 16rem; font-size: 8pt; }
+  .columns section { break-inside: auto; }
+  section.run + section.run { break-before: page; }
+  h2, h3 { break-after: avoid; }
+  tr { break-inside: avoid; }
+}
+"""
+
+
+def write_page(path: Path, title: str, body: Sequence[str]) -> None:
+    """Write a page.
+
+    Parameters
+    ----------
+    path : Path
+        The HTML file; its folder is made if there is none, the file is replaced if there is one.
+    title : str
+        Its title, as plain text.
+    body : sequence of str
+        What it shows, as HTML.
+    """
+    page = (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        '<meta name="color-scheme" content="light">\n'
+        f"<title>{escape(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
+        + "\n".join(body)
+        + "\n</body>\n</html>\n"
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page, encoding="utf-8")
+
+
+def configuration(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """Parameters by node, in columns."""
+    if not parameters:
+        return "<p>not recorded</p>"
+    sections = [
+        f"<section><h3>{escape(node)}</h3>{pairs((k, _plain(v)) for k, v in values.items())}"
+        "</section>"
+        for node, values in parameters.items()
+    ]
+    return f'<div class="columns">{"".join(sections)}</div>'
+
+
+def _plain(value: Any) -> str:
+    """Write a parameter as in YAML."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_plain(each) for each in value) + "]"
+    return str(value)
+
+
+def pairs(named: Iterable[tuple[str, str]]) -> str:
+    """Names and values, as plain text, in a table of two columns."""
+    rows = [f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in named]
+    return f"<table><tbody>{''.join(rows)}</tbody></table>"
+
+
+def table(head: Sequence[str], rows: Sequence[str]) -> str:
+    """Table from its head, as plain text, and its rows, as HTML."""
+    cells = "".join(f'<th scope="col">{escape(each)}</th>' for each in head)
+    body = "\n".join(rows)
+    return (
+        f'<div class="wide"><table><thead><tr>{cells}</tr></thead>\n'
+        f"<tbody>{body}</tbody></table></div>\n"
+    )
+
+
+def figures(captioned: Mapping[str, Figure], width: str) -> str:
+    """Figures, by caption, as images that the page carries itself; width `column` or `page`."""
+    shown = [
+        f'<figure class="{width}"><figcaption>{escape(caption)}</figcaption>'
+        f'<img alt="{escape(caption)}" src="{_data_uri(figure)}"></figure>'
+        for caption, figure in captioned.items()
+    ]
+    return f'<div class="figures">{"".join(shown)}</div>'
+
+
+def _data_uri(figure: Figure) -> str:
+    """SVG in an image of its own, so that the names inside it meet no other figure's."""
+    buffer = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "ppc_attitude"}):  # the same page for the same run
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
