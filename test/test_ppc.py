@@ -1,0 +1,292 @@
+"""The law against its equations, written out here in matrices, as corrected."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.controllers import ppc
+from ppc_attitude.science.controllers.interface import new_command, new_measurement
+from ppc_attitude.science.kernel import matrix
+from ppc_attitude.science.parameter import resolved
+
+Array = NDArray[np.float64]
+FULL = [2.8, 0.15, -0.1, 0.15, 2.5, 0.2, -0.1, 0.2, 1.9]
+seeds = st.integers(0, 2**32 - 1)
+
+
+def configured(**values: Any) -> Any:
+    return ppc.configure(resolved(ppc.PARAMETERS, values, "ppc_controller"))
+
+
+def cross(a: Array) -> Array:
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def random_situation(seed: int, gains: Any) -> tuple[Any, Any]:
+    """A measurement in mid-run, and a memory as after a saturated sample at the same instant."""
+    rng = np.random.default_rng(seed)
+    measurement, memory = new_measurement(), ppc.CONTROLLER.new_memory()
+    measurement["t"] = rng.uniform(0.0, 100.0)
+    desired = Rotation.random(random_state=rng)
+    error = Rotation.from_rotvec(rng.normal(size=3) * 0.2)
+    measurement["attitude"] = (desired * error).as_quat()
+    measurement["reference_attitude"] = desired.as_quat()
+    for name, scale in (
+        ("angular_velocity", 0.03),
+        ("reference_angular_velocity", 0.01),
+        ("reference_angular_acceleration", 1e-3),
+    ):
+        measurement[name] = scale * rng.normal(size=3)
+    memory["started"], memory["t"] = 1.0, measurement["t"]
+    memory["plan"]["stretch"] = 1.0
+    memory["delta_tau"] = 0.02 * rng.normal(size=3)
+    memory["delta_rho_q"] = rng.uniform(0.0, 0.02, 3)
+    memory["delta_rho_omega"] = rng.uniform(1e-3, 0.05, 3)
+    memory["theta"] = 0.1 * rng.normal(size=3)
+    return measurement, memory
+
+
+def nominal_part(prefix: str, t: float) -> tuple[float, float]:
+    """ρ_n and ρ_n' of Tables I and II, from the constants of the spec."""
+    if prefix == "attitude":
+        top, asymptote, decay, t1, t2, a1, end = (
+            *(1.0, 1e-4, 0.05),
+            *(20.547627909862406, 60.0, 2.26797041865e-4, 5e-3),
+        )
+    else:
+        a1 = 0.5 * (0.08 - 3e-5) * math.exp(-18.0) * 0.5 / 4.0
+        top, asymptote, decay, t1, t2, end = 0.08, 3e-5, 0.5, 36.0, 40.0, 3e-5
+    if t < t1:
+        part = (top - asymptote) * math.exp(-decay * t)
+        return part + asymptote, -decay * part
+    if t < t2:
+        return a1 * (t - t2) ** 2 + end, 2.0 * a1 * (t - t2)
+    return end, 0.0
+
+
+def unsaturated_torque(m: Any, memory: Any, gains: Any, norm_form: bool) -> dict[str, Array]:
+    """u of eq. 20, corrected, with v' as a central difference along the motion."""
+    inertia = np.array(gains["inertia"])
+    inverse = np.linalg.inv(inertia)
+    error = Rotation.from_quat(m["reference_attitude"]).inv() * Rotation.from_quat(m["attitude"])
+    to_body = error.inv().as_matrix()
+    omega = np.array(m["angular_velocity"])
+    omega_d = to_body @ m["reference_angular_velocity"]
+    omega_e = omega - omega_d
+    m_0 = (
+        inertia @ np.cross(omega_e, omega_d)
+        - inertia @ to_body @ m["reference_angular_acceleration"]
+        - np.cross(omega, inertia @ omega)
+    )
+    delta_q, delta_omega = np.array(memory["delta_rho_q"]), np.array(memory["delta_rho_omega"])
+    rho_omega_0, slope_omega = nominal_part("rate", m["t"])
+    rho_q_0, slope_q = nominal_part("attitude", m["t"])
+    rho_omega = rho_omega_0 + delta_omega
+    drive = np.abs(inverse) @ np.abs(np.tanh(memory["delta_tau"])) / rho_omega
+    rho_omega_rate = slope_omega - gains["C_omega"] * delta_omega + gains["B_tau"] * drive
+    rho_q = rho_q_0 + delta_q
+    rho_q_rate = slope_q - gains["C_q"] * delta_q + gains["C_tau"] * drive
+    rho_q_rate = np.where(rho_q >= 1.0, np.minimum(rho_q_rate, 0.0), rho_q_rate)
+    rho_q = np.minimum(rho_q, 1.0)
+    start = error.as_quat()
+
+    def v_at(t: float) -> Array:
+        q_e = (error * Rotation.from_rotvec(t * omega_e)).as_quat()
+        q_e *= math.copysign(1.0, float(q_e @ start))
+        q, q0 = q_e[:3], q_e[3]
+        rho = rho_q + t * rho_q_rate
+        epsilon = q / rho
+        shape = np.tanh(gains["beta"] * epsilon)
+        if norm_form:
+            length = np.linalg.norm(epsilon)
+            shape = epsilon / length * np.tanh(gains["beta"] * length)
+        f = 0.5 * (q0 * np.eye(3) + cross(q))
+        return -0.5 * abs(q0) * gains["k"] * gains["M_omega"] * np.linalg.solve(f, rho * shape)
+
+    h = 1e-3
+    v_rate = (8 * (v_at(h) - v_at(-h)) - (v_at(2 * h) - v_at(-2 * h))) / (12 * h)
+    q, q0 = start[:3], start[3]
+    z2 = omega_e - v_at(0.0)
+    epsilon_q, epsilon_omega = q / rho_q, z2 / rho_omega
+    f = 0.5 * (q0 * np.eye(3) + cross(q))
+    argument = epsilon_omega
+    if np.any(inertia != np.diag(np.diag(inertia))):
+        argument = inverse @ (epsilon_omega / rho_omega)
+    d_hat = gains["D_m"] * np.tanh(argument / gains["mu"])
+    weight = (
+        gains["k1"]
+        * np.tanh(epsilon_q @ epsilon_q / gains["F1"])
+        / (gains["k2"] * np.tanh(epsilon_omega @ epsilon_omega / gains["F2"]) + gains["sigma"])
+    )
+    u = (
+        -m_0
+        - d_hat
+        + inertia @ v_rate
+        - gains["K_omega"] * inertia @ z2
+        + inertia @ (rho_omega_rate / rho_omega * z2)
+        - gains["K_u"] * inertia @ (rho_omega * memory["theta"])
+        - weight * inertia @ (rho_omega**2 * (f.T @ (epsilon_q / rho_q)))
+    )
+    return {"u": u, "q_e": start, "z2": z2, "rho_q": rho_q, "rho_omega": rho_omega}
+
+
+@pytest.mark.parametrize("form", ["componentwise", "norm"])
+@pytest.mark.parametrize("inertia", [FULL, ppc.INERTIA.default], ids=["full", "diagonal"])
+@given(seed=seeds)
+def test_step_is_the_corrected_law(form: str, inertia: list[float], seed: int) -> None:
+    gains = configured(virtual_control=form, inertia=inertia, k1=1.3, k2=0.7, F1=1.2, F2=0.9)
+    measurement, memory = random_situation(seed, gains)
+    expected = unsaturated_torque(measurement, memory, gains, form == "norm")
+    command = new_command()
+    ppc.step(measurement, memory, gains, command)
+    sign = np.sign(command["attitude_error"] @ expected["q_e"])
+    assert np.allclose(command["attitude_error"], sign * expected["q_e"], atol=1e-14)
+    assert np.allclose(command["rate_error"], expected["z2"], atol=1e-14)
+    assert np.allclose(command["attitude_envelope"], expected["rho_q"], rtol=1e-9)
+    assert np.allclose(command["rate_envelope"], expected["rho_omega"], rtol=1e-9)
+    u = expected["u"]
+    assert np.allclose(command["unsaturated_torque"], u, rtol=1e-6, atol=1e-8)
+    assert np.allclose(command["torque_command"], np.clip(u, -0.05, 0.05), atol=1e-7)
+    delta = np.clip(u, -0.05, 0.05) - u
+    assert np.allclose(memory["delta_tau"], delta, rtol=1e-6, atol=2e-8)
+
+
+def test_the_dead_band_is_not_a_saturation() -> None:
+    """Counting what the actuator swallows below 1e-4 N·m would hold the envelopes open."""
+    gains = configured()
+    measurement, memory = new_measurement(), ppc.CONTROLLER.new_memory()
+    measurement["attitude"] = measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
+    measurement["angular_velocity"] = (1e-9, 0.0, 0.0)
+    command = new_command()
+    ppc.step(measurement, memory, gains, command)
+    assert 0.0 < abs(command["torque_command"][0]) < 1e-4
+    assert np.all(memory["delta_tau"] == 0.0)
+
+
+def barrier_rates(seed: int, sigma: float, printed: bool) -> tuple[float, float]:
+    """z2's part of V̇1, and what the cross term puts into V̇2, both from the definitions of V."""
+    gains = configured(k1=1.7, k2=0.6, F1=0.8, F2=1.4)
+    gains["sigma"] = sigma
+    rng = np.random.default_rng(seed)
+    q = rng.normal(size=3) * 0.2
+    q0 = math.copysign(math.sqrt(1.0 - q @ q), rng.normal())
+    rho_q, rho_omega = rng.uniform(0.1, 1.0, 3), rng.uniform(1e-3, 0.08, 3)
+    z2 = rng.uniform(0.2, 1.5, 3) * rng.choice([-1, 1], 3) * rho_omega
+    epsilon_q, epsilon_omega = q / rho_q, z2 / rho_omega
+    f = 0.5 * (q0 * np.eye(3) + cross(q))
+    gain_q = gains["k1"] * np.tanh(epsilon_q @ epsilon_q / gains["F1"])
+    gain_omega = gains["k2"] * np.tanh(epsilon_omega @ epsilon_omega / gains["F2"])
+    in_v1 = gain_q * (epsilon_q / rho_q) @ (f @ z2)
+    if printed:
+        term = gain_q / gains["k1"] / gain_omega * rho_omega**2 * ((f @ epsilon_q) / rho_q)
+    else:
+        vectors = (epsilon_q, epsilon_omega, rho_q, rho_omega, q)
+        term = np.array(ppc.cross_term(*(tuple(x.tolist()) for x in vectors), q0, gains))
+    # z2' contains −term, and V̇2 = k2 tanh(|ε_ω|²/F2) ε_ωᵀ ε_ω'.
+    return float(in_v1), float(-gain_omega * (epsilon_omega / rho_omega) @ term)
+
+
+@given(seeds)
+def test_cross_terms_cancel(seed: int) -> None:
+    in_v1, in_v2 = barrier_rates(seed, 0.0, printed=False)
+    assert in_v2 / in_v1 == pytest.approx(-1.0, abs=1e-9)
+
+
+@given(seeds)
+def test_sigma_only_weakens_the_cancellation(seed: int) -> None:
+    in_v1, in_v2 = barrier_rates(seed, 0.0113, printed=False)
+    assert -1.0 < in_v2 / in_v1 < 0.0
+
+
+def test_the_printed_cross_term_does_not_cancel() -> None:
+    ratios = [b / a for a, b in (barrier_rates(seed, 0.0, printed=True) for seed in range(100))]
+    assert min(abs(ratio + 1.0) for ratio in ratios) > 1e-3
+
+
+def test_full_inertia_estimates_the_disturbance_along_the_barriers_gradient() -> None:
+    gains = configured(inertia=FULL)
+    epsilon, rho = (0.02, -0.01, 0.03), (0.05, 0.06, 0.07)
+    argument = np.linalg.solve(np.reshape(FULL, (3, 3)), np.divide(epsilon, rho))
+    expected = gains["D_m"] * np.tanh(argument / gains["mu"])
+    assert np.allclose(ppc.disturbance_estimate(epsilon, rho, gains), expected, rtol=1e-12)
+    expected = gains["D_m"] * np.tanh(np.array(epsilon) / gains["mu"])
+    assert np.allclose(ppc.disturbance_estimate(epsilon, rho, configured()), expected, rtol=1e-12)
+
+
+DELTA_TAU, XI, THETA = (0.01, -0.02, 0.005), (20.0, 30.0, 10.0), (0.3, -0.1, 0.2)
+
+
+def auxiliary_rate(theta: Array, gains: Any) -> Array:
+    """Eq. 21 with δ = 1e-3 added, so that θ = 0 divides nothing by zero."""
+    inverse = np.linalg.inv(np.array(gains["inertia"]))
+    pull = np.array(XI) * (inverse @ DELTA_TAU)
+    decay = gains["K_a"] + gains["K_b"] * (pull @ pull) / (theta @ theta + 1e-6)
+    return -decay * theta + np.array(XI) * (inverse @ np.tanh(DELTA_TAU))
+
+
+def test_auxiliary_system_converges_to_its_equation() -> None:
+    gains = configured(inertia=FULL)
+    inverse = matrix(np.linalg.inv(np.reshape(FULL, (3, 3))))
+    end = 0.2
+    true = solve_ivp(
+        lambda _, y: auxiliary_rate(y, gains), (0.0, end), THETA, method="Radau", rtol=1e-10
+    ).y[:, -1]
+    errors = []
+    for steps in (200, 2000):
+        theta = THETA
+        for _ in range(steps):
+            theta = ppc.auxiliary_step(theta, DELTA_TAU, XI, inverse, gains, end / steps)
+        errors.append(np.abs(np.array(theta) - true).max())
+    assert errors[0] < 0.05 * np.abs(true).max()
+    assert errors[1] < 0.2 * errors[0]  # first order
+
+
+def test_auxiliary_system_is_stable_however_stiff() -> None:
+    gains = configured()
+    inverse = matrix(np.array(gains["inertia_inverse"]))
+    theta = (1e-4, -1e-4, 1e-4)
+    for _ in range(1000):
+        theta = ppc.auxiliary_step(theta, (10.0, -5.0, 3.0), (3e4, 3e4, 3e4), inverse, gains, 0.02)
+        assert np.abs(theta).max() < 3e4
+    for _ in range(1000):
+        theta = ppc.auxiliary_step(theta, (0.0, 0.0, 0.0), (3e4, 3e4, 3e4), inverse, gains, 0.02)
+    assert np.abs(theta).max() < 1e-6
+
+
+def test_saturation_opens_every_axis_that_it_couples_to() -> None:
+    inverse = np.linalg.inv(np.reshape(FULL, (3, 3)))
+    expected = np.abs(inverse) @ np.abs(np.tanh(DELTA_TAU))
+    assert np.allclose(ppc.saturation_drive(DELTA_TAU, matrix(inverse)), expected, rtol=1e-12)
+
+
+def test_without_widening_the_envelopes_are_the_tables() -> None:
+    gains = configured(adaptive_envelope=False)
+    memory = ppc.CONTROLLER.new_memory()
+    memory["delta_tau"] = (1.0, -1.0, 1.0)
+    ppc.integrate(memory, gains, 0.01, 0.01)
+    rho_q, rho_q_rate, rho_omega, rho_omega_rate = ppc.composite_envelopes(
+        memory, gains, (0.5, -0.01), (0.01, -0.002)
+    )
+    assert rho_q == (0.5, 0.5, 0.5)
+    assert rho_q_rate == (-0.01, -0.01, -0.01)
+    assert rho_omega == (0.01, 0.01, 0.01)
+    assert rho_omega_rate == (-0.002, -0.002, -0.002)
+    assert np.any(memory["theta"] != 0.0)  # the auxiliary system works all the same
+
+
+def test_attitude_envelope_never_passes_one() -> None:
+    gains, memory = configured(), ppc.CONTROLLER.new_memory()
+    memory["delta_rho_q"] = (0.5, 0.05, 0.0)
+    memory["delta_tau"] = (1.0, 1.0, 1.0)
+    rho_q, rho_q_rate, _, _ = ppc.composite_envelopes(memory, gains, (0.9, -0.1), (3e-5, 0.0))
+    assert rho_q == (1.0, pytest.approx(0.95), pytest.approx(0.9))
+    assert rho_q_rate[0] <= 0.0
+    assert ppc.is_outside((0.0, 0.96, 0.0), rho_q)
+    assert not ppc.is_outside((1.0, 0.94, -0.89), rho_q)
