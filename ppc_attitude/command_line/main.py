@@ -16,6 +16,7 @@ COMMANDS = (
     "compare",
     "sweep",
     "check",
+    "campaign",
     "replay",
     "inject",
     "watch",

@@ -2,15 +2,12 @@
 
 import argparse
 import os
-import signal
 import sys
 import tempfile
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from tqdm import tqdm
@@ -27,13 +24,12 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
+from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import NODES, PLANT, RECORDER
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
-
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -111,7 +107,7 @@ def _run_stack(arguments: argparse.Namespace, scenario: Scenario, bag: Path) -> 
         common = ["--ros-args", "--params-file", str(overlay)]
         command_lines = {name: list(common) for name in NODES}
         command_lines[PLANT] = ["--progress", *common]
-        with _progress(duration) as show, _stop_on_signals() as stop:
+        with _progress(duration) as show, stop_on_signals() as stop:
             stack = Stack(command_lines, environment, show)
             try:
                 stack.start()
@@ -142,22 +138,6 @@ def _progress(duration: float) -> Iterator[Any]:
         total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr, leave=True
     ) as bar:
         yield lambda t: bar.update(max(t - bar.n, 0.0))
-
-
-@contextmanager
-def _stop_on_signals() -> Iterator[threading.Event]:
-    """Event that SIGINT and SIGTERM set, so that a second Ctrl-C cannot break the orderly stop."""
-    stop = threading.Event()
-
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    previous = {number: signal.signal(number, on_signal) for number in _SIGNALS}
-    try:
-        yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def _read(bag: Path) -> RunRecord:

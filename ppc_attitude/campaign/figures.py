@@ -1,0 +1,137 @@
+"""The figures of a campaign: errors over time of all runs, and where runs fail."""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ppc_attitude.analysis.drawing import (
+    BLUE,
+    GREY,
+    PAGE_WIDTH,
+    RED,
+    legend,
+    limit_lines,
+    log_axis,
+    panels,
+    time_axis,
+)
+from ppc_attitude.analysis.metrics import SETTLED, TERMINAL_LIMIT
+from ppc_attitude.campaign.draw import DRAWN, VARYING
+from ppc_attitude.campaign.fan import Fan
+from ppc_attitude.contract.run_record import Array
+
+Sample = Sequence[Mapping[str, float]]
+
+_BANDS = ((0.0, 1.0, "all runs", 0.14), (0.05, 0.95, "90 %", 0.28), (0.25, 0.75, "50 %", 0.45))
+_ERROR_FLOOR = 1e-6
+_SHOWN = 3  # variables that are drawn against each other
+
+
+def fan_figure(fan: Fan) -> Figure:
+    """Draw the attitude error of all runs over time against the envelope, and the part it fills."""
+    figure, ((top,), (bottom,)) = panels(2, width=PAGE_WIDTH, row_height=2.6, share_x=True)
+    t = 0.5 * (fan.ends[:-1] + fan.ends[1:])
+    _bands(top, t, fan, "attitude_error")
+    envelope = [fan.quantiles("attitude_envelope", share) for share in (0.05, 0.5, 0.95)]
+    if np.isfinite(envelope[1]).any():
+        top.plot(t, envelope[1], color=RED, linewidth=1.2, label="envelope, median")
+        for edge in (envelope[0], envelope[2]):
+            top.plot(t, edge, color=RED, linewidth=0.7, linestyle=(0, (3, 2)))
+    limit_lines(top, SETTLED, TERMINAL_LIMIT, label="settled, terminal")
+    log_axis(top, _ERROR_FLOOR)
+    top.set_ylabel(r"$\max_i|q_{ev,i}|$ [1]")
+    _bands(bottom, t, fan, "attitude_fill")
+    limit_lines(bottom, 1.0, label="envelope")
+    bottom.set_yscale("log")
+    bottom.set_ylabel(r"$\max_i|q_{ev,i}|/\rho_{q,i}$ [1]")
+    for axes in (top, bottom):
+        time_axis(axes, fan.ends)
+        legend(axes)
+    top.set_xlabel("")
+    return figure
+
+
+def _bands(axes: Axes, t: Array, fan: Fan, quantity: str) -> None:
+    """Draw nested bands and the median; nothing where nothing is known."""
+    for low, high, label, opacity in _BANDS:
+        below, above = fan.quantiles(quantity, low), fan.quantiles(quantity, high)
+        axes.fill_between(t, below, above, color=BLUE, alpha=opacity, linewidth=0, label=label)
+    axes.plot(t, fan.quantiles(quantity, 0.5), color=BLUE, linewidth=1.3, label="median")
+
+
+def failing_figure(passing: Sample, failing: Sample) -> Figure | None:
+    """Draw where runs fail, over the drawn variables that tell failing from passing best.
+
+    Parameters
+    ----------
+    passing, failing : sequence of mapping
+        Values of the drawn variables of runs that meet every requirement, and of runs that do not.
+
+    Returns
+    -------
+    Figure or None
+        None if fewer than two variables vary.
+    """
+    names = telling_variables(passing, failing)[:_SHOWN]
+    if len(names) < 2:
+        return None
+    couples = list(combinations(names, 2))
+    figure, (row,) = panels(1, len(couples), width=PAGE_WIDTH, row_height=2.7)
+    figure.set_dpi(200)  # of the points, which are pixels in the page: there may be thousands
+    for axes, (x, y) in zip(row, couples, strict=True):
+        for runs, colour, label, size in ((passing, GREY, "all met", 4), (failing, RED, "not", 6)):
+            both = [(run[x], run[y]) for run in runs if x in run and y in run]
+            points = np.array(both).reshape(-1, 2)
+            axes.scatter(
+                points[:, 0],
+                points[:, 1],
+                s=size,
+                c=colour,
+                alpha=0.55,
+                linewidths=0,
+                label=label,
+                rasterized=True,
+            )
+        for name, scale in ((x, axes.set_xscale), (y, axes.set_yscale)):
+            if _spans_decades(_values(name, [*passing, *failing])):
+                scale("log")
+        axes.set_xlabel(_label(x))
+        axes.set_ylabel(_label(y))
+    legend(row[0])
+    return figure
+
+
+def telling_variables(passing: Sample, failing: Sample) -> list[str]:
+    """Drawn variables that vary, those first that tell failing runs from passing ones best.
+
+    Best by the Kolmogorov-Smirnov distance: the largest difference between the shares of failing
+    and of passing runs below any one value.
+    """
+    distances = {}
+    for name in VARYING:
+        good, bad = _values(name, passing), _values(name, failing)
+        every = np.sort(np.concatenate([good, bad]))
+        if every.size == 0 or every[0] == every[-1]:
+            continue
+        shares = [
+            np.searchsorted(np.sort(each), every, "right") / max(each.size, 1)
+            for each in (good, bad)
+        ]
+        distances[name] = float(np.abs(shares[0] - shares[1]).max())
+    return sorted(distances, key=lambda name: -distances[name])
+
+
+def _values(name: str, runs: Sample) -> Array:
+    return np.array([run[name] for run in runs if name in run], dtype=np.float64)
+
+
+def _spans_decades(values: Array) -> bool:
+    return values.size > 0 and 0.0 < 30.0 * float(values.min()) < float(values.max())
+
+
+def _label(name: str) -> str:
+    words = name.replace("_", " ")
+    return f"{words} [{DRAWN[name]}]"

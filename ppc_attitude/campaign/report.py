@@ -1,0 +1,149 @@
+"""The report of a campaign: one self-contained HTML page."""
+
+import shlex
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ppc_attitude.analysis.page import configuration, figures, pairs, table, write_page
+from ppc_attitude.analysis.verdict import number_text
+from ppc_attitude.campaign.campaign import Finished
+from ppc_attitude.campaign.declaration import Campaign
+from ppc_attitude.campaign.figures import failing_figure, fan_figure
+from ppc_attitude.campaign.summary import SAMPLE_SIZE, Fraction, Summary, Tally
+
+_FAN = (
+    "Attitude error of all runs (top) and the part of its envelope that it fills (bottom): "
+    "the largest value in each of the time bins; dashed: 5 % and 95 % of the envelopes"
+)
+_FAILING = (
+    f"Where runs fail, over the drawn variables that tell failing runs from others best: the first "
+    f"{SAMPLE_SIZE} that meet everything and the first {SAMPLE_SIZE} that do not"
+)
+
+
+def write_campaign_report(
+    campaign: Campaign, finished: Finished, again: Sequence[str], path: Path
+) -> None:
+    """Write the report.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was run.
+    finished : Finished
+        How it came out.
+    again : sequence of str
+        Command line that runs one index again when ``--only INDEX`` is appended.
+    path : Path
+        The HTML file; its folder is made if there is none, the file is replaced if there is one.
+    """
+    summary = finished.summary
+    title = f"Attitude control campaign: {campaign.scenario.controller.name}"
+    drawn = {_FAN: fan_figure(finished.fan)}
+    failing = failing_figure(summary.passing, summary.failing)
+    if failing is not None:
+        drawn[_FAILING] = failing
+    body = [
+        f"<h1>{escape(title)}</h1>",
+        _outcome(finished),
+        _facts(campaign, finished),
+        "<h2>Requirements</h2>",
+        _requirements(summary),
+        "<h2>Figures</h2>",
+        figures(drawn, "page"),
+        "<h2>Worst cases</h2>",
+        _worst(summary, again),
+        "<h2>What varies</h2>",
+        f"<pre>{escape(_yaml(campaign.declaration))}</pre>",
+        "<h2>Configuration</h2>",
+        configuration(campaign.scenario.parameters),
+        "<h2>Versions</h2>",
+        pairs(campaign.made_with.items()),
+    ]
+    write_page(path, title, body)
+
+
+def share_text(fraction: Fraction) -> str:
+    """Share with its interval, in percent."""
+    if not fraction.judged:
+        return "–"
+    low, high = fraction.interval
+    return f"{100 * fraction.value:.2f} % ({100 * low:.2f} … {100 * high:.2f})"
+
+
+def _outcome(finished: Finished) -> str:
+    fraction = finished.summary.fraction
+    style = "met" if fraction.met == fraction.judged == finished.total else "failed"
+    return (
+        f'<p class="{style}">{fraction.met} of {fraction.judged} runs meet every requirement: '
+        f"{share_text(fraction)}</p>"
+    )
+
+
+def _facts(campaign: Campaign, finished: Finished) -> str:
+    summary = finished.summary
+    facts = [
+        ("runs", f"{summary.runs} of {finished.total}, {campaign.duration:g} s each"),
+        ("seed", str(campaign.seed)),
+        ("results", str(finished.folder)),
+    ]
+    warnings = ""
+    if summary.runs < finished.total:
+        warnings += '<p class="warning">The campaign was stopped before its end.</p>\n'
+    if summary.first_broken is not None:
+        index, reason = summary.first_broken
+        warnings += (
+            f'<p class="warning">{summary.broken} runs broke and were not judged; they count as '
+            f"not meeting every requirement. The first: run {index}: {escape(reason)}</p>\n"
+        )
+    return warnings + pairs(facts)
+
+
+def _requirements(summary: Summary) -> str:
+    rows = [_requirement_row(name, tally) for name, tally in summary.requirements()]
+    rows.append(_row("every requirement", "", summary.fraction))
+    note = "<p>A run is judged by the requirements that apply to it. 95 % Wilson intervals.</p>"
+    head = ["requirement", "limit", "met", "judged", "share (95 % interval)"]
+    return note + table(head, rows)
+
+
+def _requirement_row(name: str, tally: Tally) -> str:
+    return _row(name, tally.limit_text, tally.fraction)
+
+
+def _row(name: str, limit: str, fraction: Fraction) -> str:
+    style = "met" if fraction.met == fraction.judged else "failed"
+    numbers = "".join(f'<td class="number">{each}</td>' for each in (fraction.met, fraction.judged))
+    return (
+        f"<tr><th>{escape(name)}</th><td>{escape(limit)}</td>{numbers}"
+        f'<td class="number"><span class="{style}">{share_text(fraction)}</span></td></tr>'
+    )
+
+
+def _worst(summary: Summary, again: Sequence[str]) -> str:
+    """Worst runs of each requirement that some run failed, and how to run one again."""
+    rows = []
+    for name, tally in summary.requirements():
+        if tally.met == tally.judged:
+            continue
+        runs = ", ".join(f"{index} ({_value(value)})" for index, value in tally.worst_runs())
+        command = shlex.join([*again, "--only", str(tally.worst_runs()[0][0])])
+        rows.append(
+            f"<tr><th>{escape(name)}</th><td>{escape(runs)}</td>"
+            f"<td><code>{escape(command)}</code></td></tr>"
+        )
+    if not rows:
+        return "<p>No run failed a requirement.</p>"
+    return table(["requirement", "run (value), worst first", "the worst again"], rows)
+
+
+def _value(value: float) -> str:
+    return "not shown" if value == float("inf") else number_text(value)
+
+
+def _yaml(declaration: Any) -> str:
+    return yaml.safe_dump(dict(declaration), sort_keys=False, allow_unicode=True)

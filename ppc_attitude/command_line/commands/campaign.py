@@ -1,0 +1,182 @@
+"""`ppc_attitude campaign`: Monte Carlo over what a YAML declares, on all cores or a cluster."""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ppc_attitude.analysis.metrics import verdict_table
+from ppc_attitude.campaign.campaign import Finished, run_campaign
+from ppc_attitude.campaign.declaration import Campaign, load_campaign
+from ppc_attitude.campaign.draw import VARYING, draw
+from ppc_attitude.campaign.report import share_text, write_campaign_report
+from ppc_attitude.campaign.rows import CampaignError, rerun
+from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
+from ppc_attitude.command_line.options import (
+    add_report_option,
+    add_scenario_options,
+    exit_code,
+    print_json,
+    scenario_of,
+)
+from ppc_attitude.command_line.stopping import stop_on_signals
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "campaign",
+        help="Monte Carlo: many drawn runs, in process, judged together",
+        description=(
+            "Draws every run from --campaign, simulates and judges it. A run depends on seed and "
+            "index alone: --only runs one again."
+        ),
+    )
+    add_scenario_options(parser)
+    parser.add_argument(
+        "--campaign", metavar="FILE", type=Path, required=True, help="what varies (YAML)"
+    )
+    parser.add_argument("--runs", metavar="N", type=int, default=1000, help="default 1000")
+    parser.add_argument("--seed", metavar="S", type=int, default=0, help="default 0")
+    parser.add_argument(
+        "--workers", metavar="N", type=int, help="processes on this machine; default one a core"
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="run on the Dask cluster of this scheduler instead"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, help="folder of the results; default a new, dated one"
+    )
+    parser.add_argument("--only", metavar="INDEX", type=int, help="run this one again, alone")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_report_option(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Run the campaign, or one run of it."""
+    campaign = load_campaign(arguments.campaign, scenario_of(arguments), arguments.seed)
+    if arguments.only is not None:
+        return _execute_one(arguments, campaign)
+    start = time.monotonic()
+    with _progress() as show, stop_on_signals() as stop:
+        try:
+            finished = run_campaign(
+                campaign,
+                arguments.runs,
+                arguments.out or _dated_folder(),
+                workers=arguments.workers,
+                scheduler=arguments.scheduler,
+                progress=show,
+                stop=stop,
+            )
+        except CampaignError as error:
+            raise RunError(str(error)) from None
+    _tell(arguments, campaign, finished, time.monotonic() - start)
+    return _exit_code(finished)
+
+
+def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
+    """Run one index again, in process, and judge it as any run."""
+    drawn = draw(campaign, arguments.only)
+    record, verdict = rerun(campaign, arguments.only)
+    if arguments.json:
+        print_json({**verdict.to_json(), "drawn": drawn})
+    else:
+        print(verdict_table(verdict))
+        print("drawn: " + ", ".join(f"{n} {v:.6g}" for n in VARYING if (v := drawn[n]) is not None))
+    if arguments.report:
+        from ppc_attitude.analysis.report import write_report
+
+        write_report([(record, verdict)], arguments.report)
+        print(f"report: {arguments.report}", file=sys.stderr)
+    return exit_code(verdict)
+
+
+def _tell(
+    arguments: argparse.Namespace, campaign: Campaign, finished: Finished, seconds: float
+) -> None:
+    summary = finished.summary
+    if arguments.report:
+        write_campaign_report(campaign, finished, _again(arguments), arguments.report)
+        print(f"report: {arguments.report}", file=sys.stderr)
+    if arguments.json:
+        print_json(
+            {
+                "campaign": str(finished.folder),
+                "controller": campaign.scenario.controller.name,
+                "seed": campaign.seed,
+                "runs": finished.total,
+                "done": summary.runs,
+                "runs_per_s": summary.runs / seconds,
+                **summary.to_json(),
+            }
+        )
+        return
+    rows = [(name, share_text(tally.fraction)) for name, tally in summary.requirements()]
+    rows.append(("every requirement", share_text(summary.fraction)))
+    width = max(len(name) for name, _ in rows)
+    print(
+        f"{summary.runs} runs of {campaign.duration:g} s in {seconds:.1f} s, seed {campaign.seed}"
+    )
+    for name, share in rows:
+        print(f"{name:<{width}}  {share}")
+    for name, tally in summary.requirements():
+        if tally.met < tally.judged:
+            indices = ", ".join(str(index) for index, _ in tally.worst_runs())
+            print(f"worst of {name}: --only {indices}")
+    print(f"campaign: {finished.folder}")
+
+
+def _exit_code(finished: Finished) -> int:
+    """Exit code of a campaign that ran to its end.
+
+    Raises
+    ------
+    RunError
+        It did not, or some run broke.
+    """
+    summary = finished.summary
+    if summary.runs < finished.total:
+        raise RunError(
+            f"interrupted after {summary.runs} of {finished.total} runs; "
+            f"{finished.folder} holds these"
+        )
+    if summary.first_broken is not None:
+        index, reason = summary.first_broken
+        raise RunError(f"{summary.broken} runs broke; the first, run {index}: {reason}")
+    return DONE if summary.all_met == summary.runs else REQUIREMENT_FAILED
+
+
+def _again(arguments: argparse.Namespace) -> list[str]:
+    """Command line of this campaign, to which --only is appended."""
+    words = ["ppc_attitude", "campaign"]
+    for path in arguments.config:
+        words += ["--config", str(path)]
+    for option in ("duration", "controller", "campaign", "seed"):
+        value = getattr(arguments, option)
+        if value is not None:
+            words += [f"--{option}", str(value)]
+    return words
+
+
+def _dated_folder() -> Path:
+    return Path("campaigns") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int, int], None]]:
+    """Progress bar over runs, with rate and time left; gives the function that moves it."""
+    with tqdm(desc="campaign", unit=" runs", file=sys.stderr, leave=True) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show
