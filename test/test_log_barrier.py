@@ -1,0 +1,116 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.controllers import log_barrier
+from ppc_attitude.science.controllers.interface import new_command, new_measurement
+from ppc_attitude.science.parameter import resolved
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import scenario
+
+
+def cross(a: np.ndarray) -> np.ndarray:
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def alpha(error: Rotation, rho: float, rho_rate: float, K1: float, like: np.ndarray) -> np.ndarray:
+    q_e = error.as_quat()
+    q_e *= math.copysign(1.0, float(q_e @ like))
+    f = 0.5 * (q_e[3] * np.eye(3) + cross(q_e[:3]))
+    return -np.linalg.solve(f, (K1 - rho_rate / rho) * q_e[:3])
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_alpha_and_its_derivative_along_the_motion(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    error = Rotation.from_rotvec(rng.normal(size=3) * 0.5)
+    omega, K1 = rng.normal(size=3) * 0.03, 0.15
+    rho, rate, acceleration = 0.5, -0.02, 0.001
+    like = error.as_quat()
+
+    def at(t: float) -> np.ndarray:
+        turned = error * Rotation.from_rotvec(t * omega)
+        now = rho + rate * t + 0.5 * acceleration * t * t
+        return alpha(turned, now, rate + acceleration * t, K1, like)
+
+    h = 1e-3
+    expected = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
+    value, derivative = log_barrier.desired_rate_error(
+        tuple(like[:3].tolist()), like[3], tuple(omega.tolist()), rho, rate, acceleration, K1
+    )
+    assert np.allclose(value, at(0.0), rtol=1e-10)
+    assert np.allclose(derivative, expected, rtol=1e-6, atol=1e-9)
+
+
+def test_step_is_the_reconstruction_of_the_spec() -> None:
+    gains = log_barrier.configure(resolved(log_barrier.PARAMETERS, {}, "ppc_controller"))
+    measurement, memory = new_measurement(), log_barrier.CONTROLLER.new_memory()
+    error = Rotation.from_rotvec([0.2, -0.1, 0.15])
+    omega, t = np.array([0.01, -0.02, 0.015]), 10.0
+    measurement["attitude"], measurement["angular_velocity"] = error.as_quat(), omega
+    measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
+    memory["started"], measurement["t"] = 1.0, t
+
+    def envelope(time: float) -> tuple[float, float]:
+        part = 0.9999 * math.exp(-0.05 * time)
+        return part + 1e-4, -0.05 * part
+
+    q_e = error.as_quat()
+    rho, _ = envelope(t)
+    inertia = np.diag([2.8, 2.5, 1.9])
+
+    def at(dt: float) -> np.ndarray:
+        return alpha(error * Rotation.from_rotvec(dt * omega), *envelope(t + dt), 0.15, q_e)
+
+    h = 1e-3
+    alpha_rate = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
+    z = omega - at(0.0)
+    f = 0.5 * (q_e[3] * np.eye(3) + cross(q_e[:3]))
+    chi = q_e[:3] / (rho**2 - q_e[:3] ** 2)
+    expected = (
+        np.cross(omega, inertia @ omega)
+        + inertia @ alpha_rate
+        - 3.0 * z
+        - 1e-3 * f.T @ chi
+        - gains["D_m"] * np.tanh(z / gains["mu"])
+    )
+    command = new_command()
+    log_barrier.step(measurement, memory, gains, command)
+    assert np.allclose(command["unsaturated_torque"], expected, rtol=1e-7, atol=1e-10)
+    assert np.allclose(command["torque_command"], np.clip(expected, -0.05, 0.05), atol=1e-9)
+
+
+def test_after_a_hit_it_settles_outside_near_the_predicted_error() -> None:
+    """Outside, the barrier pushes outward: q*² = ρ² + k_b / (4 K1 K2)."""
+    case = scenario(
+        {
+            "ppc_controller": {"controller": "log_barrier"},
+            "disturbance_injector": {
+                "pulse_times": [80.0],
+                "pulse_durations": [0.1],
+                "pulse_torques": [0.8, 0.8, 0.8],
+            },
+        }
+    )
+    run = simulate(case, 200.0)
+    error = np.abs(run["attitude_error"][:, :3])
+    before = error[(run.t > 60.0) & (run.t < 80.0)]
+    assert before.max() < 5e-3
+    late = error[run.t > 170.0]
+    predicted = math.sqrt(5e-3**2 + 1e-3 / (4.0 * 0.15 * 3.0))
+    assert np.all(late.max(axis=0) > 5e-3)  # every axis stays outside
+    assert late.mean(axis=0) == pytest.approx([predicted] * 3, rel=0.15)
+
+
+def test_it_never_divides_by_zero() -> None:
+    gains = log_barrier.configure(resolved(log_barrier.PARAMETERS, {}, "ppc_controller"))
+    for scalar in (0.0, -0.0, 1e-12):
+        measurement, command = new_measurement(), new_command()
+        measurement["attitude"] = (0.6, 0.64, 0.48, scalar)
+        measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
+        log_barrier.step(measurement, log_barrier.CONTROLLER.new_memory(), gains, command)
+        assert np.isfinite(command["torque_command"]).all()
