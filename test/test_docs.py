@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from fnmatch import fnmatch
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,8 +24,9 @@ from test_layers import ROOT
 from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import build_parser, main
 from ppc_attitude.command_line.options import scenario_of
+from ppc_attitude.contract import topics
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import BY_NAME, PLANT
+from ppc_attitude.contract.topics import BY_NAME, NODES, PLANT, RECORDER, TOPICS, Topic
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
 
@@ -35,7 +37,7 @@ EXAMPLES = ROOT / "docs" / "examples"
 FOREIGN = re.compile(
     r"source (install/setup\.bash|\.venv/bin/activate)|export ROS_\w+=\S+|colcon (build|test)|"
     r"rosdep install --from-paths src --ignore-src -y|pip install -e '\.\[\w+(,\w+)*\]'|"
-    r"ros2 bag (info|play) bags/\S+"
+    r"ros2 bag (info|play) bags/\S+|rviz2 -d config/ppc_attitude\.rviz"
 )
 # What these do needs a running stack or another machine; other tests run them for real.
 NEEDS_A_STACK = ("inject", "watch", "latency")
@@ -231,7 +233,7 @@ def test_commands_of_a_page_run_in_their_order(
         codes[command.text] = code
         assert "error:" not in capsys.readouterr().err
     assert codes
-    fails = ("no_widening", "traditional", "longer")
+    fails = ("no_widening", "traditional", "longer", "campaign")
     for text, code in codes.items():
         expected = any(each in text for each in fails) and " compare " not in text
         assert code == (errors.REQUIREMENT_FAILED if expected else errors.DONE), text
@@ -340,6 +342,23 @@ def test_nodes_services_and_configurations_are_listed() -> None:
         node, service = row[0].split("/")
         source = (ROOT / "ppc_attitude" / "nodes" / f"{node}.py").read_text(encoding="utf-8")
         assert f'"~/{service}"' in source
+
+
+def test_node_graph_is_that_of_the_code() -> None:
+    (graph,) = blocks(ROOT / "README.md", "mermaid")
+    edges = re.findall(r'^ +(\w+) -- "?([^"\n]+?)"? --> (\w+)$', graph, re.MULTILINE)
+    assert {node for edge in edges for node in (edge[0], edge[2])} == {*NODES, "anyone"} - {
+        RECORDER
+    }
+    constants = {value: name for name, value in vars(topics).items() if isinstance(value, Topic)}
+    for source, label, target in edges:
+        code = (ROOT / "ppc_attitude" / "nodes" / f"{target}.py").read_text(encoding="utf-8")
+        for pattern in label.split(", "):
+            shown = [each for each in TOPICS if fnmatch(each.name, pattern)]
+            assert shown
+            for topic in shown:
+                assert topic.source == source.replace("anyone", "")
+                assert re.search(rf"\b{constants[topic]}\b", code), (topic.name, target)
 
 
 def test_verdict_of_the_readme_is_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
