@@ -1,7 +1,9 @@
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,17 @@ _OF_ROS = ("use_sim_time", "start_type_description_service")
 _QUATERNION_TOLERANCE = 1e-3
 
 Overrides = Mapping[str, Mapping[str, Any]]
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML as ROS reads it: 1e-4 is a number, although YAML 1.1 asks for 1.0e-4."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"),
+    list("-+0123456789"),
+)
 
 
 @dataclass(frozen=True)
@@ -63,20 +76,35 @@ def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:
     """
     merged: dict[str, dict[str, Any]] = {}
     for path in map(Path, paths):
-        for node, values in _read_file(path).items():
-            targets = PARAMETERS if node == "**" else (node,)
-            for target in targets:
-                # A wildcard gives every node what it knows; only a named node is strict.
-                known = {parameter.name for parameter in PARAMETERS.get(target, ())}
-                merged.setdefault(target, {}).update(
-                    {k: v for k, v in values.items() if node != "**" or k in known}
-                )
+        for node, values in _read_file(path):
+            if node == "**":
+                _update_every_node(merged, values, path)
+            else:
+                merged.setdefault(node, {}).update(values)
     return merged
 
 
-def _read_file(path: Path) -> dict[str, dict[str, Any]]:
+def _update_every_node(
+    merged: dict[str, dict[str, Any]], values: Mapping[str, Any], path: Path
+) -> None:
+    """Give every node what it knows of a wildcard's values; somebody must know each."""
+    known = {node: {p.name for p in table} for node, table in PARAMETERS.items()}
+    for name, value in values.items():
+        owners = [node for node, names in known.items() if name in names]
+        if not owners:
+            close = get_close_matches(name, set().union(*known.values()), n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ConfigurationError(
+                f"configuration file {path}: no node has a parameter {name}{hint}"
+            )
+        for node in owners:
+            merged.setdefault(node, {})[name] = value
+
+
+def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
+    """Node names, or ** for all, with their flat parameters, in the file's order."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise ConfigurationError(f"configuration file {path}: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -85,7 +113,7 @@ def _read_file(path: Path) -> dict[str, dict[str, Any]]:
         raise ConfigurationError(
             f"configuration file {path} is not a ROS parameter file: no node name at its top"
         )
-    nodes = {}
+    nodes = []
     for key, body in content.items():
         name = str(key).rsplit("/", 1)[-1]
         if name not in PARAMETERS and name != "**":
@@ -97,7 +125,7 @@ def _read_file(path: Path) -> dict[str, dict[str, Any]]:
             raise ConfigurationError(
                 f"configuration file {path}: {key} has no mapping ros__parameters"
             )
-        nodes[name] = dict(_flattened(body["ros__parameters"]))
+        nodes.append((name, dict(_flattened(body["ros__parameters"]))))
     return nodes
 
 

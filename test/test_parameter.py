@@ -1,0 +1,152 @@
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import Parameter, resolved
+
+GAIN = Parameter("gain", 1.0, "a gain", "N·m", above=0.0, high=10.0)
+STEPS = Parameter("steps", 3, "a number", low=0, high=5)
+ON = Parameter("on", True, "a switch")
+LAW = Parameter("law", "a", "a choice", choices=("a", "b"))
+PLACE = Parameter("place", "", "a text")
+AXIS = Parameter("axis", [0.0, 0.0, 1.0], "a vector", length=3, low=-1.0, high=1.0)
+TIMES = Parameter("times", [], "any number of numbers", low=0.0)
+TORQUES = Parameter("torques", [], "three a time", length=-3)
+LAWS = Parameter("laws", ["a"], "choices", choices=("a", "b"))
+TABLE = (GAIN, STEPS, ON, LAW, PLACE, AXIS, TIMES, TORQUES, LAWS)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "expected"),
+    [
+        (GAIN, 2, 2.0),
+        (GAIN, 10.0, 10.0),
+        (STEPS, 4, 4),
+        (STEPS, 4.0, 4),
+        (ON, False, False),
+        (LAW, "b", "b"),
+        (PLACE, "anywhere", "anywhere"),
+        (AXIS, [1, 0, 0], [1.0, 0.0, 0.0]),
+        (AXIS, (0.5, 0.5, -1), [0.5, 0.5, -1.0]),
+        (TIMES, [], []),
+        (TIMES, [3], [3.0]),
+        (TORQUES, [], []),
+        (TORQUES, [1, 2, 3, 4, 5, 6], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
+        (LAWS, ["b", "a"], ["b", "a"]),
+        (LAWS, [], []),
+    ],
+)
+def test_allowed_values_come_back_in_the_parameters_type(
+    parameter: Parameter, value: Any, expected: Any
+) -> None:
+    found = parameter.checked(value)
+    assert found == expected
+    assert type(found) is type(expected)
+    if isinstance(found, list):
+        assert [type(x) for x in found] == [type(x) for x in expected]
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        (GAIN, 0.0),
+        (GAIN, -1.0),
+        (GAIN, 10.1),
+        (GAIN, math.nan),
+        (GAIN, math.inf),
+        (GAIN, True),
+        (GAIN, "1.0"),
+        (GAIN, None),
+        (GAIN, [1.0]),
+        (STEPS, 2.5),
+        (STEPS, 6),
+        (STEPS, -1),
+        (STEPS, True),
+        (STEPS, math.inf),
+        (ON, 1),
+        (ON, "true"),
+        (LAW, "c"),
+        (LAW, 1),
+        (PLACE, 3),
+        (PLACE, ["a"]),
+        (AXIS, 1.0),
+        (AXIS, "xyz"),
+        (AXIS, {"x": 1.0}),
+        (AXIS, [1.0, 0.0]),
+        (AXIS, [1.0, 0.0, 0.0, 0.0]),
+        (AXIS, []),
+        (AXIS, [1.0, 0.0, math.nan]),
+        (AXIS, [1.0, 0.0, False]),
+        (AXIS, [1.0, 0.0, 1.5]),
+        (AXIS, [1.0, 0.0, "0"]),
+        (TIMES, [-1.0]),
+        (TORQUES, [1.0, 2.0]),
+        (LAWS, ["c"]),
+        (LAWS, "a"),
+    ],
+)
+def test_refusal_names_parameter_value_and_what_is_allowed(
+    parameter: Parameter, value: Any
+) -> None:
+    with pytest.raises(ConfigurationError) as raised:
+        parameter.checked(value)
+    message = str(raised.value)
+    assert message.startswith(f"{parameter.name} = ")
+    assert f"allowed: {parameter.allowed}" in message
+
+
+def test_what_is_allowed_in_words() -> None:
+    assert GAIN.allowed == "finite, > 0, ≤ 10"
+    assert STEPS.allowed == "an integer, ≥ 0, ≤ 5"
+    assert ON.allowed == "true or false"
+    assert LAW.allowed == "one of a, b"
+    assert LAWS.allowed == "any of a, b"
+    assert AXIS.allowed == "finite, ≥ -1, ≤ 1, 3 values"
+    assert TORQUES.allowed == "finite, a multiple of 3"
+    assert "N·m" in refusal(GAIN, -1.0)
+
+
+def refusal(parameter: Parameter, value: Any) -> str:
+    with pytest.raises(ConfigurationError) as raised:
+        parameter.checked(value)
+    return str(raised.value)
+
+
+@given(st.floats())
+def test_a_number_is_taken_exactly_if_it_is_in_range(value: float) -> None:
+    if math.isfinite(value) and 0.0 < value <= 10.0:
+        assert GAIN.checked(value) == value
+    else:
+        assert refusal(GAIN, value)
+
+
+def test_defaults_where_nothing_is_given() -> None:
+    values = resolved(TABLE, {"gain": 3}, "node")
+    assert values["gain"] == 3.0
+    assert values["axis"] == [0.0, 0.0, 1.0]
+    assert list(values) == [parameter.name for parameter in TABLE]
+
+
+def test_a_default_is_not_shared() -> None:
+    first = resolved(TABLE, {}, "node")["axis"]
+    assert isinstance(first, list)
+    first[0] = 9.0
+    assert resolved(TABLE, {}, "node")["axis"] == [0.0, 0.0, 1.0]
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_known_one() -> None:
+    with pytest.raises(
+        ConfigurationError, match=r"node has no parameter gian; did you mean gain\?"
+    ):
+        resolved(TABLE, {"gian": 1.0}, "node")
+    with pytest.raises(ConfigurationError, match=r"node has no parameter zzzzz$"):
+        resolved(TABLE, {"zzzzz": 1.0}, "node")
+
+
+def test_a_refused_value_names_its_owner() -> None:
+    with pytest.raises(ConfigurationError, match=r"^node: gain = -1.0 N·m; allowed: finite, > 0"):
+        resolved(TABLE, {"gain": -1.0}, "node")

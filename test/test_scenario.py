@@ -1,0 +1,226 @@
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.scenario import (
+    initial_state,
+    load,
+    plant_record,
+    pulses,
+    read_files,
+    reference_record,
+    scenario,
+)
+
+CONFIG = Path(__file__).parent.parent / "config"
+
+
+def written(folder: Path, text: str, name: str = "case.yaml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def one(node: str, body: str) -> str:
+    return f"{node}:\n  ros__parameters:\n    {body}\n"
+
+
+# campaign.yaml holds what a campaign draws, and is not a scenario.
+OVERLAYS = sorted(path for path in CONFIG.glob("*.yaml") if path.stem != "campaign")
+
+
+@pytest.mark.parametrize("path", OVERLAYS, ids=lambda path: path.stem)
+def test_every_file_of_the_project_is_a_valid_overlay_of_the_papers_case(path: Path) -> None:
+    assert load([CONFIG / "paper.yaml", path]).controller.name
+
+
+def test_the_papers_file_has_the_papers_numbers() -> None:
+    case = load([CONFIG / "paper.yaml"])
+    law = case.parameters["ppc_controller"]
+    assert (law["k"], law["M_omega"]) == (3.0, 0.017)
+    table_1 = [law[f"attitude_envelope.{name}"] for name in FIELDS]
+    assert table_1 == [1.0, 1e-4, 0.05, 60.0, 5e-3]
+    table_2 = [law[f"rate_envelope.{name}"] for name in FIELDS]
+    assert table_2 == [0.08, 3e-5, 0.5, 40.0, 3e-5]  # ρ_e∞ repaired
+    q, omega = initial_state(case.parameters["spacecraft_plant"])
+    rounded = np.array([0.1554, 0.4271, 0.4792, 0.7509])
+    assert np.allclose(q, rounded / np.linalg.norm(rounded), atol=1e-15)
+    assert omega == (0.0, 0.0, 0.0)
+
+
+FIELDS = ("initial", "exponential_terminal", "decay", "settling_time", "terminal")
+
+
+def test_later_files_win_and_overrides_win_over_files(tmp_path: Path) -> None:
+    first = written(tmp_path, one("/**/ppc_controller", "{k: 2.0, beta: 5, sigma: 0.1}"), "a.yaml")
+    second = written(tmp_path, one("ppc_controller", "{beta: 7.0, sigma: 0.2}"), "b.yaml")
+    values = load([first, second], {"ppc_controller": {"sigma": 0.3}}).parameters["ppc_controller"]
+    assert (values["k"], values["beta"], values["sigma"]) == (2.0, 7.0, 0.3)
+    assert load([second, first]).parameters["ppc_controller"]["beta"] == 5.0
+
+
+def test_wildcards_give_each_node_what_it_knows(tmp_path: Path) -> None:
+    body = "{max_torque: 0.07, seed: 4, use_sim_time: true}"
+    values = load([written(tmp_path, one("/**", body))]).parameters
+    assert values["spacecraft_plant"]["max_torque"] == 0.07
+    assert values["ppc_controller"]["max_torque"] == 0.07
+    assert values["spacecraft_plant"]["seed"] == 4
+
+
+def test_a_wildcard_with_a_name_that_no_node_knows(tmp_path: Path) -> None:
+    path = written(tmp_path, one("/**", "{max_torqe: 0.07}"))
+    with pytest.raises(ConfigurationError, match=r"no node has.* max_torqe; did you mean max_torq"):
+        load([path])
+
+
+def test_namespaces_nested_names_and_the_same_node_twice(tmp_path: Path) -> None:
+    text = one("/craft/ppc_controller", "{attitude_envelope: {decay: 0.06}}")
+    text += one("ppc_controller", "{attitude_envelope.settling_time: 70}")
+    values = load([written(tmp_path, text)]).parameters["ppc_controller"]
+    assert values["attitude_envelope.decay"] == 0.06
+    assert values["attitude_envelope.settling_time"] == 70.0
+
+
+@pytest.mark.parametrize("text", ["1e-4", "1.0e-4", "1E-04", "+1e-4", ".0001", "0.0001"])
+def test_numbers_are_read_as_ros_reads_them(tmp_path: Path, text: str) -> None:
+    path = written(tmp_path, one("spacecraft_plant", f"min_torque: {text}"))
+    assert load([path]).parameters["spacecraft_plant"]["min_torque"] == 1e-4
+
+
+def test_whole_numbers_and_empty_lists_are_numbers_and_lists(tmp_path: Path) -> None:
+    path = written(tmp_path, one("spacecraft_plant", "{rate: 50, wait_for: []}"))
+    path_2 = written(tmp_path, one("disturbance_injector", "{pulse_times: []}"), "b.yaml")
+    values = load([path, path_2]).parameters
+    assert isinstance(values["spacecraft_plant"]["rate"], float)
+    assert values["spacecraft_plant"]["wait_for"] == []
+    assert pulses(values["disturbance_injector"]).size == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("a: [1, 2", "is not YAML"),
+        ("", "no node name at its top"),
+        ("- 1\n- 2\n", "no node name at its top"),
+        ("just text", "no node name at its top"),
+        ("thruster:\n  ros__parameters: {a: 1}\n", "unknown node thruster; nodes are spacecraft"),
+        ("ppc_controller: {k: 3.0}\n", "ppc_controller has no mapping ros__parameters"),
+        ("ppc_controller:\n  ros__parameters: 5\n", "no mapping ros__parameters"),
+        ("ppc_controller:\n", "no mapping ros__parameters"),
+    ],
+)
+def test_files_that_are_no_parameter_files(tmp_path: Path, text: str, complaint: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(ConfigurationError, match=complaint) as raised:
+        load([path])
+    assert str(path) in str(raised.value)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"nowhere\.yaml: No such file"):
+        read_files([tmp_path / "nowhere.yaml"])
+    with pytest.raises(ConfigurationError, match="Is a directory"):
+        read_files([tmp_path])
+    binary = tmp_path / "binary.yaml"
+    binary.write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(ConfigurationError, match=r"binary\.yaml is not YAML"):
+        read_files([binary])
+
+
+IDENTITY = [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]
+BAD: list[tuple[str, dict[str, Any], str]] = [
+    ("ppc_controller", {"betta": 1.0}, "no parameter betta; did you mean beta"),
+    ("ppc_controller", {"beta": math.nan}, "beta = nan"),
+    ("ppc_controller", {"beta": math.inf}, "beta = inf"),
+    ("ppc_controller", {"beta": True}, "beta = True"),
+    ("ppc_controller", {"beta": "3"}, "beta = '3'"),
+    ("ppc_controller", {"beta": None}, "beta = None"),
+    ("ppc_controller", {"beta": -1}, "beta = -1; allowed: finite, > 0"),
+    ("ppc_controller", {"controller": "pid"}, "controller = 'pid'; allowed: one of ppc, log_barr"),
+    ("ppc_controller", {"envelope": "fast"}, "envelope = 'fast'; allowed: one of nominal, auto"),
+    ("ppc_controller", {"inertia": IDENTITY[:8]}, "inertia .*has 8 values; allowed: .*9 values"),
+    (
+        "ppc_controller",
+        {"inertia": [1.0, 2, 0, 2, 1, 0, 0, 0, 1]},
+        "ppc_controller: inertia .*posi",
+    ),
+    (
+        "spacecraft_plant",
+        {"inertia": [-1.0, *IDENTITY[1:]]},
+        "spacecraft_plant: inertia .*positive",
+    ),
+    ("spacecraft_plant", {"inertia": [1.0, 0.5, *IDENTITY[2:]]}, "plant: inertia .*symmetric"),
+    ("spacecraft_plant", {"initial_attitude": [0, 0, 0, 0]}, "initial_attitude .*norm 0; allowed"),
+    ("spacecraft_plant", {"initial_attitude": [0, 0, 0, 1.01]}, "initial_attitude .*norm 1.01"),
+    ("spacecraft_plant", {"initial_attitude": [0, 0, 1]}, "initial_attitude .*has 3 values"),
+    ("spacecraft_plant", {"min_torque": 0.06}, "min_torque = 0.06 N·m must be smaller than max_t"),
+    ("spacecraft_plant", {"rate": 0}, "rate = 0 Hz; allowed: finite, ≥ 1"),
+    ("spacecraft_plant", {"seed": 1.5}, "seed = 1.5; allowed: an integer"),
+    ("reference_generator", {"initial_attitude": [1, 1, 0, 0]}, "reference_generator: initial_att"),
+    ("reference_generator", {"period_constant": [30, 0, 40]}, "period_constant .*allowed|= 0 s"),
+    ("disturbance_injector", {"pulse_times": [1.0]}, "pulse_times has 1 values, pulse_durations 0"),
+    ("disturbance_injector", {"pulse_torques": [1, 2]}, "pulse_torques .*a multiple of 3"),
+    ("disturbance_injector", {"environment": 1}, "environment = 1; allowed: true or false"),
+    ("ppc_controller", {"rate_envelope.exponential_terminal": 1e-6}, "rate_envelope is infeasible"),
+    ("ppc_controller", {"attitude_envelope.settling_time": 5}, "attitude_envelope is infeasible"),
+    ("thruster", {"a": 1}, "unknown node thruster"),
+]
+
+
+@pytest.mark.parametrize(("node", "values", "complaint"), BAD, ids=[bad[2][:40] for bad in BAD])
+def test_bad_values_are_refused_with_one_clear_sentence(
+    node: str, values: dict[str, Any], complaint: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=complaint) as raised:
+        scenario({node: values})
+    assert "\n" not in str(raised.value)
+
+
+def test_rounded_quaternions_are_normalised() -> None:
+    case = scenario({"spacecraft_plant": {"initial_attitude": [0.0, 0.0, 0.0, 1.0009]}})
+    assert initial_state(case.parameters["spacecraft_plant"])[0] == (0.0, 0.0, 0.0, 1.0)
+
+
+def test_records_hold_the_values() -> None:
+    inertia = [2.8, 0.15, -0.1, 0.15, 2.5, 0.2, -0.1, 0.2, 1.9]
+    case = scenario(
+        {
+            "spacecraft_plant": {"inertia": inertia, "attitude_noise": 1e-4, "seed": 9},
+            "reference_generator": {"amplitude": [1, 2, 3]},
+        }
+    )
+    plant = plant_record(case.parameters["spacecraft_plant"])
+    product = np.array(plant["inertia"]) @ np.array(plant["inertia_inverse"])
+    assert np.allclose(product, np.eye(3), atol=1e-15)
+    assert (plant["attitude_noise"], plant["seed"]) == (1e-4, 9)
+    reference = reference_record(case.parameters["reference_generator"])
+    assert reference["amplitude"].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_pulses_are_whole_nanoseconds() -> None:
+    case = scenario(
+        {
+            "disturbance_injector": {
+                "pulse_times": [20.1, 80],
+                "pulse_durations": [0.1, 0.3],
+                "pulse_torques": [1, 2, 3, 4, 5, 6],
+            }
+        }
+    )
+    found = pulses(case.parameters["disturbance_injector"])
+    assert found["start_ns"].tolist() == [20_100_000_000, 80_000_000_000]
+    assert found["end_ns"].tolist() == [20_200_000_000, 80_300_000_000]
+    assert found["torque"].tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+
+
+def test_with_values_leaves_the_original_alone_and_checks() -> None:
+    case = scenario({})
+    changed = case.with_values("ppc_controller", beta=5.0)
+    assert changed.parameters["ppc_controller"]["beta"] == 5.0
+    assert case.parameters["ppc_controller"]["beta"] == 3.6
+    with pytest.raises(ConfigurationError, match="beta = 0"):
+        case.with_values("ppc_controller", beta=0.0)
