@@ -58,9 +58,9 @@ setup(
     zip_safe=False,
     # docs/contributing.md says how these lower bounds are tested.
     install_requires=[
+        "argcomplete>=3.1.4",
         "lz4>=4.0.2",
         "matplotlib>=3.6.3",
-        "mcap>=1.6.0",
         "numba>=0.60.0",
         "numpy>=1.26.4",
         "PyYAML>=6.0.1",
@@ -81,13 +81,13 @@ setup(
         "campaign": ["dask[distributed]>=2026.8.0", "pyarrow>=25.0.1"],
         "bench": ["bsk>=2.12.1"],
         "test": [
-            "argcomplete>=3.7.2",
             "catkin_pkg>=1.1.1",
             "colcon-common-extensions>=0.3.0",
             "docutils>=0.21.2",
             "flake8>=7.4.1",
             "flake8-quotes>=3.4.0",
             "hypothesis>=6.168.5",
+            "mcap>=1.6.0",
             "mypy>=2.4.1",
             "pydocstyle>=6.3.0",
             "pytest>=9.2.0",

@@ -5,6 +5,7 @@ import fcntl
 import os
 import signal
 import subprocess
+import sys
 import tempfile
 import uuid
 from collections.abc import Iterator
@@ -97,3 +98,32 @@ def start_process() -> Iterator[StartProcess]:
             process.communicate(timeout=10.0)
     for process in started:
         process.communicate(timeout=10.0)
+
+
+@pytest.fixture(scope="session")
+def recorded_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the bag of two simulated seconds of the paper's case through all five nodes.
+
+    A test that changes it works on a copy.
+    """
+    folder = tmp_path_factory.mktemp("recorded")
+    paced = folder / "paced.yaml"  # slow enough that health is recorded too
+    paced.write_text("/**/spacecraft_plant:\n  ros__parameters:\n    real_time_factor: 1.0\n")
+    command = [sys.executable, "-m", "ppc_attitude.command_line.main", "run"]
+    options = ["--config", str(paced), "--duration", "2", "--bag", str(folder / "bag")]
+    with _own_domain() as domain:
+        done = subprocess.run(
+            [*command, *options],
+            env={
+                **os.environ,
+                "ROS_DOMAIN_ID": str(domain),
+                "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+                "ROS_LOG_DIR": str(folder / "ros_log"),
+            },
+            capture_output=True,
+            text=True,
+            timeout=120.0,
+            check=False,
+        )
+    assert f"bag: {folder / 'bag'}" in done.stdout, done.stderr
+    return folder / "bag"

@@ -16,6 +16,7 @@ from ppc_attitude.contract.topics import MARKERS, NODES
 
 # Imported module: its requirement for pip (None: not on PyPI), its rosdep key (None: optional).
 DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
+    "argcomplete": ("argcomplete", "python3-argcomplete"),
     "dask": ("dask", None),
     "diagnostic_msgs": ("ros-jazzy-common-interfaces", "diagnostic_msgs"),
     "distributed": ("dask", None),

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command `ppc_attitude`: parser, dispatch, and exit codes for what goes wrong."""
 
 import argparse
@@ -5,9 +6,11 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import NoReturn
 
 from ppc_attitude import __version__
 from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, RunError, UsageError
+from ppc_attitude.command_line.examples import epilog
 
 COMMANDS = (
     "run",
@@ -34,25 +37,47 @@ exit codes: 0 done and all requirements met; 1 done, a requirement failed;
 """
 
 
+class _Formatter(argparse.HelpFormatter):
+    """Wraps descriptions, and leaves examples as they stand."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
+
+
+class Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong, like every other error of this command."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with exit code 2."""
+        self.exit(BAD_INPUT, f"error: {message} (see {self.prog} --help)\n")
+
+
 def build_parser(only: str = "") -> argparse.ArgumentParser:
     """Build the parser with every command, or with one: each costs its imports."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="ppc_attitude",
         description="Prescribed-performance attitude control: run, record, judge.",
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=_Formatter,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in (only,) if only in COMMANDS else COMMANDS:
         import_module(f"ppc_attitude.command_line.commands.{name}").add_parser(subparsers)
+        subparsers.choices[name].epilog = epilog(name)
+        subparsers.choices[name].formatter_class = _Formatter
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    parsed = build_parser(given[0] if given else "").parse_args(given)
+    parser = build_parser(given[0] if given else "")
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks how to complete a command line
+        import argcomplete
+
+        argcomplete.autocomplete(parser)
+    parsed = parser.parse_args(given)
     try:
         return int(parsed.execute(parsed))
     except RunError as error:
@@ -60,7 +85,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BROKEN
     except (ValueError, UsageError) as error:
         # Configuration, bag and analysis errors are ValueErrors that name what is wrong.
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return BAD_INPUT
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("ppc_attitude"):
+            raise
+        print(f"error: this needs {error.name}, which is not installed", file=sys.stderr)
         return BAD_INPUT
     except OSError as error:
         print(f"error: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)

@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 
 from ppc_attitude.contract.cdr import Codec, finite
 from ppc_attitude.contract.topics import INJECT, INJECTOR
+from ppc_attitude.nodes.namespaces import absolute_namespace
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import nanoseconds
@@ -37,12 +38,13 @@ def inject(torque: tuple[float, ...], at: float, duration: float | None, namespa
     Raises
     ------
     ConfigurationError
-        The torque is not finite, or the injector refuses the duration.
+        The torque is not finite, the namespace cannot be one, or the injector refuses the duration.
     """
     if not finite(torque):
         raise ConfigurationError(f"torque = {torque} N·m must be finite")
+    home = absolute_namespace(namespace)
     rclpy.init()
-    node = Node("inject", namespace=namespace)
+    node = Node("inject", namespace=home)
     try:
         _inject(node, torque, at, duration)
     except _NoAnswerError as reason:

@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 import rclpy
 import rclpy.utilities
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.topics import (
@@ -29,8 +27,8 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import new_executor
 from ppc_attitude.nodes.latest import LatestSamples
 from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.namespaces import absolute_namespace
 from ppc_attitude.nodes.qos import subscribed
-from ppc_attitude.science.errors import ConfigurationError
 
 WATCHED = (
     ATTITUDE,
@@ -124,12 +122,7 @@ def looking_on(namespace: str) -> Iterator[Onlooker]:
     ConfigurationError
         The namespace cannot be one.
     """
-    home = f"/{namespace.strip('/')}"
-    try:
-        validate_namespace(home)
-    except InvalidNamespaceException as error:
-        reason = str(error).partition("\n")[0].rstrip(":")
-        raise ConfigurationError(f"namespace {namespace!r}: {reason}") from None
+    home = absolute_namespace(namespace)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = Node("watch", namespace=home)

@@ -16,8 +16,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
     kind = parser.add_mutually_exclusive_group(required=True)
-    kind.add_argument("--parquet", metavar="FILE", type=Path)
-    kind.add_argument("--csv", metavar="FILE", type=Path)
+    kind.add_argument("--parquet", metavar="FILE", type=Path, help="a new Parquet file")
+    kind.add_argument("--csv", metavar="FILE", type=Path, help="a new CSV file")
     parser.set_defaults(execute=execute)
 
 

@@ -17,9 +17,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
             "is on disturbance/torque."
         ),
     )
-    parser.add_argument(
-        "torque", metavar=("X", "Y", "Z"), type=float, nargs=3, help="torque, body axes [N·m]"
-    )
+    for axis in "xyz":
+        parser.add_argument(axis, metavar=axis.upper(), type=float, help="torque, body axes [N·m]")
     parser.add_argument(
         "--duration",
         metavar="S",
@@ -42,12 +41,11 @@ def execute(arguments: argparse.Namespace) -> int:
     """Inject and say what was sent."""
     from ppc_attitude.nodes.inject import inject
 
-    problem = inject(
-        tuple(arguments.torque), arguments.at or 0.0, arguments.duration, arguments.namespace
-    )
+    torque = (arguments.x, arguments.y, arguments.z)
+    problem = inject(torque, arguments.at or 0.0, arguments.duration, arguments.namespace)
     if problem:
         print(f"error: {problem}", file=sys.stderr)
         return BROKEN
     when = "now" if arguments.at is None else f"at t = {arguments.at:g} s"
-    print(f"injected {arguments.torque} N·m {when}")
+    print(f"injected {torque} N·m {when}")
     return DONE

@@ -1,0 +1,50 @@
+"""Examples of every command, for its ``--help``; a test parses each of them."""
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "run": (
+        "ppc_attitude run",
+        "ppc_attitude run --config config/paper.yaml --config config/sudden_disturbance.yaml",
+        "ppc_attitude run --realtime --duration 30 --bag bags/here --report here.html",
+    ),
+    "simulate": (
+        "ppc_attitude simulate --config config/paper.yaml --json",
+        "ppc_attitude simulate --controller quaternion_feedback --report simulated.html",
+    ),
+    "analyse": (
+        "ppc_attitude analyse bags/here",
+        "ppc_attitude analyse bags/here --figures figures --report here.html",
+        "ppc_attitude analyse bags/comparison --namespace /proposed --json",
+    ),
+    "compare": (
+        "ppc_attitude compare bags/proposed bags/traditional --figures figures",
+        "ppc_attitude compare bags/one bags/two bags/three --report comparison.html",
+    ),
+    "sweep": (
+        "ppc_attitude sweep --torque 0.8 --at 80 --pulse-durations 0.05 0.1 0.2",
+        "ppc_attitude sweep --figure sweep.png --json",
+    ),
+    "check": ("ppc_attitude check --config config/paper.yaml --json",),
+    "campaign": (
+        "ppc_attitude campaign --campaign config/campaign.yaml --runs 1000 --seed 1",
+        "ppc_attitude campaign --campaign config/campaign.yaml --only 17",
+    ),
+    "replay": ("ppc_attitude replay bags/here",),
+    "inject": (
+        "ROS_DOMAIN_ID=42 ppc_attitude inject 0.5 0.5 0.5",
+        "ROS_DOMAIN_ID=42 ppc_attitude inject 0 -0.2 0 --at 60 --duration 0.5",
+    ),
+    "watch": (
+        "ROS_DOMAIN_ID=42 ppc_attitude watch",
+        "ROS_DOMAIN_ID=42 ppc_attitude watch --once --namespace /proposed",
+    ),
+    "recover": ("ppc_attitude recover bags/cut",),
+    "export": (
+        "ppc_attitude export bags/here --parquet here.parquet",
+        "ppc_attitude export bags/here --csv here.csv",
+    ),
+}
+
+
+def epilog(command: str) -> str:
+    """Return what stands below the help of a command."""
+    return "\n".join(["examples:", *(f"  {line}" for line in EXAMPLES[command])])

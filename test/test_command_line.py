@@ -1,0 +1,227 @@
+"""Every command helps, completes, and tells a user's mistake in one line."""
+
+import argparse
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_layers import ROOT
+
+import ppc_attitude
+from ppc_attitude.command_line.errors import BAD_INPUT, DONE
+from ppc_attitude.command_line.examples import EXAMPLES
+from ppc_attitude.command_line.main import COMMANDS, build_parser, main
+
+PAPER = str(ROOT / "config" / "paper.yaml")
+
+
+def subparsers() -> dict[str, argparse.ArgumentParser]:
+    (group,) = (
+        action
+        for action in build_parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
+    return dict(group.choices)
+
+
+def test_every_command_has_examples_that_parse() -> None:
+    assert set(EXAMPLES) == set(COMMANDS) == set(subparsers())
+    parser = build_parser()
+    for command, lines in EXAMPLES.items():
+        for line in lines:
+            words = [word for word in shlex.split(line) if not word.startswith("ROS_DOMAIN_ID=")]
+            assert words[:2] == ["ppc_attitude", command]
+            assert parser.parse_args(words[1:]).command == command
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_describes_every_argument(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([command, "--help"])
+    assert end.value.code == DONE
+    shown = capsys.readouterr().out
+    for line in EXAMPLES[command]:
+        assert f"\n  {line}\n" in shown
+    for action in subparsers()[command]._actions:
+        assert action.help, f"{command}: {action.dest}"
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == DONE
+    assert capsys.readouterr().out == f"ppc_attitude {ppc_attitude.__version__}\n"
+
+
+def test_the_general_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    assert all(f"    {command} " in shown for command in COMMANDS)
+    assert "exit codes" in shown
+
+
+@pytest.fixture
+def mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Run where the files of the wrong invocations are."""
+    files = {
+        "no_yaml.yaml": "a: [",
+        "list.yaml": "- 1",
+        "unknown_node.yaml": "/**/plant:\n  ros__parameters: {rate: 1.0}\n",
+        "unknown.yaml": "/**/spacecraft_plant:\n  ros__parameters: {speed: 1.0}\n",
+        "infeasible.yaml": "/**/spacecraft_plant:\n  ros__parameters: {min_torque: 1.0}\n",
+        "not_finite.yaml": "/**/ppc_controller:\n  ros__parameters: {k: .nan}\n",
+        "inertia.yaml": "/**/ppc_controller:\n  ros__parameters:\n"
+        "    inertia: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 5.0]\n",
+        "a_file": "not a bag",
+        "taken/metadata.yaml": "rosbag2_bagfile_information: 3\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "binary.yaml").write_bytes(bytes(range(256)))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+WRONG = [
+    ("", "COMMAND"),
+    ("fly", "invalid choice: 'fly'"),
+    ("run --speed 3", "--speed"),
+    ("run --config", "--config"),
+    ("run --config none.yaml", "none.yaml"),
+    ("run --config empty", "empty"),
+    ("run --config no_yaml.yaml", "no_yaml.yaml"),
+    ("run --config binary.yaml", "binary.yaml"),
+    ("run --config list.yaml", "list.yaml"),
+    ("run --config unknown_node.yaml", "plant"),
+    ("run --config unknown.yaml", "no parameter speed"),
+    ("run --config infeasible.yaml", "min_torque = 1.0 N·m"),
+    ("run --config not_finite.yaml", "k = nan"),
+    ("run --config inertia.yaml", "inertia"),
+    ("run --duration -1", "-1"),
+    ("run --duration nan", "nan"),
+    ("run --duration soon", "soon"),
+    ("run --controller pid", "pid"),
+    ("run --bag taken", "taken exists already"),
+    ("simulate --config none.yaml", "none.yaml"),
+    ("simulate --duration 0", "0 must be positive"),
+    ("simulate --controller pid", "pid"),
+    ("check --config unknown.yaml", "no parameter speed"),
+    ("check --config none.yaml", "none.yaml"),
+    ("analyse", "BAG"),
+    ("analyse none", "none"),
+    ("analyse empty", "empty"),
+    ("analyse a_file", "a_file"),
+    ("analyse taken", "taken"),
+    ("analyse taken --json --namespace /x", "taken"),
+    ("compare", "BAG"),
+    ("compare none", "1 bags given; allowed: 2 to 6"),
+    ("compare none none", "none"),
+    ("compare taken empty --figures here", "taken"),
+    ("sweep --at soon", "soon"),
+    ("sweep --config none.yaml", "none.yaml"),
+    ("campaign", "--campaign"),
+    ("campaign --campaign none.yaml --runs 1", "none.yaml"),
+    ("campaign --campaign no_yaml.yaml --runs 1", "no_yaml.yaml"),
+    ("campaign --campaign list.yaml --runs 1", "list.yaml"),
+    ("replay", "BAG"),
+    ("replay none", "none"),
+    ("replay a_file", "a_file"),
+    ("inject", "X, Y, Z"),
+    ("inject 1 2", "Z"),
+    ("inject 1 2 x", "invalid float value: 'x'"),
+    ("inject nan 0 0", "nan"),
+    ("inject 1 0 0 --duration -1", "-1"),
+    ("inject 1 0 0 --namespace a-b", "a-b"),
+    ("watch --once --timeout never", "never"),
+    ("watch --once --namespace a-b", "a-b"),
+    ("recover", "BAG"),
+    ("recover none", "none"),
+    ("recover empty", "empty"),
+    ("export taken", "--parquet"),
+    ("export none --csv out.csv", "none"),
+    ("export taken --csv a_file", "a_file exists already"),
+    ("export taken --csv x.csv --parquet x.parquet", "not allowed with"),
+]
+
+
+@pytest.mark.parametrize(("line", "named"), WRONG, ids=[line or "(none)" for line, _ in WRONG])
+def test_a_mistake_is_told_in_one_line(
+    line: str, named: str, mistakes: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(mistakes.rglob("*"))
+    try:
+        code: object = main(shlex.split(line))
+    except SystemExit as end:
+        code = end.code
+    out, err = capfd.readouterr()
+    assert code == BAD_INPUT, err
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1, err
+    assert named in err
+    assert sorted(mistakes.rglob("*")) == before, "a wrong call left something behind"
+
+
+def test_without_ros_the_error_names_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "ppc_attitude.nodes.inject", raising=False)
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    assert main(["inject", "1", "0", "0"]) == BAD_INPUT
+    assert capsys.readouterr().err == "error: this needs rclpy, which is not installed\n"
+
+
+def completions(line: str, tmp_path: Path) -> list[str]:
+    """What the shell is offered at the end of a command line."""
+    answer = tmp_path / "completions"
+    environment = {
+        **os.environ,
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_SUPPRESS_SPACE": "1",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+        "COMP_TYPE": "9",
+    }
+    command = [sys.executable, "-m", "ppc_attitude.command_line.main"]
+    subprocess.run(command, env=environment, check=True, capture_output=True)
+    return answer.read_text().split("\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("ppc_attitude sim", ["simulate"]),
+        ("ppc_attitude run --real", ["--realtime"]),
+        ("ppc_attitude run --controller log", ["log_barrier"]),
+    ],
+)
+def test_completion(line: str, offered: list[str], tmp_path: Path) -> None:
+    assert [word.strip() for word in completions(line, tmp_path)] == offered
+
+
+def test_completion_is_announced_to_the_shell() -> None:
+    source = (ROOT / "ppc_attitude" / "command_line" / "main.py").read_text(encoding="utf-8")
+    assert "PYTHON_ARGCOMPLETE_OK" in source[:1024]  # where argcomplete's global hook looks
+
+
+@pytest.mark.ros
+def test_a_recorded_run_is_exported(
+    recorded_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "run.csv"
+    assert main(["export", str(recorded_bag), "--csv", str(table)]) == DONE
+    assert capsys.readouterr().out == f"table: {table}\n"
+    head, *rows = table.read_text().splitlines()
+    assert head.startswith("stamp_ns,t,attitude_x,")
+    assert len(rows) == 201
+    assert main(["analyse", str(recorded_bag), "--json"]) in (DONE, 1)
+    assert json.loads(capsys.readouterr().out)["steps"] == len(rows)
