@@ -106,6 +106,7 @@ class Campaign:
     made_with: Mapping[str, str] = field(default_factory=versions)
 
     def __post_init__(self) -> None:
+        """See that it can be drawn from."""
         if not 0 <= self.seed <= LARGEST_SEED:
             raise ConfigurationError(f"seed = {self.seed}; allowed: 0 to {LARGEST_SEED}")
         if self.duration <= 0.0:

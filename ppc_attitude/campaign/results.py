@@ -88,6 +88,7 @@ class Results:
         path.replace(self._folder / FAN_FILE)
 
     def __enter__(self) -> "Results":
+        """Begin to write."""
         return self
 
     def __exit__(
