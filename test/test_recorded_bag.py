@@ -1,0 +1,106 @@
+"""A bag that the recorder made of a real run is what rosbag2, rosbags and the mcap tools expect."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.contract.topics import (
+    CLOCK_TOPIC,
+    CONTROLLER,
+    DIAGNOSTICS_TOPIC,
+    NODES,
+    SAMPLED,
+    Topic,
+)
+from ppc_attitude.simulation.scenario import load
+
+pytestmark = pytest.mark.ros
+STEPS = 201
+EXPECTED = (*SAMPLED, CLOCK_TOPIC, DIAGNOSTICS_TOPIC)
+
+
+@pytest.fixture(scope="module")
+def information(recorded_bag: Path) -> dict[str, Any]:
+    content = yaml.safe_load((recorded_bag / "metadata.yaml").read_text(encoding="utf-8"))
+    return dict(content["rosbag2_bagfile_information"])
+
+
+def absolute(topic: Topic) -> str:
+    return f"/{topic.name.lstrip('/')}"
+
+
+def test_metadata_say_what_is_in_the_bag(information: dict[str, Any]) -> None:
+    assert information["version"] == 9
+    assert information["storage_identifier"] == "mcap"
+    assert information["duration"]["nanoseconds"] == 2_000_000_000
+    assert information["starting_time"]["nanoseconds_since_epoch"] == 0
+    topics = {
+        entry["topic_metadata"]["name"]: entry for entry in information["topics_with_message_count"]
+    }
+    assert {absolute(topic) for topic in EXPECTED} <= set(topics)
+    for topic in EXPECTED:
+        entry = topics[absolute(topic)]
+        assert entry["topic_metadata"]["type"] == topic.msgtype
+        assert entry["topic_metadata"]["serialization_format"] == "cdr"
+        assert entry["topic_metadata"]["type_description_hash"].startswith("RIHS01_")
+    for topic in SAMPLED:
+        assert topics[absolute(topic)]["message_count"] == STEPS
+    counts = [entry["message_count"] for entry in topics.values()]
+    assert information["message_count"] == sum(counts)
+
+
+def test_offered_qos_lets_ros2_bag_play_republish(information: dict[str, Any]) -> None:
+    for entry in information["topics_with_message_count"]:
+        (profile,) = entry["topic_metadata"]["offered_qos_profiles"]
+        assert profile["history"] == "keep_last"
+        assert profile["depth"] >= 1
+        assert profile["reliability"] == "reliable"
+    durable = {
+        entry["topic_metadata"]["name"]
+        for entry in information["topics_with_message_count"]
+        if entry["topic_metadata"]["offered_qos_profiles"][0]["durability"] == "transient_local"
+    }
+    assert {absolute(topic) for topic in SAMPLED} <= durable
+
+
+def test_the_mcap_tools_agree(recorded_bag: Path, information: dict[str, Any]) -> None:
+    (file,) = recorded_bag.glob("*.mcap")
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert summary.statistics.message_count == information["message_count"]
+        assert summary.chunk_indexes
+        for channel in summary.channels.values():
+            assert summary.schemas[channel.schema_id].encoding == "ros2msg"
+            assert channel.message_encoding == "cdr"
+        read = sum(1 for _ in reader.iter_messages())
+    assert read == information["message_count"]
+
+
+def test_rosbags_decodes_every_message(recorded_bag: Path, information: dict[str, Any]) -> None:
+    decoded = 0
+    levels = set()
+    with AnyReader([recorded_bag]) as reader:
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            decoded += 1
+            if connection.topic == DIAGNOSTICS_TOPIC.name:
+                levels |= {status.hardware_id for status in message.status}
+    assert decoded == information["message_count"]
+    assert {f"/{node}" for node in NODES} <= levels
+
+
+def test_the_bag_knows_its_run(recorded_bag: Path) -> None:
+    run = read_run(recorded_bag)
+    assert run.controller == "ppc"
+    assert run.missing_messages == 0
+    assert not run.warnings
+    assert run.parameters[CONTROLLER] == load([]).parameters[CONTROLLER]
+    assert "--duration 2" in run.metadata["command"]
