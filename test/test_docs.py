@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from fnmatch import fnmatch
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 import yaml
@@ -390,14 +390,16 @@ def test_numbers_of_the_theory_are_measured(
             assert is_among(number, stated), line
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("overlay", ["paper", "no_widening"])
-def test_sweep_of_the_theory_is_measured(overlay: str, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments: list[Any] = ["--config", ROOT / "config" / "paper.yaml"]
-    arguments += ["--config", ROOT / "config" / f"{overlay}.yaml", "--json"]
-    main(["sweep", *map(str, arguments)])
+@pytest.mark.parametrize("column", [1, 2, 3])
+def test_sweep_of_the_theory_is_measured(
+    column: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    auto = tmp_path / "auto.yaml"
+    auto.write_text("/**/ppc_controller: {ros__parameters: {envelope: auto}}\n", encoding="utf-8")
+    paper = ROOT / "config" / "paper.yaml"
+    overlay = {1: paper, 2: ROOT / "config" / "no_widening.yaml", 3: auto}[column]
+    main(["sweep", "--config", str(paper), "--config", str(overlay), "--json"])
     hits = json.loads(capsys.readouterr().out)["hits"]
-    column = {"paper": 1, "no_widening": 2}[overlay]
     rows = table(ROOT / "docs" / "theory.md", "| hit [s] |")
     assert [float(row[0]) for row in rows] == [hit["duration_s"] for hit in hits]
     for row, hit in zip(rows, hits, strict=True):
@@ -406,3 +408,31 @@ def test_sweep_of_the_theory_is_measured(overlay: str, capsys: pytest.CaptureFix
             assert recovery is None or recovery > 60.0
         else:
             assert float(row[column]) == pytest.approx(recovery, rel=0.05)
+
+
+def test_comparison_of_the_theory_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = table(ROOT / "docs" / "theory.md", "| | settled [s] | largest rate")
+    assert len(rows) == 3
+    for options, settled, rate, recovered in rows:
+        given = ["--config", "config/paper.yaml", "--config", "config/comparison_hit.yaml"]
+        given = [str(ROOT / each) if "/" in each else each for each in given + options.split()]
+        main(["simulate", *given, "--json"])
+        metrics = json.loads(capsys.readouterr().out)["metrics"]
+        assert float(settled) == pytest.approx(metrics["settling_time_s"], rel=0.005)
+        assert float(rate) == pytest.approx(metrics["max_rate_deg_s"], rel=0.005)
+        recovery = metrics["disturbances"][0]["recovery_time_s"]
+        if recovered.startswith("not"):
+            assert recovery is None
+        else:
+            assert float(recovered) == pytest.approx(recovery, rel=0.05)
+
+
+def test_conditions_of_the_theory_are_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["check", "--config", str(ROOT / "config" / "paper.yaml")])
+    printed = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line}
+    rows = table(ROOT / "docs" / "theory.md", "| | value | holds |")
+    assert [row[0] for row in rows] == ["S1", "S2", "S3", "S4", "S5"]
+    for name, value, holds in rows:
+        words = printed[name].split()
+        assert float(value.replace("−", "-")) == pytest.approx(float(words[1]), rel=1e-3)
+        assert holds.startswith("yes") == ("holds" in words)
