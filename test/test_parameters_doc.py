@@ -129,44 +129,40 @@ def asker() -> Iterator[Node]:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("node", [PLANT, REFERENCE, CONTROLLER, INJECTOR])
-def test_param_dump_round_trips(
-    node: str, start_process: StartProcess, asker: Node, tmp_path: Path
-) -> None:
-    given = [ROOT / "config" / "paper.yaml", tmp_path / "overlay.yaml"]
-    given[1].write_text(
+def test_param_dump_round_trips(start_process: StartProcess, asker: Node, tmp_path: Path) -> None:
+    overlay = tmp_path / "overlay.yaml"
+    overlay.write_text(
         f"/**/{PLANT}:\n  ros__parameters: {{lockstep: true, seed: 7}}\n"
         f"/**/{CONTROLLER}:\n  ros__parameters:\n    K_u: 0.25\n    rate_envelope: {{decay: 0.6}}\n"
         f"/**/{INJECTOR}:\n  ros__parameters: {{pulse_times: [2.0], pulse_durations: [0.1], "
         "pulse_torques: [0.1, 0.2, 0.3]}\n"
     )
-    expected = load(given).parameters[node]
-    files = [str(path) for path in given]
-    contents = []
-    for round_trip in range(2):
-        options = [option for file in files for option in ("--params-file", file)]
-        process = start_process(
-            [
-                sys.executable,
-                "-m",
-                f"ppc_attitude.nodes.{node}",
-                "--ros-args",
-                "-r",
-                f"__ns:=/round{round_trip}",
-                *options,
-            ],
-            stdout=subprocess.DEVNULL,
-        )
-        content = dumped(asker, f"/round{round_trip}/{node}")
-        file = tmp_path / f"{round_trip}.yaml"
-        file.write_text(yaml.safe_dump(content))
-        assert load([file]).parameters[node] == expected
-        contents.append(next(iter(content.values())))
-        # A dump names the node with its namespace, so the next round runs where it may be read.
-        file.write_text(file.read_text().replace(f"/round{round_trip}/", "/**/"))
-        files = [str(file)]
-        process.kill()
-    assert contents[0] == contents[1]
+    given = [ROOT / "config" / "paper.yaml", overlay]
+    expected = load(given).parameters
+
+    def dump_all(namespace: str, files: dict[str, list[Path]]) -> dict[str, Path]:
+        """Start every node with its files; dump each into a file of its own."""
+        for node, paths in files.items():
+            options = [option for path in paths for option in ("--params-file", str(path))]
+            command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args"]
+            start_process(
+                [*command, "-r", f"__ns:={namespace}", *options], stdout=subprocess.DEVNULL
+            )
+        dumps = {}
+        for node in files:
+            dumps[node] = tmp_path / f"{namespace.strip('/')}_{node}.yaml"
+            dumps[node].write_text(yaml.safe_dump(dumped(asker, f"{namespace}/{node}")))
+        return dumps
+
+    nodes = (PLANT, REFERENCE, CONTROLLER, INJECTOR)
+    first = dump_all("/first", dict.fromkeys(nodes, given))
+    for node, file in first.items():
+        assert load([file]).parameters[node] == expected[node]
+        # A dump names the node with its namespace; the second round runs in another.
+        file.write_text(file.read_text().replace("/first/", "/second/"))
+    second = dump_all("/second", {node: [file] for node, file in first.items()})
+    for node, file in second.items():
+        assert yaml.safe_load(file.read_text()) == yaml.safe_load(first[node].read_text())
 
 
 @pytest.mark.ros
