@@ -320,5 +320,7 @@ def _check_order(name: str, low: float, high: float) -> None:
 def _finite(name: str, given: Any) -> float:
     is_number = isinstance(given, int | float) and not isinstance(given, bool)
     if not is_number or not math.isfinite(given):
-        raise ConfigurationError(f"{name} = {given!r}; allowed: a finite number")
+        # YAML takes 1e-7 for text: the commonest mistake in such a file.
+        hint = ", with a point: 1.0e-7" if isinstance(given, str) and "e" in given.lower() else ""
+        raise ConfigurationError(f"{name} = {given!r}; allowed: a finite number{hint}")
     return float(given)

@@ -129,7 +129,10 @@ def _values(name: str, runs: Sample) -> Array:
 
 
 def _spans_decades(values: Array) -> bool:
-    return values.size > 0 and 0.0 < 30.0 * float(values.min()) < float(values.max())
+    """Whether most values crowd at the lower end, so that a logarithmic axis shows them better."""
+    if values.size == 0 or values.min() <= 0.0:
+        return False
+    return bool(5.0 * np.median(values) < values.max())
 
 
 def _label(name: str) -> str:

@@ -1,0 +1,131 @@
+"""A campaign on a real Dask cluster of several processes gives what it gives at home."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from campaign_helpers import files_of, rows_of, small
+from conftest import StartProcess
+from distributed import Client
+
+from ppc_attitude.campaign import pools
+from ppc_attitude.campaign.campaign import run_campaign
+from ppc_attitude.campaign.rows import CampaignError
+from ppc_attitude.science.errors import ConfigurationError
+
+ROOT = Path(__file__).parent.parent
+WORKERS = 3
+RUNS = 120
+pytestmark = pytest.mark.slow
+
+
+class Cluster:
+    """Scheduler and workers, each a process of its own on this machine."""
+
+    def __init__(self, start_process: StartProcess, folder: Path) -> None:
+        self._start, self._folder = start_process, folder
+        command = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+        self.scheduler = self._run(*command)
+        self.address = self._line(self.scheduler, "Scheduler at:").split()[-1]
+        self.workers = [
+            self._run("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+            for _ in range(WORKERS)
+        ]
+        self.client = Client(self.address, set_as_default=False)
+        self.client.wait_for_workers(WORKERS, timeout=60)
+
+    def _run(self, *arguments: str) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-m", f"distributed.cli.dask_{arguments[0]}", *arguments[1:]]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        return self._start(command, cwd=self._folder, env=environment, stdout=subprocess.DEVNULL)
+
+    def _line(self, process: "subprocess.Popen[str]", text: str) -> str:
+        """Wait for a line of the process's log, and drain what follows."""
+        assert process.stderr is not None
+        for line in process.stderr:
+            if text in line:
+                return line
+        raise AssertionError(f"ended without '{text}'")
+
+    def close(self) -> None:
+        self.client.close()
+
+
+@pytest.fixture
+def cluster(start_process: StartProcess, tmp_path: Path) -> Iterator[Cluster]:
+    cluster = Cluster(start_process, tmp_path)
+    yield cluster
+    cluster.close()
+
+
+def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: Path) -> None:
+    of = small(duration=60.0, rate=100.0)
+    doing: list[int] = []
+
+    def kill_one(done: int, total: int) -> None:
+        if done == RUNS // 4:
+            doing.append(len(cluster.client.processing()))
+            cluster.workers[0].send_signal(signal.SIGKILL)
+            cluster.workers[0].wait()
+
+    away = run_campaign(of, RUNS, tmp_path / "away", scheduler=cluster.address, progress=kill_one)
+    run_campaign(of, RUNS, tmp_path / "home", workers=2)
+    assert doing == [WORKERS]
+    assert cluster.workers[0].returncode == -signal.SIGKILL
+    assert [row["index"] for row in rows_of(tmp_path / "away")] == list(range(RUNS))
+    assert away.summary.broken == 0
+    assert files_of(tmp_path / "away") == files_of(tmp_path / "home")
+
+
+def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def kill_scheduler(done: int, total: int) -> None:
+        if done == 20:
+            cluster.scheduler.send_signal(signal.SIGKILL)
+            cluster.scheduler.wait()
+
+    with pytest.raises(CampaignError, match=r"the scheduler tcp://127\.0\.0\.1:\d+ was lost"):
+        run_campaign(
+            small(duration=60.0, rate=100.0),
+            1000,
+            tmp_path / "away",
+            scheduler=cluster.address,
+            progress=kill_scheduler,
+        )
+    kept = [row["index"] for row in rows_of(tmp_path / "away")]
+    assert kept[:20] == list(range(20))
+
+
+def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> None:
+    stop = threading.Event()
+
+    def at_twenty(done: int, total: int) -> None:
+        if done >= 20:
+            stop.set()
+
+    cut = run_campaign(
+        small(duration=60.0, rate=100.0),
+        100_000,
+        tmp_path / "away",
+        scheduler=cluster.address,
+        progress=at_twenty,
+        stop=stop,
+    )
+    assert 20 <= cut.summary.runs == len(rows_of(tmp_path / "away")) < 100_000
+    again = run_campaign(small(), 20, tmp_path / "again", scheduler=cluster.address)
+    assert again.summary.runs == 20
+
+
+def test_an_address_without_scheduler_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pools, "_PATIENCE", 0.5)
+    with pytest.raises(ConfigurationError, match=r"scheduler = tcp://127\.0\.0\.1:1: no Dask"):
+        run_campaign(small(), 1, tmp_path / "c", scheduler="tcp://127.0.0.1:1")
+    assert not (tmp_path / "c").exists()

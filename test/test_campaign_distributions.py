@@ -1,0 +1,295 @@
+"""What a campaign draws: the right distributions, reproducible alone, and clear refusals."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import linalg, stats
+
+from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
+from ppc_attitude.campaign.distributions import Fixed, Range, number, on_sphere
+from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_of, stream
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
+from ppc_attitude.science.attitude import attitude_error, rotation_angle
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.spacecraft import inertia_matrix
+from ppc_attitude.simulation.scenario import Scenario, scenario
+
+ANY = Range(-math.inf, math.inf)
+DRAWS = 3000
+# A right distribution fails one test in 10⁴; the seed is fixed, so it is right or wrong for good.
+UNLIKELY = 1e-4
+
+EVERYTHING = {
+    "initial_attitude": {"distribution": "so3"},
+    "initial_rate": {"magnitude": {"distribution": "uniform", "low": 0.0, "high": 0.01}},
+    "inertia_error": {"distribution": "uniform", "low": 0.0, "high": 0.3},
+    "disturbance": {
+        "time": {"distribution": "uniform", "low": 1.0, "high": 5.0},
+        "duration": 0.2,
+        "torque": {"distribution": "choice", "values": [0.1, 0.5]},
+    },
+    "actuator_strength": {"distribution": "normal", "mean": 1, "deviation": 0.1, "low": 0.5},
+    "attitude_noise": {"distribution": "log_uniform", "low": 1e-7, "high": 1e-5},
+    "rate_noise": 1e-7,
+}
+EVERYTHING["actuator_strength"]["high"] = 2.0  # type: ignore[index]
+
+
+def base(**plant: Any) -> Scenario:
+    return scenario({PLANT: {"duration": 10.0, **plant}})
+
+
+def numbers(given: Any, count: int = DRAWS) -> np.ndarray:
+    distribution = number("x", given, ANY)
+    own = np.random.default_rng(5)
+    return np.array([distribution.draw(own) for _ in range(count)])
+
+
+def test_a_number_alone_is_fixed() -> None:
+    assert number("x", 3, ANY) == Fixed(3.0)
+    assert set(numbers({"distribution": "fixed", "value": 2.5}, 5)) == {2.5}
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"distribution": "uniform", "low": -2, "high": 3}, stats.uniform(-2, 5)),
+        ({"distribution": "log_uniform", "low": 1e-6, "high": 1e-2}, stats.loguniform(1e-6, 1e-2)),
+        ({"distribution": "normal", "mean": 1, "deviation": 0.5}, stats.norm(1, 0.5)),
+        (
+            {"distribution": "normal", "mean": 1, "deviation": 2, "low": 0, "high": 2},
+            stats.truncnorm(-0.5, 0.5, 1, 2),
+        ),
+    ],
+)
+def test_numbers_follow_their_distribution(given: Any, expected: Any) -> None:
+    assert stats.kstest(numbers(given), expected.cdf).pvalue > UNLIKELY
+
+
+def test_choices_are_equally_likely() -> None:
+    drawn = numbers({"distribution": "choice", "values": [1, 2, 7]})
+    values, counts = np.unique(drawn, return_counts=True)
+    assert values.tolist() == [1.0, 2.0, 7.0]
+    assert stats.chisquare(counts).pvalue > UNLIKELY
+
+
+def test_the_sphere_has_no_preferred_direction() -> None:
+    own = np.random.default_rng(5)
+    points = np.array([on_sphere(own) for _ in range(DRAWS)])
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0, rtol=1e-12)
+    turned = points @ stats.ortho_group.rvs(3, random_state=1)
+    for component in (*points.T, *turned.T):  # Archimedes: each is uniform
+        assert stats.kstest(component, stats.uniform(-1, 2).cdf).pvalue > UNLIKELY
+
+
+def test_so3_is_uniform() -> None:
+    of = campaign({"initial_attitude": {"distribution": "so3"}}, base(), 3)
+    q = np.array([attitude(of, k) for k in range(DRAWS)])
+    angles = 2.0 * np.arccos(np.minimum(np.abs(q[:, 3]), 1.0))
+    assert stats.kstest(angles, lambda a: (a - np.sin(a)) / np.pi).pvalue > UNLIKELY
+    axes = q[:, :3] / np.linalg.norm(q[:, :3], axis=1, keepdims=True)
+    for component in axes.T:
+        assert stats.kstest(component, stats.uniform(-1, 2).cdf).pvalue > UNLIKELY
+
+
+def test_cone_turns_about_the_configured_attitude() -> None:
+    of = campaign({"initial_attitude": {"distribution": "cone", "angle": 0.4}}, base(), 3)
+    start = of.scenario.parameters[PLANT]["initial_attitude"]
+    start = tuple(np.array(start) / np.linalg.norm(start))
+    turns = [attitude_error(tuple(attitude(of, k)), start) for k in range(DRAWS)]
+    angles = [rotation_angle(turn) for turn in turns]
+    assert stats.kstest(angles, stats.uniform(0, 0.4).cdf).pvalue > UNLIKELY
+
+
+def attitude(of: Campaign, index: int) -> list[float]:
+    drawn = draw(of, index)
+    return [float(drawn[f"initial_attitude_{axis}"]) for axis in "xyzw"]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("error", [0.0, 0.1, 0.9])
+def test_inertia_differs_by_no_more_than_said_and_is_that_of_a_body(error: float) -> None:
+    body = inertia_matrix("J", [2.8, 0.1, -0.2, 0.1, 2.5, 0.05, -0.2, 0.05, 1.9])
+    own = np.random.default_rng(5)
+    largest = []
+    for _ in range(300):
+        drawn = perturbed_inertia(body, error, own)
+        inertia_matrix("drawn", drawn.ravel())  # raises if no body has it
+        shares = linalg.eigvalsh(drawn - body, body)  # relative difference about the worst axes
+        largest.append(np.abs(shares).max())
+    assert max(largest) <= error + 1e-12
+    assert max(largest) >= 0.9 * error  # and it is reached
+
+
+def test_a_plate_stays_a_body() -> None:
+    plate = np.diag([1.0, 2.0, 3.0])  # on the edge of the triangle inequality
+    own = np.random.default_rng(5)
+    for _ in range(100):
+        inertia_matrix("drawn", perturbed_inertia(plate, 0.5, own).ravel())
+
+
+def test_every_run_is_drawn_alone_and_differs_from_others() -> None:
+    of = campaign(EVERYTHING, base(), 11)
+    assert set(draw(of, 0)) == set(DRAWN)
+    backwards = {k: draw(of, k) for k in reversed(range(20))}
+    assert [draw(of, k) for k in range(20)] == [backwards[k] for k in range(20)]
+    assert len({row["noise_seed"] for row in backwards.values()}) == 20
+    assert draw(campaign(EVERYTHING, base(), 12), 0) != backwards[0]
+
+
+def test_a_variable_left_out_moves_no_other() -> None:
+    whole = draw(campaign(EVERYTHING, base(), 11), 4)
+    without = {k: v for k, v in EVERYTHING.items() if k not in ("inertia_error", "disturbance")}
+    part = draw(campaign(without, base(), 11), 4)
+    same = [name for name in DRAWN if not name.startswith(("inertia", "pulse"))]
+    assert {n: whole[n] for n in same} == {n: part[n] for n in same}
+    assert part["pulse_torque"] is None
+    assert part["inertia_error"] == 0.0
+
+
+def test_streams_of_variables_and_runs_are_independent() -> None:
+    of = campaign({}, base(), 11)
+    first = [
+        stream(of, index, name).random()
+        for index in range(DRAWS // 3)
+        for name in ("initial_rate", "inertia_error", "disturbance")
+    ]
+    assert stats.kstest(first, stats.uniform().cdf).pvalue > UNLIKELY
+    table = np.array(first).reshape(-1, 3)
+    correlation = np.corrcoef(table, rowvar=False)[np.triu_indices(3, 1)]
+    assert np.abs(correlation).max() < 4.0 / math.sqrt(len(table))
+
+
+def test_the_scenario_holds_what_was_drawn_and_the_controller_does_not_know() -> None:
+    given = base().with_values(
+        INJECTOR, pulse_times=[8.0], pulse_durations=[0.1], pulse_torques=[0.1, 0.0, 0.0]
+    )
+    of = campaign(EVERYTHING, given, 11)
+    drawn, made = draw(of, 2), scenario_of(of, 2)
+    plant, injector = made.parameters[PLANT], made.parameters[INJECTOR]
+    assert plant["initial_attitude"] == [drawn[f"initial_attitude_{a}"] for a in "xyzw"]
+    assert plant["max_torque"] == 0.05 * drawn["actuator_strength"]  # type: ignore[operator]
+    assert plant["inertia"][0] == drawn["inertia_xx"]  # type: ignore[index]
+    assert plant["seed"] == drawn["noise_seed"]
+    assert plant["rate_noise"] == 1e-7
+    assert injector["pulse_times"] == [8.0, drawn["pulse_time"]]
+    assert injector["pulse_torques"][3:] == [drawn[f"pulse_torque_{a}"] for a in "xyz"]  # type: ignore[index]
+    assert made.parameters[CONTROLLER] == given.parameters[CONTROLLER]
+
+
+def test_without_variables_the_run_is_the_scenario_but_for_the_seed_of_its_noise() -> None:
+    made = scenario_of(campaign({}, base(), 1), 0)
+    seed = made.parameters[PLANT]["seed"]
+    np.testing.assert_allclose(
+        made.parameters[PLANT]["initial_attitude"],  # normalised
+        base().parameters[PLANT]["initial_attitude"],
+        atol=1e-4,
+    )
+    attitude_drawn = made.parameters[PLANT]["initial_attitude"]
+    expected = base(seed=seed, initial_attitude=attitude_drawn)
+    assert made.parameters == expected.parameters
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"inertia": 0.1}, "campaign has no inertia; allowed: initial_attitude"),
+        (3, "campaign = 3; allowed: a mapping"),
+        ({"rate_noise": "much"}, "rate_noise = 'much'; allowed: a finite number"),
+        ({"rate_noise": "1e-7"}, r"rate_noise = '1e-7'; allowed: .* with a point: 1\.0e-7"),
+        ({"rate_noise": True}, "rate_noise = True; allowed: a finite number"),
+        ({"rate_noise": math.nan}, "rate_noise = nan; allowed: a finite number"),
+        ({"rate_noise": -1e-6}, "rate_noise can become -1e-06; allowed: ≥ 0"),
+        ({"rate_noise": {"distribution": "gamma"}}, "rate_noise.distribution = 'gamma'; allowed"),
+        ({"rate_noise": {"distribution": "uniform", "low": 0}}, "rate_noise lacks high"),
+        (
+            {"rate_noise": {"distribution": "uniform", "low": 0, "high": 1, "mean": 2}},
+            "rate_noise has no mean; allowed: distribution, low, high",
+        ),
+        (
+            {"rate_noise": {"distribution": "uniform", "low": 0.5, "high": 0.1}},
+            "rate_noise.low = 0.5 is larger than high = 0.1",
+        ),
+        (
+            {"rate_noise": {"distribution": "log_uniform", "low": 0, "high": 0.1}},
+            "rate_noise.low = 0; allowed: > 0 for log_uniform",
+        ),
+        (
+            {"rate_noise": {"distribution": "normal", "mean": 0.1, "deviation": 0.1}},
+            "rate_noise can become -inf; allowed: ≥ 0",
+        ),
+        (
+            {"rate_noise": {"distribution": "normal", "mean": 0, "deviation": -1}},
+            "rate_noise.deviation = -1; allowed: > 0",
+        ),
+        (
+            {"rate_noise": {"distribution": "normal", "mean": 0, "deviation": 0.01, "low": 0.9}},
+            "only 0 of the normal distribution lies between low = 0.9",
+        ),
+        ({"rate_noise": {"distribution": "choice", "values": []}}, "values = \\[\\]; allowed"),
+        ({"inertia_error": 0.95}, "inertia_error can become 0.95; allowed: ≥ 0 and ≤ 0.9"),
+        ({"actuator_strength": 0}, "actuator_strength can become 0; allowed: > 0"),
+        ({"actuator_strength": 1e-3}, "actuator_strength can become 0.001: .* min_torque"),
+        ({"initial_attitude": "cube"}, "initial_attitude.distribution = 'cube'; allowed: so3"),
+        (
+            {"initial_attitude": {"distribution": "cone", "angle": 4}},
+            "initial_attitude.angle = 4 rad; allowed: 0 to π",
+        ),
+        ({"initial_rate": 0.1}, "initial_rate = 0.1; allowed: a mapping of magnitude, direction"),
+        ({"initial_rate": {}}, "initial_rate.magnitude = None; allowed: a finite number"),
+        (
+            {"initial_rate": {"magnitude": 0.1, "direction": [0, 0, 0]}},
+            r"initial_rate.direction = \[0, 0, 0\] has no direction",
+        ),
+        (
+            {"initial_rate": {"magnitude": 0.1, "direction": "up"}},
+            "initial_rate.direction = 'up'; allowed: sphere, or three numbers",
+        ),
+        (
+            {"disturbance": {"time": 11, "duration": 0.1, "torque": 1}},
+            "disturbance.time can become 11; allowed: ≥ 0 and ≤ 10 s",
+        ),
+        (
+            {"disturbance": {"time": 1, "duration": 0, "torque": 1}},
+            "disturbance.duration can become 0; allowed: > 0",
+        ),
+        ({"disturbance": {"time": 1, "duration": 1}}, "disturbance.torque = None; allowed"),
+    ],
+)
+def test_refusals_name_the_thing_its_value_and_what_is_allowed(given: Any, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        campaign(given, base(), 0)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63])
+def test_a_seed_out_of_range_is_refused(seed: int) -> None:
+    with pytest.raises(ConfigurationError, match=r"seed = .*; allowed: 0 to"):
+        campaign({}, base(), seed)
+
+
+def test_an_index_below_zero_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="index = -1; allowed: ≥ 0"):
+        scenario_of(campaign({}, base(), 0), -1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("campaign: [", "is not YAML"),
+        ("- 1", "needs the key campaign at its top, alone"),
+        ("campaign: {}\nother: 1", "needs the key campaign at its top, alone"),
+        ("campaign: {rate_noise: x}", "campaign.yaml: rate_noise = 'x'"),
+    ],
+)
+def test_a_bad_file_is_named(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "campaign.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=message):
+        load_campaign(path, base(), 0)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"absent\.yaml: No such file"):
+        load_campaign(tmp_path / "absent.yaml", base(), 0)
