@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER
@@ -11,11 +12,13 @@ from ppc_attitude.science.certificate import (
     Condition,
     certificate,
     largest_desired_rate,
+    largest_start,
     steepest_fall,
     virtual_control_bound,
 )
 from ppc_attitude.science.controllers.common import ATTITUDE_TABLE, RATE_TABLE
 from ppc_attitude.science.performance import EnvelopeTable, nominal, solve_envelope
+from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
 
 
@@ -103,3 +106,46 @@ def test_check_prints_every_condition_and_fails_only_for_necessary_ones(
     for name in ("r of ρ_q", "r of ρ_ω", "S1", "S2", "S3", "S4", "S5", "rate bound"):
         assert name in printed
     assert "20.5476279 s" in printed
+
+
+def test_s1_as_the_paper_approximates_it_is_violated_too(values: dict[str, object]) -> None:
+    condition = by_name(values)["S1 of the paper"]
+    assert condition.value == pytest.approx(0.93133 * 0.017 - 4.0 * 0.05, abs=1e-9)
+    assert not condition.holds
+    assert not condition.necessary
+
+
+def test_what_shrinks_faster_than_the_envelope_falls(values: dict[str, object]) -> None:
+    speed = 0.5 * 0.93133 * 3.0 * 0.017
+    conditions = by_name(values)
+    assert conditions["small error follows"].value == pytest.approx(speed * 3.6)
+    assert conditions["edge follows"].value == pytest.approx(speed * math.tanh(3.6))
+    assert not conditions["edge follows"].holds
+    gentle = {**values, "attitude_envelope.exponential_terminal": 0.3}
+    gentle |= {"attitude_envelope.terminal": 0.3, "attitude_envelope.decay": 0.05}
+    gentle |= {"k": 10.0, "attitude_envelope.settling_time": 300.0}
+    assert all(by_name(gentle)[name].holds for name in ("small error follows", "edge follows"))
+
+
+def stays_inside(component: float, axis: int) -> bool:
+    case = scenario({})
+    desired = Rotation.from_quat(case.parameters["reference_generator"]["initial_attitude"])
+    turn = np.zeros(3)
+    turn[axis] = 2.0 * math.asin(component)
+    start = (desired * Rotation.from_rotvec(turn)).as_quat().tolist()
+    run = simulate(case.with_values("spacecraft_plant", initial_attitude=start), 70.0)
+    return bool(np.all(np.abs(run["attitude_error"][:, :3]) < run["attitude_envelope"]))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_largest_start_can_be_simulated_and_its_reserve_is_small(
+    values: dict[str, object], axis: int
+) -> None:
+    largest = largest_start(values)
+    assert stays_inside(0.98 * largest, axis)
+    assert not stays_inside(1.2 * largest, axis)
+
+
+def test_the_papers_bound_of_v_holds_for_the_norm_form_only(values: dict[str, object]) -> None:
+    assert not by_name(values)["bound of v"].holds
+    assert by_name({**values, "virtual_control": "norm"})["bound of v"].holds

@@ -2,7 +2,10 @@
 
 S1 to S5 make the composite Lyapunov function decrease. They are sufficient, not necessary: the
 paper's own numbers violate S1, and its simulations converge all the same. What predicts
-simulation is that the error shrinks faster than its envelope.
+simulation is whether the error shrinks faster than its envelope falls over the whole fall:
+(|q_e0|/2) k M_ω tanh(β ε)/ε against −ρ'/ρ. With the paper's Table I the envelope falls faster than
+any error can shrink for some seconds before t2, so an error must come there with room to spare:
+that limits the start.
 """
 
 import math
@@ -12,10 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
+from ppc_attitude.science.disturbance import ENVIRONMENT_BOUND
+from ppc_attitude.science.envelope_plan import table_can_be_followed
 from ppc_attitude.science.performance import Envelope
 
-ENVIRONMENT_BOUND = 4.37e-3  # [N·m] ‖d‖ of the paper's environment torque
 RATE_LIMIT = math.radians(3.0)  # [rad/s] the paper's limit of ‖ω_s‖
 
 
@@ -116,6 +121,16 @@ def certificate(
     return (
         *for_every_law,
         *_lyapunov(values, abs(q_e0), steepest_fall(attitude)),
+        *_following(values, abs(q_e0), steepest_fall(attitude)),
+        Condition(
+            "bound of v",
+            math.degrees(virtual_control_bound(values)),
+            math.degrees(float(values["k"]) * float(values["M_omega"])),
+            "≤",
+            "deg/s",
+            False,
+            "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only",
+        ),
         Condition(
             "rate bound",
             math.degrees(
@@ -153,6 +168,15 @@ def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> tuple[Cond
         Condition(
             "S1", s1, 0.0, ">", "", False, "|q_e0| M_ω − 4 max(−ρ_q'/ρ_q): V1 decreases by itself"
         ),
+        Condition(
+            "S1 of the paper",
+            q_e0 * gain["M_omega"] - 4.0 * float(values["attitude_envelope.decay"]),
+            0.0,
+            ">",
+            "",
+            False,
+            "|q_e0| M_ω − 4 l, with the paper's approximation max(−ρ_q'/ρ_q) ≈ l",
+        ),
         Condition("S2", s2, 0.0, ">", "", True, "2 K_ω − 2 K_u − 2: V2 decreases"),
         Condition("S3", s3, 0.0, ">", "", True, "2 K_a − 1 − K_u k2: V3 decreases"),
         Condition("S4", s4, 0.0, ">", "", True, "min(2 C_q − C_τ, 2 C_ω − B_τ): V4 decreases"),
@@ -166,6 +190,68 @@ def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> tuple[Cond
             "2 K_b − 1 − k2 − C_τ − B_τ: the saturation term is dominated (the paper printed < 0)",
         ),
     )
+
+
+def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> tuple[Condition, ...]:
+    shrink = 0.5 * q_e0 * float(values["k"]) * float(values["M_omega"])
+    beta = float(values["beta"])
+    return (
+        Condition(
+            "small error follows",
+            shrink * beta,
+            fall,
+            ">",
+            "1/s",
+            False,
+            "relative rate of a small error against max(−ρ_q'/ρ_q): no error gains on its envelope",
+        ),
+        Condition(
+            "edge follows",
+            shrink * math.tanh(beta),
+            fall,
+            ">",
+            "1/s",
+            False,
+            "the same of an error on its envelope: none can leave, whatever the start",
+        ),
+        Condition(
+            "largest start",
+            largest_start(values),
+            0.0,
+            ">",
+            "",
+            False,
+            "largest single component of q_ev that follows the table from rest, with reserve; "
+            "beyond, use envelope: auto",
+        ),
+    )
+
+
+def largest_start(values: Mapping[str, Any]) -> float:
+    """Largest |q_ev,i|, the other components zero, that can follow the tabulated envelope.
+
+    From rest, by bisection on the controller's own model of the turn; the least of the axes.
+
+    Raises
+    ------
+    ConfigurationError
+        An envelope or the inertia is impossible.
+    """
+    gains = ppc.configure(values)
+    return min(_largest_component(axis, gains) for axis in range(3))
+
+
+def _largest_component(axis: int, gains: Any) -> float:
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        x, y, z = (middle if axis == i else 0.0 for i in range(3))
+        error = (x, y, z, math.sqrt(1.0 - middle * middle))
+        if table_can_be_followed(error, (0.0, 0.0, 0.0), gains):
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 _GAINS = ("M_omega", "K_omega", "K_u", "K_a", "K_b", "k2", "C_q", "C_omega", "C_tau", "B_tau")

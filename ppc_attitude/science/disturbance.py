@@ -16,11 +16,12 @@ PULSE = np.dtype(
     align=True,
 )
 _OMEGA_P = 0.01  # ω_p [rad/s]
+ENVIRONMENT_BOUND = 4.374e-3  # [N·m] the environment torque's norm is never larger
 
 
 @kernel
 def environment_torque(t: float) -> Vector:
-    """Environment torque d(t) [N·m], body axes, as printed in the paper; ‖d‖ ≤ 4.374e-3."""
+    """Environment torque d(t) [N·m], body axes, as printed in the paper."""
     p = _OMEGA_P * t
     return (
         1e-4 * (4.0 * math.sin(3.0 * p) + 3.0 * math.cos(10.0 * p) - 20.0),

@@ -166,6 +166,13 @@ def _follows_table(
 
 
 @kernel
+def table_can_be_followed(q_e: Quaternion, omega_e: Vector, gains: Any) -> bool:
+    """True if the error at t = 0 stays inside the attitude envelope as it is tabulated."""
+    ready = _present_turn(rotation_angle(q_e), q_e, omega_e, gains)[1]
+    return _follows_table(0.0, q_e, omega_e, ready, gains)
+
+
+@kernel
 def _stays_inside(stretch: float, clock: float, phi: float, gains: Any) -> bool:
     """True if the modelled turn stays inside the envelope that falls from `clock`, stretched."""
     shape = gains.attitude_shape
