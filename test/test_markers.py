@@ -54,7 +54,7 @@ class Scene:
         self.until(
             lambda: (
                 all(publisher.get_subscription_count() for publisher in self.publishers.values())
-                and self.peer.count_publishers(MARKERS_TOPIC.name) == 1
+                and self.peer.count_publishers(MARKERS_TOPIC.name) >= 1
             )
         )
 

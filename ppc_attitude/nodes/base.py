@@ -59,6 +59,8 @@ class BaseNode(Node):
         )
         self._next_diagnostics_ns = 0
         self._last_activity = time.monotonic()
+        self._steps = StepCounter()
+        self._reported_refusals = 0
 
     def check(self, values: Mapping[str, Value]) -> None:
         """Raise ConfigurationError if the parameters do not fit together."""
@@ -125,6 +127,7 @@ class BaseNode(Node):
     def report(self, stamp_ns: int, at_once: bool = False) -> None:
         """Publish diagnostics once per simulated second, or at once."""
         self._last_activity = time.monotonic()
+        self._steps.add(stamp_ns)
         if at_once or stamp_ns >= self._next_diagnostics_ns:
             self._publish_diagnostics(stamp_ns)
             self._next_diagnostics_ns = stamp_ns + NANOSECONDS
@@ -132,6 +135,7 @@ class BaseNode(Node):
     def restart_report(self) -> None:
         """Let the diagnostics begin again after time has gone back."""
         self._next_diagnostics_ns = 0
+        self._steps = StepCounter()
 
     def is_idle(self) -> bool:
         """True if no step has come for a while."""
@@ -146,14 +150,20 @@ class BaseNode(Node):
     def _publish_diagnostics(self, stamp_ns: int) -> None:
         level, summary, details = self.status()
         refusals = {f"refused {name}": count for name, count in sorted(self.refused.items())}
+        newly_refused = self.refused.total() - self._reported_refusals
+        self._reported_refusals += newly_refused
+        if level == OK and newly_refused:
+            level, summary = WARN, f"{summary}; refused {newly_refused} since the last report"
+        rate = {"measured rate [Hz]": self._steps.rate()}
         status = DiagnosticStatus(
             level=level,
-            name=f"{self.get_name()}: {self.executable}",
+            # Like diagnostic_updater's, but with the namespace: several craft, one /diagnostics.
+            name=f"{self.get_fully_qualified_name().lstrip('/')}: status",
             message=summary,
             hardware_id=self.get_fully_qualified_name(),
             values=[
                 KeyValue(key=key, value=_text(value))
-                for key, value in {**details, **refusals}.items()
+                for key, value in {**details, **rate, **refusals}.items()
             ],
         )
         message = DiagnosticArray(status=[status])
@@ -165,6 +175,31 @@ class BaseNode(Node):
         for publisher in self._outgoing:
             if publisher.get_subscription_count():
                 publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE))
+
+
+class StepCounter:
+    """Steps per second of simulated time, over what passed since the last look."""
+
+    def __init__(self) -> None:
+        self._since: int | None = None
+        self._latest = -1
+        self._count = 0
+
+    def add(self, stamp_ns: int) -> None:
+        """Count a step; a repeated one counts once."""
+        if self._since is None:
+            self._since = stamp_ns
+        elif stamp_ns > self._latest:
+            self._count += 1
+        self._latest = stamp_ns
+
+    def rate(self) -> float:
+        """Rate [Hz] since the last call; 0 if no time has passed."""
+        passed = self._latest - (self._latest if self._since is None else self._since)
+        rate = self._count * NANOSECONDS / passed if passed > 0 else 0.0
+        if passed > 0:
+            self._since, self._count = self._latest, 0
+        return rate
 
 
 def _text(value: Any) -> str:
