@@ -1,0 +1,68 @@
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ppc_attitude.science import kernel
+from ppc_attitude.science.kernel import Matrix, Vector
+
+PACKAGE = Path(kernel.__file__).parent.parent
+
+component = st.floats(-1e3, 1e3)
+vectors = st.tuples(component, component, component)
+matrices = st.tuples(vectors, vectors, vectors)
+
+
+@given(vectors, vectors, matrices, st.floats(-10.0, 10.0))
+def test_vectors_are_numpys(a: Vector, b: Vector, m: Matrix, s: float) -> None:
+    x, y = np.array(a), np.array(b)
+    assert np.array_equal(kernel.add(a, b), x + y)
+    assert np.array_equal(kernel.subtract(a, b), x - y)
+    assert np.array_equal(kernel.scale(s, a), s * x)
+    assert np.array_equal(kernel.multiply(a, b), x * y)
+    assert np.allclose(kernel.cross(a, b), np.cross(x, y), atol=1e-9)
+    assert np.isclose(kernel.dot(a, b), x @ y, rtol=1e-12, atol=1e-9)
+    assert np.isclose(kernel.norm(a), np.linalg.norm(x), rtol=1e-14)
+    assert kernel.largest(a) == np.abs(x).max()
+    assert np.allclose(kernel.apply(m, a), np.array(m) @ x, rtol=1e-12, atol=1e-9)
+    assert np.array_equal(kernel.clamp(a, 5.0), np.clip(x, -5.0, 5.0))
+    assert np.array_equal(kernel.matrix(np.array(m)), m)
+
+
+def test_division() -> None:
+    assert kernel.divide((1.0, -6.0, 0.0), (4.0, 3.0, 2.0)) == (0.25, -2.0, 0.0)
+
+
+def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(tmp_path: Path) -> None:
+    """Numba itself looks only at the kernel's own file, and would run old machine code."""
+    copy = tmp_path / "ppc_attitude"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    command = [
+        sys.executable,
+        "-c",
+        "from ppc_attitude.science.barrier import barrier_gradient\n"
+        "print(barrier_gradient((1.0, 0.0, 0.0), 1.0, 1.0))",
+    ]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+
+    def gradient() -> str:
+        ran = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        )
+        return ran.stdout
+
+    before = gradient()
+    assert gradient() == before
+    changed = copy / "science" / "kernel.py"
+    source = changed.read_text(encoding="utf-8")
+    scaled = source.replace(
+        "return (s * a[0], s * a[1], s * a[2])", "return (2 * s * a[0], s * a[1], s * a[2])"
+    )
+    assert scaled != source
+    changed.write_text(scaled, encoding="utf-8")
+    assert gradient() != before
