@@ -162,6 +162,7 @@ def test_a_law_too_slow_for_any_stretch_says_so() -> None:
     _, advice = first_step(started(slow, error, np.zeros(3)))
     assert advice.warning
     assert f"stretch {MAX_STRETCH:.3f}" in advice.text
+    assert "raise k, M_omega or beta" in advice.text
 
 
 def follows_the_table(case: Scenario, error: Rotation) -> tuple[bool, bool]:

@@ -31,7 +31,13 @@ from ppc_attitude.science.controllers.interface import (
     step_signature,
     store_command,
 )
-from ppc_attitude.science.envelope_plan import PLAN, carry_on, plan_envelopes, revise_plan
+from ppc_attitude.science.envelope_plan import (
+    MAX_STRETCH,
+    PLAN,
+    carry_on,
+    plan_envelopes,
+    revise_plan,
+)
 from ppc_attitude.science.kernel import (
     Matrix,
     Vector,
@@ -361,12 +367,14 @@ def advice(memory: Any) -> Advice:
         f"hold {plan['hold']:.2f} s, stretch {plan['stretch']:.3f}, begins "
         f"{plan['attitude_clock']:.2f} s down its table"
     )
-    if plan["feasible"] == 0.0:
+    if plan["feasible"] == 0.0 and plan["stretch"] == MAX_STRETCH:
+        text += "; even so slow an envelope cannot be followed: raise k, M_omega or beta"
+    elif plan["feasible"] == 0.0:
         text += (
             "; the error is not expected to stay inside from here: use envelope: auto, which "
             "stretches the envelope, or a longer attitude_envelope.settling_time"
         )
-    return Advice(int(plan["count"]), text, warning=plan["feasible"] == 0.0)
+    return Advice(int(plan["count"]), text, warning=bool(plan["feasible"] == 0.0))
 
 
 CONTROLLER = Controller(
