@@ -59,7 +59,7 @@ class BaseNode(Node):
         )
         self._next_diagnostics_ns = 0
         self._last_activity = time.monotonic()
-        self._steps = StepCounter()
+        self._step_counter = StepCounter()
         self._reported_refusals = 0
 
     def check(self, values: Mapping[str, Value]) -> None:
@@ -127,7 +127,7 @@ class BaseNode(Node):
     def report(self, stamp_ns: int, at_once: bool = False) -> None:
         """Publish diagnostics once per simulated second, or at once."""
         self._last_activity = time.monotonic()
-        self._steps.add(stamp_ns)
+        self._step_counter.add(stamp_ns)
         if at_once or stamp_ns >= self._next_diagnostics_ns:
             self._publish_diagnostics(stamp_ns)
             self._next_diagnostics_ns = stamp_ns + NANOSECONDS
@@ -135,7 +135,7 @@ class BaseNode(Node):
     def restart_report(self) -> None:
         """Let the diagnostics begin again after time has gone back."""
         self._next_diagnostics_ns = 0
-        self._steps = StepCounter()
+        self._step_counter = StepCounter()
 
     def is_idle(self) -> bool:
         """True if no step has come for a while."""
@@ -154,7 +154,7 @@ class BaseNode(Node):
         self._reported_refusals += newly_refused
         if level == OK and newly_refused:
             level, summary = WARN, f"{summary}; refused {newly_refused} since the last report"
-        rate = {"measured rate [Hz]": self._steps.rate()}
+        rate = {"measured rate [Hz]": self._step_counter.rate()}
         status = DiagnosticStatus(
             level=level,
             # Like diagnostic_updater's, but with the namespace: several craft, one /diagnostics.
