@@ -1,4 +1,4 @@
-"""The paper's controller: double-layer prescribed performance control by backstepping (eq. 20).
+"""The paper's controller: double-layer prescribed performance control by backstepping (eq. 22).
 
 Read `step` as the block diagram: error system, envelopes, virtual control, torque, saturation.
 The widening laws and the auxiliary system hold Δτ of the previous sample: v' and γ contain Δρ',
@@ -179,7 +179,7 @@ def saturation_drive(delta_tau: Vector, inertia_inverse: Matrix) -> Vector:
 def auxiliary_step(
     theta: Vector, delta_tau: Vector, xi: Vector, inertia_inverse: Matrix, gains: Any, h: float
 ) -> Vector:
-    """θ after h [s]: θ' = −[K_a + K_b |ξJ⁻¹Δτ|²/(|θ|²+δ²)] θ + ξJ⁻¹ tanh Δτ (eq. 21), implicit."""
+    """θ after h [s]: θ' = −[K_a + K_b |ξJ⁻¹Δτ|²/(|θ|²+δ²)] θ + ξJ⁻¹ tanh Δτ (eq. 23), implicit."""
     pull = multiply(xi, apply(inertia_inverse, delta_tau))
     bounded = (math.tanh(delta_tau[0]), math.tanh(delta_tau[1]), math.tanh(delta_tau[2]))
     push = multiply(xi, apply(inertia_inverse, bounded))
@@ -189,7 +189,7 @@ def auxiliary_step(
 
 @kernel
 def integrate(memory: Any, gains: Any, rate_value: float, h: float) -> None:
-    """Carry θ, Δρ_q and Δρ_ω over h [s] with the last sample's Δτ held (eqs. 21 and 22)."""
+    """Carry θ, Δρ_q and Δρ_ω over h [s] with the last sample's Δτ held (eqs. 23 and 24)."""
     inertia_inverse = matrix(gains.inertia_inverse)
     delta_tau = vector(memory.delta_tau)
     delta_omega = vector(memory.delta_rho_omega)
@@ -236,7 +236,7 @@ def _bounded_axis(rho: float, rho_rate: float) -> tuple[float, float]:
 def composite_envelopes(
     memory: Any, gains: Any, attitude: tuple[float, float], rate: tuple[float, float]
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """ρ_q, ρ_q', ρ_ω and ρ_ω': nominal plus adaptive part, the latter's rate by eq. 22."""
+    """ρ_q, ρ_q', ρ_ω and ρ_ω': nominal plus adaptive part, the latter's rate by eq. 24."""
     delta_q = vector(memory.delta_rho_q)
     delta_omega = vector(memory.delta_rho_omega)
     rho_omega = add((rate[0], rate[0], rate[0]), delta_omega)
@@ -286,7 +286,7 @@ def cross_term(
     q0: float,
     gains: Any,
 ) -> Vector:
-    """Acceleration [rad/s²] that cancels the z2 term of V̇1 (last term of eq. 20, corrected).
+    """Acceleration [rad/s²] that cancels the z2 term of V̇1 (last term of eq. 22, corrected).
 
     The paper prints F_e for F_eᵀ and leaves out k1; only this form cancels exactly at σ = 0.
     """
