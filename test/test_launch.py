@@ -50,14 +50,6 @@ def parameters(node: stand_in.Node) -> dict[str, Any]:
     return dict(content[f"/**/{node.executable}"]["ros__parameters"])
 
 
-@pytest.fixture
-def paced(tmp_path: Path) -> str:
-    """Overlay that gives the recorder the time of a longer run to find everybody."""
-    file = tmp_path / "paced.yaml"
-    file.write_text(f"/**/{PLANT}:\n  ros__parameters:\n    real_time_factor: 0.5\n")
-    return f"paper.yaml,{file}"
-
-
 def by_name(found: list[stand_in.Node]) -> dict[str, stand_in.Node]:
     named = {f"{node.namespace}/{node.executable}": node for node in found}
     assert len(named) == len(found)
@@ -81,9 +73,8 @@ def test_default_is_the_papers_case_in_lockstep() -> None:
     assert {node.package for node in found} == {PACKAGE}
     expected = load([CONFIG / "paper.yaml"]).parameters
     named = by_name(found)
-    plant = parameters(named[f"/{PLANT}"])
-    assert plant.pop("lockstep") is True
-    assert plant == {k: v for k, v in expected[PLANT].items() if k != "lockstep"}
+    plant = {**expected[PLANT], "lockstep": True, "wait_for_recorder": True}
+    assert parameters(named[f"/{PLANT}"]) == plant
     assert parameters(named[f"/{CONTROLLER}"]) == expected[CONTROLLER]
     assert not any(node.remappings for node in found)
 
@@ -123,6 +114,11 @@ def test_a_users_own_node_takes_a_place() -> None:
     info = yaml.safe_load(parameters(named[f"/{RECORDER}"])["run_info"])
     assert CONTROLLER not in info["parameters"], "the bag must not claim our controller"
     assert PLANT in info["parameters"]
+
+
+def test_without_a_recorder_nobody_waits_for_one() -> None:
+    named = by_name(nodes(PAPER, without=RECORDER))
+    assert parameters(named[f"/{PLANT}"])["wait_for_recorder"] is False
 
 
 @pytest.mark.parametrize(
@@ -165,10 +161,10 @@ def test_the_launch_ends_with_the_run_or_with_what_breaks_it() -> None:
 
 
 @pytest.mark.ros
-def test_paper_runs_and_records(start_process: StartProcess, tmp_path: Path, paced: str) -> None:
+def test_paper_runs_and_records(start_process: StartProcess, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     session = stand_in.Session(
-        nodes(PAPER, config=paced, duration="1", bag=str(bag), namespace="/craft"), start_process
+        nodes(PAPER, duration="1", bag=str(bag), namespace="/craft"), start_process
     )
     codes = session.run(timeout=60.0)
     assert session.reason == "the run has ended"
@@ -180,11 +176,9 @@ def test_paper_runs_and_records(start_process: StartProcess, tmp_path: Path, pac
 
 
 @pytest.mark.ros
-def test_two_controllers_in_one_bag(
-    start_process: StartProcess, tmp_path: Path, paced: str
-) -> None:
+def test_two_controllers_in_one_bag(start_process: StartProcess, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    found = nodes(COMPARE, config=paced, duration="2", bag=str(bag))
+    found = nodes(COMPARE, duration="1", bag=str(bag))
     session = stand_in.Session(found, start_process)
     codes = session.run(timeout=90.0)
     assert session.reason == "the run has ended"
@@ -193,6 +187,6 @@ def test_two_controllers_in_one_bag(
     assert (proposed.controller, traditional.controller) == ("ppc", "log_barrier")
     for run in (proposed, traditional):
         assert run.missing_messages == 0
-        assert run.t[-1] == 2.0
+        assert run.t[-1] == 1.0
         assert run.parameters[INJECTOR]["pulse_times"] == [80.0]
     assert (proposed["torque_command"] != traditional["torque_command"]).any()

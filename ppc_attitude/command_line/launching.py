@@ -111,7 +111,10 @@ class Request:
             A file or value is wrong.
         """
         files = [_file(name, config) for name in self.words("config")]
-        overrides: dict[str, dict[str, Any]] = {PLANT: {"lockstep": not self.flag("realtime")}}
+        recorded = RECORDER in self.nodes()
+        overrides: dict[str, dict[str, Any]] = {
+            PLANT: {"lockstep": not self.flag("realtime"), "wait_for_recorder": recorded}
+        }
         if self["duration"]:
             overrides[PLANT]["duration"] = _number("duration", self["duration"])
         if self["controller"]:

@@ -74,6 +74,12 @@ _PLANT = (
         read_only=True,
     ),
     Parameter(
+        "wait_for_recorder",
+        False,
+        "time begins when `bag_recorder` listens and the first state is answered",
+        read_only=True,
+    ),
+    Parameter(
         "real_time_factor",
         0.0,
         "pace of lock-step: simulated seconds per second; 0: as fast as possible",
