@@ -38,7 +38,7 @@ test: $(INSTALLED) ## lint, check types, run the tests (ARGS='-k name' goes to p
 
 bench: $(INSTALLED) ## measure this stack and its yardsticks side by side
 	@$(ENTER); python -m pip install -q -e '.[bench]'; \
-	mkdir -p build; python -m bench
+	python -m ppc_attitude.bench $(ARGS)
 
 clean: ## remove what make created (recorded bags stay)
 	rm -rf .venv build install log *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -42,6 +42,19 @@ FLOORS: dict[str, tuple[set[str], set[str]]] = {
         {"science", "contract", "simulation", "analysis", "campaign", "bags", "nodes"},
         {"argcomplete", "launch", "launch_ros", "numpy", "rich", "tqdm", "yaml"} | ROS,
     ),
+    "bench": (
+        {
+            "science",
+            "contract",
+            "simulation",
+            "analysis",
+            "campaign",
+            "bags",
+            "nodes",
+            "command_line",
+        },
+        {"Basilisk", "numpy", "rosbags"} | ROS,
+    ),
 }
 
 

@@ -177,6 +177,10 @@ class Stack:
         """Exit code of each process; None while it runs."""
         return {name: node.process.poll() for name, node in self._nodes.items()}
 
+    def pids(self) -> dict[str, int]:
+        """Process id of each node."""
+        return {name: node.process.pid for name, node in self._nodes.items()}
+
     def _finish_reading(self, node: NodeProcess) -> None:
         if node.reader is not None:
             node.reader.join(timeout=2.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.executors import Executor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 
@@ -29,6 +29,8 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
+_BATCH = 0.005  # [s] messages that arrive within this time are taken together
+_LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 
 
 class BagRecorder(BaseNode):
@@ -140,13 +142,31 @@ class BagRecorder(BaseNode):
         self.get_logger().error(reason)
         self.finished = True
 
+    def new_executor(self) -> Executor:
+        """Return an executor that only looks at messages when it is asked to.
+
+        The recorder alone has nobody who waits for it. Waking up for every message costs more
+        than all the rest of recording, so `wake` takes what has gathered.
+        """
+        return SingleThreadedExecutor()
+
+    def _take_gathered(self) -> bool:
+        """Take all that has arrived; False if there was nothing."""
+        before = self._count
+        for subscription in self.subscriptions:
+            with subscription.handle:
+                take = subscription.handle.take_message
+                while (taken := take(subscription.msg_type, subscription.raw)) is not None:
+                    subscription.callback(taken[0])
+        return self._count != before
+
     def drain(self, executor: Executor) -> None:
         """Take all that was sent before the stop: until nothing has come for a while."""
-        quiet_since, seen = time.monotonic(), self._count
+        quiet_since = time.monotonic()
         while not self._failure and time.monotonic() - quiet_since < _QUIET:
-            executor.spin_once(timeout_sec=0.05)
-            if self._count != seen:
-                quiet_since, seen = time.monotonic(), self._count
+            if self._take_gathered():
+                quiet_since = time.monotonic()
+            executor.spin_once(timeout_sec=_BATCH)
 
     def close(self) -> None:
         """Finish the bag, and say whether it is complete."""
@@ -170,7 +190,10 @@ class BagRecorder(BaseNode):
             self.get_logger().info(f"closed {self._path}: {self._count} messages, none missing")
 
     def wake(self) -> float:
-        """Report by the wall clock while no state arrives."""
+        """Take what comes in batches; report by the wall clock while no state arrives."""
+        end = time.monotonic() + _LONGEST
+        while self._take_gathered() and time.monotonic() < end:
+            time.sleep(_BATCH)
         self.report_if_idle(self._now)
         return super().wake()
 

@@ -73,6 +73,10 @@ class BaseNode(Node):
         """Do what is due by the wall clock; return the longest wait [s] until the next call."""
         return _IDLE_WAIT
 
+    def new_executor(self) -> Executor:
+        """Return the executor that runs this node."""
+        return new_executor()
+
     def drain(self, executor: Executor) -> None:
         """Take what has already arrived, before the node ends."""
 
@@ -259,7 +263,7 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
 
 
 def _spin(node: BaseNode, stop: StopRequest) -> None:
-    executor = new_executor()
+    executor = node.new_executor()
     executor.add_node(node)
     try:
         while not (stop.requested or node.finished):

@@ -1,0 +1,1 @@
+"""Measurements of this stack beside a yardstick: `python -m ppc_attitude.bench`."""

@@ -1,0 +1,48 @@
+"""`python -m ppc_attitude.bench`: measure, print a table, write build/bench.json."""
+
+import argparse
+import json
+import os
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+NAMES = ("lockstep", "latency", "in_process", "campaign", "bag_reading", "start_up")
+OUTPUT = Path("build/bench.json")
+
+
+def rows(name: str, figures: Any) -> Iterator[str]:
+    """Lines of the table for one measurement."""
+    if isinstance(figures, dict):
+        for key, value in figures.items():
+            yield from rows(f"{name}.{key}", value)
+    elif isinstance(figures, list):
+        for index, value in enumerate(figures):
+            yield from rows(f"{name}[{index}]", value)
+    else:
+        text = f"{figures:.4g}" if isinstance(figures, float) and figures < 1e4 else None
+        yield f"{name:<44}{text or (f'{figures:.0f}' if figures is not None else '-'):>14}"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure what is asked for."""
+    parser = argparse.ArgumentParser(prog="python -m ppc_attitude.bench", description=__doc__)
+    parser.add_argument("--only", choices=NAMES, action="append", help="measure only this")
+    parser.add_argument("--quick", action="store_true", help="short runs: see that it works")
+    parser.add_argument("--output", type=Path, default=OUTPUT, metavar="FILE")
+    options = parser.parse_args(arguments)
+    load = os.getloadavg()[0]
+    print(f"{os.cpu_count()} cores, load {load:.2f} before the start", flush=True)
+    results: dict[str, Any] = {}
+    for name in options.only or NAMES:
+        measure = import_module(f"ppc_attitude.bench.{name}").measure
+        results[name] = measure(options.quick)
+        print("\n".join(rows(name, results[name])), flush=True)
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    options.output.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    print(f"written: {options.output}")
+
+
+if __name__ == "__main__":
+    main()

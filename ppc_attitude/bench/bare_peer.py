@@ -1,0 +1,145 @@
+"""One process of the bare step: it takes, it sends, it computes nothing.
+
+``python -m ppc_attitude.bench.bare_peer ROLE``: `plant RATE SECONDS` (0 = lock-step as fast as
+possible), `answer TOPIC`, or `listen TOPIC...`. Everything that costs time on the way is what the
+real nodes use: executor, QoS, raw CDR bytes of the contract's messages.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from ppc_attitude.contract.cdr import Codec, header_stamp
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    BY_NAME,
+    DISTURBANCE,
+    REFERENCE_ATTITUDE,
+    TORQUE_COMMAND,
+    Topic,
+)
+from ppc_attitude.nodes.base import StopRequest, new_executor
+from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.qos import published, recorded, subscribed
+
+ANSWERS = (REFERENCE_ATTITUDE, TORQUE_COMMAND, DISTURBANCE)
+_REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered
+
+
+class Peer(Node):
+    """A node that spins until it is told to stop."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.finished = False
+
+    def sender(self, topic: Topic) -> Callable[[bytes], None]:
+        """Return the function that publishes bytes on a topic."""
+        kind = message_class(topic.msgtype)
+        return self.create_publisher(kind, topic.name, published(topic)).publish
+
+    def taker(self, topic: Topic, take: Callable[[bytes], None], recording: bool = False) -> None:
+        """Call `take` with the bytes of every message of a topic."""
+        qos = recorded(topic) if recording else subscribed(topic)
+        self.create_subscription(message_class(topic.msgtype), topic.name, take, qos, raw=True)
+
+    def wake(self) -> float:
+        """Return the longest wait [s] for a message."""
+        return 0.1
+
+
+class Answer(Peer):
+    """Sends one message for each state."""
+
+    def __init__(self, topic: Topic) -> None:
+        super().__init__(f"answer_{topic.column}")
+        send, encode = self.sender(topic), Codec(topic).encode
+        zeros = (0.0,) * topic.width
+        self.taker(
+            ATTITUDE, lambda data: send(encode(header_stamp(data, ATTITUDE.msgtype) or 0, zeros))
+        )
+
+
+class Listen(Peer):
+    """Takes messages as the recorder does."""
+
+    def __init__(self, topics: list[Topic]) -> None:
+        super().__init__("listen")
+        for topic in topics:
+            self.taker(topic, lambda data: None, recording=True)
+
+
+class Plant(Peer):
+    """Sends a state when all three answers to the last one are there; prints steps a second."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__("plant")
+        self._encode = Codec(ATTITUDE).encode
+        self._send = self.sender(ATTITUDE)
+        self._answered = dict.fromkeys((topic.name for topic in ANSWERS), -1)
+        for topic in ANSWERS:
+            self.taker(topic, self._receiver(topic))
+        self._seconds = seconds
+        self._step = 0
+        self._first = 0
+        self._begin = self._sent = 0.0
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            self._answered[topic.name] = header_stamp(data, topic.msgtype) or 0
+            if all(stamp == self._step for stamp in self._answered.values()):
+                self._advance()
+
+        return receive
+
+    def _advance(self) -> None:
+        self._step += 1
+        now = time.perf_counter()
+        if not self._begin:  # every peer has been discovered
+            self._begin, self._first = now, self._step
+        elif now - self._begin >= self._seconds:
+            print((self._step - self._first) / (now - self._begin), flush=True)
+            self.finished = True
+            return
+        self._publish()
+
+    def _publish(self) -> None:
+        self._sent = time.monotonic()
+        self._send(self._encode(self._step, (0.0, 0.0, 0.0, 1.0)))
+
+    def wake(self) -> float:
+        """Send a state that nobody has answered once more."""
+        if time.monotonic() - self._sent > _REPEAT:
+            self._publish()
+        return 0.1
+
+
+def make(role: str, arguments: list[str]) -> Peer:
+    """Make the node of a role."""
+    if role == "plant":
+        return Plant(float(arguments[0]))
+    if role == "answer":
+        return Answer(BY_NAME[arguments[0]])
+    return Listen([BY_NAME[name] for name in arguments])
+
+
+def main() -> None:
+    """Run one process of the bare step."""
+    stop = StopRequest()
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = make(sys.argv[1], sys.argv[2:])
+    executor = new_executor()
+    executor.add_node(node)
+    while not (stop.requested or node.finished):
+        executor.spin_once(timeout_sec=node.wake())
+    executor.remove_node(node)
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""From the last input to the torque command: the controller node beside a bare echo."""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.bench.lockstep import peers
+from ppc_attitude.command_line.parameter_file import parameter_file
+from ppc_attitude.command_line.stack import Stack, private_environment
+from ppc_attitude.contract.topics import CONTROLLER, TORQUE_COMMAND
+from ppc_attitude.simulation.closed_loop import warm_up
+from ppc_attitude.simulation.scenario import scenario
+
+RATES = (100.0, 250.0, 500.0, 1000.0)  # [Hz]
+_PATIENCE = 60.0  # [s]
+
+
+def _probe(rate: float, seconds: float, environment: Mapping[str, str]) -> dict[str, float]:
+    command = [sys.executable, "-m", "ppc_attitude.bench.probe", str(rate), str(seconds)]
+    done = subprocess.run(
+        command, env=environment, check=True, capture_output=True, timeout=_PATIENCE
+    )
+    trips = np.array(json.loads(done.stdout), dtype=np.float64)  # null becomes NaN
+    answered = trips[~np.isnan(trips)]
+    p50, p99, p999 = (1e6 * np.percentile(answered, (50.0, 99.0, 99.9))).tolist()
+    missed = int(np.count_nonzero(~(trips <= 1.0 / rate)))
+    return {"p50_us": p50, "p99_us": p99, "p999_us": p999, "missed": missed, "sent": trips.size}
+
+
+def controller_latency(rate: float, seconds: float) -> dict[str, float]:
+    """Percentiles [us] of the controller's round trip, and deadlines (one period) missed."""
+    run = scenario({})
+    warm_up(run)
+    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
+        path = Path(folder) / "run.yaml"
+        path.write_text(parameter_file(run), encoding="utf-8")
+        environment = {**private_environment(), "ROS_LOG_DIR": folder}
+        arguments = {CONTROLLER: ["--ros-args", "--params-file", str(path)]}
+        stack = Stack(arguments, environment, lambda t: None)
+        try:
+            stack.start()
+            return _probe(rate, seconds, environment)
+        finally:
+            stack.kill()
+
+
+def echo_latency(rate: float, seconds: float) -> dict[str, float]:
+    """Return the same of a node that answers without any work."""
+    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
+        environment = {**private_environment(), "ROS_LOG_DIR": folder}
+        with peers([["answer", TORQUE_COMMAND.name]], environment):
+            return _probe(rate, seconds, environment)
+
+
+def measure(quick: bool) -> list[dict[str, Any]]:
+    """Measure ``latency``, one row for each rate."""
+    rates, seconds = (RATES[:1], 1.0) if quick else (RATES, 10.0)
+    rows = []
+    for rate in rates:
+        ours, echo = controller_latency(rate, seconds), echo_latency(rate, seconds)
+        rows.append({"rate": rate, **ours, **{f"echo_{k}": v for k, v in echo.items()}})
+    return rows

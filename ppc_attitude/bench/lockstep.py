@@ -1,0 +1,126 @@
+"""Steps a second of the five nodes in lock-step, beside processes that only pass messages on."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ppc_attitude.bench.bare_peer import ANSWERS
+from ppc_attitude.bench.pairs import alternating
+from ppc_attitude.command_line.parameter_file import parameter_file
+from ppc_attitude.command_line.stack import Stack, private_environment
+from ppc_attitude.contract.topics import ATTITUDE, NODES, PLANT, RECORDER
+from ppc_attitude.simulation.closed_loop import warm_up
+from ppc_attitude.simulation.scenario import scenario
+
+_SETTLED = 0.25  # fraction of a run that is not timed: discovery, caches, clocks of the cores
+_PATIENCE = 60.0  # [s]
+
+
+def stack_steps_per_s(duration: float) -> dict[str, Any]:
+    """Run all nodes with recorder and telemetry for `duration` simulated seconds at 100 Hz.
+
+    Returns
+    -------
+    dict
+        ``steps_per_s``, and ``cpu_us_per_step``: CPU time of each process for one step.
+    """
+    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
+        values = {
+            PLANT: {"duration": duration, "lockstep": True},
+            RECORDER: {"bag": f"{folder}/bag"},
+        }
+        run = scenario(values)
+        warm_up(run)
+        path = Path(folder) / "run.yaml"
+        path.write_text(parameter_file(run), encoding="utf-8")
+        common = ["--ros-args", "--params-file", str(path)]
+        arguments = {name: [*common] for name in NODES}
+        arguments[PLANT] = ["--progress", *common]
+        times: list[tuple[float, float]] = []
+        used: list[dict[str, float]] = []
+        settled = _SETTLED * duration
+
+        def on_time(simulated: float) -> None:
+            if simulated >= settled:
+                times.append((time.perf_counter(), simulated))
+                used.append({name: cpu_seconds(pid) for name, pid in stack.pids().items()})
+
+        environment = {**private_environment(), "ROS_LOG_DIR": folder}
+        stack = Stack(arguments, environment, on_time)
+        try:
+            stack.start()
+            stack.wait(threading.Event())
+            stack.stop()
+        finally:
+            stack.kill()
+        rate = float(str(run.parameters[PLANT]["rate"]))
+    steps = (times[-1][1] - times[0][1]) * rate
+    return {
+        "steps_per_s": steps / (times[-1][0] - times[0][0]),
+        "cpu_us_per_step": {
+            name: 1e6 * (used[-1][name] - used[0][name]) / steps for name in used[0]
+        },
+    }
+
+
+def cpu_seconds(pid: int) -> float:
+    """CPU time of a process until now [s]."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return float("nan")
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@contextmanager
+def peers(roles: list[list[str]], environment: Mapping[str, str]) -> Iterator[None]:
+    """Keep processes of the bare step running."""
+    command = [sys.executable, "-m", "ppc_attitude.bench.bare_peer"]
+    processes = [subprocess.Popen([*command, *role], env=environment) for role in roles]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.wait()
+
+
+def bare_steps_per_s(seconds: float, recorder: bool = True) -> float:
+    """Pass the minimum messages of a step around for `seconds` of wall time, with no work."""
+    roles = [["answer", topic.name] for topic in ANSWERS]
+    if recorder:
+        roles.append(["listen", ATTITUDE.name, *(topic.name for topic in ANSWERS)])
+    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
+        environment = {**private_environment(), "ROS_LOG_DIR": folder}
+        with peers(roles, environment):
+            plant = [sys.executable, "-m", "ppc_attitude.bench.bare_peer", "plant", str(seconds)]
+            output = subprocess.run(
+                plant, env=environment, check=True, capture_output=True, timeout=_PATIENCE
+            )
+    return float(output.stdout)
+
+
+def measure(quick: bool) -> dict[str, Any]:
+    """Measure ``lockstep``: ours and the bare step in alternating pairs."""
+    duration, seconds, pairs = (20.0, 1.0, 1) if quick else (120.0, 6.0, 3)
+    runs: list[dict[str, Any]] = []
+
+    def ours() -> float:
+        runs.append(stack_steps_per_s(duration))
+        return float(runs[-1]["steps_per_s"])
+
+    steps, bare = alternating(pairs, ours, lambda: bare_steps_per_s(seconds))
+    return {
+        "steps_per_s": steps,
+        "bare_steps_per_s": bare,
+        "ratio": steps / bare,
+        "cpu_us_per_step": runs[-1]["cpu_us_per_step"],
+    }

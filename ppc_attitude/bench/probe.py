@@ -1,0 +1,89 @@
+"""Send states at a rate and time the answers: `python -m ppc_attitude.bench.probe RATE SECONDS`.
+
+Prints the round trips [s] as a JSON list; an answer that never came is null.
+"""
+
+import json
+import sys
+import time
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from ppc_attitude.bench.bare_peer import Peer
+from ppc_attitude.contract.cdr import Codec, header_stamp, stamp_of
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+    TORQUE_COMMAND,
+)
+from ppc_attitude.nodes.base import new_executor
+
+# The attitude goes last: with it the instant is complete, and the bare echo answers it.
+_INPUTS = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION, ANGULAR_VELOCITY, ATTITUDE)
+_UNIT = {3: (0.0, 0.0, 0.0), 4: (0.0, 0.0, 0.0, 1.0)}
+
+
+class Probe(Peer):
+    """Sends an instant and notes when its answer comes."""
+
+    def __init__(self, rate: float) -> None:
+        super().__init__("probe")
+        self._rate = rate
+        self._senders = [
+            (self.sender(topic), Codec(topic).encode, _UNIT[topic.width]) for topic in _INPUTS
+        ]
+        self.sent: dict[int, float] = {}
+        self.answered: dict[int, float] = {}
+        self.taker(TORQUE_COMMAND, self._take)
+
+    def _take(self, data: bytes) -> None:
+        now = time.perf_counter()
+        self.answered.setdefault(header_stamp(data, TORQUE_COMMAND.msgtype) or 0, now)
+
+    def send(self, step: int) -> None:
+        """Send the messages of one instant."""
+        stamp = stamp_of(step, self._rate)
+        for publish, encode, values in self._senders:
+            publish(encode(stamp, values))
+        self.sent[stamp] = time.perf_counter()
+
+
+def main() -> None:
+    """Probe whoever answers with a torque command."""
+    rate, seconds = float(sys.argv[1]), float(sys.argv[2])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    probe = Probe(rate)
+    executor = new_executor()
+    executor.add_node(probe)
+    step, last = 0, None
+    due = time.perf_counter()
+    while last is None or step <= last:
+        now = time.perf_counter()
+        if now < due:
+            executor.spin_once(timeout_sec=due - now)
+            continue
+        if last is None and probe.answered:  # all are connected: what counts begins here
+            probe.sent.clear()
+            last = step + round(rate * seconds)
+        probe.send(step)
+        step += 1
+        due = max(due + 1.0 / rate, now)
+    end = time.perf_counter() + 0.2
+    while time.perf_counter() < end:
+        executor.spin_once(timeout_sec=0.05)
+    trips = [
+        probe.answered[stamp] - sent if stamp in probe.answered else None
+        for stamp, sent in probe.sent.items()
+    ]
+    print(json.dumps(trips), flush=True)
+    executor.remove_node(probe)
+    probe.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

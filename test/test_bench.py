@@ -1,0 +1,57 @@
+"""The measurements work and say what they promise; what they measure is nobody's test."""
+
+import itertools
+import json
+from pathlib import Path
+
+import pytest
+
+from ppc_attitude.bench import in_process
+from ppc_attitude.bench.__main__ import main, rows
+from ppc_attitude.bench.lockstep import bare_steps_per_s
+from ppc_attitude.bench.pairs import alternating
+
+
+def test_pairs_alternate_and_give_medians() -> None:
+    order: list[str] = []
+    first, second = itertools.count(1), itertools.count(10)
+
+    def ours() -> float:
+        order.append("ours")
+        return float(next(first))
+
+    def other() -> float:
+        order.append("other")
+        return float(next(second))
+
+    assert alternating(3, ours, other) == (2.0, 11.0)
+    assert order == ["ours", "other"] * 3
+
+
+def test_rows_name_every_figure() -> None:
+    text = "\n".join(rows("a", {"b": 1.5, "c": [{"d": 20000.0, "e": None}]}))
+    assert [line.split() for line in text.splitlines()] == [
+        ["a.b", "1.5"],
+        ["a.c[0].d", "20000"],
+        ["a.c[0].e", "-"],
+    ]
+
+
+def test_bare_step_steps() -> None:
+    assert bare_steps_per_s(0.2) > 0.0
+
+
+def test_loop_is_measured() -> None:
+    assert in_process.ours_s_per_s(1.0, 1) > 0.0
+
+
+def test_only_bag_reading(tmp_path: Path) -> None:
+    output = tmp_path / "bench.json"
+    main(["--only", "bag_reading", "--quick", "--output", str(output)])
+    figures = json.loads(output.read_text(encoding="utf-8"))
+    assert set(figures) == {"bag_reading"}
+    found = figures["bag_reading"]
+    assert set(found) == {"messages_per_s", "rosbags_messages_per_s", "ratio"}
+    assert found["ratio"] == pytest.approx(
+        found["messages_per_s"] / found["rosbags_messages_per_s"]
+    )
