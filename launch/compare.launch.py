@@ -1,7 +1,7 @@
 """Two runs side by side, proposed and traditional controller, each in its namespace, in one bag.
 
 ros2 launch ppc_attitude compare.launch.py bag:=bags/comparison
-ppc_attitude analyse bags/comparison --namespace /proposed
+ppc_attitude compare bags/comparison --figures figures
 """
 
 from pathlib import Path

@@ -121,7 +121,7 @@ WRONG = [
     ("analyse taken", "taken"),
     ("analyse taken --json --namespace /x", "taken"),
     ("compare", "BAG"),
-    ("compare none", "1 bags given; allowed: 2 to 6"),
+    ("compare none", "none"),
     ("compare none none", "none"),
     ("compare taken empty --figures here", "taken"),
     ("sweep --at soon", "soon"),
@@ -211,6 +211,12 @@ def test_completion(line: str, offered: list[str], tmp_path: Path) -> None:
 def test_completion_is_announced_to_the_shell() -> None:
     source = (ROOT / "ppc_attitude" / "command_line" / "main.py").read_text(encoding="utf-8")
     assert "PYTHON_ARGCOMPLETE_OK" in source[:1024]  # where argcomplete's global hook looks
+
+
+@pytest.mark.ros
+def test_one_run_cannot_be_compared(recorded_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", str(recorded_bag)]) == BAD_INPUT
+    assert capsys.readouterr().err == "error: 1 runs given; allowed: 2 to 6\n"
 
 
 @pytest.mark.ros

@@ -11,7 +11,7 @@ import yaml
 from conftest import StartProcess
 from test_layers import PACKAGE, ROOT
 
-from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.reader import read_run, read_runs
 from ppc_attitude.contract.topics import (
     CONTROLLER,
     INJECTOR,
@@ -183,7 +183,7 @@ def test_two_controllers_in_one_bag(start_process: StartProcess, tmp_path: Path)
     codes = session.run(timeout=90.0)
     assert session.reason == "the run has ended"
     assert set(codes.values()) == {0}, codes
-    proposed, traditional = read_run(bag, "/proposed"), read_run(bag, "/traditional")
+    proposed, traditional = read_runs(bag)
     assert (proposed.controller, traditional.controller) == ("ppc", "log_barrier")
     for run in (proposed, traditional):
         assert run.missing_messages == 0

@@ -48,13 +48,34 @@ def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
     """
     bag = Bag(path)
     home = None if namespace is None else _tidy(namespace)
+    collected = _collect(bag, home)
+    return _record(bag, collected, _only_namespace(bag) if home is None else home)
+
+
+def read_runs(path: Path | str) -> list[RunRecord]:
+    """Read every run of a bag, by namespace in alphabetical order.
+
+    Raises
+    ------
+    BagError
+        See `read_run`.
+    """
+    bag = Bag(path)
+    collected = _collect(bag, None)
+    homes = _run_namespaces(bag) or [_only_namespace(bag)]
+    return [_record(bag, collected, home) for home in homes]
+
+
+def _collect(bag: Bag, home: str | None) -> "_Collected":
     collected = _Collected(home)
     for channels, block in bag.blocks():
         collected.add(channels, block)
     if not sum(bag.counts.values()):
-        raise BagError(f"{path} holds no messages{_flaws(bag)}")
-    if home is None:
-        home = _only_namespace(bag)
+        raise BagError(f"{bag.path} holds no messages{_flaws(bag)}")
+    return collected
+
+
+def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
     series = collected.series(home)
     _demand_topics(bag, home, series)
     facts = decode_custom_data(bag.custom_data, home)
@@ -66,7 +87,7 @@ def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
         end = timeline.stamps[-1] * 1e-9
         warnings.insert(0, f"recording was cut: {'; '.join(cut)}; read up to {end:g} s")
     return RunRecord(
-        source=str(path),
+        source=str(bag.path),
         controller=facts.controller,
         stamps_ns=timeline.stamps,
         columns=timeline.columns,
@@ -143,21 +164,31 @@ def _readings(name: str, msgtype: str) -> Iterable[tuple[str, Topic]]:
             yield "".join(f"/{part}" for part in parts[:split]), topic
 
 
-def _only_namespace(bag: Bag) -> str:
-    """Namespace of the bag's only run."""
+def _topics_by_namespace(bag: Bag) -> dict[str, set[str]]:
     topics: dict[str, set[str]] = {}
     for name, msgtype in bag.topics.items():
         if bag.counts.get(name):
             for home, topic in _readings(name, msgtype):
                 topics.setdefault(home, set()).add(topic.name)
+    return topics
+
+
+def _run_namespaces(bag: Bag) -> list[str]:
+    """Namespaces with all that a plant sends."""
     # `reference/attitude` looks like a run of its own, with the topics of the reference only.
     plant = {topic.name for topic in SAMPLED if topic.source == PLANT}
-    homes = sorted(home for home, names in topics.items() if plant <= names)
+    return sorted(home for home, names in _topics_by_namespace(bag).items() if plant <= names)
+
+
+def _only_namespace(bag: Bag) -> str:
+    """Namespace of the bag's only run."""
+    homes = _run_namespaces(bag)
     if len(homes) > 1:
         names = ", ".join(home or "/" for home in homes)
         raise BagError(f"{bag.path} holds {len(homes)} runs; choose a namespace: {names}")
     if homes:
         return homes[0]
+    topics = _topics_by_namespace(bag)
     if topics:
         return max(sorted(topics), key=lambda home: len(topics[home]))
     held = ", ".join(f"{name} ({msgtype})" for name, msgtype in sorted(bag.topics.items()))

@@ -17,6 +17,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "compare": (
         "ppc_attitude compare bags/proposed bags/traditional --figures figures",
+        "ppc_attitude compare bags/comparison",
         "ppc_attitude compare bags/one bags/two bags/three --report comparison.html",
     ),
     "sweep": (

@@ -6,7 +6,7 @@ from pathlib import Path
 from ppc_attitude.analysis.comparison import save_comparison
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.report import run_labels, write_report
-from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE, UsageError
 from ppc_attitude.command_line.options import add_report_option
 
@@ -21,7 +21,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="Verdicts and figures of several runs side by side; the first is drawn red.",
     )
     parser.add_argument(
-        "bags", metavar="BAG", type=Path, nargs="+", help="folders of two to six bags"
+        "bags",
+        metavar="BAG",
+        type=Path,
+        nargs="+",
+        help="folders of bags, with two to six runs in all",
     )
     parser.add_argument("--figures", metavar="DIR", type=Path, help="draw the comparisons there")
     add_report_option(parser)
@@ -30,9 +34,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Read all, print every verdict, draw."""
-    if not 2 <= len(arguments.bags) <= _MOST:
-        raise UsageError(f"{len(arguments.bags)} bags given; allowed: 2 to {_MOST}")
-    records = [read_run(bag) for bag in arguments.bags]
+    records = [record for bag in arguments.bags for record in read_runs(bag)]
+    if not 2 <= len(records) <= _MOST:
+        raise UsageError(f"{len(records)} runs given; allowed: 2 to {_MOST}")
     judged = [(record, analyse(record)) for record in records]
     print("\n\n".join(verdict_table(verdict) for _, verdict in judged))
     if arguments.figures:
