@@ -24,16 +24,21 @@ class Completeness:
     """Compare every topic's stamps with those of the states.
 
     A run that is stopped may lack the answers to its last state; any other difference is a gap.
+    After a reset of the plant time begins again: what came before is compared by itself.
     """
 
     def __init__(self) -> None:
         self._tallies: dict[str, _Tally] = {}
+        self._earlier: dict[str, list[_Tally]] = {}  # before each reset
         self._period: int | None = None
         self._jumps: list[str] = []
 
     def add(self, name: str, stamp_ns: int) -> None:
         """Count one message of a topic."""
         tally = self._tallies.setdefault(name, _Tally())
+        if stamp_ns == 0 < tally.last:
+            self._earlier.setdefault(name, []).append(tally)
+            tally = self._tallies[name] = _Tally()
         if name == ATTITUDE.name and tally.count:
             self._look_for_jump(tally.last, stamp_ns)
         tally.count += 1
@@ -51,11 +56,28 @@ class Completeness:
 
     def gaps(self) -> list[str]:
         """Describe what is missing; empty if nothing is."""
-        states = self._tallies.get(ATTITUDE.name)
-        if states is None:
+        if ATTITUDE.name not in self._tallies:
             return [f"{name} without {ATTITUDE.name}" for name in self._tallies]
         found = list(self._jumps)
-        for name, tally in self._tallies.items():
+        resets = len(self._earlier.get(ATTITUDE.name, []))
+        for name in self._tallies:
+            if len(self._earlier.get(name, [])) != resets:
+                found.append(f"{name} begins again at another time than {ATTITUDE.name}")
+        for epoch in range(resets):
+            found += self._compare(
+                {
+                    name: epochs[epoch]
+                    for name, epochs in self._earlier.items()
+                    if epoch < len(epochs)
+                }
+            )
+        return found + self._compare(self._tallies)
+
+    def _compare(self, tallies: dict[str, _Tally]) -> list[str]:
+        """Compare the topics over a stretch of time without a reset."""
+        states = tallies[ATTITUDE.name]
+        found = []
+        for name, tally in tallies.items():
             end = min(tally.last, states.last)
             complete = abs(tally.last - states.last) <= 1.5 * (self._period or 0)
             if not complete or tally.until(end) != states.until(end):

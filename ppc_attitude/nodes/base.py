@@ -174,11 +174,24 @@ class BaseNode(Node):
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
         self._diagnostics.publish(message)
 
-    def flush(self) -> None:
-        """Wait until every peer has what this node has sent."""
-        for publisher in self._outgoing:
-            if publisher.get_subscription_count():
-                publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE))
+    def flush(self, patience: float = _ACKNOWLEDGE) -> bool:
+        """Wait until every peer has what this node has sent; False after `patience` [s] a topic."""
+        waited = [
+            publisher.wait_for_all_acked(Duration(seconds=patience))
+            for publisher in self._outgoing
+            if publisher.get_subscription_count()
+        ]
+        return all(waited)
+
+    def is_recorded(self, recorder: str) -> bool:
+        """True if a node of this name listens to every topic that this node sends."""
+        return all(
+            any(
+                end.node_name == recorder
+                for end in self.get_subscriptions_info_by_topic(publisher.topic_name)
+            )
+            for publisher in self._outgoing
+        )
 
 
 class StepCounter:

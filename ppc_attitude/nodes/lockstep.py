@@ -8,6 +8,8 @@ that is late, restarts or lost a message is served by the same mechanism as ever
 from collections.abc import Iterable
 from enum import Enum
 
+from ppc_attitude.contract.cdr import NANOSECONDS
+
 Values = tuple[float, ...]
 
 
@@ -23,11 +25,14 @@ class Verdict(Enum):
 class StampGuard:
     """Judge the stamps of one stream.
 
-    A stamp that goes back is refused as out of order, unless time has begun again: at stamp zero,
-    or when `CONFIRMATIONS` messages in a row advance on the earlier time.
+    A stamp that goes back, or leaps ahead by more than `LARGEST_STEP`, is refused as out of order,
+    unless time has begun again: at stamp zero, or when `CONFIRMATIONS` messages in a row agree on
+    the other time.
     """
 
     CONFIRMATIONS = 3
+    LARGEST_STEP = 10 * NANOSECONDS
+    LATEST_START = 86_400 * NANOSECONDS  # a first stamp after this needs confirmation as well
 
     def __init__(self) -> None:
         self.last: int | None = None
@@ -36,16 +41,22 @@ class StampGuard:
 
     def judge(self, stamp_ns: int) -> Verdict:
         """Classify a stamp [ns] and remember it unless it is stale."""
-        if self.last is None or stamp_ns > self.last:
-            return self._accept(stamp_ns, Verdict.NEW)
         if stamp_ns == self.last:
             return Verdict.REPEATED
-        advances = self._candidate is not None and stamp_ns > self._candidate
-        self._confirmed = self._confirmed + 1 if advances else 1
+        if self._goes_on(stamp_ns):
+            return self._accept(stamp_ns, Verdict.NEW)
+        candidate = self._candidate
+        agrees = candidate is not None and 0 < stamp_ns - candidate <= self.LARGEST_STEP
+        self._confirmed = self._confirmed + 1 if agrees else 1
         self._candidate = stamp_ns
         if stamp_ns == 0 or self._confirmed >= self.CONFIRMATIONS:
             return self._accept(stamp_ns, Verdict.RESTART)
         return Verdict.STALE
+
+    def _goes_on(self, stamp_ns: int) -> bool:
+        if self.last is None:
+            return stamp_ns <= self.LATEST_START
+        return 0 < stamp_ns - self.last <= self.LARGEST_STEP
 
     def _accept(self, stamp_ns: int, verdict: Verdict) -> Verdict:
         self.last = stamp_ns
@@ -65,7 +76,7 @@ class Instant:
         How many incomplete instants are kept; a source may run this far ahead of another.
     """
 
-    def __init__(self, names: Iterable[str], depth: int = 8) -> None:
+    def __init__(self, names: Iterable[str], depth: int = 100) -> None:
         self._names = tuple(names)
         self._depth = depth
         self._parts: dict[int, dict[str, Values]] = {}

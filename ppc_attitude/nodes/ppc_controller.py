@@ -84,6 +84,7 @@ class PpcController(BaseNode):
         if verdict is Verdict.RESTART:
             self.get_logger().info(f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed")
             self._memory = self._law.new_memory()
+            self._instant.clear()  # parts of the earlier time could pair with new ones
             self._announced = 0
             self.restart_report()
         if verdict is not Verdict.REPEATED:

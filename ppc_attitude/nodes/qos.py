@@ -10,13 +10,15 @@ from rclpy.qos import (
 
 from ppc_attitude.contract.topics import (
     CLOCK_TOPIC,
-    INJECT,
     PARAMETER_EVENTS_TOPIC,
     Topic,
 )
 
-# Publishers keep ten seconds of a 100 Hz run for a recorder that is discovered late or lags.
+# Publishers keep ten seconds of a 100 Hz run for a recorder that is discovered late or lags; the
+# plant in lock-step never runs further ahead of it (`_ACKNOWLEDGED_EVERY`).
 _KEPT = 1000
+# A peer that lags on a busy machine still answers so many states, so the record has no gap.
+_BACKLOG = 100
 
 
 def published(topic: Topic) -> QoSProfile:
@@ -35,9 +37,8 @@ def published(topic: Topic) -> QoSProfile:
 
 def subscribed(topic: Topic) -> QoSProfile:
     """QoS with which a peer reads a topic: only what is sent from now on."""
-    depth = 100 if topic is INJECT else 10
     return QoSProfile(
-        depth=depth,
+        depth=_BACKLOG,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.VOLATILE,
     )

@@ -13,6 +13,8 @@ from ppc_attitude.contract.topics import (
     REFERENCE_RATE,
 )
 from ppc_attitude.nodes.base import OK, STALE, BaseNode, run_node
+from ppc_attitude.nodes.lockstep import StampGuard, Verdict
+from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.reference import desired_motion, new_cursor
 from ppc_attitude.simulation.scenario import reference_record
@@ -27,6 +29,7 @@ class ReferenceGenerator(BaseNode):
         super().__init__()
         self._apply_parameters()
         self._stamp = -1
+        self._guard = StampGuard()
         self._send_attitude = self.sender(REFERENCE_ATTITUDE)
         self._send_rate = self.sender(REFERENCE_RATE)
         self._send_acceleration = self.sender(REFERENCE_ACCELERATION)
@@ -44,7 +47,10 @@ class ReferenceGenerator(BaseNode):
     def _on_state(self, stamp_ns: int, attitude: tuple[float, ...]) -> None:
         if self.parameters.changed:
             self._apply_parameters()
-        if stamp_ns < self._stamp:
+        verdict = self._guard.judge(stamp_ns)
+        if verdict is Verdict.STALE:
+            raise RefusedError(f"{ATTITUDE.name}: stamp {seconds(stamp_ns):.6f} s is out of order")
+        if verdict is Verdict.RESTART:
             self.restart_report()
         self._stamp = stamp_ns
         q_d, omega_d, acceleration_d = desired_motion(

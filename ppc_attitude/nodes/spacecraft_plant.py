@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rosgraph_msgs.msg import Clock
@@ -16,11 +16,13 @@ from ppc_attitude.contract.topics import (
     CLOCK_TOPIC,
     DISTURBANCE,
     PLANT,
+    RECORDER,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.base import OK, STALE, WARN, BaseNode, run_node
+from ppc_attitude.nodes.base import ERROR, EXIT_BROKEN, OK, STALE, WARN, BaseNode, run_node
 from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.nodes.qos import published
+from ppc_attitude.nodes.rival import RivalWatch
 from ppc_attitude.science.kernel import Vector
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.spacecraft import applied_torque, measured, plant_step
@@ -31,6 +33,9 @@ _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated aft
 _SAY_WAITING = 5.0  # [s] between two messages about what the plant waits for
 _REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of catching up
 _PROGRESS_PERIOD = 0.1  # [s]
+_ACKNOWLEDGED_EVERY = 500  # steps; publishers remember twice as many (`qos`)
+_GRAPH_PERIOD = 0.01  # [s] between two looks for a recorder
+_LAG_PATIENCE = 5.0  # [s] how long lock-step waits for a subscriber that lags
 
 
 class SpacecraftPlant(BaseNode):
@@ -44,6 +49,7 @@ class SpacecraftPlant(BaseNode):
         self._lockstep = bool(values["lockstep"])
         self._rate = float(values["rate"])
         self._last_step = round(values["duration"] * self._rate) if values["duration"] else None
+        self._wait_for_recorder = bool(values["wait_for_recorder"])
         self._progress = _PROGRESS_PERIOD if progress else None
         self._inputs = {TORQUE_COMMAND.name: _ZERO, DISTURBANCE.name: _ZERO}
         self._input_stamps = dict.fromkeys(self._inputs, -1)
@@ -58,6 +64,7 @@ class SpacecraftPlant(BaseNode):
         for topic in (TORQUE_COMMAND, DISTURBANCE):
             self.listen(topic, self._receiver(topic.name))
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self._rival = RivalWatch(self, ATTITUDE)
         self._begin()
 
     def check(self, values: Mapping[str, Value]) -> None:
@@ -78,9 +85,11 @@ class SpacecraftPlant(BaseNode):
         for name in self._inputs:
             self._inputs[name] = _ZERO
             self._input_stamps[name] = -1
+        self._held = _ZERO  # free-running: what acts since the latest state
         self._overruns = 0
+        self._late_commands = 0
         self._timed_out = False
-        self._started = False
+        self._started = False  # the present state has been published
         self._waiting_since = self._last_sent = self._last_said = time.monotonic()
         self._repeat_after = _REPEAT_FIRST
         self._origin = time.monotonic()
@@ -100,10 +109,13 @@ class SpacecraftPlant(BaseNode):
                 return  # a peer's repeated answer
             if self._lockstep and stamp_ns < self._stamp:
                 return  # an answer to an earlier state, sent before its peer saw this one
+            awaited = self._awaits_first_answer()
             self._inputs[name] = (values[0], values[1], values[2])
             self._input_stamps[name] = stamp_ns
             if self._lockstep:
                 self._step_if_complete()
+            elif awaited:
+                self._origin = time.monotonic()  # time begins with the last first answer
 
         return receive
 
@@ -112,6 +124,7 @@ class SpacecraftPlant(BaseNode):
         q, omega = measured(self._plant, self._q, self._omega, self._step)
         self._send_attitude(self._stamp, q)
         self._send_rate(self._stamp, omega)
+        self._rival.sent(self._stamp)
         self._started = True
 
     def _advance(self, command: Vector, disturbance: Vector) -> None:
@@ -139,6 +152,13 @@ class SpacecraftPlant(BaseNode):
         self._send_applied(stamp, applied)
         self.report(self._stamp)
         self._show_progress()
+        if self._lockstep and self._step % _ACKNOWLEDGED_EVERY == 0:
+            self._let_subscribers_follow()
+
+    def _let_subscribers_follow(self) -> None:
+        """Wait for a recorder that lags, before the publishers' memory overflows."""
+        if not self.flush(_LAG_PATIENCE):
+            self.complain("lag", "a subscriber does not keep up: it may lose messages")
 
     def _step_if_complete(self) -> None:
         if all(self._input_stamps[name] == self._stamp for name in self._wait_for):
@@ -154,24 +174,50 @@ class SpacecraftPlant(BaseNode):
     def wake(self) -> float:
         """Step when it is time (free-running), or repeat a state that is unanswered (lock-step)."""
         self.report_if_idle(self._stamp)
+        self._look_for_rival()
+        before_time = self._wait_for_recorder and not self._started and self._step == 0
+        if before_time and not self.is_recorded(RECORDER):
+            self._say_waiting(lambda: f"waiting for {RECORDER} to listen")
+            return _GRAPH_PERIOD
         return self._wake_lockstep() if self._lockstep else self._wake_free()
 
     def _wake_free(self) -> float:
-        ahead = self._ahead()
-        if ahead > 0.0:
-            return min(ahead, 0.1)
         if not self._started:
             self._publish_state()
-            self._origin = time.monotonic()
-        elif ahead < -_REBASE:
-            self.complain("pause", f"paused for {-ahead:.2f} s: simulated time goes on from now")
-            self._origin -= ahead
+            self._origin = self._last_sent = time.monotonic()
+        if self._awaits_first_answer():
+            return self._repeat_unanswered()
+        # The present state was published at origin + stamp; the next one is due a period later.
+        due = self._origin + seconds(stamp_of(self._step + 1, self._rate))
+        late = time.monotonic() - due
+        if late < 0.0:
+            return min(-late, 0.1)
+        if late > _REBASE:
+            self.complain("pause", f"paused for {late:.2f} s: simulated time goes on from now")
+            self._origin += late
             self._overruns += 1
-        elif ahead < -1.0 / self._rate:
+        elif late > 1.0 / self._rate:
             self._overruns += 1
-            self.complain("overrun", f"step {self._step} is {-1e3 * ahead:.1f} ms late")
-        self._advance(self._command_or_zero(), self._inputs[DISTURBANCE.name])
+            self.complain("overrun", f"step {self._step} is {1e3 * late:.1f} ms late")
+        if self._input_stamps[TORQUE_COMMAND.name] < self._stamp:
+            self._late_commands += 1
+        self._advance(self._held, self._inputs[DISTURBANCE.name])
+        # The command for this new state is still to come: what arrived last acts, a sample late.
+        self._held = self._command_or_zero()
         return 0.0
+
+    def _awaits_first_answer(self) -> bool:
+        unanswered = any(self._input_stamps[name] < 0 for name in self._wait_for)
+        return self._wait_for_recorder and self._step == 0 and unanswered
+
+    def _look_for_rival(self) -> None:
+        rival = self._rival.look()
+        if rival and self._rival.is_new:
+            self.get_logger().error(f"{rival}; this plant is the newer one and ends")
+            self.exit_code = EXIT_BROKEN
+            self.finished = True
+        elif rival:
+            self.complain("rival", rival)
 
     def _command_or_zero(self) -> Vector:
         """Return the held torque, or zero when the last command is older than the time-out."""
@@ -193,18 +239,25 @@ class SpacecraftPlant(BaseNode):
         ahead = self._ahead()
         if ahead > 0.0:
             return min(ahead, 0.1)
-        now = time.monotonic()
         if not self._started:
             self._publish_state()
-            self._last_sent = now
-        elif now - self._last_sent >= self._repeat_after:
+            self._last_sent = time.monotonic()
+        return self._repeat_unanswered()
+
+    def _repeat_unanswered(self) -> float:
+        now = time.monotonic()
+        if now - self._last_sent >= self._repeat_after:
             self._publish_state()
             self._last_sent = now
             self._repeat_after = min(2.0 * self._repeat_after, _REPEAT_MOST)
+        self._say_waiting(self._waiting_text)
+        return 0.1
+
+    def _say_waiting(self, text: Callable[[], str]) -> None:
+        now = time.monotonic()
         if now - max(self._waiting_since, self._last_said) >= _SAY_WAITING:
             self._last_said = now
-            self.get_logger().warning(self._waiting_text())
-        return 0.1
+            self.get_logger().warning(text())
 
     def _waiting_text(self) -> str:
         missing = [name for name in self._wait_for if self._input_stamps[name] != self._stamp]
@@ -232,7 +285,10 @@ class SpacecraftPlant(BaseNode):
             "rate [Hz]": self._rate,
             "mode": "lock-step" if self._lockstep else "free-running",
             "overruns": self._overruns,
+            "late commands": self._late_commands,
         }
+        if self._rival.found:
+            return ERROR, self._rival.found, details
         if self._lockstep and time.monotonic() - self._waiting_since > 1.0:
             return STALE, self._waiting_text(), details
         if self._timed_out:

@@ -59,7 +59,7 @@ def execute(arguments: argparse.Namespace) -> int:
     """Run, record, judge."""
     bag = _bag_folder(arguments.bag)
     extra: dict[str, dict[str, Any]] = {
-        PLANT: {"lockstep": not arguments.realtime},
+        PLANT: {"lockstep": not arguments.realtime, "wait_for_recorder": True},
         RECORDER: {"bag": str(bag)},
     }
     scenario = scenario_of(arguments, extra)
