@@ -1,0 +1,74 @@
+"""Runs a second of a campaign, beside Basilisk's own Monte Carlo with its compiled law."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from ppc_attitude.bench.basilisk_loop import BasiliskLoop
+from ppc_attitude.bench.pairs import alternating
+
+DURATION = 120.0  # [s] of one run
+_CAMPAIGN = Path(__file__).parents[2] / "config" / "campaign.yaml"
+
+
+def ours_runs_per_s(runs: int) -> float:
+    """Runs a second of the command, verdicts and tables included, on all cores."""
+    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
+        command = [sys.executable, "-m", "ppc_attitude.command_line.main", "campaign"]
+        command += ["--campaign", str(_CAMPAIGN), "--runs", str(runs), "--seed", "1"]
+        command += ["--duration", str(DURATION), "--out", f"{folder}/out", "--json"]
+        done = subprocess.run(command, capture_output=True, check=False)
+        if done.returncode not in (0, 1):
+            raise RuntimeError(done.stderr.decode(errors="replace"))
+    return float(json.loads(done.stdout)["runs_per_s"])
+
+
+def create() -> Any:
+    """Build one Basilisk simulation that carries its loop."""
+    loop = BasiliskLoop("compiled")
+    loop.sim.loop = loop
+    return loop.sim
+
+
+def execute(simulation: Any) -> None:
+    """Run one Basilisk simulation."""
+    simulation.loop.run(DURATION)
+
+
+def basilisk_runs_per_s(runs: int) -> float:
+    """Runs a second of `Basilisk.utilities.MonteCarlo` with as many processes as cores."""
+    from Basilisk.utilities.MonteCarlo.Controller import Controller, RetentionPolicy
+    from Basilisk.utilities.MonteCarlo.Dispersions import UniformVectorDispersion
+
+    controller = Controller()
+    controller.setSimulationFunction(create)
+    controller.setExecutionFunction(execute)
+    controller.addDispersion(
+        UniformVectorDispersion("loop.body.hub.omega_BN_BInit", [-0.001, 0.001])
+    )
+    controller.addRetentionPolicy(RetentionPolicy())
+    controller.setExecutionCount(runs)
+    controller.setThreadCount(os.cpu_count() or 1)
+    controller.setShouldDisperseSeeds(False)
+    controller.setShowProgressBar(False)
+    controller.setVerbose(False)
+    begin = time.perf_counter()
+    failures = controller.executeSimulations()
+    elapsed = time.perf_counter() - begin
+    if failures:
+        raise RuntimeError(f"Basilisk's runs {failures} failed")
+    return runs / elapsed
+
+
+def measure(quick: bool) -> dict[str, Any]:
+    """Measure ``campaign``."""
+    runs, others, pairs = (32, 8, 1) if quick else (2000, 60, 3)
+    ours, basilisk = alternating(
+        pairs, lambda: ours_runs_per_s(runs), lambda: basilisk_runs_per_s(others)
+    )
+    return {"runs_per_s": ours, "basilisk_runs_per_s": basilisk, "ratio": ours / basilisk}
