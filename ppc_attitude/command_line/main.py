@@ -23,6 +23,7 @@ COMMANDS = (
     "replay",
     "inject",
     "watch",
+    "latency",
     "recover",
     "export",
 )

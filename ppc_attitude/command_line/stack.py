@@ -1,6 +1,7 @@
 """Starting, watching and stopping the five processes of a run."""
 
 import contextlib
+import ctypes
 import os
 import random
 import re
@@ -8,19 +9,32 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import IO
 
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER, REFERENCE
 
 _PATIENCE = 20.0  # [s] how long a process may take to end after it was asked to
 _KILLED_AFTER = 5.0  # [s] how long the family of a killed process may take
+_STALLED_AFTER = 30.0  # [s] without a step after which a run in lock-step is given up
 _PROGRESS = re.compile(r"^t ([0-9.]+)$")
 _LOUD = re.compile(r"\[(WARN|ERROR|FATAL)\]|^error:|Traceback|Error: ")
 # The recorder goes last, when all others have sent their last message.
 _STOP_ORDER = (PLANT, CONTROLLER, REFERENCE, INJECTOR, RECORDER)
+
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
+
+
+def _end_with_parent() -> None:
+    """Let the kernel ask this new process to end when its starter dies, however that happens."""
+    if _LIBC is not None:
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 class StackError(Exception):
@@ -42,6 +56,14 @@ class NodeProcess:
         if code is not None and code < 0:
             return f"was killed by {signal.Signals(-code).name}"
         return f"ended with exit code {code}"
+
+
+def _is_paused(pid: int) -> bool:
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
+    except OSError:
+        return False
+    return text.rpartition(")")[2].split()[0] == "T"
 
 
 def private_environment() -> dict[str, str]:
@@ -80,6 +102,7 @@ class Stack:
         self._environment = environment
         self._on_time = on_time
         self._nodes: dict[str, NodeProcess] = {}
+        self._advanced = time.monotonic()
 
     def start(self) -> None:
         """Start every process."""
@@ -99,6 +122,7 @@ class Stack:
             errors="replace",
             # A Ctrl-C at the terminal is ours to pass on, in the order that loses nothing.
             start_new_session=True,
+            preexec_fn=_end_with_parent,
         )
         node = NodeProcess(name, process)
         assert process.stdout is not None
@@ -112,6 +136,7 @@ class Stack:
         for line in stream:
             progress = _PROGRESS.match(line)
             if progress:
+                self._advanced = time.monotonic()
                 self._on_time(float(progress[1]))
                 continue
             node.tail.append(line.rstrip("\n"))
@@ -124,9 +149,11 @@ class Stack:
         Raises
         ------
         StackError
-            Another process ended first, or the plant broke.
+            Another process ended first, the plant broke, or it waits in vain for a peer.
         """
+        self._advanced = time.monotonic()
         while not stop.is_set():
+            self._look_for_stall()
             for node in self._nodes.values():
                 if node.process.poll() is None:
                     continue
@@ -134,6 +161,15 @@ class Stack:
                     return
                 raise self._broken(node)
             stop.wait(0.02)
+
+    def _look_for_stall(self) -> None:
+        if time.monotonic() - self._advanced < _STALLED_AFTER:
+            return
+        paused = [name for name, node in self._nodes.items() if _is_paused(node.process.pid)]
+        waiting = [line for line in self._nodes[PLANT].tail if "waiting" in line][-1:]
+        reasons = [f"{name} is paused (SIGSTOP)" for name in paused] or waiting
+        if reasons:
+            raise StackError(f"no step for {_STALLED_AFTER:g} s: {', '.join(reasons)}")
 
     def stop(self) -> None:
         """Ask every process to end, the recorder last; kill what does not.

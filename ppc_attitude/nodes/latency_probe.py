@@ -1,0 +1,91 @@
+"""From a state to the torque that answers it, as anyone on the graph can measure it."""
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import rclpy
+import rclpy.utilities
+from numpy.typing import NDArray
+from rclpy.signals import SignalHandlerOptions
+
+from ppc_attitude.contract.cdr import header_stamp, seconds
+from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
+from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.qos import recorded
+
+_LOOK = 0.05  # [s]
+
+
+class Latencies(NamedTuple):
+    """What was measured.
+
+    Attributes
+    ----------
+    states : int
+        States that were seen.
+    period : float
+        Median time between their stamps [s]; NaN for fewer than two.
+    answered : ndarray, shape (n,)
+        From the arrival of each answered state to that of its torque command [s].
+    """
+
+    states: int
+    period: float
+    answered: NDArray[np.float64]
+
+    @property
+    def missed(self) -> int:
+        """States whose command came later than a period, or never."""
+        return self.states - int(np.count_nonzero(self.answered <= self.period))
+
+
+def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
+    """Listen to states and torque commands.
+
+    Parameters
+    ----------
+    goes_on : callable
+        Called with the number of states so far; False ends the measurement.
+    namespace : str
+        Namespace of the stack.
+    """
+    arrivals: dict[int, float] = {}
+    answers: dict[int, float] = {}
+
+    def receiver(topic: Topic, times: dict[int, float]) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            stamp = header_stamp(data, topic.msgtype)
+            if stamp is not None:
+                times.setdefault(stamp, time.perf_counter())
+
+        return receive
+
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("latency_probe", namespace=namespace)
+    executor = new_executor()
+    try:
+        for topic, times in ((ATTITUDE, arrivals), (TORQUE_COMMAND, answers)):
+            node.create_subscription(
+                message_class(topic.msgtype),
+                topic.name,
+                receiver(topic, times),
+                recorded(topic),
+                raw=True,
+            )
+        executor.add_node(node)
+        while goes_on(len(arrivals)):
+            executor.spin_once(timeout_sec=_LOOK)
+    finally:
+        executor.remove_node(node)
+        node.destroy_node()
+        rclpy.utilities.try_shutdown()
+    # The last state may be answered after the measurement.
+    stamps = sorted(arrivals)[:-1]
+    steps = np.diff([seconds(stamp) for stamp in stamps])
+    trips = [answers[stamp] - arrivals[stamp] for stamp in stamps if stamp in answers]
+    return Latencies(
+        len(stamps), float(np.median(steps)) if len(steps) else np.nan, np.array(trips, np.float64)
+    )

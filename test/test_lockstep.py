@@ -1,0 +1,64 @@
+"""Stamps: which are new, which are refused, when an instant is complete."""
+
+import pytest
+
+from ppc_attitude.contract.cdr import NANOSECONDS
+from ppc_attitude.nodes.lockstep import Instant, StampGuard, Verdict
+
+PERIOD = 10_000_000
+
+
+def fed(*stamps: int) -> list[Verdict]:
+    guard = StampGuard()
+    return [guard.judge(stamp) for stamp in stamps]
+
+
+def test_stamps_that_advance_are_new_and_equal_ones_repeated():
+    assert fed(0, PERIOD, PERIOD, 2 * PERIOD) == [
+        Verdict.NEW,
+        Verdict.NEW,
+        Verdict.REPEATED,
+        Verdict.NEW,
+    ]
+
+
+def test_time_begins_again_at_zero():
+    assert fed(5 * PERIOD, 0, PERIOD)[1:] == [Verdict.RESTART, Verdict.NEW]
+
+
+def test_a_late_message_is_refused_and_changes_nothing():
+    assert fed(5 * PERIOD, 4 * PERIOD, 6 * PERIOD)[1:] == [Verdict.STALE, Verdict.NEW]
+
+
+@pytest.mark.parametrize("start", [3, 1_000_000 * NANOSECONDS], ids=["earlier", "far ahead"])
+def test_another_time_is_believed_when_three_messages_agree(start):
+    agreeing = [start, start + PERIOD, start + 2 * PERIOD]
+    verdicts = fed(NANOSECONDS, *agreeing)
+    assert verdicts[1:] == [Verdict.STALE, Verdict.STALE, Verdict.RESTART]
+
+
+def test_one_message_from_the_future_does_not_stop_the_present():
+    future = 2_000_000_000 * NANOSECONDS
+    assert fed(future, 0, PERIOD, future, 2 * PERIOD) == [
+        Verdict.STALE,
+        Verdict.NEW,
+        Verdict.NEW,
+        Verdict.STALE,
+        Verdict.NEW,
+    ]
+
+
+def test_an_instant_is_complete_when_all_of_it_is_there_in_any_order():
+    instant = Instant(["a", "b"])
+    assert instant.add("b", 0, (1.0,)) is None
+    assert instant.missing() == ("a",)
+    assert instant.add("a", 0, (2.0,)) == {"b": (1.0,), "a": (2.0,)}
+
+
+def test_incomplete_instants_are_forgotten_and_counted():
+    instant = Instant(["a", "b"], depth=3)
+    for stamp in range(1000):
+        instant.add("a", stamp, (0.0,))
+    assert instant.dropped == 997
+    assert instant.add("b", 999, (1.0,)) == {"a": (0.0,), "b": (1.0,)}
+    assert instant.add("b", 998, (1.0,)) is None
