@@ -10,7 +10,6 @@ import sys
 import threading
 from collections import Counter
 from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +31,7 @@ from ppc_attitude.campaign.draw import VARYING, draw, scenario_of
 from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.fan import EDGES, QUANTITIES, UNKNOWN, Fan, levels_of, time_bins
 from ppc_attitude.campaign.figures import failing_figure, fan_figure, telling_variables
+from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.report import write_campaign_report
 from ppc_attitude.campaign.results import BATCH
 from ppc_attitude.campaign.rows import (
@@ -183,26 +183,26 @@ class FragilePool:
 
     slots = 2
 
-    def __init__(self, deadly: int = -1, fatal: BaseException | None = None) -> None:
-        self.deadly, self.fatal, self.submitted = deadly, fatal, 0
+    def __init__(self, of: Campaign, deadly: int = -1, fatal: Exception | None = None) -> None:
+        self.of, self.deadly, self.fatal, self.submitted = of, deadly, fatal, 0
 
-    def submit(self, of: Campaign, start: int, stop: int) -> "Future[list[Outcome]]":
+    def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
         future: Future[list[Outcome]] = Future()
         self.submitted += 1
         if start <= self.deadly < stop:
-            future.set_exception(self.fatal or BrokenProcessPool("gone"))
+            future.set_exception(self.fatal or WorkerLostError("gone"))
         else:
-            future.set_result(run_chunk(of, start, stop))
+            future.set_result(run_chunk(self.of, start, stop))
         return future
 
     def lost(self, error: BaseException) -> bool:
-        return isinstance(error, BrokenProcessPool)
+        return isinstance(error, WorkerLostError)
 
     def close(self) -> None: ...
 
 
 def test_a_run_that_kills_its_workers_is_the_only_one_lost() -> None:
-    found = list(outcomes(small(), 60, FragilePool(deadly=17), threading.Event()))
+    found = list(outcomes(small(), 60, FragilePool(small(), deadly=17), threading.Event()))
     assert [each.row["index"] for each in found] == list(range(60))
     broken = [each.row for each in found if each.row["error"] is not None]
     assert [row["index"] for row in broken] == [17]
@@ -210,13 +210,13 @@ def test_a_run_that_kills_its_workers_is_the_only_one_lost() -> None:
 
 
 def test_what_is_wrong_with_the_campaign_ends_it() -> None:
-    pool = FragilePool(deadly=17, fatal=CampaignError("other versions"))
+    pool = FragilePool(small(), deadly=17, fatal=CampaignError("other versions"))
     with pytest.raises(CampaignError, match="other versions"):
         list(outcomes(small(), 60, pool, threading.Event()))
 
 
 def test_no_more_is_submitted_than_can_be_held() -> None:
-    pool = FragilePool()
+    pool = FragilePool(small(0.1))
     stream = outcomes(small(0.1), 10**9, pool, threading.Event())
     next(stream)
     assert pool.submitted <= 8
@@ -260,6 +260,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_runs(tmp_path: Path, start_process: StartProcess) -> None:
     script = tmp_path / "growth.py"
     script.write_text(_GROWTH, encoding="utf-8")

@@ -30,7 +30,7 @@ class Cluster:
     def __init__(self, start_process: StartProcess, folder: Path) -> None:
         self._start, self._folder = start_process, folder
         command = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
-        self.scheduler = self._run(*command)
+        self.scheduler = self._run(*command, stderr=subprocess.PIPE)
         self.address = self._line(self.scheduler, "Scheduler at:").split()[-1]
         self.workers = [
             self._run("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
@@ -39,13 +39,15 @@ class Cluster:
         self.client = Client(self.address, set_as_default=False)
         self.client.wait_for_workers(WORKERS, timeout=60)
 
-    def _run(self, *arguments: str) -> "subprocess.Popen[str]":
+    def _run(self, *arguments: str, stderr: int = subprocess.DEVNULL) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", f"distributed.cli.dask_{arguments[0]}", *arguments[1:]]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        return self._start(command, cwd=self._folder, env=environment, stdout=subprocess.DEVNULL)
+        return self._start(
+            command, cwd=self._folder, env=environment, stdout=subprocess.DEVNULL, stderr=stderr
+        )
 
     def _line(self, process: "subprocess.Popen[str]", text: str) -> str:
-        """Wait for a line of the process's log, and drain what follows."""
+        """Wait for a line of the process's log."""
         assert process.stderr is not None
         for line in process.stderr:
             if text in line:
@@ -65,17 +67,20 @@ def cluster(start_process: StartProcess, tmp_path: Path) -> Iterator[Cluster]:
 
 def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: Path) -> None:
     of = small(duration=60.0, rate=100.0)
-    doing: list[int] = []
+    held: list[int] = []
 
     def kill_one(done: int, total: int) -> None:
         if done == RUNS // 4:
-            doing.append(len(cluster.client.processing()))
-            cluster.workers[0].send_signal(signal.SIGKILL)
-            cluster.workers[0].wait()
+            victim = cluster.workers[0]
+            places = {pid: place for place, pid in cluster.client.run(os.getpid).items()}
+            held.append(len(cluster.client.processing()[places[victim.pid]]))
+            victim.send_signal(signal.SIGKILL)
+            victim.wait()
 
     away = run_campaign(of, RUNS, tmp_path / "away", scheduler=cluster.address, progress=kill_one)
     run_campaign(of, RUNS, tmp_path / "home", workers=2)
-    assert doing == [WORKERS]
+    (chunks,) = held
+    assert chunks > 0
     assert cluster.workers[0].returncode == -signal.SIGKILL
     assert [row["index"] for row in rows_of(tmp_path / "away")] == list(range(RUNS))
     assert away.summary.broken == 0

@@ -85,7 +85,10 @@ def run_campaign(
     grid = grid_of(campaign.rate, campaign.duration)
     finished = Finished(folder, runs, Summary(), Fan(grid.ends))
     pool: Pool
-    pool = ClusterPool(scheduler) if scheduler else LocalPool(campaign, workers or cores())
+    if scheduler:
+        pool = ClusterPool(campaign, scheduler)
+    else:
+        pool = LocalPool(campaign, workers or cores())
     with closing(pool), Results(folder, campaign, finished.fan) as results:
         for outcome in outcomes(campaign, runs, pool, stop or threading.Event()):
             results.add(outcome.row)

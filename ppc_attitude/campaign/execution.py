@@ -52,7 +52,7 @@ def outcomes(campaign: Campaign, runs: int, pool: Pool, stop: threading.Event) -
     while not stop.is_set():
         while following < runs and len(pending) < _AHEAD * pool.slots:
             end = min(following + size, runs)
-            pending.append(_Chunk(following, end, pool.submit(campaign, following, end)))
+            pending.append(_Chunk(following, end, pool.submit(following, end)))
             following = end
         if not pending:
             return
@@ -77,10 +77,12 @@ def _result(campaign: Campaign, chunk: _Chunk, pool: Pool) -> list[Outcome]:
 
 def _alone(campaign: Campaign, index: int, pool: Pool) -> Outcome:
     """One run by itself, so that a lost worker can be laid to its charge."""
+    reason: BaseException | None = None
     for _ in range(_ATTEMPTS):
         try:
-            return pool.submit(campaign, index, index + 1).result()[0]
+            return pool.submit(index, index + 1).result()[0]
         except BaseException as error:
             if not pool.lost(error):
                 raise
-    return broken(campaign, index, "every worker that ran it was lost (killed or out of memory)")
+            reason = error
+    return broken(campaign, index, f"every worker that ran it was lost: {reason}")

@@ -8,8 +8,9 @@ import contextlib
 import multiprocessing
 import os
 import signal
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from typing import Any, Protocol
 
 from ppc_attitude.campaign.declaration import Campaign
@@ -26,7 +27,7 @@ class Pool(Protocol):
     slots: int
     """How many chunks are computed at once."""
 
-    def submit(self, campaign: Campaign, start: int, stop: int) -> "Future[list[Outcome]]":
+    def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
         """Have the runs from start up to, not including, stop computed."""
 
     def lost(self, error: BaseException) -> bool:
@@ -41,17 +42,63 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _leave_interrupts_to_the_starter() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+class WorkerLostError(Exception):
+    """The process that computed is gone."""
+
+
+def _serve(campaign: Campaign, connection: Connection) -> None:
+    """Compute chunks, in a process of its own, until the other end is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the starter's to deal with
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            start, stop = connection.recv()
+            answer: list[Outcome] | Exception
+            try:
+                answer = run_chunk(campaign, start, stop)
+            except Exception as error:
+                answer = error
+            connection.send(answer)
+
+
+class _Worker:
+    """One process and the only pipe to it, so that its end, even in mid-answer, is seen as such."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        context = multiprocessing.get_context("spawn")  # a fork would copy locks that are held
+        self._connection, other = context.Pipe()
+        self._process = context.Process(target=_serve, args=(campaign, other), daemon=True)
+        self._process.start()
+        other.close()
+
+    def ask(self, start: int, stop: int) -> list[Outcome]:
+        """Have a chunk computed and wait for it."""
+        try:
+            self._connection.send((start, stop))
+            answer = self._connection.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            raise WorkerLostError(f"exit code {self._process.exitcode}") from None
+        if isinstance(answer, Exception):
+            raise answer
+        outcomes: list[Outcome] = answer
+        return outcomes
+
+    def kill(self) -> None:
+        """End it, whatever it does."""
+        self._process.kill()
+        self._process.join()
 
 
 class LocalPool:
-    """Processes of this machine.
+    """Processes of this machine, each with a thread here that waits for it.
+
+    The standard library's pool shares one pipe among all processes: one that is killed while it
+    answers blocks that pool for ever. Here it costs its own chunk.
 
     Parameters
     ----------
     campaign : Campaign
-        What they will run: its kernels are compiled here, once, so that they find them cached.
+        What they run: its kernels are compiled here, once, so that they find them cached.
     workers : int
         How many.
     """
@@ -59,37 +106,42 @@ class LocalPool:
     def __init__(self, campaign: Campaign, workers: int) -> None:
         warm_up(campaign.scenario)
         self.slots = workers
-        self._executor = self._new()
+        self._campaign = campaign
+        self._closed = False
+        self._workers = [_Worker(campaign) for _ in range(workers)]
+        self._idle: SimpleQueue[int] = SimpleQueue()
+        for place in range(workers):
+            self._idle.put(place)
+        self._threads = ThreadPoolExecutor(workers)
 
-    def _new(self) -> ProcessPoolExecutor:
-        # A forked child would inherit the locks of threads that it does not have.
-        return ProcessPoolExecutor(
-            self.slots,
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_leave_interrupts_to_the_starter,
-        )
-
-    def submit(self, campaign: Campaign, start: int, stop: int) -> "Future[list[Outcome]]":
+    def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
         """Have the runs from start up to, not including, stop computed."""
+        return self._threads.submit(self._compute, start, stop)
+
+    def _compute(self, start: int, stop: int) -> list[Outcome]:
+        place = self._idle.get()
         try:
-            return self._executor.submit(run_chunk, campaign, start, stop)
-        except BrokenProcessPool:  # a process of it was killed: all of it is gone
-            self._executor.shutdown(wait=False)
-            self._executor = self._new()
-            return self._executor.submit(run_chunk, campaign, start, stop)
+            return self._workers[place].ask(start, stop)
+        except WorkerLostError:
+            if not self._closed:
+                self._workers[place] = _Worker(self._campaign)
+            raise
+        finally:
+            self._idle.put(place)
 
     def lost(self, error: BaseException) -> bool:
         """True if the error means that the process that computed is gone."""
-        return isinstance(error, BrokenProcessPool)
+        return isinstance(error, WorkerLostError)
 
     def close(self) -> None:
         """End everything, now."""
-        processes = list((self._executor._processes or {}).values())
-        self._executor.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.join()
+        self._closed = True
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for worker in self._workers:
+            worker.kill()
+        self._threads.shutdown()
+        for worker in self._workers:  # one may have been started meanwhile
+            worker.kill()
 
 
 class ClusterPool:
@@ -97,6 +149,8 @@ class ClusterPool:
 
     Parameters
     ----------
+    campaign : Campaign
+        What it runs.
     address : str
         Of the scheduler, such as ``tcp://host:8786``.
 
@@ -106,7 +160,7 @@ class ClusterPool:
         Dask is not installed, no scheduler answers there, or it has no worker.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, campaign: Campaign, address: str) -> None:
         try:
             import distributed
         except ImportError:
@@ -126,12 +180,13 @@ class ClusterPool:
                 f"scheduler = {address}: no Dask scheduler with a worker answers "
                 f"within {_PATIENCE:g} s ({error})"
             ) from None
-        self._address = address
+        self._campaign, self._address = campaign, address
         self._executor = self._client.get_executor(pure=False)
 
-    def submit(self, campaign: Campaign, start: int, stop: int) -> "Future[list[Outcome]]":
+    def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
         """Have the runs from start up to, not including, stop computed."""
-        future: Future[list[Outcome]] = self._executor.submit(run_chunk, campaign, start, stop)
+        future: Future[list[Outcome]]
+        future = self._executor.submit(run_chunk, self._campaign, start, stop)
         return future
 
     def lost(self, error: BaseException) -> bool:
