@@ -13,7 +13,7 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.source import Block, Channel, split_rows
 from ppc_attitude.bags.timeline import Series, align
-from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.cdr import Codec, stamp_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import BY_NAME, OPTIONAL, PLANT, SAMPLED, Topic
 
@@ -81,7 +81,8 @@ def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
     facts = decode_custom_data(bag.custom_data, home)
     recovered = bag.custom_data.get(RECOVERED_KEY)
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
-    timeline = align(series, _rate(facts.parameters), cut=bool(cut))
+    rate = _rate(facts.parameters)
+    timeline = align(series, rate, cut=bool(cut), end_ns=_planned_end(facts.parameters, rate))
     warnings = [*collected.warnings(home), *timeline.warnings]
     if cut:
         end = timeline.stamps[-1] * 1e-9
@@ -229,3 +230,11 @@ def _rate(parameters: Mapping[str, Mapping[str, Any]]) -> float | None:
     rate = parameters.get(PLANT, {}).get("rate")
     good = isinstance(rate, int | float) and math.isfinite(rate) and rate > 0
     return float(rate) if rate and good else None
+
+
+def _planned_end(parameters: Mapping[str, Mapping[str, Any]], rate: float | None) -> int | None:
+    """Stamp [ns] at which the plant ends by itself; None if it does not or nobody knows."""
+    duration = parameters.get(PLANT, {}).get("duration")
+    if rate is None or not isinstance(duration, int | float) or not 0.0 < duration < 1e9:
+        return None
+    return stamp_of(round(duration * rate), rate)

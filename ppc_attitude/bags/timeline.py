@@ -47,6 +47,10 @@ class Series:
         """Messages from an index on."""
         return Series(self.stamps[index:], self.values[index:], self.arrival[index:])
 
+    def until(self, index: int) -> "Series":
+        """Messages before an index."""
+        return Series(self.stamps[:index], self.values[:index], self.arrival[:index])
+
 
 @dataclass(frozen=True)
 class Timeline:
@@ -58,7 +62,9 @@ class Timeline:
     warnings: tuple[str, ...]
 
 
-def align(series: dict[Topic, Series], rate: float | None, *, cut: bool) -> Timeline:
+def align(
+    series: dict[Topic, Series], rate: float | None, *, cut: bool, end_ns: int | None = None
+) -> Timeline:
     """Put every topic on the plant's timeline.
 
     Parameters
@@ -70,6 +76,9 @@ def align(series: dict[Topic, Series], rate: float | None, *, cut: bool) -> Time
         Rate of the plant [Hz] where it is known.
     cut : bool
         The recording ended abruptly: its last instants may lack messages without any loss.
+    end_ns : int, optional
+        Stamp [ns] at which the plant ends by itself. A run that was stopped before, or has no such
+        end, may lack the answers to its last state without any loss.
     """
     warnings: list[str] = []
     _keep_last_epoch(series, warnings)
@@ -78,7 +87,9 @@ def align(series: dict[Topic, Series], rate: float | None, *, cut: bool) -> Time
     recorded = [one.stamps for topic, one in series.items() if topic.source == PLANT]
     stamps, unfilled = _complete(_union(recorded), rate, warnings)
     if cut:
-        stamps = _without_ragged_end(stamps, series)
+        stamps = _without_ragged_end(stamps, series, _RAGGED_END)
+    elif end_ns is None or stamps[-1] < end_ns:
+        stamps = _without_ragged_end(stamps, series, 1)
     columns, missing = {}, {}
     for topic in list(series):
         column, absent, strays = _spread(series.pop(topic), stamps)
@@ -176,12 +187,14 @@ def _on_grid(between: Integers, rate: float, stamps: Integers) -> Integers:
     return rounded(between) if np.array_equal(rounded(stamps), stamps) else between
 
 
-def _without_ragged_end(stamps: Integers, series: Mapping[Topic, Series]) -> Integers:
-    """Drop up to a few last instants that lack messages."""
-    for _ in range(min(_RAGGED_END, len(stamps) - 1)):
+def _without_ragged_end(stamps: Integers, series: dict[Topic, Series], most: int) -> Integers:
+    """Drop up to `most` last instants that lack messages, and what the series have of them."""
+    for _ in range(min(most, len(stamps) - 1)):
         if all(one.stamps[-1] >= stamps[-1] for one in series.values() if len(one.stamps)):
             break
         stamps = stamps[:-1]
+    for topic, one in series.items():
+        series[topic] = one.until(int(np.searchsorted(one.stamps, stamps[-1], side="right")))
     return stamps
 
 

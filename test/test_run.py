@@ -1,0 +1,149 @@
+"""The spine over real DDS: `run` gives what `simulate` gives, and ends as it should."""
+
+import json
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+
+PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
+COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
+
+pytestmark = pytest.mark.ros
+
+
+def finished(process, timeout=90.0):
+    out, err = process.communicate(timeout=timeout)
+    return process.returncode, out, err
+
+
+def run_of(start_process, bag, *options):
+    return start_process([*COMMAND, "run", "--config", str(PAPER), "--bag", str(bag), *options])
+
+
+def wait_for_line(stream, text):
+    for line in stream:
+        if text in line:
+            return line
+    raise AssertionError(f"ended without {text!r}")
+
+
+@pytest.mark.slow
+def test_two_runs_and_simulate_agree_to_the_last_bit(tmp_path, start_process):
+    bags = [tmp_path / name for name in ("one", "two")]
+    for bag in bags:
+        code, out, err = finished(run_of(start_process, bag, "--duration", "8"))
+        assert code == 1, err  # eight seconds are too short to settle
+        assert out.splitlines()[-1] == f"bag: {bag}"
+    expected = simulate(load([PAPER]), 8.0)
+    for bag in bags:
+        record = read_run(bag)
+        assert record.missing_messages == 0
+        assert not record.warnings
+        assert np.array_equal(record.stamps_ns, expected.stamps_ns)
+        assert record.columns.keys() == expected.columns.keys()
+        for column, samples in expected.columns.items():
+            assert np.array_equal(record.columns[column], samples), column
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_every_node_alone_ends_cleanly(tmp_path, start_process, number):
+    processes = {}
+    for name in NODES:
+        arguments = ["--ros-args", "-p", "lockstep:=true"] if name == PLANT else []
+        command = [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *arguments]
+        processes[name] = start_process(command, cwd=tmp_path)
+    from ppc_attitude.nodes.onlooker import looking_on
+
+    with looking_on("") as onlooker:
+        import time
+
+        end = time.monotonic() + 40.0
+        seen = set()
+        while len(seen) < len(NODES):
+            assert time.monotonic() < end, f"only {seen} are up"
+            onlooker.look(0.1)
+            seen = set(onlooker.node.get_node_names()) & set(NODES)
+    for process in processes.values():
+        process.send_signal(number)
+    for name, process in processes.items():
+        code, _, err = finished(process, 30.0)
+        assert code == 0, (name, err)
+        assert "Traceback" not in err
+    (bag,) = (tmp_path / "bags").iterdir()
+    assert (bag / "metadata.yaml").exists()
+
+
+BAD = {
+    "infeasible table": (
+        CONTROLLER,
+        "rate_envelope: {exponential_terminal: 1.0e-6}",
+        "rate_envelope",
+    ),
+    "inertia that is not positive definite": (
+        PLANT,
+        "inertia: [-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]",
+        "positive definite",
+    ),
+    "wrong length": (PLANT, "initial_attitude: [0.0, 1.0]", "initial_attitude"),
+    "NaN": (PLANT, "max_torque: .nan", "max_torque"),
+    "unknown name": (INJECTOR, "enviroment: true", "environment"),
+    "missing file": (PLANT, None, "nowhere.yaml"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_configuration_is_refused_by_commands_and_node(tmp_path, start_process, case):
+    node, text, named = BAD[case]
+    path = tmp_path / ("nowhere.yaml" if text is None else "bad.yaml")
+    if text is not None:
+        path.write_text(f"/**/{node}:\n  ros__parameters:\n    {text}\n")
+    commands = [
+        [*COMMAND, command, "--config", str(PAPER), "--config", str(path)]
+        for command in ("run", "simulate", "check")
+    ]
+    files = ["--params-file", str(PAPER), "--params-file", str(path)]
+    commands.append([sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args", *files])
+    processes = [start_process(command, cwd=tmp_path) for command in commands]
+    for process in processes:
+        code, _, err = finished(process)
+        assert code == 2, err
+        assert named in err
+        assert "Traceback" not in err
+    assert not (tmp_path / "bags").exists()
+
+
+def test_an_existing_bag_is_never_overwritten(tmp_path, start_process):
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "mine").write_text("keep")
+    code, _, err = finished(run_of(start_process, tmp_path / "bag"))
+    assert code == 2
+    assert "exists" in err
+    command = [sys.executable, "-m", f"ppc_attitude.nodes.{RECORDER}", "--ros-args"]
+    recorder = start_process([*command, "-p", f"bag:={tmp_path / 'bag'}"])
+    code, _, err = finished(recorder)
+    assert code == 2
+    assert "bag" in err
+    assert [path.name for path in (tmp_path / "bag").iterdir()] == ["mine"]
+
+
+def test_the_bag_of_an_interrupted_run_can_be_read(tmp_path, start_process):
+    process = run_of(start_process, tmp_path / "bag", "--duration", "10000")
+    wait_for_line(process.stderr, "/10000.0 s [")
+    for _ in range(2):  # Ctrl-C twice
+        process.send_signal(signal.SIGINT)
+    code, _, err = finished(process)
+    assert code == 3
+    assert "Traceback" not in err
+    assert (tmp_path / "bag" / "metadata.yaml").exists()
+    analysis = start_process([*COMMAND, "analyse", str(tmp_path / "bag"), "--json"])
+    code, out, _ = finished(analysis)
+    assert code == 1
+    assert json.loads(out)["missing_messages"] == 0
