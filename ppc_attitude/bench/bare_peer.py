@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 
 import rclpy
+import rclpy.utilities
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -138,7 +139,7 @@ def main() -> None:
         executor.spin_once(timeout_sec=node.wake())
     executor.remove_node(node)
     node.destroy_node()
-    rclpy.try_shutdown()
+    rclpy.utilities.try_shutdown()
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def stack_steps_per_s(duration: float) -> dict[str, Any]:
         ``steps_per_s``, and ``cpu_us_per_step``: CPU time of each process for one step.
     """
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
-        values = {
+        values: dict[str, dict[str, Any]] = {
             PLANT: {"duration": duration, "lockstep": True},
             RECORDER: {"bag": f"{folder}/bag"},
         }

@@ -8,6 +8,7 @@ import sys
 import time
 
 import rclpy
+import rclpy.utilities
 from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.bench.bare_peer import Peer
@@ -82,7 +83,7 @@ def main() -> None:
     print(json.dumps(trips), flush=True)
     executor.remove_node(probe)
     probe.destroy_node()
-    rclpy.try_shutdown()
+    rclpy.utilities.try_shutdown()
 
 
 if __name__ == "__main__":
