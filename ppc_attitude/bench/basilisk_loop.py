@@ -83,7 +83,7 @@ def _vehicle(control: Any) -> Any:
 def _python_feedback() -> Any:
     from Basilisk.architecture import messaging, sysModel
 
-    class Feedback(sysModel.SysModel):  # type: ignore[misc]
+    class Feedback(sysModel.SysModel):
         """The feedback -K sigma - P omega as a Python module."""
 
         def __init__(self) -> None:
