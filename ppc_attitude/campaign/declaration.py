@@ -1,7 +1,7 @@
 """The campaign: a scenario, what varies about it, and the seed; read from YAML and checked."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +30,6 @@ _INERTIA = Range(0.0, 0.9)
 _TORQUE = Range(0.0, 1e6, "N·m")
 _STRENGTH = Range(0.0, 1e3, open_low=True)
 _NOISE = Range(0.0, 1.0, "rad or rad/s")
-_VARIABLES = (
-    "initial_attitude",
-    "initial_rate",
-    "inertia_error",
-    "disturbance",
-    "actuator_strength",
-    "attitude_noise",
-    "rate_noise",
-)
 
 
 @dataclass(frozen=True)
@@ -164,7 +155,7 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
     ConfigurationError
         A name or value in it is wrong, or some draw would make an impossible scenario.
     """
-    given = keys("campaign", declaration, _VARIABLES)
+    given = keys("campaign", declaration, tuple(each.name for each in fields(Variables)))
     length = float(str(base.parameters[PLANT]["duration"]))
     variables = Variables(
         initial_attitude=_optional(given, "initial_attitude", attitudes),
