@@ -34,6 +34,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "ROS_DOMAIN_ID=42 ppc_attitude inject 0.5 0.5 0.5",
         "ROS_DOMAIN_ID=42 ppc_attitude inject 0 -0.2 0 --at 60 --duration 0.5",
     ),
+    "latency": (
+        "ppc_attitude latency --config config/paper.yaml --rate 250 --duration 20",
+        "ppc_attitude latency --live --duration 10",
+    ),
     "watch": (
         "ROS_DOMAIN_ID=42 ppc_attitude watch",
         "ROS_DOMAIN_ID=42 ppc_attitude watch --once --namespace /proposed",
