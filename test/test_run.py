@@ -13,6 +13,7 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.nodes.onlooker import looking_on
 from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load
 
 PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
@@ -49,6 +50,7 @@ def test_two_runs_and_simulate_agree_to_the_last_bit(tmp_path, start_process):
         record = read_run(bag)
         assert record.missing_messages == 0
         assert not record.warnings
+        assert replay(record).largest_difference == 0.0
         assert np.array_equal(record.stamps_ns, expected.stamps_ns)
         assert record.columns.keys() == expected.columns.keys()
         for column, samples in expected.columns.items():

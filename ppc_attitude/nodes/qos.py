@@ -16,7 +16,7 @@ from ppc_attitude.contract.topics import (
 
 # Publishers keep ten seconds of a 100 Hz run for a recorder that is discovered late or lags; the
 # plant in lock-step never runs further ahead of it (`_ACKNOWLEDGED_EVERY`).
-_KEPT = 1000
+_KEPT = 5000
 # A peer that lags on a busy machine still answers so many states, so the record has no gap.
 _BACKLOG = 100
 

@@ -1,0 +1,64 @@
+"""A torque injected into a running stack: what acted is in the bag, and the bag alone tells it."""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import StartProcess
+
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line.main import main
+
+ROOT = Path(__file__).parent.parent
+PATIENCE = 120.0  # [s]
+TORQUE = (0.3, -0.2, 0.1)  # [N·m]
+
+pytestmark = pytest.mark.ros
+
+
+def command(*words: str) -> list[str]:
+    return [sys.executable, "-m", "ppc_attitude.command_line.main", *words]
+
+
+@pytest.mark.parametrize("mode", ["--realtime", "lock-step"])
+def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
+    mode: str, tmp_path: Path, start_process: StartProcess, ros_domain: int
+) -> None:
+    bag = tmp_path / "bag"
+    configuration = ["--config", str(ROOT / "config/paper.yaml")]
+    if mode == "lock-step":  # at the pace of the wall clock, so that there is time to inject
+        pace = tmp_path / "pace.yaml"
+        pace.write_text("spacecraft_plant:\n  ros__parameters:\n    real_time_factor: 1.0\n")
+        configuration += ["--config", str(pace)]
+    options = ["--realtime"] if mode == "--realtime" else []
+    run = start_process(
+        command("run", *configuration, "--duration", "20", "--bag", str(bag), *options),
+        env={**os.environ, "ROS_DOMAIN_ID": str(ros_domain)},
+    )
+    torque = [str(value) for value in TORQUE]
+    # Begins at a known time, so that what is in the bag can be compared to the sample.
+    inject = start_process(command("inject", *torque, "--duration", "0.25", "--at", "15.0"))
+    out, err = inject.communicate(timeout=PATIENCE)
+    assert inject.returncode == 0, err
+    assert "injected" in out
+    _, err = run.communicate(timeout=PATIENCE)
+    assert run.returncode in (0, 1), err
+
+    record = read_run(bag)
+    disturbances = analyse(record).metrics.disturbances
+    assert len(disturbances) == 1
+    assert disturbances[0].start_s == pytest.approx(15.0, abs=1e-9)
+    assert disturbances[0].duration_s == pytest.approx(0.25, abs=1e-9)
+    assert disturbances[0].torque == pytest.approx(TORQUE, abs=1e-4)
+    assert np.abs(record["disturbance_torque"]).max() < 0.31
+    assert main(["replay", str(bag)]) == 0
+
+
+def test_nobody_to_inject_into_is_said(start_process: StartProcess) -> None:
+    process = start_process(command("inject", "0.1", "0.1", "0.1"))
+    _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 3
+    assert "nobody listens on /disturbance/inject" in err
