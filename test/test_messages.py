@@ -1,0 +1,55 @@
+"""What arrives from outside: used only if it is a finite, possible message of its topic."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.topics import ANGULAR_VELOCITY, ATTITUDE, SAMPLED, TORQUE_COMMAND
+from ppc_attitude.nodes.messages import Inbox, RefusedError
+
+UNIT = (0.0, 0.0, 0.0, 1.0)
+
+
+def read(topic, stamp_ns, values):
+    return Inbox(topic).read(Codec(topic).encode(stamp_ns, values))
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e308])
+@pytest.mark.parametrize("topic", SAMPLED, ids=lambda topic: topic.name)
+def test_impossible_numbers_are_refused_and_the_topic_is_named(topic, bad):
+    with pytest.raises(RefusedError, match=topic.name):
+        read(topic, 0, (bad,) + (0.0,) * (topic.width - 1))
+
+
+def test_a_quaternion_is_normalised_within_a_thousandth_and_refused_beyond():
+    sample = read(ATTITUDE, 0, (0.0, 0.0, 0.0, 1.0009))
+    assert sample.values == UNIT
+    for norm in (0.0, 0.99, 1.01):
+        with pytest.raises(RefusedError, match="norm"):
+            read(ATTITUDE, 0, (0.0, 0.0, 0.0, norm))
+
+
+def test_negative_stamps_and_other_frames_are_refused():
+    with pytest.raises(RefusedError, match="negative"):
+        read(ATTITUDE, -1, UNIT)
+    data = Codec(TORQUE_COMMAND).encode(0, (0.0, 0.0, 0.0))
+    with pytest.raises(RefusedError):
+        Inbox(ANGULAR_VELOCITY).read(data.replace(b"body", b"moon"))
+
+
+@settings(max_examples=10_000, deadline=None)
+@given(st.sampled_from(SAMPLED), st.integers(0, 2 * 10**18), st.data())
+def test_mutated_bytes_are_refused_or_finite(topic, stamp_ns, data):
+    whole = bytearray(Codec(topic).encode(stamp_ns, (1.0,) + (0.0,) * (topic.width - 1)))
+    place = data.draw(st.integers(0, len(whole) - 1))
+    whole[place] = data.draw(st.integers(0, 255))
+    length = data.draw(st.integers(0, len(whole)))
+    try:
+        sample = Inbox(topic).read(bytes(whole[: length or None]))
+    except RefusedError:
+        return
+    assert sample.stamp_ns >= 0
+    assert all(map(math.isfinite, sample.values))
