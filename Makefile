@@ -1,7 +1,7 @@
 # `make` lists the targets. Everything lives in .venv; nothing else of the machine is touched.
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup run test bench clean
+.PHONY: help setup run test test-all bench clean
 
 INSTALLED := .venv/.installed
 PYTHON ?=
@@ -20,7 +20,7 @@ endef
 
 help: ## list the targets
 	@echo "Targets (PYTHON=/path/to/python3 chooses the Python for .venv):"
-	@sed -n 's/^\([a-z]*\):.*## /  make \1	/p' Makefile
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1	/p' Makefile
 
 setup: $(INSTALLED) ## create .venv and install everything there (about 1 GB)
 
@@ -35,6 +35,9 @@ test: $(INSTALLED) ## lint, check types, run the tests (ARGS='-k name' goes to p
 	ruff format --check .; \
 	mypy; \
 	ROS_PYTHON_CHECK_FIELDS=1 python -m pytest $(ARGS)
+
+test-all: $(INSTALLED) ## the tests of `make test` and those that take minutes (process faults)
+	@$(ENTER); ROS_PYTHON_CHECK_FIELDS=1 python -m pytest -m "long or not long" $(ARGS)
 
 bench: $(INSTALLED) ## measure this stack and its yardsticks side by side
 	@$(ENTER); python -m pip install -q -e '.[bench]'; \

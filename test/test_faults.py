@@ -17,7 +17,7 @@ PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
 COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 PAUSE = 3.0  # [s]
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 
 def started(start_process, bag, *options, **popen):

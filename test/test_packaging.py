@@ -16,6 +16,7 @@ from ppc_attitude.contract.topics import MARKERS, NODES
 
 # Imported module: its requirement for pip (None: not on PyPI), its rosdep key (None: optional).
 DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
+    "Basilisk": ("bsk", None),
     "argcomplete": ("argcomplete", "python3-argcomplete"),
     "dask": ("dask", None),
     "diagnostic_msgs": ("ros-jazzy-common-interfaces", "diagnostic_msgs"),
@@ -43,7 +44,7 @@ DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
     "yaml": ("PyYAML", "python3-yaml"),
     "zstandard": ("zstandard", "python3-rosbags-pip"),
 }
-RUN_TIME_EXTRAS = ("ros", "campaign")
+RUN_TIME_EXTRAS = ("ros", "campaign", "bench")
 # Numba needs SciPy at run time for the linear algebra inside kernels.
 NEEDED_WITHOUT_IMPORT = {"scipy"}
 
