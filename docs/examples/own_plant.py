@@ -40,8 +40,9 @@ class OwnPlant(Node):
 
     def tick(self) -> None:
         """Advance one step under the last torque and publish both halves of the state."""
-        if self.attitude.get_subscription_count() < 2:
-            return  # controller and reference are not there yet
+        if not self.answered:
+            self.publish()  # the first state again and again, until the stack is there
+            return
         if self.steps and self.k >= self.steps:
             raise SystemExit(0 if self.answered > self.steps // 2 else 1)
         self.omega = [w + self.h * t / INERTIA for w, t in zip(self.omega, self.tau, strict=True)]
