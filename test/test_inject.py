@@ -38,6 +38,12 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
         command("run", *configuration, "--duration", "20", "--bag", str(bag), *options),
         env={**os.environ, "ROS_DOMAIN_ID": str(ros_domain)},
     )
+    assert run.stderr is not None
+    shown = ""
+    while "| 1." not in shown:  # the progress bar is past the first second: the stack is up
+        more = run.stderr.read(1)
+        assert more, shown
+        shown += more
     torque = [str(value) for value in TORQUE]
     # Begins at a known time, so that what is in the bag can be compared to the sample.
     inject = start_process(command("inject", *torque, "--duration", "0.25", "--at", "15.0"))
