@@ -33,7 +33,7 @@ _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated aft
 _SAY_WAITING = 5.0  # [s] between two messages about what the plant waits for
 _REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of catching up
 _PROGRESS_PERIOD = 0.1  # [s]
-_ACKNOWLEDGED_EVERY = 500  # steps; publishers remember twice as many (`qos`)
+_ACKNOWLEDGED_EVERY = 2500  # steps; publishers remember twice as many (`qos`)
 _GRAPH_PERIOD = 0.01  # [s] between two looks for a recorder
 _LAG_PATIENCE = 5.0  # [s] how long lock-step waits for a subscriber that lags
 
