@@ -60,7 +60,7 @@ def stack_steps_per_s(duration: float) -> dict[str, Any]:
             stack.stop()
         finally:
             stack.kill()
-        rate = float(str(run.parameters[PLANT]["rate"]))
+        rate = run.number(PLANT, "rate")
     steps = (times[-1][1] - times[0][1]) * rate
     return {
         "steps_per_s": steps / (times[-1][0] - times[0][0]),

@@ -108,12 +108,12 @@ class Campaign:
     @property
     def duration(self) -> float:
         """Length of every run [s]."""
-        return float(str(self.scenario.parameters[PLANT]["duration"]))
+        return self.scenario.number(PLANT, "duration")
 
     @property
     def rate(self) -> float:
         """Steps per second [Hz]."""
-        return float(str(self.scenario.parameters[PLANT]["rate"]))
+        return self.scenario.number(PLANT, "rate")
 
 
 def load_campaign(path: Path, base: Scenario, seed: int) -> Campaign:
@@ -156,7 +156,7 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
         A name or value in it is wrong, or some draw would make an impossible scenario.
     """
     given = keys("campaign", declaration, tuple(each.name for each in fields(Variables)))
-    length = float(str(base.parameters[PLANT]["duration"]))
+    length = base.number(PLANT, "duration")
     variables = Variables(
         initial_attitude=_optional(given, "initial_attitude", attitudes),
         initial_rate=_optional(given, "initial_rate", _rate),
@@ -201,7 +201,7 @@ def _pulse(name: str, given: Any, length: float) -> Pulse:
 def _check_strength(strength: Number | None, base: Scenario) -> None:
     """See that the weakest actuator still gives torque."""
     weakest = min((strength or Fixed(1.0)).support())
-    torque = float(str(base.parameters[PLANT]["max_torque"]))
+    torque = base.number(PLANT, "max_torque")
     try:
         scenario(
             {**base.parameters, PLANT: {**base.parameters[PLANT], "max_torque": weakest * torque}}

@@ -1,7 +1,7 @@
 """When the nominal envelopes begin and how slowly they fall: as tabulated, or planned.
 
 The paper's envelope falls by its table whatever the error is, and with Table I only errors up to
-about 0.44 per axis can follow it. A plan places the tabulated envelope in time: it may begin
+about 0.30 on an axis can follow it. A plan places the tabulated envelope in time: it may begin
 further down the table (a controller that starts in mid-flight is near the target already), wait
 (`hold`) until the craft turns the right way and is clear of the inverted attitude, and fall
 `stretch` times slower. Stretching changes l to l/s and t2 to s t2, so r, and with it feasibility,

@@ -179,7 +179,7 @@ def simulate(scenario: Scenario, duration: float) -> RunRecord:
     RunRecord
         The same samples that a recorded run of the nodes gives.
     """
-    stamps_ns = stamps_of(float(scenario.parameters[PLANT]["rate"]), duration)  # type: ignore[arg-type]
+    stamps_ns = stamps_of(scenario.number(PLANT, "rate"), duration)
     return record_of(scenario, stamps_ns, run_samples(scenario, stamps_ns))
 
 
@@ -201,7 +201,7 @@ def record_of(scenario: Scenario, stamps_ns: NDArray[np.int64], samples: NDArray
 
 def warm_up(scenario: Scenario) -> None:
     """Compile every kernel of a scenario, so that processes started next find them cached."""
-    run_samples(scenario, stamps_of(float(str(scenario.parameters[PLANT]["rate"])), 0.1))
+    run_samples(scenario, stamps_of(scenario.number(PLANT, "rate"), 0.1))
 
 
 def first_step(scenario: Scenario) -> tuple[Any, Advice]:

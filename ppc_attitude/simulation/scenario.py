@@ -59,6 +59,10 @@ class Scenario:
         """The selected control law."""
         return CONTROLLERS[str(self.parameters[CONTROLLER]["controller"])]
 
+    def number(self, node: str, name: str) -> float:
+        """Value of a parameter that is a number."""
+        return float(str(self.parameters[node][name]))
+
     def with_values(self, node: str, **values: Any) -> "Scenario":
         """Return a copy with some parameters of one node replaced, checked again."""
         merged = {name: dict(table) for name, table in self.parameters.items()}

@@ -99,7 +99,7 @@ def _run_stack(arguments: argparse.Namespace, scenario: Scenario, bag: Path) -> 
         f"discovery {environment['ROS_AUTOMATIC_DISCOVERY_RANGE'].lower()}",
         file=sys.stderr,
     )
-    duration = float(str(scenario.parameters[PLANT]["duration"]))
+    duration = scenario.number(PLANT, "duration")
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_") as folder:
         environment.setdefault("ROS_LOG_DIR", folder)
         overlay = Path(folder) / "run.yaml"

@@ -32,7 +32,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Simulate, judge, print."""
     scenario = scenario_of(arguments)
-    record = simulate(scenario, float(str(scenario.parameters[PLANT]["duration"])))
+    record = simulate(scenario, scenario.number(PLANT, "duration"))
     record = replace(record, metadata=versions())
     verdict = analyse(record)
     if arguments.json:
