@@ -70,7 +70,7 @@ setup(
         *shared_files(),
     ],
     zip_safe=False,
-    # docs/contributing.md says how these lower bounds are tested.
+    # CONTRIBUTING.md says how these lower bounds are tested.
     install_requires=[
         "argcomplete>=3.1.4",
         "lz4>=4.0.2",

@@ -35,6 +35,7 @@ from ppc_attitude.contract.topics import (
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "docs/tutorial.md", "docs/reference.md")
+_DOCSTRING = '"""'
 _PART = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -97,8 +98,9 @@ def _label(action: argparse.Action) -> str:
 
 
 def listing(name: str) -> str:
-    """A file of docs/examples as a block of code."""
-    return f"```python\n{(ROOT / 'docs' / 'examples' / name).read_text(encoding='utf-8')}```"
+    """A file of docs/examples as a block of code, without the header of the licence."""
+    text = (ROOT / "docs" / "examples" / name).read_text(encoding="utf-8")
+    return f"```python\n{text[text.index(_DOCSTRING) :]}```"
 
 
 def generated(text: str) -> str:
