@@ -19,10 +19,12 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
+from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, campaign
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.simulation.scenario import scenario
 
+RUNS = 40
 VARIES = {
     "initial_attitude": {"distribution": "cone", "angle": 0.3},
     "initial_rate": {"magnitude": {"distribution": "uniform", "low": 0.0, "high": 0.005}},
@@ -51,3 +53,8 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
 def files_of(folder: Path) -> dict[str, bytes]:
     """Every file of a folder."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def finish(folder: Path) -> Finished:
+    """A campaign of RUNS short runs, done in one process."""
+    return run_campaign(small(), RUNS, folder, workers=1)

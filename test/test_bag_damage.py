@@ -1,0 +1,159 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""No bag, or a damaged one: refused by name, or read as far as it is whole."""
+
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from bag_helpers import (
+    STORAGES,
+    assert_prefix,
+    assert_same,
+    cut_copy,
+    messages,
+    storage_file,
+)
+from synthetic import normal_run
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.writer import BagWriter, write_run
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    BY_COLUMN,
+    SAMPLED,
+)
+
+RUN = normal_run(duration=1.0)
+STEPS = len(RUN.stamps_ns)
+
+
+def test_what_is_no_bag_is_refused_by_name(tmp_path: Path) -> None:
+    def refused(path: Path, message: str) -> None:
+        with pytest.raises(BagError, match=message):
+            read_run(path)
+
+    refused(tmp_path / "nowhere", "nowhere does not exist")
+    (tmp_path / "empty").mkdir()
+    refused(tmp_path / "empty", "is an empty folder")
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "notes.txt").write_text("no bag")
+    refused(tmp_path / "notes", r"is no bag: it holds no \.mcap or \.db3 file")
+    refused(tmp_path / "notes" / "notes.txt", r"is no bag: not a folder, \.mcap or \.db3")
+    for suffix, message in (
+        (".mcap", "is no MCAP file"),
+        (".db3", "cannot be read as a rosbag2 database"),
+    ):
+        file = tmp_path / f"text{suffix}"
+        file.write_text("no storage, but some text that is long enough to look like one")
+        refused(file, message)
+        file.write_bytes(b"")
+        refused(file, "is empty")
+    (tmp_path / "gone").mkdir()
+    (tmp_path / "gone" / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information: {version: 9, relative_file_paths: [gone.mcap]}"
+    )
+    refused(tmp_path / "gone", "is no bag: it holds no")
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_empty_and_foreign_bags(tmp_path: Path, storage: str) -> None:
+    with BagWriter(tmp_path / "silent", storage=storage) as writer:
+        writer.add_topic("/attitude", ATTITUDE.msgtype)
+    with pytest.raises(BagError, match="silent holds no messages"):
+        read_run(tmp_path / "silent")
+    with BagWriter(tmp_path / "foreign", storage=storage) as writer:
+        writer.add_topic("/chatter", "std_msgs/msg/String")
+        writer.write("/chatter", 1, b"\0\1\0\0\1\0\0\0\0")
+    with pytest.raises(
+        BagError, match=r"is no run of this package; it holds /chatter \(std_msgs/msg/String\)"
+    ):
+        read_run(tmp_path / "foreign")
+
+
+@pytest.mark.parametrize("text", ["{", "- a\n- b", "rosbag2_bagfile_information: 3", "\x00", ""])
+def test_damaged_metadata_are_a_warning(tmp_path: Path, text: str) -> None:
+    write_run(RUN, tmp_path / "bag")
+    (tmp_path / "bag" / "metadata.yaml").write_text(text)
+    read = read_run(tmp_path / "bag")
+    assert_same(read, RUN)
+    assert read.warnings[0].startswith("recording was cut: its metadata.yaml is damaged")
+    assert read.controller == "ppc"
+
+
+@pytest.fixture(scope="module", params=STORAGES)
+def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag with several chunks."""
+    bag = tmp_path_factory.mktemp("whole") / "bag"
+    with BagWriter(bag, storage=request.param) as writer:
+        for topic in SAMPLED:
+            writer.add_topic(f"/{topic.name}", topic.msgtype)
+        for count, (topic, stamp, data) in enumerate(messages(RUN)):
+            writer.write(f"/{topic.name}", stamp, data)
+            if count % 200 == 199:
+                writer.flush()
+    return bag
+
+
+@pytest.mark.parametrize("with_metadata", [True, False])
+def test_a_file_cut_anywhere_is_read_or_refused(
+    tmp_path: Path, whole: Path, with_metadata: bool
+) -> None:
+    size = storage_file(whole).stat().st_size
+    random = Random(1)
+    sizes = {*range(80), *(random.randrange(size) for _ in range(150)), *range(size - 60, size)}
+    longest = 0
+    for length in sorted(sizes):
+        bag = cut_copy(whole, tmp_path / "cut", length, with_metadata=with_metadata)
+        try:
+            run = read_run(bag)
+        except BagError:
+            continue
+        assert_prefix(run, RUN)
+        assert run.warnings[0].startswith("recording was cut: "), length
+        assert len(run.stamps_ns) >= longest
+        longest = max(longest, len(run.stamps_ns))
+    if storage_file(whole).suffix == ".mcap":
+        assert longest == STEPS
+
+
+def test_a_cut_mcap_file_gives_every_whole_message(tmp_path: Path, whole: Path) -> None:
+    if storage_file(whole).suffix != ".mcap":
+        pytest.skip("pages of a SQLite file depend on each other")
+    content = storage_file(whole).read_bytes()
+    place = content.index(Codec(ATTITUDE).encode(RUN.stamps_ns[70], tuple(RUN["attitude"][70])))
+    run = read_run(cut_copy(whole, tmp_path / "cut", place))
+    np.testing.assert_array_equal(run.stamps_ns, RUN.stamps_ns[:70])
+    assert run.missing == {}
+
+
+def test_flipped_bits_raise_nothing_but_bag_errors(tmp_path: Path, whole: Path) -> None:
+    content = storage_file(whole).read_bytes()
+    random = Random(2)
+    bag = cut_copy(whole, tmp_path / "bag", len(content), with_metadata=True)
+    for _ in range(200):
+        damaged = bytearray(content)
+        for _ in range(random.choice((1, 3, 30))):
+            damaged[random.randrange(len(damaged))] ^= 1 << random.randrange(8)
+        storage_file(bag).write_bytes(damaged)
+        try:
+            run = read_run(bag)
+        except BagError:
+            continue
+        assert set(run.columns) <= set(BY_COLUMN)
+        assert (np.diff(run.stamps_ns) > 0).all()

@@ -1,0 +1,178 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a bag lacks, repeats or has out of order: read as far as it goes, and counted."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_helpers import (
+    STORAGES,
+    assert_same,
+    messages,
+    write_messages,
+)
+from synthetic import normal_run, without_columns
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.reader import REQUIRED, read_run
+from ppc_attitude.bags.writer import write_run
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    APPLIED_TORQUE,
+    ATTITUDE,
+    SAMPLED,
+    TORQUE_COMMAND,
+    Topic,
+)
+
+RUN = normal_run(duration=1.0)
+STEPS = len(RUN.stamps_ns)
+
+
+def test_of_several_messages_of_one_stamp_the_first_counts(tmp_path: Path) -> None:
+    sequence = []
+    for topic, stamp, data in messages(RUN):
+        sequence.append((topic, stamp, data))
+        if topic is TORQUE_COMMAND:
+            sequence.append((topic, stamp, Codec(topic).encode(stamp, (9.0, 9.0, 9.0))))
+    read = read_run(write_messages(tmp_path / "bag", sequence))
+    assert_same(read, RUN)
+    assert (read.missing, read.warnings) == ({}, ())
+
+
+def test_a_late_message_is_put_in_its_place(tmp_path: Path) -> None:
+    sequence = list(messages(RUN))
+    per_step = len(SAMPLED)
+    late = sequence[20 * per_step]
+    again = [*sequence[: 25 * per_step], late, *sequence[25 * per_step :]]
+    without = [message for message in again if message is not late]
+    delayed = [*without[: 25 * per_step], late, *without[25 * per_step :]]
+    for count, one in enumerate((again, delayed)):
+        read = read_run(write_messages(tmp_path / f"bag{count}", one))
+        assert_same(read, RUN)
+        assert read.warnings == ("1 messages of attitude arrived out of order",)
+        assert read.missing == {}
+
+
+@pytest.mark.parametrize("with_rate", [True, False])
+def test_gaps_are_nan_and_counted(tmp_path: Path, with_rate: bool) -> None:
+    """Instants 40 to 42 lack everything, 50 lacks the plant, 60 to 64 the command."""
+    lost = [
+        *((topic, step) for topic in SAMPLED for step in (40, 41, 42)),
+        *((topic, 50) for topic in (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE)),
+        *((TORQUE_COMMAND, step) for step in range(60, 65)),
+    ]
+    lost_stamps = {(topic, int(RUN.stamps_ns[step])) for topic, step in lost}
+    sequence = [one for one in messages(RUN) if (one[0], one[1]) not in lost_stamps]
+    bag = write_messages(tmp_path / "bag", sequence, run=RUN if with_rate else None)
+    read = read_run(bag)
+    np.testing.assert_array_equal(read.stamps_ns, RUN.stamps_ns)
+    plant = {"attitude": 4, "angular_velocity": 4, "applied_torque": 4, "torque_command": 8}
+    assert read.missing == {topic.name: plant.get(topic.name, 3) for topic in SAMPLED}
+    assert read.missing_messages == len(lost)
+    assert read.warnings == ()
+    for topic in SAMPLED:
+        gone = [step for one, step in lost if one is topic]
+        expected = RUN[topic.column].copy()
+        expected[gone] = np.nan
+        np.testing.assert_array_equal(read[topic.column], expected, err_msg=topic.name)
+
+
+def test_gaps_of_a_rate_without_whole_nanoseconds(tmp_path: Path) -> None:
+    """The stamps filled in are those that the other topics have."""
+    run = normal_run(duration=1.0, rate=300.0)
+    lost = set(run.stamps_ns[[31, 32, 200]].tolist())
+    sequence = [
+        one
+        for one in messages(run)
+        if one[0] not in (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE) or one[1] not in lost
+    ]
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=run))
+    np.testing.assert_array_equal(read.stamps_ns, run.stamps_ns)
+    assert read.missing == {"attitude": 3, "angular_velocity": 3, "applied_torque": 3}
+    np.testing.assert_array_equal(read["torque_command"], run["torque_command"])
+
+
+def test_a_leap_of_the_clock_is_not_filled_in(tmp_path: Path) -> None:
+    """A wrong clock must not make the reader allocate a century of NaN."""
+    far = replace(RUN, stamps_ns=RUN.stamps_ns + 10**18)
+    read = read_run(write_messages(tmp_path / "bag", [*messages(RUN), *messages(far)], run=RUN))
+    assert len(read.stamps_ns) == 2 * STEPS
+    assert read.missing["attitude"] == 10**11 - STEPS
+    assert any("left out of the record" in warning for warning in read.warnings)
+
+
+def test_messages_beside_the_plants_stamps_are_reported(tmp_path: Path) -> None:
+    sequence = list(messages(RUN))
+    stray = (TORQUE_COMMAND, 5, Codec(TORQUE_COMMAND).encode(5, (1.0, 1.0, 1.0)))
+    read = read_run(write_messages(tmp_path / "bag", [*sequence[:60], stray, *sequence[60:]]))
+    assert_same(read, RUN)
+    assert "1 messages of torque_command have no stamp of the plant's" in read.warnings
+
+
+@pytest.mark.parametrize("steps", [[30, STEPS], [30, 50, STEPS], [STEPS, 20]])
+def test_after_a_reset_the_last_epoch_is_read(tmp_path: Path, steps: list[int]) -> None:
+    """Each epoch has other numbers; the last command of an epoch arrives in the next."""
+    sequence: list = []
+    for epoch, count in enumerate(steps):
+        run = replace(RUN, columns={k: v + epoch for k, v in RUN.columns.items()})
+        part = list(messages(run))[: count * len(SAMPLED)]
+        if sequence:
+            held = sequence.pop()
+            part.insert(2, held)
+        sequence += part
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
+    last = steps[-1]
+    np.testing.assert_array_equal(read.stamps_ns, RUN.stamps_ns[:last])
+    for column in RUN.columns:
+        expected = RUN[column][:last] + (len(steps) - 1)
+        np.testing.assert_array_equal(read[column], expected, err_msg=column)
+    times = "time" if len(steps) == 2 else "times"
+    assert f"the clock went back {len(steps) - 1} {times}" in read.warnings[0]
+    assert "to 0 s (plant reset or restarted)" in read.warnings[0]
+
+
+def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
+    sequence = list(messages(RUN))
+    sequence[3 * len(SAMPLED)] = (ATTITUDE, 0, b"\0\1\0\0short")
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
+    assert read.warnings == ("1 messages of /attitude cannot be decoded",)
+    assert read.missing == {"attitude": 1}
+    assert np.isnan(read["attitude"][3]).all()
+
+
+def test_optional_topics_may_be_absent(tmp_path: Path) -> None:
+    run = without_columns(RUN, "attitude_envelope", "rate_envelope", "auxiliary_state")
+    write_run(run, tmp_path / "bag")
+    read = read_run(tmp_path / "bag")
+    assert_same(read, run)
+    assert "attitude_envelope" not in read
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("topic", REQUIRED, ids=lambda topic: topic.name)
+def test_a_lacking_topic_is_named_with_what_was_read(
+    tmp_path: Path, storage: str, topic: Topic
+) -> None:
+    write_run(without_columns(RUN, topic.column), tmp_path / "bag", storage=storage)
+    with pytest.raises(BagError) as error:
+        read_run(tmp_path / "bag")
+    message = str(error.value)
+    assert f"lacks messages of {topic.name}; messages read: " in message
+    for other in set(SAMPLED) - {topic}:
+        assert f"{other.name} ({STEPS})" in message

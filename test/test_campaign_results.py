@@ -1,0 +1,230 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a campaign comes to: errors over time, shares with intervals, figures, report, command."""
+
+import json
+import math
+import os
+import random
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from campaign_helpers import RUNS, VARIES, finish, rows_of, small
+from conftest import StartProcess
+from scipy import stats
+from synthetic import normal_run
+
+from ppc_attitude.analysis.series import attitude_errors
+from ppc_attitude.campaign import rows
+from ppc_attitude.campaign.campaign import Finished
+from ppc_attitude.campaign.fan import EDGES, QUANTITIES, UNKNOWN, Fan, levels_of, time_bins
+from ppc_attitude.campaign.figures import failing_figure, fan_figure, telling_variables
+from ppc_attitude.campaign.report import write_campaign_report
+from ppc_attitude.campaign.rows import (
+    KEYS,
+)
+from ppc_attitude.campaign.summary import WORST, Fraction, Summary
+from ppc_attitude.command_line.main import main
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    return finish(tmp_path_factory.mktemp("c") / "one")
+
+
+def test_levels_hold_the_largest_value_of_their_bin() -> None:
+    record = normal_run(120.0)
+    starts, ends = time_bins(record.stamps_ns)
+    levels = levels_of(record, attitude_errors(record), starts)
+    t, error = record.stamps_ns * 1e-9, np.abs(attitude_errors(record)).max(axis=1)
+    bounds = np.concatenate([[0.0], EDGES, [np.inf]])
+    for k in range(starts.size):
+        last = ends[k + 1] if k + 1 < starts.size else np.inf
+        peak = error[(t >= ends[k]) & (t < last)].max()
+        assert bounds[levels[0, k]] <= peak < bounds[levels[0, k] + 1]
+
+
+def test_a_bin_with_a_hole_is_unknown() -> None:
+    record = normal_run(120.0)
+    errors = attitude_errors(record).copy()
+    errors[6000] = np.nan
+    starts, _ = time_bins(record.stamps_ns)
+    unknown = np.flatnonzero(levels_of(record, errors, starts)[0] == UNKNOWN)
+    assert unknown.tolist() == [np.searchsorted(starts, 6000, "right") - 1]
+
+
+def fan_of(values: np.ndarray) -> Fan:
+    """Fan of one time bin in which the runs have these attitude errors."""
+    fan = Fan(np.array([0.0, 1.0]))
+    for value in values:
+        level = np.full((len(QUANTITIES), 1), UNKNOWN, np.uint8)
+        level[0] = np.searchsorted(EDGES, value, "right")
+        fan.add(level)
+    return fan
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.25, 0.5, 0.95, 1.0])
+def test_quantiles_are_true_to_a_level(share: float) -> None:
+    values = np.exp(np.random.default_rng(2).normal(-6.0, 1.0, 5000))
+    (found,) = fan_of(values).quantiles("attitude_error", share)
+    assert abs(math.log10(found / np.quantile(values, share))) <= 1 / 32 + 1e-9
+
+
+def test_counts_know_no_order() -> None:
+    values = np.exp(np.random.default_rng(2).normal(-6.0, 1.0, 500)).tolist()
+    shuffled = random.Random(1).sample(values, len(values))
+    forward, other = fan_of(np.array(values)), fan_of(np.array(shuffled))
+    assert np.array_equal(forward.counts, other.counts)
+    assert np.isnan(forward.quantiles("attitude_fill", 0.5)).all()
+
+
+@pytest.mark.parametrize(("met", "judged"), [(0, 10), (3, 7), (50, 50), (9990, 10000)])
+def test_interval_is_wilsons(met: int, judged: int) -> None:
+    low, high = Fraction(met, judged).interval
+    expected = stats.binomtest(met, judged).proportion_ci(method="wilson")
+    assert low == pytest.approx(expected.low, abs=1e-12)
+    assert high == pytest.approx(expected.high, abs=1e-12)
+
+
+def test_nothing_judged_is_nothing_known() -> None:
+    assert Fraction(0, 0).interval == (0.0, 1.0)
+    assert Fraction(0, 0).to_json()["fraction"] is None
+
+
+def test_summary_counts_what_the_rows_say(finished: Finished) -> None:
+    kept = rows_of(finished.folder)
+    summary = finished.summary
+    assert summary.runs == RUNS
+    assert summary.all_met == sum(row["all_met"] for row in kept)
+    for name, tally in summary.requirements():
+        key = KEYS[name]
+        judged = [row for row in kept if row[f"met_{key}"] is not None]
+        assert tally.fraction == Fraction(sum(row[f"met_{key}"] for row in judged), len(judged))
+        values = [(row[f"value_{key}"], row["index"]) for row in judged]
+        size = [(math.inf if value is None else value, -index) for value, index in values]
+        worst = sorted(size, reverse=True)[:WORST]
+        assert tally.worst_runs() == [(-index, value) for value, index in worst]
+
+
+def test_a_broken_run_meets_nothing() -> None:
+    summary = Summary()
+    summary.add(rows.broken(small(), 4, "lost").row)
+    assert summary.fraction == Fraction(0, 1)
+    assert summary.first_broken == (4, "lost")
+    assert summary.requirements() == []
+
+
+def test_variables_that_decide_come_first() -> None:
+    own = np.random.default_rng(4)
+    runs = [{"inertia_error": own.random(), "rate_noise": own.random()} for _ in range(400)]
+    for run in runs:
+        run["actuator_strength"] = 1.0  # does not vary
+    good = [run for run in runs if run["rate_noise"] < 0.6]
+    bad = [run for run in runs if run["rate_noise"] >= 0.6]
+    assert telling_variables(good, bad) == ["rate_noise", "inertia_error"]
+    assert telling_variables([], bad) != []
+    assert failing_figure([], []) is None
+
+
+def test_figures_show_what_they_are_given(finished: Finished) -> None:
+    top, bottom = fan_figure(finished.fan).axes
+    (median,) = [line for line in top.lines if line.get_label() == "median"]
+    np.testing.assert_array_equal(median.get_ydata(), finished.fan.quantiles("attitude_error", 0.5))
+    assert len(bottom.collections) == 3
+    summary = finished.summary
+    figure = failing_figure(summary.passing, summary.failing)
+    assert figure is not None
+    for axes in figure.axes:
+        points = sum(len(each.get_offsets()) for each in axes.collections)
+        assert points == RUNS
+
+
+def test_report_says_how_to_run_the_worst_again(finished: Finished, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_campaign_report(small(), finished, ["ppc_attitude", "campaign", "--seed", "1"], path)
+    page = path.read_text(encoding="utf-8")
+    summary = finished.summary
+    assert f"{summary.all_met} of {RUNS} runs meet every requirement" in page
+    for name, tally in summary.requirements():
+        assert name in page
+        if tally.met < tally.judged:
+            worst, _ = tally.worst_runs()[0]
+            assert f"ppc_attitude campaign --seed 1 --only {worst}" in page
+    assert page.count("<img") == 2
+    assert "distribution: cone" in page
+
+
+def written(tmp_path: Path) -> list[str]:
+    """Files of a small campaign, as arguments."""
+    config, declared = tmp_path / "config.yaml", tmp_path / "campaign.yaml"
+    plant = {"spacecraft_plant": {"ros__parameters": {"duration": 3.0, "rate": 50.0}}}
+    config.write_text(json.dumps(plant), encoding="utf-8")
+    declared.write_text(yaml.safe_dump({"campaign": VARIES}), encoding="utf-8")
+    return ["campaign", "--config", str(config), "--campaign", str(declared), "--seed", "1"]
+
+
+def test_command_gives_the_campaign(
+    finished: Finished, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, report = tmp_path / "out", tmp_path / "report.html"
+    options = ["--runs", str(RUNS), "--out", str(out), "--json", "--report", str(report)]
+    assert main([*written(tmp_path), *options]) == 1  # runs this short meet little
+    told = json.loads(capsys.readouterr().out)
+    assert told["done"] == told["runs"] == RUNS
+    assert told["requirements"] == finished.summary.to_json()["requirements"]
+    assert rows_of(out) == rows_of(finished.folder)
+    assert report.exists()
+
+
+def test_command_runs_one_again(
+    finished: Finished, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*written(tmp_path), "--only", "9", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    row = rows_of(finished.folder)[9]
+    for name in ("max_rate_deg_s", "max_applied_torque", "settling_time_s"):
+        assert told["metrics"][name] == row[name]
+    assert told["drawn"]["pulse_torque"] == row["pulse_torque"]
+
+
+def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*written(tmp_path), "--runs", "0"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == "error: runs = 0; allowed: ≥ 1"
+
+
+def test_ctrl_c_keeps_what_is_done_and_says_how_much(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "ppc_attitude.command_line.main", *written(tmp_path)]
+    process = start_process([*command, "--runs", "1000000", "--out", str(out)], cwd=ROOT)
+    assert process.stderr is not None
+    seen = ""
+    while "/1000000" not in seen or " 0/1000000" in seen:  # the bar has moved
+        seen = process.stderr.read(200)
+        assert seen, "ended by itself"
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does it: to all of them
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 3
+    assert "Traceback" not in errors
+    done = len(rows_of(out))
+    assert done > 0
+    assert f"error: interrupted after {done} of 1000000 runs; {out} holds these" in errors
