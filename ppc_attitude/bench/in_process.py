@@ -19,18 +19,20 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.bench.basilisk_loop import BasiliskLoop
 from ppc_attitude.bench.pairs import alternating
+from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.simulation.closed_loop import SAMPLE, run_samples, stamps_of
 from ppc_attitude.simulation.scenario import scenario
 
-RATE = 100.0  # [Hz]
+DURATION = 120.0  # [s]
+_SAME = 1e-9  # the three forms of Basilisk's law may differ by this: rounding
+_OURS_AT_A_TIME = 10  # runs: as much wall time as one of Basilisk's
 
 
 def ours_s_per_s(duration: float, repeats: int) -> float:
     """Simulated seconds in a second of wall time, full law, every sample kept."""
     run = scenario({})
-    stamps = stamps_of(RATE, duration)
+    stamps = stamps_of(run.number(PLANT, "rate"), duration)
     samples = np.zeros(stamps.size, SAMPLE)
     run_samples(run, stamps, samples)
     begin = time.perf_counter()
@@ -39,27 +41,39 @@ def ours_s_per_s(duration: float, repeats: int) -> float:
     return repeats * duration / (time.perf_counter() - begin)
 
 
-def basilisk_s_per_s(law: str, duration: float) -> float:
-    """Return the same of Basilisk, without the time it takes to build the simulation."""
-    loop = BasiliskLoop(law, RATE)
-    begin = time.perf_counter()
-    loop.run(duration)
-    return duration / (time.perf_counter() - begin)
-
-
 def measure(quick: bool) -> dict[str, Any]:
-    """Measure ``in_process``."""
-    duration, pairs = (20.0, 1) if quick else (120.0, 5)
-    ours, compiled, python = alternating(
-        pairs,
-        lambda: ours_s_per_s(120.0, 5),
-        lambda: basilisk_s_per_s("compiled", duration),
-        lambda: basilisk_s_per_s("python", duration),
+    """Measure ``in_process``: loops of one scenario, what prepares them excluded on both sides.
+
+    Raises
+    ------
+    RuntimeError
+        Basilisk's three forms of one law end at different attitudes.
+    """
+    from ppc_attitude.bench.basilisk_loop import BasiliskLoop, Law
+
+    ends: dict[Law, Any] = {}
+
+    def basilisk_s_per_s(law: Law) -> float:
+        loop = BasiliskLoop(scenario({}), DURATION, law)
+        loop.prepare()
+        begin = time.perf_counter()
+        ends[law] = loop.run()
+        return DURATION / (time.perf_counter() - begin)
+
+    ours, compiled, numba, python = alternating(
+        1 if quick else 9,
+        lambda: ours_s_per_s(DURATION, _OURS_AT_A_TIME),
+        lambda: basilisk_s_per_s("compiled"),
+        lambda: basilisk_s_per_s("numba"),
+        lambda: basilisk_s_per_s("python"),
     )
+    for law, end in ends.items():
+        if not np.allclose(end, ends["compiled"], rtol=0.0, atol=_SAME):
+            raise RuntimeError(f"Basilisk's law as {law} ends at σ = {end}: {ends}")
     return {
         "sim_s_per_s": ours,
         "basilisk_compiled": compiled,
-        "basilisk_numba": None,  # not measured yet
+        "basilisk_numba": numba,
         "basilisk_python": python,
         "ratio": ours / compiled,
     }
