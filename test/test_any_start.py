@@ -27,12 +27,13 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.envelope_plan import MAX_STRETCH, PLAN, carry_on, plan_envelopes
 from ppc_attitude.simulation.closed_loop import (
-    SAMPLE,
     first_step,
     run_samples,
     simulate,
     stamps_of,
+    timetable_of,
 )
+from ppc_attitude.simulation.samples import columns_of, new_samples
 from ppc_attitude.simulation.scenario import Scenario, load
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -77,7 +78,7 @@ def hard_starts() -> Iterator[tuple[Rotation, np.ndarray]]:
             yield Rotation.from_rotvec(np.deg2rad(angle) * axis), np.deg2rad(1.0) * axis
 
 
-def judged(samples: Any, stamps: np.ndarray) -> list[str]:
+def judged(samples: dict[str, np.ndarray], stamps: np.ndarray) -> list[str]:
     """What a run breaks of the promise."""
     t = stamps * 1e-9
     error = np.abs(samples["attitude_error"][:, :3])
@@ -107,11 +108,11 @@ def judged(samples: Any, stamps: np.ndarray) -> list[str]:
 @pytest.mark.parametrize("starts", [random_starts, hard_starts])
 def test_every_start_converges_inside_its_envelope_below_the_limit(starts: Any) -> None:
     stamps = stamps_of(100.0, 180.0)
-    buffer = np.zeros(stamps.size, SAMPLE)
+    buffer, timetable = new_samples(stamps.size), timetable_of(ANY_START, stamps)
     wrong = []
     for k, (error, rate) in enumerate(starts()):
-        samples = run_samples(started(ANY_START, error, rate), stamps, buffer)
-        wrong += [f"start {k} {complaint}" for complaint in judged(samples, stamps)]
+        samples = run_samples(started(ANY_START, error, rate), stamps, buffer, timetable)
+        wrong += [f"start {k} {complaint}" for complaint in judged(columns_of(samples), stamps)]
     assert not wrong, "\n".join(wrong)
 
 

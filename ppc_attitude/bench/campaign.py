@@ -73,7 +73,7 @@ def basilisk_runs_per_s(runs: int) -> float:
     from Basilisk.utilities.MonteCarlo.Controller import Controller
     from Basilisk.utilities.MonteCarlo.Dispersions import UniformVectorDispersion
 
-    create()  # imports, compiles and makes the reference's table once, for all forks of this process
+    create()  # once for all forks of this process: imports, compiled models, the table
     controller = Controller()
     controller.setSimulationFunction(create)
     controller.setExecutionFunction(execute)

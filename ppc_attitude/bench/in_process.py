@@ -21,7 +21,8 @@ import numpy as np
 
 from ppc_attitude.bench.pairs import alternating
 from ppc_attitude.contract.topics import PLANT
-from ppc_attitude.simulation.closed_loop import SAMPLE, run_samples, stamps_of
+from ppc_attitude.simulation.closed_loop import run_samples, stamps_of
+from ppc_attitude.simulation.samples import new_samples
 from ppc_attitude.simulation.scenario import scenario
 
 DURATION = 120.0  # [s]
@@ -33,7 +34,7 @@ def ours_s_per_s(duration: float, repeats: int) -> float:
     """Simulated seconds in a second of wall time, full law, every sample kept."""
     run = scenario({})
     stamps = stamps_of(run.number(PLANT, "rate"), duration)
-    samples = np.zeros(stamps.size, SAMPLE)
+    samples = new_samples(stamps.size)
     run_samples(run, stamps, samples)
     begin = time.perf_counter()
     for _ in range(repeats):

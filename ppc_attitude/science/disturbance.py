@@ -30,6 +30,7 @@ PULSE = np.dtype(
     align=True,
 )
 _OMEGA_P = 0.01  # ω_p [rad/s]
+_NOTHING: Vector = (0.0, 0.0, 0.0)
 ENVIRONMENT_BOUND = 4.374e-3  # [N·m] the environment torque's norm is never larger
 
 
@@ -57,9 +58,12 @@ def external_torque(stamp_ns: int, t: float, environment: bool, pulses: Any) -> 
     pulses
         Array of dtype `PULSE`; overlapping pulses add up.
     """
-    total = (0.0, 0.0, 0.0)
-    if environment:
-        total = environment_torque(t)
+    return with_pulses(stamp_ns, environment_torque(t) if environment else _NOTHING, pulses)
+
+
+@kernel
+def with_pulses(stamp_ns: int, total: Vector, pulses: Any) -> Vector:
+    """Return a torque [N·m] and the pulses that act from an instant [ns] on."""
     for i in range(pulses.size):
         if pulses[i].start_ns <= stamp_ns < pulses[i].end_ns:
             total = add(total, vector(pulses[i].torque))

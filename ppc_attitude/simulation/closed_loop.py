@@ -17,6 +17,9 @@
 At every instant: state, reference and external torque of the stamp; the command from them; then
 the plant holds both torques to the next stamp. The nodes do the same over topics, with the same
 kernels and the same stamps, so both give the same numbers to the last bit.
+
+What depends on time alone (desired motion, environment torque) is computed before the loop, so
+that a campaign does it once for all its runs.
 """
 
 from functools import cache
@@ -28,8 +31,8 @@ from numba import from_dtype, types
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.cdr import stamp_of
-from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE, SAMPLED
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.controllers.interface import (
     COLUMNS,
     COMMAND,
@@ -39,12 +42,20 @@ from ppc_attitude.science.controllers.interface import (
     new_measurement,
 )
 from ppc_attitude.science.controllers.registry import CONTROLLERS
-from ppc_attitude.science.disturbance import PULSE, external_torque
-from ppc_attitude.science.kernel import OPTIONS, quaternion, store, store_quaternion, vector
-from ppc_attitude.science.reference import CURSOR, desired_motion, new_cursor
-from ppc_attitude.science.reference import REFERENCE as REFERENCE_RECORD
+from ppc_attitude.science.disturbance import PULSE, environment_torque, with_pulses
+from ppc_attitude.science.kernel import OPTIONS, kernel, quaternion, store, store_quaternion, vector
+from ppc_attitude.science.reference import desired_motion, new_cursor
 from ppc_attitude.science.spacecraft import PLANT as PLANT_RECORD
 from ppc_attitude.science.spacecraft import applied_torque, measured, plant_step
+from ppc_attitude.simulation.samples import (
+    ROWS,
+    columns_of,
+    new_samples,
+    put,
+    put_quaternion,
+    taken,
+    taken_quaternion,
+)
 from ppc_attitude.simulation.scenario import (
     Scenario,
     initial_state,
@@ -56,7 +67,21 @@ from ppc_attitude.simulation.scenario import (
 _TUPLE: Any = types.UniTuple  # untyped in Numba
 _QUATERNION = _TUPLE(types.float64, 4)
 _VECTOR = _TUPLE(types.float64, 3)
-SAMPLE = np.dtype([(t.column, np.float64, (t.width,)) for t in SAMPLED], align=True)
+_ENVIRONMENT = 10  # first row of the environment torque in a timetable, after the motion
+
+
+@kernel
+def _fill_timetable(
+    stamps_ns: Any, reference: Any, cursor: Any, environment: bool, timetable: Any
+) -> None:
+    for k in range(stamps_ns.size):
+        t = stamps_ns[k] * 1e-9
+        q_d, omega_d, acceleration_d = desired_motion(t, reference, cursor)
+        put_quaternion(timetable, 0, k, q_d)
+        put(timetable, 4, k, omega_d)
+        put(timetable, 7, k, acceleration_d)
+        if environment:
+            put(timetable, _ENVIRONMENT, k, environment_torque(t))
 
 
 def _loop(
@@ -64,9 +89,7 @@ def _loop(
     memory: Any,
     configuration: Any,
     plant: Any,
-    reference: Any,
-    cursor: Any,
-    environment: bool,
+    timetable: Any,
     disturbances: Any,
     stamps_ns: Any,
     q: Any,
@@ -77,13 +100,12 @@ def _loop(
 ) -> None:
     """Run the loop over the stamps and write every topic's sample; the kernel of `simulate`."""
     for k in range(stamps_ns.size):
-        t = stamps_ns[k] * 1e-9
-        sample = samples[k]
         q_measured, omega_measured = measured(plant, q, omega, k)
-        q_d, omega_d, acceleration_d = desired_motion(t, reference, cursor)
-        disturbance = external_torque(stamps_ns[k], t, environment, disturbances)
+        q_d = taken_quaternion(timetable, 0, k)
+        omega_d, acceleration_d = taken(timetable, 4, k), taken(timetable, 7, k)
+        disturbance = with_pulses(stamps_ns[k], taken(timetable, _ENVIRONMENT, k), disturbances)
 
-        measurement.t = t
+        measurement.t = stamps_ns[k] * 1e-9
         store_quaternion(measurement.attitude, q_measured)
         store(measurement.angular_velocity, omega_measured)
         store_quaternion(measurement.reference_attitude, q_d)
@@ -92,20 +114,20 @@ def _loop(
         step(measurement, memory, configuration, command)
         applied = applied_torque(plant, vector(command.torque_command))
 
-        store_quaternion(sample.attitude, q_measured)
-        store(sample.angular_velocity, omega_measured)
-        store(sample.applied_torque, applied)
-        store_quaternion(sample.reference_attitude, q_d)
-        store(sample.reference_angular_velocity, omega_d)
-        store(sample.reference_angular_acceleration, acceleration_d)
-        store(sample.torque_command, vector(command.torque_command))
-        store(sample.disturbance_torque, disturbance)
-        store_quaternion(sample.attitude_error, quaternion(command.attitude_error))
-        store(sample.attitude_envelope, vector(command.attitude_envelope))
-        store(sample.rate_error, vector(command.rate_error))
-        store(sample.rate_envelope, vector(command.rate_envelope))
-        store(sample.auxiliary_state, vector(command.auxiliary_state))
-        store(sample.unsaturated_torque, vector(command.unsaturated_torque))
+        put_quaternion(samples, ROWS.attitude, k, q_measured)
+        put(samples, ROWS.angular_velocity, k, omega_measured)
+        put(samples, ROWS.applied_torque, k, applied)
+        put_quaternion(samples, ROWS.reference_attitude, k, q_d)
+        put(samples, ROWS.reference_angular_velocity, k, omega_d)
+        put(samples, ROWS.reference_angular_acceleration, k, acceleration_d)
+        put(samples, ROWS.torque_command, k, vector(command.torque_command))
+        put(samples, ROWS.disturbance_torque, k, disturbance)
+        put_quaternion(samples, ROWS.attitude_error, k, quaternion(command.attitude_error))
+        put(samples, ROWS.attitude_envelope, k, vector(command.attitude_envelope))
+        put(samples, ROWS.rate_error, k, vector(command.rate_error))
+        put(samples, ROWS.rate_envelope, k, vector(command.rate_envelope))
+        put(samples, ROWS.auxiliary_state, k, vector(command.auxiliary_state))
+        put(samples, ROWS.unsaturated_torque, k, vector(command.unsaturated_torque))
 
         if k + 1 < stamps_ns.size:
             h = (stamps_ns[k + 1] - stamps_ns[k]) * 1e-9
@@ -123,16 +145,14 @@ def loop_of(name: str) -> Any:
         arguments[1],
         arguments[2],
         from_dtype(PLANT_RECORD),
-        from_dtype(REFERENCE_RECORD),
-        from_dtype(CURSOR),
-        types.boolean,
+        types.float64[:, ::1],
         from_dtype(PULSE)[::1],
         types.int64[::1],
         _QUATERNION,
         _VECTOR,
         from_dtype(MEASUREMENT),
         from_dtype(COMMAND),
-        from_dtype(SAMPLE)[::1],
+        types.float64[:, ::1],
     )
     return numba.njit(signature, **OPTIONS)(_loop)
 
@@ -143,9 +163,32 @@ def stamps_of(rate: float, duration: float) -> NDArray[np.int64]:
     return np.array([stamp_of(k, rate) for k in range(steps + 1)], dtype=np.int64)
 
 
+def timetable_of(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Array:
+    """What of a scenario depends on time alone, at the stamps [ns].
+
+    Returns
+    -------
+    ndarray, shape (13, n)
+        Desired attitude x y z w, rate [rad/s] and acceleration [rad/s²] (desired frame);
+        environment torque [N·m] (body).
+    """
+    timetable = np.zeros((_ENVIRONMENT + 3, stamps_ns.size))
+    _fill_timetable(
+        stamps_ns,
+        reference_record(scenario.parameters[REFERENCE]),
+        new_cursor(),
+        bool(scenario.parameters[INJECTOR]["environment"]),
+        timetable,
+    )
+    return timetable
+
+
 def run_samples(
-    scenario: Scenario, stamps_ns: NDArray[np.int64], samples: NDArray[Any] | None = None
-) -> NDArray[Any]:
+    scenario: Scenario,
+    stamps_ns: NDArray[np.int64],
+    samples: Array | None = None,
+    timetable: Array | None = None,
+) -> Array:
     """Closed loop of a scenario over the stamps.
 
     Parameters
@@ -154,26 +197,29 @@ def run_samples(
         What to run.
     stamps_ns : ndarray of int64, shape (n,)
         Instants [ns].
-    samples : ndarray of dtype `SAMPLE`, shape (n,), optional
-        Where to write, to use one buffer for many runs.
+    samples : ndarray, optional
+        Where to write (`new_samples`), to use one buffer for many runs.
+    timetable : ndarray, shape (13, n), optional
+        `timetable_of` this scenario and stamps, to compute it once for many runs.
 
     Returns
     -------
-    ndarray of dtype `SAMPLE`, shape (n,)
+    ndarray
+        The samples; `columns_of` tells them apart.
     """
     law = scenario.controller
     values = scenario.parameters
     if samples is None:
-        samples = np.zeros(stamps_ns.size, SAMPLE)
+        samples = new_samples(stamps_ns.size)
+    if timetable is None:
+        timetable = timetable_of(scenario, stamps_ns)
     q, omega = initial_state(values[PLANT])
     loop_of(law.name)(
         law.step,
         law.new_memory(),
         law.configure(values[CONTROLLER]),
         plant_record(values[PLANT]),
-        reference_record(values[REFERENCE]),
-        new_cursor(),
-        bool(values[INJECTOR]["environment"]),
+        timetable,
         pulses(values[INJECTOR]),
         stamps_ns,
         q,
@@ -197,18 +243,16 @@ def simulate(scenario: Scenario, duration: float) -> RunRecord:
     return record_of(scenario, stamps_ns, run_samples(scenario, stamps_ns))
 
 
-def record_of(scenario: Scenario, stamps_ns: NDArray[np.int64], samples: NDArray[Any]) -> RunRecord:
+def record_of(scenario: Scenario, stamps_ns: NDArray[np.int64], samples: Array) -> RunRecord:
     """Samples of `run_samples` as a record, without a copy."""
-    columns = [
-        topic.column
-        for topic in SAMPLED
-        if topic.column not in COLUMNS or topic.column in scenario.controller.columns
-    ]
+    columns = columns_of(samples)
+    for name in set(COLUMNS) - set(scenario.controller.columns):
+        del columns[name]
     return RunRecord(
         source="simulate",
         controller=scenario.controller.name,
         stamps_ns=stamps_ns,
-        columns={column: samples[column] for column in columns},
+        columns=columns,
         parameters=scenario.parameters,
     )
 
