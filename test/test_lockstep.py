@@ -51,6 +51,29 @@ def test_another_time_is_believed_when_three_messages_agree(start):
     assert verdicts[1:] == [Verdict.STALE, Verdict.STALE, Verdict.RESTART]
 
 
+@pytest.mark.parametrize("wrong", [0, 3_600 * NANOSECONDS], ids=["zero", "future"])
+def test_one_wrong_stamp_does_not_end_lockstep(wrong: int) -> None:
+    """The plant repeats the state that nobody answers: after some repetitions it is believed."""
+    now = 0.0
+    guard = StampGuard(lambda: now)
+    state = 50 * NANOSECONDS
+    verdicts = [guard.judge(wrong)]
+    for wait in (0.0, 0.2, 0.4):
+        now += wait
+        verdicts.append(guard.judge(state))
+    assert verdicts == [Verdict.NEW, Verdict.STALE, Verdict.STALE, Verdict.RESTART]
+    assert guard.judge(state) is Verdict.REPEATED
+
+
+def test_a_flood_of_copies_is_no_agreement() -> None:
+    now = 0.0
+    guard = StampGuard(lambda: now)
+    guard.judge(50 * NANOSECONDS)
+    for _ in range(900):
+        now += 1e-4
+        assert guard.judge(3_600 * NANOSECONDS) is Verdict.STALE
+
+
 def test_one_message_from_the_future_does_not_stop_the_present():
     future = 2_000_000_000 * NANOSECONDS
     assert fed(future, 0, PERIOD, future, 2 * PERIOD) == [

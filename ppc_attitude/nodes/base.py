@@ -137,10 +137,20 @@ class BaseNode(Node):
 
     def complain(self, kind: str, text: str) -> None:
         """Log a warning, at most once a second for each kind."""
-        now = time.monotonic()
-        if now - self._last_log.get(kind, -_LOG_PERIOD) >= _LOG_PERIOD:
-            self._last_log[kind] = now
+        if self._may_log(kind):
             self.get_logger().warning(text)
+
+    def mention(self, kind: str, text: str) -> None:
+        """Log what anyone may cause, at most once a second for each kind."""
+        if self._may_log(f"{kind} (accepted)"):
+            self.get_logger().info(text)
+
+    def _may_log(self, kind: str) -> bool:
+        now = time.monotonic()
+        due = now - self._last_log.get(kind, -_LOG_PERIOD) >= _LOG_PERIOD
+        if due:
+            self._last_log[kind] = now
+        return due
 
     def report(self, stamp_ns: int, at_once: bool = False) -> None:
         """Publish diagnostics once per simulated second, or at once."""

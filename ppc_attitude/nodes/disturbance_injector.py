@@ -62,6 +62,7 @@ class DisturbanceInjector(BaseNode):
 
     def _collect(self) -> None:
         """Put scheduled and injected pulses that have not ended into the kernel's array."""
+        self._collected = self._stamp  # until the next state none can end
         self._injected = [item for item in self._injected if item["end_ns"][0] > self._stamp]
         self._pulses = np.concatenate([self._scheduled, np.zeros(0, PULSE), *self._injected])
 
@@ -95,10 +96,10 @@ class DisturbanceInjector(BaseNode):
         limit = self.parameters["max_injected_torque"]
         if max(map(abs, torque)) > limit:
             raise RefusedError(f"{INJECT.name}: {torque} N·m; allowed: up to {limit} N·m per axis")
-        if len(self._injected) + len(self._beginning) >= _MAX_INJECTED:
+        if self._is_full() and self._stamp > self._collected:
             self._collect()
-            if len(self._injected) + len(self._beginning) >= _MAX_INJECTED:
-                raise RefusedError(f"{INJECT.name}: {_MAX_INJECTED} pulses are pending already")
+        if self._is_full():
+            raise RefusedError(f"{INJECT.name}: {_MAX_INJECTED} pulses are pending already")
         self._accepted += 1
         duration = self.parameters["injection_duration"]
         if stamp_ns > self._stamp:
@@ -108,7 +109,10 @@ class DisturbanceInjector(BaseNode):
         else:
             self._beginning.append((torque, duration))
             when = "from the next state on"
-        self.get_logger().info(f"injected torque {torque} N·m acts {when}")
+        self.mention(INJECT.name, f"injected torque {torque} N·m acts {when}")
+
+    def _is_full(self) -> bool:
+        return len(self._injected) + len(self._beginning) >= _MAX_INJECTED
 
     def wake(self) -> float:
         """Report by the wall clock while no state arrives."""

@@ -19,7 +19,8 @@ repeated state with the same answer. The plant repeats a state that stays unansw
 that is late, restarts or lost a message is served by the same mechanism as every other.
 """
 
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from enum import Enum
 
 from ppc_attitude.contract.cdr import NANOSECONDS
@@ -41,17 +42,26 @@ class StampGuard:
 
     A stamp that goes back, or leaps ahead by more than `LARGEST_STEP`, is refused as out of order,
     unless time has begun again: at stamp zero, or when `CONFIRMATIONS` messages in a row agree on
-    the other time.
+    the other time. A plant in lock-step cannot go on without an answer: that it repeats a state
+    counts as agreement too, but not the copies of a flood.
+
+    Parameters
+    ----------
+    clock : callable
+        Wall clock [s]; it only tells a repeated state from a flood.
     """
 
     CONFIRMATIONS = 3
     LARGEST_STEP = 10 * NANOSECONDS
     LATEST_START = 86_400 * NANOSECONDS  # a first stamp after this needs confirmation as well
+    SOONEST_REPEAT = 0.1  # [s] no plant repeats a state sooner
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.last: int | None = None
+        self._clock = clock
         self._candidate: int | None = None
         self._confirmed = 0
+        self._confirmed_at = 0.0
 
     def judge(self, stamp_ns: int) -> Verdict:
         """Classify a stamp [ns] and remember it unless it is stale."""
@@ -59,13 +69,21 @@ class StampGuard:
             return Verdict.REPEATED
         if self._goes_on(stamp_ns):
             return self._accept(stamp_ns, Verdict.NEW)
-        candidate = self._candidate
-        agrees = candidate is not None and 0 < stamp_ns - candidate <= self.LARGEST_STEP
-        self._confirmed = self._confirmed + 1 if agrees else 1
-        self._candidate = stamp_ns
+        self._weigh(stamp_ns)
         if stamp_ns == 0 or self._confirmed >= self.CONFIRMATIONS:
             return self._accept(stamp_ns, Verdict.RESTART)
         return Verdict.STALE
+
+    def _weigh(self, stamp_ns: int) -> None:
+        """Count how many stamps in a row agree on another time."""
+        now = self._clock()
+        if stamp_ns == self._candidate and now - self._confirmed_at < self.SOONEST_REPEAT:
+            return
+        candidate = self._candidate
+        agrees = candidate is not None and 0 <= stamp_ns - candidate <= self.LARGEST_STEP
+        self._confirmed = self._confirmed + 1 if agrees else 1
+        self._candidate = stamp_ns
+        self._confirmed_at = now
 
     def _goes_on(self, stamp_ns: int) -> bool:
         if self.last is None:
@@ -116,12 +134,10 @@ class Instant:
         latest = self._parts[next(reversed(self._parts))]
         return tuple(name for name in self._names if name not in latest)
 
-    def clear(self) -> None:
-        """Forget everything."""
-        self._parts.clear()
-
     def _forget_until(self, stamp_ns: int) -> None:
-        older = [stamp for stamp in self._parts if stamp < stamp_ns]
-        self.dropped += len(older)
-        for stamp in (*older, stamp_ns):
+        """Drop a complete instant and what began to arrive before it: no topic goes back."""
+        for stamp in list(self._parts):
             del self._parts[stamp]
+            if stamp == stamp_ns:
+                return
+            self.dropped += 1

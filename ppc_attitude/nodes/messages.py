@@ -26,7 +26,7 @@ from ppc_attitude.contract.cdr import CdrError, Codec, Sample, finite
 from ppc_attitude.contract.topics import QUATERNION, Topic
 
 _UNIT_TOLERANCE = 1e-3
-_LARGEST = 1e6  # no rate [rad/s] or torque [N·m] of a spacecraft is larger
+LARGEST = 1e6  # no rate [rad/s] or torque [N·m] of a spacecraft is larger
 
 
 class RefusedError(ValueError):
@@ -80,10 +80,10 @@ class Inbox:
             raise RefusedError(f"{self._topic.name}: {values} is not finite")
         if self._is_attitude:
             return Sample(stamp_ns, frame_id, self._unit(values))
-        if max(map(abs, values)) > _LARGEST:
+        if max(map(abs, values)) > LARGEST:
             raise RefusedError(
                 f"{self._topic.name}: {values} {self._topic.unit}; allowed: magnitudes up to "
-                f"{_LARGEST:g}"
+                f"{LARGEST:g}"
             )
         return sample
 

@@ -96,9 +96,9 @@ class PpcController(BaseNode):
         if verdict is Verdict.STALE:
             raise RefusedError(f"state: stamp {seconds(stamp_ns):.6f} s is out of order")
         if verdict is Verdict.RESTART:
-            self.get_logger().info(f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed")
+            text = f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed"
+            self.mention("restart", text)
             self._memory = self._law.new_memory()
-            self._instant.clear()  # parts of the earlier time could pair with new ones
             self._announced = 0
             self.restart_report()
         if verdict is not Verdict.REPEATED:
@@ -131,8 +131,11 @@ class PpcController(BaseNode):
         advice = self._law.advice(self._memory)
         if advice.number != self._announced:
             self._announced = advice.number
-            log = self.get_logger()
-            (log.warning if advice.warning else log.info)(advice.text)
+            # Two lines of source: rclpy ties a severity to each.
+            if advice.warning:
+                self.get_logger().warning(advice.text)
+            else:
+                self.get_logger().info(advice.text)
 
     def _on_enable(self, request: Any, response: Any) -> Any:
         if request.data and not self._enabled:

@@ -34,7 +34,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.base import ERROR, EXIT_BROKEN, OK, STALE, WARN, BaseNode, run_node
-from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.messages import LARGEST, RefusedError
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.rival import RivalWatch
 from ppc_attitude.science.kernel import Vector
@@ -102,7 +102,7 @@ class SpacecraftPlant(BaseNode):
         self._held = _ZERO  # free-running: what acts since the latest state
         self._overruns = 0
         self._late_commands = 0
-        self._timed_out = False
+        self._timed_out: set[str] = set()  # free-running: inputs that are missing
         self._started = False  # the present state has been published
         self._waiting_since = self._last_sent = self._last_said = time.monotonic()
         self._repeat_after = _REPEAT_FIRST
@@ -155,6 +155,9 @@ class SpacecraftPlant(BaseNode):
         self._q, self._omega = plant_step(
             self._plant, self._q, self._omega, applied, disturbance, h
         )
+        if not sum(map(abs, self._omega)) <= LARGEST:  # NaN is not either
+            self._fail(f"diverged: angular velocity {self._omega} rad/s at {seconds(stamp)} s")
+            return
         if self.parameters.changed:
             self._apply_parameters()
         self._waiting_since = self._last_sent = time.monotonic()
@@ -168,6 +171,11 @@ class SpacecraftPlant(BaseNode):
         self._show_progress()
         if self._lockstep and self._step % _ACKNOWLEDGED_EVERY == 0:
             self._let_subscribers_follow()
+
+    def _fail(self, reason: str) -> None:
+        self.get_logger().error(reason)
+        self.exit_code = EXIT_BROKEN
+        self.finished = True
 
     def _let_subscribers_follow(self) -> None:
         """Wait for a recorder that lags, before the publishers' memory overflows."""
@@ -215,9 +223,9 @@ class SpacecraftPlant(BaseNode):
             self.complain("overrun", f"step {self._step} is {1e3 * late:.1f} ms late")
         if self._input_stamps[TORQUE_COMMAND.name] < self._stamp:
             self._late_commands += 1
-        self._advance(self._held, self._inputs[DISTURBANCE.name])
+        self._advance(self._held, self._input_or_zero(DISTURBANCE.name))
         # The command for this new state is still to come: what arrived last acts, a sample late.
-        self._held = self._command_or_zero()
+        self._held = self._input_or_zero(TORQUE_COMMAND.name)
         return 0.0
 
     def _awaits_first_answer(self) -> bool:
@@ -226,28 +234,26 @@ class SpacecraftPlant(BaseNode):
 
     def _look_for_rival(self) -> None:
         rival = self._rival.look()
-        if rival and self._rival.is_new:
-            self.get_logger().error(f"{rival}; this plant is the newer one and ends")
-            self.exit_code = EXIT_BROKEN
-            self.finished = True
+        if rival and self._rival.came_second:
+            self._fail(f"{rival}; this plant is the newer one and ends")
         elif rival:
             self.complain("rival", rival)
 
-    def _command_or_zero(self) -> Vector:
-        """Return the held torque, or zero when the last command is older than the time-out."""
-        age_ns = self._stamp - self._input_stamps[TORQUE_COMMAND.name]
-        timed_out = self._input_stamps[TORQUE_COMMAND.name] < 0 or age_ns > self._timeout_ns
-        if timed_out != self._timed_out:
-            self._timed_out = timed_out
+    def _input_or_zero(self, name: str) -> Vector:
+        """Return the latest torque of an input, or zero when it is older than the time-out."""
+        stamp = self._input_stamps[name]
+        expected = stamp >= 0 or name == TORQUE_COMMAND.name  # an injector need not be there
+        timed_out = expected and self._stamp - max(stamp, 0) > self._timeout_ns
+        if timed_out != (name in self._timed_out):
+            self._timed_out ^= {name}
+            when = f"t = {seconds(self._stamp):.3f} s"
             if timed_out:
-                self.get_logger().warning(
-                    f"no torque_command for {self.parameters['command_timeout']} s: zero torque "
-                    f"from t = {seconds(self._stamp):.3f} s"
-                )
+                timeout = self.parameters["command_timeout"]
+                self.get_logger().warning(f"no {name} for {timeout} s: zero torque from {when}")
             else:
-                self.get_logger().info(f"commands are back at t = {seconds(self._stamp):.3f} s")
+                self.get_logger().info(f"{name} is back at {when}")
             self.report(self._stamp, at_once=True)
-        return _ZERO if timed_out else self._inputs[TORQUE_COMMAND.name]
+        return _ZERO if timed_out else self._inputs[name]
 
     def _wake_lockstep(self) -> float:
         ahead = self._ahead()
@@ -306,7 +312,7 @@ class SpacecraftPlant(BaseNode):
         if self._lockstep and time.monotonic() - self._waiting_since > 1.0:
             return STALE, self._waiting_text(), details
         if self._timed_out:
-            return WARN, "no torque_command: zero torque", details
+            return WARN, f"no {', '.join(sorted(self._timed_out))}: zero torque", details
         return OK, "running", details
 
 

@@ -35,6 +35,7 @@ from ppc_attitude.science.kernel import (
     Vector,
     add,
     apply,
+    clamp,
     kernel,
     kernel_of,
     largest,
@@ -139,6 +140,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     u = subtract(scale(-1.0, apply(inertia, acceleration)), m_0)
     peak = largest(u)
     torque = scale(gains.max_torque / peak, u) if peak > gains.max_torque else u
+    torque = clamp(torque, gains.max_torque)  # rounding may leave it an ulp above
     store_command(command, q_e, omega_e, u, torque)
 
 

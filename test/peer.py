@@ -1,0 +1,150 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A peer on the graph of a stack: sends what it likes, hears everything, asks services."""
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from process_helpers import PATIENCE
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from ppc_attitude.contract.cdr import Codec, Sample
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    DIAGNOSTICS_TOPIC,
+    EVENTS,
+    SAMPLED,
+    TORQUE_COMMAND,
+    Topic,
+)
+from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.messages import message_class
+
+_QOS = QoSProfile(
+    depth=1000, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE
+)
+
+
+class Peer:
+    """Talks to a stack in this test's domain."""
+
+    def __init__(self, publishes: tuple[Topic, ...] = ()) -> None:
+        self.node = Node("peer")
+        self.heard: dict[str, list[Sample]] = defaultdict(list)
+        self.health: dict[str, dict[str, str]] = {}
+        self._own: set[bytes] = set()
+        self._publishers = {topic: self._publisher(topic) for topic in publishes}
+        for topic in SAMPLED:
+            self.node.create_subscription(
+                message_class(topic.msgtype), topic.name, self._receiver(topic), _QOS, raw=True
+            )
+        self.node.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._on_health, 100)
+        self._executor = new_executor()
+        self._executor.add_node(self.node)
+
+    def _publisher(self, topic: Topic) -> Any:
+        return self.node.create_publisher(message_class(topic.msgtype), topic.name, _QOS)
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        decode, samples = Codec(topic).decode, self.heard[topic.name]
+
+        def receive(data: bytes) -> None:
+            if data not in self._own:
+                samples.append(decode(data))
+
+        return receive
+
+    def _on_health(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.health[status.hardware_id.lstrip("/")] = {
+                "level": str(status.level[0]),
+                "message": status.message,
+                **{entry.key: entry.value for entry in status.values},
+            }
+
+    def send(self, topic: Topic, data: bytes) -> None:
+        """Publish bytes."""
+        self._own.add(data)
+        self._publishers[topic].publish(data)
+
+    def matched(self, topic: Topic, subscribers: int) -> None:
+        """Wait until so many nodes, and this one, listen to what it publishes."""
+        publisher = self._publishers[topic]
+        own = 0 if topic in EVENTS else 1
+        self.until(
+            lambda: publisher.get_subscription_count() >= subscribers + own,
+            f"subscribers of {topic.name}",
+        )
+
+    def until(self, condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+        """Take messages until a condition holds."""
+        end = time.monotonic() + patience
+        while not (result := condition()):
+            assert time.monotonic() < end, f"waited in vain for {what}"
+            self._executor.spin_once(timeout_sec=0.02)
+        return result
+
+    def spin(self) -> None:
+        """Take what has arrived."""
+        self._executor.spin_once(timeout_sec=0.0)
+
+    def time(self, topic: Topic) -> float:
+        """Stamp [s] of the latest message that was heard; -1 if none was."""
+        samples = self.heard[topic.name]
+        return samples[-1].stamp_ns * 1e-9 if samples else -1.0
+
+    def goes_on(self, seconds: float = 0.5) -> None:
+        """Wait until the loop has advanced by so much: new states, and torques that answer them."""
+        before = self.time(APPLIED_TORQUE)
+        self.until(
+            lambda: (
+                self.time(APPLIED_TORQUE) >= before + seconds
+                and abs(self.time(TORQUE_COMMAND) - self.time(APPLIED_TORQUE)) < 0.2
+            ),
+            "the loop to go on",
+        )
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Call a service."""
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, f"service {name}")
+        future = client.call_async(request)
+        self.until(future.done, f"answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def close(self) -> None:
+        self._executor.remove_node(self.node)
+        self.node.destroy_node()
+
+
+@contextmanager
+def peer(*publishes: Topic) -> Iterator[Peer]:
+    """Give a peer in this test's domain."""
+    rclpy.init(args=[])
+    try:
+        result = Peer(publishes)
+        try:
+            yield result
+        finally:
+            result.close()
+    finally:
+        rclpy.try_shutdown()

@@ -1,0 +1,199 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Processes of a stack as tests start them: what they say, where their time is, how they end."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from conftest import StartProcess
+
+from ppc_attitude.contract.topics import NODES
+
+PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
+COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
+PATIENCE = 120.0  # [s] a machine may be busy
+_TIME = re.compile(r"\| (\d+\.\d)/")
+
+
+def until(condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+    """Wait until a condition holds, and return what it gave; a failure names what did not come."""
+    end = time.monotonic() + patience
+    while not (result := condition()):
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        time.sleep(0.01)
+    return result
+
+
+class Process:
+    """A process whose output goes to files, so that nothing blocks and everything can be read."""
+
+    def __init__(
+        self, start_process: StartProcess, folder: Path, name: str, command: list[str], **popen: Any
+    ) -> None:
+        folder.mkdir(exist_ok=True)
+        self.name = name
+        self._out, self._err = folder / f"{name}.out", folder / f"{name}.err"
+        with self._out.open("w") as out, self._err.open("w") as err:
+            self.process: subprocess.Popen[str] = start_process(
+                command, stdout=out, stderr=err, **popen
+            )
+
+    @property
+    def pid(self) -> int:
+        return self.process.pid
+
+    @property
+    def out(self) -> str:
+        return self._out.read_text()
+
+    @property
+    def err(self) -> str:
+        return self._err.read_text(errors="replace")
+
+    def says(self, text: str) -> None:
+        """Wait until it has said something."""
+
+        def said() -> bool:
+            assert text in self.err or self.process.poll() is None, f"ended: {self.err}"
+            return text in self.err
+
+        until(said, f"{self.name}: {text}")
+
+    def send(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    def ends(self, patience: float = PATIENCE) -> int:
+        """Wait for the end; return the exit code."""
+        until(lambda: self.process.poll() is not None, f"the end of {self.name}", patience)
+        return int(self.process.returncode)
+
+
+class Node(Process):
+    """One executable."""
+
+    def __init__(
+        self,
+        start_process: StartProcess,
+        folder: Path,
+        name: str,
+        *parameters: str,
+        mark: str = "",
+        **popen: Any,
+    ) -> None:
+        arguments = ["--ros-args", "--params-file", str(PAPER)]
+        for parameter in parameters:
+            arguments += ["-p", parameter]
+        command = [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *arguments]
+        super().__init__(start_process, folder, f"{name}{mark}", command, **popen)
+
+
+class Run(Process):
+    """`ppc_attitude run`."""
+
+    def __init__(
+        self,
+        start_process: StartProcess,
+        bag: Path,
+        *options: str,
+        overlay: str = "",
+        before: tuple[str, ...] = (),
+        **popen: Any,
+    ) -> None:
+        self.bag = bag
+        folder = bag.parent
+        words = ["run", "--config", str(PAPER), "--bag", str(bag)]
+        if overlay:
+            path = folder / "overlay.yaml"
+            path.write_text(overlay)
+            words += ["--config", str(path)]
+        super().__init__(
+            start_process, folder, "run", [*before, *COMMAND, *words, *options], **popen
+        )
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s] that the progress bar shows."""
+        shown = _TIME.findall(self.err)
+        return float(shown[-1]) if shown else 0.0
+
+    def reaches(self, simulated: float) -> None:
+        """Wait until simulated time has come."""
+
+        def reached() -> bool:
+            assert self.process.poll() is None, f"ended: {self.err}"
+            return self.time >= simulated
+
+        until(reached, f"t = {simulated} s")
+
+    def nodes(self) -> dict[str, int]:
+        """Process id of each node that runs."""
+        found = {}
+        for pid in _children(self.pid):
+            command = _command(pid)
+            found.update({n: pid for n in NODES if f"ppc_attitude.nodes.{n}\0" in command})
+        return found
+
+
+def paced(factor: float) -> str:
+    """Parameters of a lock-step run that does not outrun its test."""
+    return f"/**/spacecraft_plant:\n  ros__parameters:\n    real_time_factor: {factor}\n"
+
+
+def family(pid: int) -> list[int]:
+    """A process and all that descend from it."""
+    return [pid, *(each for child in _children(pid) for each in family(child))]
+
+
+def alive(pid: int) -> bool:
+    """True if a process runs, or is stopped; a zombie has ended."""
+    try:
+        return _status(pid)[0] != "Z"
+    except OSError:
+        return False
+
+
+def pause(pid: int) -> None:
+    """Stop a process, and see that it has stopped."""
+    os.kill(pid, signal.SIGSTOP)
+    until(lambda: _status(pid)[0] == "T", "the pause")
+
+
+def _status(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+
+
+def _command(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return ""
+
+
+def _children(parent: int) -> list[int]:
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if int(_status(int(folder.name))[1]) == parent:
+                found.append(int(folder.name))
+        except OSError:
+            continue
+    return found

@@ -1,0 +1,180 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bad messages on every input of every node, over DDS: refused, counted, and survived."""
+
+import math
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from conftest import StartProcess
+from peer import Peer, peer
+from process_helpers import Node
+
+from ppc_attitude.contract.cdr import NANOSECONDS, Codec
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    APPLIED_TORQUE,
+    ATTITUDE,
+    CONTROLLER,
+    DISTURBANCE,
+    INJECT,
+    INJECTOR,
+    PLANT,
+    QUATERNION,
+    REFERENCE,
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+    TORQUE_COMMAND,
+    Topic,
+)
+
+pytestmark = pytest.mark.ros
+
+# Input to the nodes that read it.
+READERS = {
+    ATTITUDE: (REFERENCE, CONTROLLER, INJECTOR),
+    ANGULAR_VELOCITY: (CONTROLLER,),
+    REFERENCE_ATTITUDE: (CONTROLLER,),
+    REFERENCE_RATE: (CONTROLLER,),
+    REFERENCE_ACCELERATION: (CONTROLLER,),
+    TORQUE_COMMAND: (PLANT,),
+    DISTURBANCE: (PLANT,),
+    INJECT: (INJECTOR,),
+}
+STACK = (PLANT, REFERENCE, CONTROLLER, INJECTOR)
+MAX_TORQUE = 0.05  # [N·m] per axis
+FLOOD = 10_000
+FUTURE = 2_000_000_000 * NANOSECONDS  # no run has come so far
+
+
+def good(topic: Topic) -> tuple[float, ...]:
+    return (0.0, 0.0, 0.0, 1.0) if topic.msgtype == QUATERNION else (0.01, -0.02, 0.03)
+
+
+def impossible(topic: Topic) -> Iterator[bytes]:
+    """Messages that no node may use, whenever they come."""
+    codec, numbers = Codec(topic), good(topic)
+    stamp = NANOSECONDS
+    for number in (math.nan, math.inf, -math.inf, 1e308):
+        for place in range(topic.width):
+            yield codec.encode(stamp, (*numbers[:place], number, *numbers[place + 1 :]))
+    if topic.msgtype == QUATERNION:
+        for length in (0.0, 0.998, 1.002, 1e-300, 7.0):
+            yield codec.encode(stamp, (0.0, length, 0.0, 0.0))
+    for frame in ("moon", "", "x" * 300):
+        if topic is not INJECT or frame:
+            yield Codec(replace(topic, frame_id=frame)).encode(stamp, numbers)
+    for negative in (-1, -NANOSECONDS, -(2**31) * NANOSECONDS):
+        yield codec.encode(negative, numbers)
+    whole = codec.encode(stamp, numbers)
+    yield whole[:20]
+    yield whole[: len(whole) - 8]
+    yield bytes(4)
+
+
+def refused(stack: Peer, node: str, topic: Topic) -> int:
+    return int(stack.health.get(node, {}).get(f"refused {topic.name}", 0))
+
+
+def expect_refusals(stack: Peer, topic: Topic, messages: list[bytes]) -> None:
+    """Send messages; every reader counts every one."""
+    before = {node: refused(stack, node, topic) for node in READERS[topic]}
+    for data in messages:
+        stack.send(topic, data)
+    for node, count in before.items():
+        stack.until(
+            lambda node=node, count=count: refused(stack, node, topic) >= count + len(messages),
+            f"{len(messages)} refusals of {topic.name} by {node}",
+        )
+
+
+def expect_finite(stack: Peer) -> None:
+    """All that the nodes have sent so far is finite and within the limits."""
+    for name, samples in stack.heard.items():
+        for sample in samples:
+            assert all(map(math.isfinite, sample.values)), (name, sample)
+    for sample in stack.heard[ATTITUDE.name]:
+        assert math.hypot(*sample.values) == pytest.approx(1.0, abs=1e-9)
+    for topic in (TORQUE_COMMAND, APPLIED_TORQUE):
+        for sample in stack.heard[topic.name]:
+            assert max(map(abs, sample.values)) <= MAX_TORQUE, (topic.name, sample)
+
+
+def flood(stack: Peer, topics: list[Topic]) -> None:
+    """Send thousands of bad messages as fast as they go, on all topics in turns."""
+    bad = [(topic, Codec(topic).encode(0, (math.nan,) * topic.width)) for topic in topics]
+    for number in range(FLOOD):
+        topic, data = bad[number % len(bad)]
+        stack.send(topic, data)
+        if number % 100 == 0:
+            stack.spin()
+
+
+@pytest.fixture(params=["lockstep", "free-running"])
+def nodes(
+    request: pytest.FixtureRequest, start_process: StartProcess, tmp_path: Path, ros_domain: int
+) -> Iterator[dict[str, Node]]:
+    """Plant, reference, controller and injector at 100 steps a second; they must end well."""
+    lockstep = request.param == "lockstep"
+    pace = ("lockstep:=true", "real_time_factor:=1.0") if lockstep else ()
+    began = time.monotonic()
+    started = {
+        name: Node(start_process, tmp_path, name, *(pace if name == PLANT else ()))
+        for name in STACK
+    }
+    yield started
+    lasted = time.monotonic() - began
+    for node in started.values():
+        node.send(signal.SIGINT)
+    for node in started.values():
+        assert node.ends() == 0, node.err
+        assert "Traceback" not in node.err
+        for topic in READERS:
+            said = node.err.count(f"refused {topic.name}: ")
+            assert said <= lasted + 1.0, "more than once a second"
+
+
+def send_states_of_other_times(stack: Peer) -> None:
+    """States that could be true, alone or with their rate, copied or not: they may only delay."""
+    for ahead in (None, 5 * NANOSECONDS, FUTURE):
+        for topics in ((ATTITUDE,), (ANGULAR_VELOCITY,), (ATTITUDE, ANGULAR_VELOCITY)):
+            now = stack.heard[APPLIED_TORQUE.name][-1].stamp_ns
+            stamp = 0 if ahead is None else min(now + ahead, FUTURE)
+            for topic in topics:
+                for _ in range(1 if ahead else 5):
+                    stack.send(topic, Codec(topic).encode(stamp, good(topic)))
+            stack.goes_on(0.1)
+
+
+def test_bad_messages_change_nothing_and_the_loop_goes_on(nodes: dict[str, Node]) -> None:
+    with peer(*READERS) as stack:
+        stack.goes_on()
+        for topic, readers in READERS.items():
+            stack.matched(topic, len(readers))
+        for topic in READERS:
+            expect_refusals(stack, topic, list(impossible(topic)))
+        stack.goes_on()
+        for topic in (TORQUE_COMMAND, DISTURBANCE):  # out of order, and of an instant to come
+            codec = Codec(topic)
+            expect_refusals(stack, topic, [codec.encode(s, good(topic)) for s in (1, FUTURE)])
+        send_states_of_other_times(stack)
+        flood(stack, list(READERS))
+        stack.goes_on()
+        expect_finite(stack)
