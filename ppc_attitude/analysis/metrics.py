@@ -137,6 +137,7 @@ def analyse(record: RunRecord) -> Verdict:
         If the record has no instant, or no finite sample of a needed quantity.
     """
     t = elapsed(record)
+    h = step(t)
     errors = attitude_errors(record)
     error = _magnitude(errors)
     hits = _disturbances(t, error, pulses_of(record))
@@ -145,8 +146,8 @@ def analyse(record: RunRecord) -> Verdict:
         **_attitude_metrics(t, error, hits),
         **_rate_metrics(t, vectors(record, ANGULAR_VELOCITY.column), hits),
         max_applied_torque=float(np.nanmax(np.abs(vectors(record, APPLIED_TORQUE.column)))),
-        time_outside_attitude_envelope_s=_time(attitude_outside, t),
-        time_outside_rate_envelope_s=_time(rate_outside, t),
+        time_outside_attitude_envelope_s=_time(attitude_outside, h),
+        time_outside_rate_envelope_s=_time(rate_outside, h),
         disturbances=hits,
     )
     return Verdict(
@@ -155,7 +156,7 @@ def analyse(record: RunRecord) -> Verdict:
         duration_s=float(t[-1]),
         steps=int(t.size),
         missing_messages=record.missing_messages,
-        requirements=tuple(_requirements(record, t, metrics, rate_outside)),
+        requirements=tuple(_requirements(record, t, h, metrics, rate_outside)),
         metrics=metrics,
     )
 
@@ -234,7 +235,7 @@ def _attitude_metrics(
 
 def _rate_metrics(t: Array, rate: Array, hits: tuple[Disturbance, ...]) -> dict[str, float | None]:
     """Largest norm and component of the angular velocity before the first hit."""
-    undisturbed = np.rad2deg(rate[t < _first(hits)])
+    undisturbed = np.rad2deg(rate[: np.searchsorted(t, _first(hits))])
     return {
         "max_rate_deg_s": _largest(np.linalg.norm(undisturbed, axis=1)),
         "max_rate_axis_deg_s": _largest(np.abs(undisturbed)),
@@ -242,9 +243,9 @@ def _rate_metrics(t: Array, rate: Array, hits: tuple[Disturbance, ...]) -> dict[
 
 
 def _requirements(
-    record: RunRecord, t: Array, metrics: Metrics, rate_outside: Mask | None
+    record: RunRecord, t: Array, h: float, metrics: Metrics, rate_outside: Mask | None
 ) -> list[Requirement]:
-    """Judge the requirements that apply to the run."""
+    """Judge the requirements that apply to the run; h is the time between two samples [s]."""
     judged = Requirement.judged
     hits = metrics.disturbances
     rows = []
@@ -258,7 +259,7 @@ def _requirements(
     rows += [
         judged(RATE, metrics.max_rate_deg_s, RATE_LIMIT_DEG, "deg/s"),
         judged(APPLIED, metrics.max_applied_torque, torque_limit(record), "N·m"),
-        *_envelope_requirements(t, metrics, rate_outside),
+        *_envelope_requirements(t, h, metrics, rate_outside),
     ]
     late = [hit for hit in hits if hit.start_s >= SETTLING_DEADLINE]
     if late:
@@ -269,7 +270,7 @@ def _requirements(
 
 
 def _envelope_requirements(
-    t: Array, metrics: Metrics, rate_outside: Mask | None
+    t: Array, h: float, metrics: Metrics, rate_outside: Mask | None
 ) -> list[Requirement]:
     """Time outside the envelopes that the run has."""
     judged = Requirement.judged
@@ -278,10 +279,10 @@ def _envelope_requirements(
     if metrics.time_outside_attitude_envelope_s is not None:
         rows.append(judged(ATTITUDE_OUTSIDE, metrics.time_outside_attitude_envelope_s, 0.0, "s"))
     if rate_outside is not None:
-        before = _time(rate_outside[t < _first(hits)], t)
+        before = _time(rate_outside[t < _first(hits)], h)
         rows.append(judged(RATE_OUTSIDE, before, 0.0, "s"))
     if rate_outside is not None and hits:
-        after = max(_time_of(rate_outside[_window(t, hit, hits)], t) for hit in hits)
+        after = max(_time_of(rate_outside[_window(t, hit, hits)], h) for hit in hits)
         rows.append(judged(RATE_OUTSIDE_AFTER_HIT, after, OUTSIDE_LIMIT_PER_HIT, "s"))
     return rows
 
@@ -353,13 +354,13 @@ def _beyond(error: Array, envelope: Array) -> Mask:
     return np.asarray(beyond & finite(error) & finite(envelope))
 
 
-def _time(outside: Mask | None, t: Array) -> float | None:
-    """Time outside [s]: the samples outside, a step each; None if there is nothing to count in."""
-    return None if outside is None or outside.size == 0 else _time_of(outside, t)
+def _time(outside: Mask | None, h: float) -> float | None:
+    """Time outside [s]: the samples outside, h each; None if there is nothing to count in."""
+    return None if outside is None or outside.size == 0 else _time_of(outside, h)
 
 
-def _time_of(outside: Mask, t: Array) -> float:
-    return round(int(np.count_nonzero(outside)) * step(t), 9)
+def _time_of(outside: Mask, h: float) -> float:
+    return round(int(np.count_nonzero(outside)) * h, 9)
 
 
 def _largest(values: Array) -> float | None:

@@ -88,10 +88,11 @@ def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
         return ()
     ends = np.append(t, t[last] + step(t))
     where = np.flatnonzero(rows)
-    at, heights = _steps(t[where], torque[where])
+    known = torque if rows.all() else torque[where]
+    at, heights = _steps(t[where], known)
     if not 0 < at.size <= MOST_STEPS:
         return ()
-    first = _extra_at_start(at, heights, torque[where])
+    first = _extra_at_start(at, heights, known)
     # The record's own edges are steps as well: from rest to the first level, and back to rest.
     places = np.concatenate([[0], where[at], [last + 1]])
     rises = np.vstack([first, heights, -(first + heights.sum(axis=0))])
