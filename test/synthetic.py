@@ -83,7 +83,9 @@ def normal_run(duration: float = 120.0, rate: float = 100.0) -> RunRecord:
     }
     parameters = {
         "spacecraft_plant": {"rate": rate, "max_torque": 0.05, "inertia": [2.8, 0, 0, 0, 2.5]},
+        "reference_generator": {"period_constant": [30.0, 20.0, 40.0]},
         "ppc_controller": {"controller": "ppc", "k": 3.0},
+        "disturbance_injector": {"environment": True},
     }
     return RunRecord(
         source="simulate",

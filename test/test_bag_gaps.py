@@ -27,14 +27,19 @@ from bag_helpers import (
 )
 from synthetic import normal_run, without_columns
 
+from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.reader import REQUIRED, read_run
+from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.writer import write_run
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
+    CONTROLLER,
+    DISTURBANCE,
+    PLANT,
+    REFERENCE,
     SAMPLED,
     TORQUE_COMMAND,
     Topic,
@@ -156,16 +161,33 @@ def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     assert np.isnan(read["attitude"][3]).all()
 
 
-def test_optional_topics_may_be_absent(tmp_path: Path) -> None:
+def test_a_law_is_not_asked_for_what_it_does_not_send(tmp_path: Path) -> None:
     run = without_columns(RUN, "attitude_envelope", "rate_envelope", "auxiliary_state")
-    write_run(run, tmp_path / "bag")
+    law = {**RUN.parameters, CONTROLLER: {"controller": "quaternion_feedback"}}
+    write_run(replace(run, parameters=law), tmp_path / "bag")
     read = read_run(tmp_path / "bag")
     assert_same(read, run)
     assert "attitude_envelope" not in read
+    write_run(run, tmp_path / "paper")
+    with pytest.raises(BagError, match=r"lacks messages of control/attitude_envelope, control/rat"):
+        read_run(tmp_path / "paper")
+
+
+def test_nodes_of_the_users_own_are_asked_for_nothing(tmp_path: Path) -> None:
+    """A controller in place of ours sends a torque; the run is judged as far as its topics go."""
+    own = {name: RUN.parameters[name] for name in (PLANT, REFERENCE)}
+    control = [topic.column for topic in SAMPLED if topic.source == CONTROLLER]
+    control.remove(TORQUE_COMMAND.column)
+    run = without_columns(RUN, *control, DISTURBANCE.column)
+    write_run(replace(run, parameters=own), tmp_path / "bag")
+    read = read_run(tmp_path / "bag")
+    assert_same(read, run)
+    assert read.missing_messages == 0
+    assert analyse(read).metrics.terminal_error is None  # too short for one
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-@pytest.mark.parametrize("topic", REQUIRED, ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", SAMPLED, ids=lambda topic: topic.name)
 def test_a_lacking_topic_is_named_with_what_was_read(
     tmp_path: Path, storage: str, topic: Topic
 ) -> None:

@@ -32,11 +32,19 @@ from conftest import StartProcess
 from docs_helpers import EXAMPLES, PAGES, Command, blocks, commands, saved_files, table
 from test_layers import ROOT
 
+from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import build_parser, main
 from ppc_attitude.command_line.options import scenario_of
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import BY_NAME, PLANT
+from ppc_attitude.contract.topics import (
+    BY_NAME,
+    CONTROLLER,
+    INJECTOR,
+    PLANT,
+    RECORDER,
+    REFERENCE,
+)
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
 
@@ -199,7 +207,7 @@ def test_third_controller_is_one_file_and_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.ros
 def test_own_controller_joins_in_lockstep(start_process: StartProcess, tmp_path: Path) -> None:
-    (line,) = (c for c in ALL if "lockstep:=true" in c.text and "wait_for" in c.text)
+    (line,) = (c for c in ALL if "wait_for:=" in c.text)
     bag = tmp_path / "bag"
     module = "ppc_attitude.nodes."
     recorder = start_process(
@@ -216,6 +224,44 @@ def test_own_controller_joins_in_lockstep(start_process: StartProcess, tmp_path:
     rates = recorded_rates(bag)
     assert max(map(abs, rates[0])) > 1e-3
     assert max(map(abs, rates[-1])) < 1.01e-4  # there the command is in the actuator's dead band
+
+
+@pytest.mark.ros
+def test_a_run_started_by_hand_is_recorded_from_its_first_instant(
+    start_process: StartProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (block,) = (b for b in blocks(ROOT / "docs/how-to.md", "bash") if "wait_for_recorder" in b)
+    lines = {words[2].rpartition(".")[2]: words for words in map(shlex.split, block.splitlines())}
+    assert set(lines) == {RECORDER, REFERENCE, INJECTOR, PLANT}
+    (tmp_path / "config").symlink_to(ROOT / "config")
+
+    def start(command: list[str]) -> subprocess.Popen[str]:
+        return start_process([sys.executable, *command], cwd=tmp_path)
+
+    # One that was told of a controller of ours misses what it would send.
+    info = json.dumps({"parameters": {PLANT: {}, CONTROLLER: {"controller": "ppc"}}})
+    told = ["-p", f"run_info:={info!r}"]
+    misled = start_process(
+        [sys.executable, *lines[RECORDER][1:-1], "bag:=misled", *told, "-r", "__node:=misled"],
+        cwd=tmp_path,
+    )
+    recorder = start(lines[RECORDER][1:])
+    peers = [start(lines[node][1:]) for node in (REFERENCE, INJECTOR)]
+    peers.append(start([str(EXAMPLES / "own_controller.py")]))
+    plant = start([*lines[PLANT][1:], "-p", "duration:=2.0"])
+    assert plant.wait(timeout=60.0) == 0
+    for process in (*peers, recorder, misled):
+        process.send_signal(signal.SIGINT)
+    _, said = recorder.communicate(timeout=30.0)
+    assert recorder.returncode == errors.DONE, said
+    run = read_run(tmp_path / "bags" / "own")
+    assert (run.t[0], run.t[-1], run.missing_messages) == (0.0, 2.0, 0)
+    assert "attitude_error" not in run
+    assert main(["analyse", str(tmp_path / "bags" / "own")]) == errors.REQUIREMENT_FAILED
+    assert "messages missing or not finite" in capsys.readouterr().out
+    _, said = misled.communicate(timeout=30.0)
+    assert misled.returncode == errors.BROKEN
+    assert "is incomplete: control/attitude_error never came" in said
 
 
 def recorded_rates(bag: Path) -> list[tuple[float, float, float]]:

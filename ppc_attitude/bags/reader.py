@@ -28,10 +28,10 @@ from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.source import Block, Channel, split_rows
 from ppc_attitude.bags.timeline import Series, align
 from ppc_attitude.contract.cdr import Codec, stamp_of
+from ppc_attitude.contract.completeness import promised
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import BY_NAME, OPTIONAL, PLANT, SAMPLED, Topic
+from ppc_attitude.contract.topics import BY_NAME, PLANT, SAMPLED, Topic
 
-REQUIRED = tuple(topic for topic in SAMPLED if topic not in OPTIONAL)
 _Part = tuple[NDArray[np.int64], Array, NDArray[np.int64]]
 
 
@@ -58,7 +58,8 @@ def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
     Raises
     ------
     BagError
-        No bag, an unreadable one, or one without messages of a topic that every run has.
+        No bag, an unreadable one, or one without messages of a topic that the nodes of the run
+        send.
     """
     bag = Bag(path)
     home = None if namespace is None else _tidy(namespace)
@@ -91,8 +92,8 @@ def _collect(bag: Bag, home: str | None) -> "_Collected":
 
 def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
     series = collected.series(home)
-    _demand_topics(bag, home, series)
     facts = decode_custom_data(bag.custom_data, home)
+    _demand_topics(bag, home, series, promised(facts.parameters, series))
     recovered = bag.custom_data.get(RECOVERED_KEY)
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
     rate = _rate(facts.parameters)
@@ -210,9 +211,11 @@ def _only_namespace(bag: Bag) -> str:
     raise BagError(f"{bag.path} is no run of this package; it holds {held}{_flaws(bag)}")
 
 
-def _demand_topics(bag: Bag, namespace: str, series: Mapping[Topic, Series]) -> None:
+def _demand_topics(
+    bag: Bag, namespace: str, series: Mapping[Topic, Series], demanded: Iterable[Topic]
+) -> None:
     lacking = [
-        _lack(bag, f"{namespace}/{topic.name}", topic) for topic in REQUIRED if topic not in series
+        _lack(bag, f"{namespace}/{topic.name}", topic) for topic in demanded if topic not in series
     ]
     if not lacking:
         return

@@ -14,10 +14,46 @@
 
 """Is a recording complete? Judged while it grows, in memory that does not grow with it."""
 
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from ppc_attitude.contract.cdr import seconds
-from ppc_attitude.contract.topics import ATTITUDE
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    CONTROLLER,
+    OPTIONAL,
+    PLANT,
+    SAMPLED,
+    TORQUE_COMMAND,
+    Topic,
+)
+from ppc_attitude.science.controllers.registry import CONTROLLERS
+
+
+def promised(parameters: Mapping[str, Mapping[str, Any]], seen: Collection[Topic]) -> list[Topic]:
+    """Return the topics that every instant of a run has, by what is known of its nodes.
+
+    A node of the user's in the place of one of ours promises nothing but what others wait for.
+
+    Parameters
+    ----------
+    parameters : mapping of str to mapping
+        The nodes of ours that took part, with their parameters; empty if nobody knows. Then those
+        did whose topics were seen; a torque command alone is no sign of our controller.
+    seen : collection of Topic
+        Topics that came.
+    """
+    present = set(parameters) or {topic.source for topic in seen if topic is not TORQUE_COMMAND}
+    present.add(PLANT)
+    law = CONTROLLERS.get(str(parameters.get(CONTROLLER, {}).get("controller")))
+
+    def is_sent(topic: Topic) -> bool:
+        if topic.source == CONTROLLER and law is not None:
+            return topic.column in law.columns
+        return topic not in OPTIONAL
+
+    return [topic for topic in SAMPLED if topic.source in present and is_sent(topic)]
 
 
 @dataclass
@@ -68,11 +104,24 @@ class Completeness:
                 f"{ATTITUDE.name} jumps from {seconds(last):.6f} s to {seconds(stamp_ns):.6f} s"
             )
 
-    def gaps(self) -> list[str]:
-        """Describe what is missing; empty if nothing is."""
+    def seen(self) -> set[str]:
+        """Names of the topics that came."""
+        return set(self._tallies)
+
+    def gaps(self, expected: Iterable[str] = ()) -> list[str]:
+        """Describe what is missing; empty if nothing is.
+
+        Parameters
+        ----------
+        expected : iterable of str
+            Names of topics that must have come, once a state has been answered.
+        """
         if ATTITUDE.name not in self._tallies:
-            return [f"{name} without {ATTITUDE.name}" for name in self._tallies]
+            others = [f"{name} without {ATTITUDE.name}" for name in self._tallies]
+            return others or [f"{ATTITUDE.name} never came"]
         found = list(self._jumps)
+        if ATTITUDE.name in self._earlier or self._tallies[ATTITUDE.name].count > 1:
+            found += [f"{name} never came" for name in expected if name not in self._tallies]
         resets = len(self._earlier.get(ATTITUDE.name, []))
         for name in self._tallies:
             if len(self._earlier.get(name, [])) != resets:

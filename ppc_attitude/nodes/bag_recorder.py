@@ -28,12 +28,12 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 
-from ppc_attitude.bags.custom_data import encode_custom_data
+from ppc_attitude.bags.custom_data import decode_custom_data, encode_custom_data
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import header_stamp, seconds
-from ppc_attitude.contract.completeness import Completeness
-from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, RECORDER, TOPICS, Topic
+from ppc_attitude.contract.completeness import Completeness, promised
+from ppc_attitude.contract.topics import ATTITUDE, BY_NAME, CONTROLLER, RECORDER, TOPICS, Topic
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.nodes.base import ERROR, EXIT_BROKEN, OK, STALE, BaseNode, run_node
 from ppc_attitude.nodes.messages import message_class
@@ -184,11 +184,7 @@ class BagRecorder(BaseNode):
 
     def close(self) -> None:
         """Finish the bag, and say whether it is complete."""
-        gaps = [
-            f"{namespace}{gap}"
-            for namespace, completeness in self._completeness.items()
-            for gap in completeness.gaps()
-        ]
+        gaps = [gap for namespace in self._completeness for gap in self._gaps(namespace)]
         try:
             if not self._failure:
                 self._writer.set_custom_data("ppc_attitude.gaps", json.dumps(gaps))
@@ -202,6 +198,13 @@ class BagRecorder(BaseNode):
                 self.get_logger().error(f"bag {self._path} is incomplete: {gap}")
         elif not self._failure:
             self.get_logger().info(f"closed {self._path}: {self._count} messages, none missing")
+
+    def _gaps(self, namespace: str) -> list[str]:
+        completeness = self._completeness[namespace]
+        parameters = decode_custom_data(self._custom_data(), namespace.rstrip("/")).parameters
+        seen = [BY_NAME[name] for name in completeness.seen()]
+        expected = [topic.name for topic in promised(parameters, seen)]
+        return [f"{namespace}{gap}" for gap in completeness.gaps(expected)]
 
     def wake(self) -> float:
         """Take what comes in batches; report by the wall clock while no state arrives."""

@@ -1,0 +1,115 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the recorder says of its bag while it grows: every gap, and no gap that is none."""
+
+import itertools
+
+import pytest
+
+from ppc_attitude.contract.cdr import stamp_of
+from ppc_attitude.contract.completeness import Completeness, promised
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    AUXILIARY_STATE,
+    CONTROLLER,
+    DISTURBANCE,
+    INJECTOR,
+    PLANT,
+    REFERENCE,
+    SAMPLED,
+    TORQUE_COMMAND,
+    Topic,
+)
+
+ALL = [topic.name for topic in SAMPLED]
+STEPS = 50
+
+
+def told(*events: tuple[Topic, int], expected: list[str] = ALL) -> list[str]:
+    completeness = Completeness()
+    for topic, step in events:
+        completeness.add(topic.name, stamp_of(step, 100.0))
+    return completeness.gaps(expected)
+
+
+def run(steps: range, *left_out: Topic) -> list[tuple[Topic, int]]:
+    topics = [topic for topic in SAMPLED if topic not in left_out]
+    return [(topic, step) for step, topic in itertools.product(steps, topics)]
+
+
+def test_a_whole_run_has_no_gap() -> None:
+    assert told(*run(range(STEPS))) == []
+
+
+@pytest.mark.parametrize("topic", [t for t in SAMPLED if t is not ATTITUDE], ids=lambda t: t.name)
+def test_a_topic_that_never_came_is_a_gap(topic: Topic) -> None:
+    assert told(*run(range(STEPS), topic)) == [f"{topic.name} never came"]
+    others = [name for name in ALL if name != topic.name]
+    assert told(*run(range(STEPS), topic), expected=others) == []
+
+
+def test_nothing_at_all_is_no_complete_run() -> None:
+    assert told() == ["attitude never came"]
+    (gap,) = told((TORQUE_COMMAND, 0))
+    assert gap == "torque_command without attitude"
+
+
+def test_the_last_state_may_be_unanswered() -> None:
+    unanswered = [(topic, STEPS) for topic in SAMPLED if topic.source == PLANT]
+    assert told(*run(range(STEPS)), *unanswered) == []
+    assert told((ATTITUDE, 0)) == []
+    assert "torque_command never came" in told((ATTITUDE, 0), (ATTITUDE, 1))
+
+
+@pytest.mark.parametrize("lost", [0, 1, 20, STEPS - 2])
+def test_a_lost_message_is_a_gap(lost: int) -> None:
+    events = [event for event in run(range(STEPS)) if event != (TORQUE_COMMAND, lost)]
+    (gap,) = told(*events)
+    assert gap.startswith(f"torque_command has {STEPS - 1} messages until 0.490000 s, attitude 50")
+
+
+def test_a_lost_instant_is_a_gap() -> None:
+    (gap,) = told(*run(range(20)), *run(range(21, STEPS)))
+    assert gap == "attitude jumps from 0.190000 s to 0.210000 s"
+
+
+def test_each_side_of_a_reset_is_compared_by_itself() -> None:
+    assert told(*run(range(30)), *run(range(20))) == []
+    before = [event for event in run(range(30)) if event != (DISTURBANCE, 7)]
+    (gap,) = told(*before, *run(range(20)))
+    assert gap.startswith("disturbance/torque has 29 messages")
+    gap, *_ = told(*run(range(30)), *run(range(20), DISTURBANCE))
+    assert gap == "disturbance/torque begins again at another time than attitude"
+
+
+def names(parameters: dict[str, dict[str, str]], seen: tuple[Topic, ...] = ()) -> set[str]:
+    return {topic.name for topic in promised(parameters, seen)}
+
+
+def test_who_took_part_promises_what_it_sends() -> None:
+    everyone = {name: {} for name in (PLANT, REFERENCE, INJECTOR)}
+    ours = {**everyone, CONTROLLER: {"controller": "ppc"}}
+    assert names(ours) == set(ALL)
+    assert AUXILIARY_STATE.name not in names({**ours, CONTROLLER: {"controller": "log_barrier"}})
+    assert names(everyone) == {topic.name for topic in SAMPLED if topic.source != CONTROLLER}
+    assert DISTURBANCE.name not in names({PLANT: {}, CONTROLLER: {"controller": "ppc"}})
+
+
+def test_where_nobody_says_who_took_part_the_topics_do() -> None:
+    plant = {topic.name for topic in SAMPLED if topic.source == PLANT}
+    assert names({}) == names({}, (ATTITUDE, TORQUE_COMMAND)) == plant
+    assert names({}, (ATTITUDE, DISTURBANCE)) == plant | {DISTURBANCE.name}
+    assert TORQUE_COMMAND.name in names({}, (ATTITUDE, AUXILIARY_STATE))
+    assert AUXILIARY_STATE.name not in names({}, (ATTITUDE, TORQUE_COMMAND, DISTURBANCE))
