@@ -59,7 +59,11 @@ def step(t: Array) -> float:
 
     Rounded to nanoseconds, the resolution of a stamp.
     """
-    return float(np.round(np.median(np.diff(t)), 9)) if t.size > 1 else 0.0
+    if t.size < 2:
+        return 0.0
+    intervals = np.diff(t)
+    low, high = np.round((intervals.min(), intervals.max()), 9)
+    return float(low if low == high else np.round(np.median(intervals), 9))
 
 
 def vectors(record: RunRecord, column: str) -> Array:

@@ -16,6 +16,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,11 @@ from ppc_attitude.campaign.distributions import (
     keys,
     number,
 )
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of
 from ppc_attitude.simulation.scenario import Scenario, scenario
 
 LARGEST_SEED = 2**63 - 1
@@ -128,6 +131,11 @@ class Campaign:
     def rate(self) -> float:
         """Steps per second [Hz]."""
         return self.scenario.number(PLANT, "rate")
+
+    @cached_property
+    def timetable(self) -> Array:
+        """The `timetable_of` all runs: nothing that is drawn changes it."""
+        return timetable_of(self.scenario, stamps_of(self.rate, self.duration))
 
 
 def load_campaign(path: Path, base: Scenario, seed: int) -> Campaign:

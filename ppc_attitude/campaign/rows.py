@@ -43,7 +43,7 @@ from ppc_attitude.campaign.draw import DRAWN, draw, scenario_of, scenario_with
 from ppc_attitude.campaign.fan import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.versions import versions
-from ppc_attitude.simulation.closed_loop import record_of, run_samples, stamps_of, timetable_of
+from ppc_attitude.simulation.closed_loop import record_of, run_samples, stamps_of
 from ppc_attitude.simulation.samples import new_samples
 
 Row: TypeAlias = dict[str, Any]
@@ -122,12 +122,7 @@ def grid_of(rate: float, duration: float) -> Grid:
     return Grid(stamps_ns, *time_bins(stamps_ns))
 
 
-def run_one(
-    campaign: Campaign,
-    index: int,
-    samples: Array | None = None,
-    timetable: Array | None = None,
-) -> Outcome:
+def run_one(campaign: Campaign, index: int, samples: Array | None = None) -> Outcome:
     """Run one index of a campaign; a failure is an outcome as well.
 
     Parameters
@@ -136,8 +131,8 @@ def run_one(
         What to run.
     index : int
         Which run.
-    samples, timetable : ndarray, optional
-        As of `run_samples`: what many runs of a campaign share.
+    samples : ndarray, optional
+        As of `run_samples`: a buffer for many runs.
 
     Returns
     -------
@@ -149,7 +144,7 @@ def run_one(
         drawn = draw(campaign, index)
         grid = grid_of(campaign.rate, campaign.duration)
         scenario = scenario_with(campaign, drawn)
-        samples = run_samples(scenario, grid.stamps_ns, samples, timetable)
+        samples = run_samples(scenario, grid.stamps_ns, samples, campaign.timetable)
         record = record_of(scenario, grid.stamps_ns, samples)
         verdict = analyse(record)
         levels = levels_of(record, attitude_errors(record), grid.starts)
@@ -172,10 +167,8 @@ def run_chunk(campaign: Campaign, start: int, stop: int) -> list[Outcome]:
             f"a worker has other versions than this command and could give other numbers: "
             f"{difference}"
         )
-    stamps_ns = grid_of(campaign.rate, campaign.duration).stamps_ns
-    # Nothing that a campaign draws changes the desired motion or the environment.
-    shared = new_samples(stamps_ns.size), timetable_of(campaign.scenario, stamps_ns)
-    return [run_one(campaign, index, *shared) for index in range(start, stop)]
+    samples = new_samples(grid_of(campaign.rate, campaign.duration).stamps_ns.size)
+    return [run_one(campaign, index, samples) for index in range(start, stop)]
 
 
 def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:

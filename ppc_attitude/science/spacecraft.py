@@ -71,7 +71,7 @@ def inertia_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
     if not np.isfinite(array).all():
         raise ConfigurationError(f"{name} = {array.tolist()} must be finite")
     inertia = array.reshape(3, 3)
-    if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
+    if (np.abs(inertia - inertia.T) > 1e-9 * np.abs(inertia)).any():
         raise ConfigurationError(f"{name} = {inertia.tolist()} must be symmetric")
     moments = np.linalg.eigvalsh(inertia)
     if moments[0] <= 0.0:
