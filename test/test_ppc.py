@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.interface import new_command, new_measurement
-from ppc_attitude.science.kernel import matrix
+from ppc_attitude.science.kernel import matrix, vector
 from ppc_attitude.science.parameter import resolved
 
 Array = NDArray[np.float64]
@@ -37,6 +37,11 @@ seeds = st.integers(0, 2**32 - 1)
 
 def configured(**values: Any) -> Any:
     return ppc.configure(resolved(ppc.PARAMETERS, values, "ppc_controller"))
+
+
+def drive_of(memory: Any, gains: Any) -> Any:
+    """What the saturation that a memory holds drives."""
+    return ppc.saturation_drive(vector(memory["delta_tau"]), matrix(gains["inertia_inverse"]))
 
 
 def cross(a: Array) -> Array:
@@ -289,9 +294,10 @@ def test_without_widening_the_envelopes_are_the_tables() -> None:
     gains = configured(adaptive_envelope=False)
     memory = ppc.CONTROLLER.new_memory()
     memory["delta_tau"] = (1.0, -1.0, 1.0)
-    ppc.integrate(memory, gains, 0.01, 0.01)
+    drive = drive_of(memory, gains)
+    ppc.integrate(memory, gains, drive, 0.01, 0.01)
     rho_q, rho_q_rate, rho_omega, rho_omega_rate = ppc.composite_envelopes(
-        memory, gains, (0.5, -0.01), (0.01, -0.002)
+        memory, gains, drive, (0.5, -0.01), (0.01, -0.002)
     )
     assert rho_q == (0.5, 0.5, 0.5)
     assert rho_q_rate == (-0.01, -0.01, -0.01)
@@ -304,7 +310,9 @@ def test_attitude_envelope_never_passes_one() -> None:
     gains, memory = configured(), ppc.CONTROLLER.new_memory()
     memory["delta_rho_q"] = (0.5, 0.05, 0.0)
     memory["delta_tau"] = (1.0, 1.0, 1.0)
-    rho_q, rho_q_rate, _, _ = ppc.composite_envelopes(memory, gains, (0.9, -0.1), (3e-5, 0.0))
+    rho_q, rho_q_rate, _, _ = ppc.composite_envelopes(
+        memory, gains, drive_of(memory, gains), (0.9, -0.1), (3e-5, 0.0)
+    )
     assert rho_q == (1.0, pytest.approx(0.95), pytest.approx(0.9))
     assert rho_q_rate[0] <= 0.0
     assert ppc.is_outside((0.0, 0.96, 0.0), rho_q)

@@ -202,13 +202,12 @@ def auxiliary_step(
 
 
 @kernel
-def integrate(memory: Any, gains: Any, rate_value: float, h: float) -> None:
-    """Carry θ, Δρ_q and Δρ_ω over h [s] with the last sample's Δτ held (eqs. 23 and 24)."""
+def integrate(memory: Any, gains: Any, drive: Vector, rate_value: float, h: float) -> None:
+    """Carry θ, Δρ_q and Δρ_ω over h [s] with the last sample's Δτ and its drive held (23, 24)."""
     inertia_inverse = matrix(gains.inertia_inverse)
     delta_tau = vector(memory.delta_tau)
     delta_omega = vector(memory.delta_rho_omega)
     if gains.adaptive != 0.0:
-        drive = saturation_drive(delta_tau, inertia_inverse)
         delta_omega = widened_rate_envelope(
             delta_omega, rate_value, scale(gains.B_tau, drive), gains.C_omega, h
         )
@@ -248,15 +247,17 @@ def _bounded_axis(rho: float, rho_rate: float) -> tuple[float, float]:
 
 @kernel
 def composite_envelopes(
-    memory: Any, gains: Any, attitude: tuple[float, float], rate: tuple[float, float]
+    memory: Any,
+    gains: Any,
+    drive: Vector,
+    attitude: tuple[float, float],
+    rate: tuple[float, float],
 ) -> tuple[Vector, Vector, Vector, Vector]:
     """ρ_q, ρ_q', ρ_ω and ρ_ω': nominal plus adaptive part, the latter's rate by eq. 24."""
     delta_q = vector(memory.delta_rho_q)
     delta_omega = vector(memory.delta_rho_omega)
     rho_omega = add((rate[0], rate[0], rate[0]), delta_omega)
-    drive = divide(
-        saturation_drive(vector(memory.delta_tau), matrix(gains.inertia_inverse)), rho_omega
-    )
+    drive = divide(drive, rho_omega)
     on = gains.adaptive
     growth_q = subtract(scale(on * gains.C_tau, drive), scale(gains.C_q, delta_q))
     growth_omega = subtract(scale(on * gains.B_tau, drive), scale(gains.C_omega, delta_omega))
@@ -327,17 +328,18 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     elif memory.plan.waiting != 0.0 and t >= memory.plan.start + memory.plan.hold:
         revise_plan(memory.plan, t, q_e, omega_e, gains)
     rate, attitude = carry_on(memory.plan, t, gains)
+    drive = saturation_drive(vector(memory.delta_tau), matrix(gains.inertia_inverse))
     if t > memory.t:
-        integrate(memory, gains, rate[0], t - memory.t)
+        integrate(memory, gains, drive, rate[0], t - memory.t)
     memory.t = t
     rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
-        memory, gains, attitude, rate
+        memory, gains, drive, attitude, rate
     )
     if gains.auto != 0.0 and is_outside(q, rho_q):
         plan_envelopes(memory.plan, t, q_e, omega_e, gains)
         rate, attitude = carry_on(memory.plan, t, gains)
         rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
-            memory, gains, attitude, rate
+            memory, gains, drive, attitude, rate
         )
 
     v, v_rate = virtual_control(
