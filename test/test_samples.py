@@ -1,0 +1,101 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The samples of a run: their layout, and that writing them costs no memory."""
+
+import tracemalloc
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from numba.core.runtime import _nrt_python, rtsys
+
+from ppc_attitude.contract.topics import SAMPLED
+from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.simulation.closed_loop import run_samples, stamps_of, timetable_of
+from ppc_attitude.simulation.samples import ROWS, columns_of, new_samples
+from ppc_attitude.simulation.scenario import scenario
+
+STEPS = 12_000
+
+
+def test_every_topic_has_its_own_rows() -> None:
+    samples = new_samples(7)
+    samples += np.arange(len(samples))[:, None]
+    columns = columns_of(samples)
+    assert [(name, rows.shape) for name, rows in columns.items()] == [
+        (topic.column, (7, topic.width)) for topic in SAMPLED
+    ]
+    together = np.concatenate(list(columns.values()), axis=1)
+    assert np.array_equal(together, np.broadcast_to(np.arange(len(samples)), together.shape))
+    assert all(rows[0, 0] == getattr(ROWS, name) for name, rows in columns.items())
+
+
+@pytest.fixture
+def counted() -> Iterator[Callable[[Callable[[], object]], int]]:
+    """Count the blocks of memory that compiled code takes while a function runs."""
+    _nrt_python.memsys_enable_stats()
+
+    def count(function: Callable[[], object]) -> int:
+        before = rtsys.get_allocation_stats().alloc
+        function()
+        return int(rtsys.get_allocation_stats().alloc - before)
+
+    yield count
+    _nrt_python.memsys_disable_stats()
+
+
+@kernel
+def wasteful(steps: int) -> float:
+    total = 0.0
+    for step in range(steps):
+        total += np.full(3, float(step))[1]
+    return total
+
+
+def test_an_allocation_in_a_step_would_be_seen(counted: Callable[..., int]) -> None:
+    wasteful(1)
+    assert counted(lambda: wasteful(STEPS)) >= STEPS
+
+
+@pytest.mark.parametrize("law", CONTROLLERS)
+def test_a_step_allocates_nothing(law: str, counted: Callable[..., int]) -> None:
+    case = scenario(
+        {
+            "ppc_controller": {"controller": law},
+            "spacecraft_plant": {"attitude_noise": 1e-6, "rate_noise": 1e-7},
+            "disturbance_injector": {
+                "pulse_times": [80.0],
+                "pulse_durations": [0.1],
+                "pulse_torques": [0.8, 0.8, 0.8],
+            },
+        }
+    )
+
+    def costs(steps: int) -> tuple[int, int]:
+        """Blocks that the compiled loop takes, and the most that Python holds meanwhile."""
+        stamps = stamps_of(100.0, steps / 100.0)
+        samples, timetable = new_samples(stamps.size), timetable_of(case, stamps)
+        run_samples(case, stamps, samples, timetable)
+        tracemalloc.start()
+        blocks = counted(lambda: run_samples(case, stamps, samples, timetable))
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return blocks, peak
+
+    few_blocks, few_bytes = costs(12)
+    many_blocks, many_bytes = costs(STEPS)
+    assert many_blocks == few_blocks
+    assert many_bytes - few_bytes < 8 * STEPS  # less than one number a step
