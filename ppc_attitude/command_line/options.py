@@ -50,6 +50,13 @@ def add_report_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_bag_option(parser: argparse.ArgumentParser) -> None:
+    """Add --bag."""
+    parser.add_argument(
+        "--bag", metavar="DIR", type=Path, help="folder of the bag; default a new, dated one"
+    )
+
+
 def positive(text: str) -> float:
     """Parse a positive finite number."""
     value = float(text)

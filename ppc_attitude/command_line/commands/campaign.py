@@ -25,21 +25,28 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ppc_attitude.analysis.metrics import verdict_table
+from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
 from ppc_attitude.campaign.draw import VARYING, draw
+from ppc_attitude.campaign.draw import scenario_of as scenario_of_run
 from ppc_attitude.campaign.report import share_text, write_campaign_report
 from ppc_attitude.campaign.rows import CampaignError, rerun
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.command_line.options import (
+    add_bag_option,
     add_report_option,
     add_scenario_options,
     exit_code,
     print_json,
     scenario_of,
 )
+from ppc_attitude.command_line.recording import Recording
+from ppc_attitude.command_line.shipped import shipped_config
 from ppc_attitude.command_line.stopping import stop_on_signals
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.science.errors import ConfigurationError
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -54,7 +61,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_scenario_options(parser)
     parser.add_argument(
-        "--campaign", metavar="FILE", type=Path, required=True, help="what varies (YAML)"
+        "--campaign", metavar="FILE", type=Path, help="what varies; default config/campaign.yaml"
     )
     parser.add_argument("--runs", metavar="N", type=int, default=1000, help="default 1000")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="default 0")
@@ -68,6 +75,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--out", metavar="DIR", type=Path, help="folder of the results; default a new, dated one"
     )
     parser.add_argument("--only", metavar="INDEX", type=int, help="run this one again, alone")
+    parser.add_argument(
+        "--record", action="store_true", help="run it through the five nodes, and record it"
+    )
+    add_bag_option(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_report_option(parser)
     parser.set_defaults(execute=execute)
@@ -75,7 +86,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run the campaign, or one run of it."""
-    campaign = load_campaign(arguments.campaign, scenario_of(arguments), arguments.seed)
+    if arguments.only is None and (arguments.record or arguments.bag):
+        raise ConfigurationError("--record and --bag are for one run: --only INDEX")
+    file = arguments.campaign or shipped_config("campaign.yaml")
+    campaign = load_campaign(file, scenario_of(arguments), arguments.seed)
     if arguments.only is not None:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
@@ -97,9 +111,24 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
-    """Run one index again, in process, and judge it as any run."""
+    """Run one index again, in process or through the nodes, and judge it as any run."""
+    if not (arguments.record or arguments.bag):
+        record, verdict = rerun(campaign, arguments.only)
+        _tell_one(arguments, campaign, record, verdict)
+        return exit_code(verdict)
+    recording = Recording(arguments.bag)
+    record = recording.run(scenario_of_run(campaign, arguments.only))
+    verdict = analyse(record)
+    _tell_one(arguments, campaign, record, verdict)
+    print(f"bag: {recording.bag}", file=sys.stderr if arguments.json else sys.stdout)
+    recording.complain(record)
+    return exit_code(verdict)
+
+
+def _tell_one(
+    arguments: argparse.Namespace, campaign: Campaign, record: RunRecord, verdict: Verdict
+) -> None:
     drawn = draw(campaign, arguments.only)
-    record, verdict = rerun(campaign, arguments.only)
     if arguments.json:
         print_json({**verdict.to_json(), "drawn": drawn})
     else:
@@ -110,7 +139,6 @@ def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
 
         write_report([(record, verdict)], arguments.report)
         print(f"report: {arguments.report}", file=sys.stderr)
-    return exit_code(verdict)
 
 
 def _tell(

@@ -1,0 +1,55 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where shipped files are found."""
+
+from pathlib import Path
+
+import pytest
+
+from ppc_attitude.command_line.shipped import shipped_config
+from ppc_attitude.science.errors import ConfigurationError
+
+ROOT = Path(__file__).parents[1]
+LAYOUTS = {
+    "sources": ("ppc_attitude", "config"),
+    "pip": ("lib/python3.12/site-packages/ppc_attitude", "share/ppc_attitude/config"),
+    "debian": (
+        "local/lib/python3.12/dist-packages/ppc_attitude",
+        "local/share/ppc_attitude/config",
+    ),
+}
+
+
+def test_the_sources_have_what_they_ship() -> None:
+    assert shipped_config("campaign.yaml") == ROOT / "config" / "campaign.yaml"
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_installation_is_searched(tmp_path: Path, layout: str) -> None:
+    package, config = (tmp_path / part for part in LAYOUTS[layout])
+    package.mkdir(parents=True)
+    with pytest.raises(ConfigurationError, match=r"config/mine\.yaml is not where .*ppc_attitude"):
+        shipped_config("mine.yaml", package)
+    config.mkdir(parents=True)
+    (config / "mine.yaml").touch()
+    assert shipped_config("mine.yaml", package) == config / "mine.yaml"
+
+
+def test_a_linked_package_leads_to_its_sources(tmp_path: Path) -> None:
+    """As `colcon build --symlink-install` leaves it."""
+    link = tmp_path / "build" / "ppc_attitude"
+    link.parent.mkdir()
+    link.symlink_to(ROOT / "ppc_attitude")
+    assert shipped_config("campaign.yaml", link) == ROOT / "config" / "campaign.yaml"
