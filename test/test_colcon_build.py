@@ -12,19 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A colcon workspace with this package builds; `ros2 run` and `ros2 pkg` find their files in it."""
+"""A colcon workspace with this package builds, runs and is tested; ROS finds its files in it."""
 
 import os
+import re
+import shlex
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from conftest import StartProcess
 from test_layers import PACKAGE, ROOT
 
 import ppc_attitude
-from ppc_attitude.contract.topics import MARKERS, NODES
+from ppc_attitude.contract.topics import MARKERS, NODES, PLANT, RECORDER
 
 GENERATED = {"bags", "build", "install", "log", f"{PACKAGE}.egg-info"}
 SHARED_FILES = [
@@ -42,26 +46,36 @@ def not_source(folder: str, names: list[str]) -> set[str]:
     return {"__pycache__"}
 
 
-def run(command: list[str], workspace: Path) -> str:
-    """Run a command as in a new terminal where no workspace is sourced, return what it printed."""
+def new_terminal() -> dict[str, str]:
+    """Environment where no workspace is sourced."""
     sourced = ("AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH", "PYTHONPATH")
-    environment = {name: value for name, value in os.environ.items() if name not in sourced}
+    return {name: value for name, value in os.environ.items() if name not in sourced}
+
+
+def run(command: list[str], workspace: Path, code: int = 0) -> str:
+    """Run a command as in a new terminal, return what it printed."""
     done = subprocess.run(
-        command, cwd=workspace, env=environment, capture_output=True, text=True, check=False
+        command, cwd=workspace, env=new_terminal(), capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == code, done.stdout + done.stderr
     return done.stdout
 
 
-@pytest.fixture(
-    scope="module", params=[[], ["--symlink-install"]], ids=["install", "symlink-install"]
-)
+def in_workspace(command: str) -> list[str]:
+    """A command of a terminal where the workspace is sourced."""
+    return ["bash", "-c", f"source install/setup.bash && {command}"]
+
+
+def colcon(verb: str, *arguments: str) -> list[str]:
+    return [sys.executable, "-m", "colcon", verb, *arguments]
+
+
+@pytest.fixture(scope="module", params=["", "--symlink-install"], ids=["install", "symlinks"])
 def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build a workspace with a copy of this repository."""
     folder = tmp_path_factory.mktemp("workspace")
     shutil.copytree(ROOT, folder / "src" / PACKAGE, ignore=not_source)
-    colcon = [sys.executable, "-m", "colcon", "build", "--base-paths", "src"]
-    run([*colcon, "--packages-select", PACKAGE, *request.param], folder)
+    run(colcon("build", "--base-paths", "src", *request.param.split()), folder)
     return folder
 
 
@@ -80,9 +94,62 @@ def test_index_and_shared_files_are_where_ros2_pkg_looks(workspace: Path) -> Non
 
 def test_sourced_workspace_runs_what_it_built(workspace: Path) -> None:
     code = "import ppc_attitude as p; print(p.__file__, p.__version__)"
-    script = f"source install/setup.bash && {sys.executable!r} -c {code!r}"
-    file, version = run(["bash", "-c", script], workspace).split()
+    file, version = run(in_workspace(f"{sys.executable!r} -c {code!r}"), workspace).split()
     assert Path(file).resolve().is_relative_to(workspace.resolve())
     assert version == ppc_attitude.__version__
-    script = f"source install/setup.bash && install/{PACKAGE}/lib/{PACKAGE}/{PACKAGE} --help"
-    assert PACKAGE in run(["bash", "-c", script], workspace)
+
+
+def test_the_index_leads_to_config_and_launch_files(workspace: Path) -> None:
+    """What `ros2 launch ppc_attitude FILE` and `ros2 pkg prefix --share` look up."""
+    pytest.importorskip("ament_index_python")
+    code = (
+        "from ament_index_python.packages import *;"
+        f"print(get_package_prefix({PACKAGE!r}), get_package_share_directory({PACKAGE!r}))"
+    )
+    told = run(in_workspace(f'{sys.executable!r} -c "{code}"'), workspace)
+    prefix, share = map(Path, told.split())
+    assert prefix == workspace / "install" / PACKAGE
+    assert all((share / file).is_file() for file in SHARED_FILES)
+
+
+@pytest.mark.ros
+def test_every_executable_runs(workspace: Path, start_process: StartProcess) -> None:
+    """A moment of the paper's case by the files that `ros2 run` executes, and by the command."""
+    files = f"install/{PACKAGE}/lib/{PACKAGE}"
+    # First, and alone: it compiles the kernels for all.
+    simulated = run(in_workspace(f"{files}/{PACKAGE} simulate --duration 1"), workspace, code=1)
+    assert "NOT MET" in simulated
+
+    def start(name: str, *arguments: str) -> subprocess.Popen[str]:
+        command = f"exec {files}/{name} {shlex.join(['--ros-args', *arguments])}"
+        return start_process(in_workspace(command), cwd=workspace, env=new_terminal())
+
+    config = f"install/{PACKAGE}/share/{PACKAGE}/config/paper.yaml"
+    parameters = ["-p", "lockstep:=true", "-p", "wait_for_recorder:=true", "-p", "duration:=0.1"]
+    peers = {
+        name: start(name, "--params-file", config)
+        for name in (*NODES, MARKERS)
+        if name not in (PLANT, RECORDER)
+    }
+    peers[RECORDER] = start(RECORDER, "-p", "bag:=bag")
+    plant = start(PLANT, "--params-file", config, *parameters)
+    _, said = plant.communicate(timeout=60.0)
+    assert plant.returncode == 0, said
+    for name, process in peers.items():
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30.0)
+        assert process.returncode == 0, (name, said)
+    assert (workspace / "bag" / "metadata.yaml").is_file()
+    shutil.rmtree(workspace / "bag")
+
+
+@pytest.mark.parametrize("workspace", [""], ids=["install"], indirect=True)
+def test_colcon_test_tells_what_passes_and_what_fails(workspace: Path) -> None:
+    fails = workspace / "src" / PACKAGE / "test" / "test_fails.py"
+    fails.write_text("def test_fails():\n    assert False\n", encoding="utf-8")
+    some = ("test/test_packaging.py", "test/test_fails.py")
+    run(colcon("test", "--base-paths", "src", "--pytest-args", *some), workspace)
+    told = run(colcon("test-result", "--verbose"), workspace, code=1)
+    assert re.search(r"\b9 tests, 0 errors, 1 failure, 0 skipped", told), told
+    assert "test_fails" in told
+    fails.unlink()
