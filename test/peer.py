@@ -98,7 +98,7 @@ class Peer:
         """Take messages until a condition holds."""
         end = time.monotonic() + patience
         while not (result := condition()):
-            assert time.monotonic() < end, f"waited in vain for {what}"
+            assert time.monotonic() < end, f"waited in vain for {what}; health: {self.health}"
             self._executor.spin_once(timeout_sec=0.02)
         return result
 
@@ -121,6 +121,10 @@ class Peer:
             ),
             "the loop to go on",
         )
+
+    def hears(self, node: str, text: str) -> None:
+        """Wait until a node's diagnostics say something."""
+        self.until(lambda: text in self.health.get(node, {}).get("message", ""), f"{node}: {text}")
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service."""

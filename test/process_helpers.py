@@ -26,11 +26,16 @@ from typing import Any
 
 from conftest import StartProcess
 
-from ppc_attitude.contract.topics import NODES
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, REFERENCE
+from ppc_attitude.simulation.closed_loop import warm_up
+from ppc_attitude.simulation.scenario import load
 
 PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
 COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 PATIENCE = 120.0  # [s] a machine may be busy
+MODES = ["lockstep", "free-running"]
+LOOP = (PLANT, REFERENCE, CONTROLLER, INJECTOR)
+LOCKSTEP = ("lockstep:=true", "real_time_factor:=1.0")
 _TIME = re.compile(r"\| (\d+\.\d)/")
 
 
@@ -104,6 +109,18 @@ class Node(Process):
             arguments += ["-p", parameter]
         command = [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *arguments]
         super().__init__(start_process, folder, f"{name}{mark}", command, **popen)
+
+
+def loop_nodes(
+    start_process: StartProcess, folder: Path, mode: str, *names: str
+) -> dict[str, Node]:
+    """Start nodes of the loop, at the pace of the wall clock in either mode."""
+    warm_up(load([PAPER]))  # once here, instead of in several processes at a time
+    pace = LOCKSTEP if mode == "lockstep" else ()
+    return {
+        name: Node(start_process, folder, name, *(pace if name == PLANT else ()))
+        for name in names or LOOP
+    }
 
 
 class Run(Process):

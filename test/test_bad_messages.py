@@ -24,7 +24,7 @@ from pathlib import Path
 import pytest
 from conftest import StartProcess
 from peer import Peer, peer
-from process_helpers import Node
+from process_helpers import Node, loop_nodes
 
 from ppc_attitude.contract.cdr import NANOSECONDS, Codec
 from ppc_attitude.contract.topics import (
@@ -58,7 +58,6 @@ READERS = {
     DISTURBANCE: (PLANT,),
     INJECT: (INJECTOR,),
 }
-STACK = (PLANT, REFERENCE, CONTROLLER, INJECTOR)
 MAX_TORQUE = 0.05  # [N·m] per axis
 FLOOD = 10_000
 FUTURE = 2_000_000_000 * NANOSECONDS  # no run has come so far
@@ -127,18 +126,13 @@ def flood(stack: Peer, topics: list[Topic]) -> None:
             stack.spin()
 
 
-@pytest.fixture(params=["lockstep", "free-running"])
+@pytest.fixture(params=["lockstep", pytest.param("free-running", marks=pytest.mark.long)])
 def nodes(
     request: pytest.FixtureRequest, start_process: StartProcess, tmp_path: Path, ros_domain: int
 ) -> Iterator[dict[str, Node]]:
     """Plant, reference, controller and injector at 100 steps a second; they must end well."""
-    lockstep = request.param == "lockstep"
-    pace = ("lockstep:=true", "real_time_factor:=1.0") if lockstep else ()
     began = time.monotonic()
-    started = {
-        name: Node(start_process, tmp_path, name, *(pace if name == PLANT else ()))
-        for name in STACK
-    }
+    started = loop_nodes(start_process, tmp_path, request.param)
     yield started
     lasted = time.monotonic() - began
     for node in started.values():

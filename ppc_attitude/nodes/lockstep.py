@@ -128,11 +128,9 @@ class Instant:
         return None
 
     def missing(self) -> tuple[str, ...]:
-        """What the latest incomplete instant lacks; all names if there is none."""
-        if not self._parts:
-            return self._names
-        latest = self._parts[next(reversed(self._parts))]
-        return tuple(name for name in self._names if name not in latest)
+        """What no incomplete instant has; all names if there is none, or if they do not pair."""
+        present = set().union(*self._parts.values())
+        return tuple(name for name in self._names if name not in present) or self._names
 
     def _forget_until(self, stamp_ns: int) -> None:
         """Drop a complete instant and what began to arrive before it: no topic goes back."""

@@ -102,9 +102,9 @@ def _declare(node: Node, parameter: Parameter, value: Any) -> None:
     if value != []:
         node.declare_parameter(parameter.name, value, descriptor(parameter), ignore_override=True)
         return
-    # rclpy takes an empty list for bytes: declare the type, then set the value with it.
+    # rclpy takes an empty list for bytes: declare another, then set the value with its type.
+    node.declare_parameter(parameter.name, [0.0], descriptor(parameter), ignore_override=True)
     kind = RosParameter.Type.DOUBLE_ARRAY
-    node.declare_parameter(parameter.name, kind, descriptor(parameter), ignore_override=True)
     node.set_parameters([RosParameter(parameter.name, kind, value)])
 
 
@@ -116,6 +116,8 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
         description=parameter.description + unit,
         additional_constraints=parameter.allowed,
         read_only=parameter.read_only,
+        # Types are for our own check, which also says what is allowed.
+        dynamic_typing=True,
     )
     # rcl compares a range's ends inclusively and knows no open end: only closed ones go there.
     closed = parameter.low > -float("inf") and parameter.high < float("inf")

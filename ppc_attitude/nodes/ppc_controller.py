@@ -51,7 +51,7 @@ class PpcController(BaseNode):
     def __init__(self) -> None:
         super().__init__()
         self._law = CONTROLLERS[self.parameters["controller"]]
-        self._memory = self._law.new_memory()
+        self._arm()
         self._measurement = new_measurement()
         self._command = new_command()
         self._apply_parameters()
@@ -60,7 +60,6 @@ class PpcController(BaseNode):
         self._enabled = True
         self._saturated = 0
         self._steps = 0
-        self._announced = 0
 
         self._send_torque = self.sender(TORQUE_COMMAND)
         self._telemetry = [
@@ -81,6 +80,11 @@ class PpcController(BaseNode):
         self._configuration = self._law.configure(self.parameters.values)
         self.parameters.changed = False
 
+    def _arm(self) -> None:
+        """Forget the past: the next step plans from the present error."""
+        self._memory = self._law.new_memory()
+        self._announced = 0
+
     def _receiver(self, topic: Topic) -> Callable[[int, Values], None]:
         column = topic.column
 
@@ -98,8 +102,7 @@ class PpcController(BaseNode):
         if verdict is Verdict.RESTART:
             text = f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed"
             self.mention("restart", text)
-            self._memory = self._law.new_memory()
-            self._announced = 0
+            self._arm()
             self.restart_report()
         if verdict is not Verdict.REPEATED:
             self._compute(stamp_ns, parts)
@@ -139,7 +142,7 @@ class PpcController(BaseNode):
 
     def _on_enable(self, request: Any, response: Any) -> Any:
         if request.data and not self._enabled:
-            self._memory = self._law.new_memory()
+            self._arm()
         self._enabled = bool(request.data)
         state = (
             "enabled: re-armed from the present error" if self._enabled else "disabled: zero torque"
@@ -166,7 +169,8 @@ class PpcController(BaseNode):
         fill = self._law.fill(self._command)
         details.update({f"{name} fill": value for name, value in fill.items()})
         if self.is_idle():
-            return STALE, f"waiting for {', '.join(self._instant.missing())}", details
+            missing = ", ".join(BY_COLUMN[column].name for column in self._instant.missing())
+            return STALE, f"waiting for {missing}", details
         if not self._enabled:
             return WARN, "disabled: zero torque", details
         outside = [name for name, value in fill.items() if value > 1.0]

@@ -1,0 +1,210 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Nodes that live alone: any order, late, killed, restarted, reset, disabled, reconfigured."""
+
+import re
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import StartProcess
+from peer import Peer, peer
+from process_helpers import LOCKSTEP, MODES, Node, loop_nodes, until
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rosbags.highlevel import AnyReader
+from std_srvs.srv import SetBool, Trigger
+
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    CONTROLLER,
+    INJECTOR,
+    PLANT,
+    RECORDER,
+    REFERENCE,
+    TORQUE_COMMAND,
+)
+
+pytestmark = pytest.mark.ros
+
+
+def last_torque(stack: Peer) -> float:
+    """Largest component of the torque that acted last."""
+    return max(map(abs, stack.heard[APPLIED_TORQUE.name][-1].values))
+
+
+def plans(controller: Node) -> list[tuple[float, float]]:
+    """Start [s] and attitude error [deg] of each envelope plan that a controller announced."""
+    found = re.findall(r"plan from t = ([\d.]+) s: attitude error ([\d.]+)", controller.err)
+    return [(float(start), float(error)) for start, error in found]
+
+
+def end_all(nodes: Any) -> None:
+    for node in nodes:
+        node.send(signal.SIGINT)
+    for node in nodes:
+        assert node.ends() == 0, node.err
+        assert "Traceback" not in node.err
+
+
+def kill(node: Node) -> None:
+    node.send(signal.SIGKILL)
+    assert node.ends() == -signal.SIGKILL
+
+
+@pytest.mark.parametrize("mode", ["free-running", pytest.param("lockstep", marks=pytest.mark.long)])
+def test_nodes_join_late_and_again_in_any_order(
+    mode: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    with peer() as stack:
+        nodes = loop_nodes(start_process, tmp_path, mode, PLANT)
+        waits = "no torque_command: zero torque" if mode == "free-running" else "waiting at t"
+        stack.hears(PLANT, waits)
+        if mode == "free-running":
+            stack.until(lambda: stack.time(APPLIED_TORQUE) > 0.5, "time to go on")
+            assert last_torque(stack) == 0.0
+
+        nodes |= loop_nodes(start_process, tmp_path, mode, CONTROLLER, INJECTOR)
+        stack.hears(CONTROLLER, "waiting for reference/attitude")
+        nodes |= loop_nodes(start_process, tmp_path, mode, REFERENCE)
+        stack.goes_on()
+        stack.until(lambda: last_torque(stack) > 0.0, "torque")
+        stack.hears(PLANT, "running")
+
+        kill(nodes[CONTROLLER])
+        stack.hears(PLANT, waits)
+        killed_at = stack.time(APPLIED_TORQUE)
+        if mode == "free-running":
+            stack.until(lambda: last_torque(stack) == 0.0, "zero torque")
+        nodes[CONTROLLER] = Node(start_process, tmp_path, CONTROLLER, mark="_again")
+        stack.goes_on()
+        stack.hears(PLANT, "running")
+        ((start, error),) = plans(nodes[CONTROLLER])
+        assert start >= killed_at - 0.05
+        assert 0.0 < error < 180.0
+
+        kill(nodes[PLANT])
+        nodes[PLANT] = Node(
+            start_process, tmp_path, PLANT, *(LOCKSTEP if mode == "lockstep" else ()), mark="_again"
+        )
+        nodes[CONTROLLER].says("time has begun again")
+        stack.goes_on()
+        until(lambda: plans(nodes[CONTROLLER])[-1][0] < killed_at, "a plan of the new time")
+        stack.hears(PLANT, "running")
+        end_all(nodes.values())
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_time_can_be_reset_and_the_torque_disabled(
+    mode: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    nodes = loop_nodes(start_process, tmp_path, mode)
+    with peer() as stack:
+        stack.goes_on(1.0)
+        assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=False)).success
+        stack.until(lambda: last_torque(stack) == 0.0, "zero torque")
+        stack.goes_on()
+        assert last_torque(stack) == 0.0
+        stack.hears(CONTROLLER, "disabled: zero torque")
+        disabled_until = stack.time(APPLIED_TORQUE)
+        assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=True)).success
+        stack.until(lambda: last_torque(stack) > 0.0, "torque")
+        until(lambda: plans(nodes[CONTROLLER])[-1][0] >= disabled_until, "a new plan")
+
+        before = stack.time(APPLIED_TORQUE)
+        assert stack.call(Trigger, f"/{PLANT}/reset", Trigger.Request()).success
+        stack.until(lambda: 0.0 <= stack.time(APPLIED_TORQUE) < before, "time to go back")
+        stack.goes_on()
+        nodes[CONTROLLER].says("time has begun again at 0.000 s: re-armed")
+        until(lambda: plans(nodes[CONTROLLER])[-1][0] < disabled_until, "a plan of the new time")
+        (_, first), *_, (start, error) = plans(nodes[CONTROLLER])
+        assert start == 0.0
+        assert error == pytest.approx(first, abs=1.0)  # at the start the controller may be late
+        for node in (REFERENCE, CONTROLLER, INJECTOR):
+            refusals = {k: v for k, v in stack.health[node].items() if k.startswith("refused")}
+            assert not refusals, node
+        end_all(nodes.values())
+
+
+REFUSED = {
+    "out of range": (CONTROLLER, "k", -1.0, "k = -1.0; allowed: finite, > 0"),
+    "not finite": (PLANT, "max_torque", float("nan"), "max_torque = nan N·m; allowed"),
+    "wrong type": (CONTROLLER, "k", "three", "k = 'three'; allowed: finite, > 0"),
+    "wrong length": (PLANT, "inertia", [1.0, 2.0], "inertia = [1.0, 2.0] has 2 values"),
+    "no inertia": (CONTROLLER, "inertia", [-1.0, *[0.0] * 3, 1.0, *[0.0] * 3, 1.0], "positive"),
+    "infeasible": (CONTROLLER, "rate_envelope.exponential_terminal", 1e-9, "rate_envelope"),
+    "at start only": (PLANT, "rate", 50.0, "rate"),
+    "unknown": (INJECTOR, "enviroment", True, "undeclared"),
+    "not together": (INJECTOR, "pulse_times", [1.0, 2.0], "pulse"),
+}
+
+
+# So large that the controller is always at its limit.
+LASTING_HIT = ("pulse_times:=[0.0]", "pulse_durations:=[1e6]", "pulse_torques:=[0.3, 0.3, 0.3]")
+
+
+def set_parameter(stack: Peer, node: str, name: str, value: Any) -> Any:
+    parameter = Parameter(name, value=value).to_parameter_msg()
+    request = SetParameters.Request(parameters=[parameter])
+    return stack.call(SetParameters, f"/{node}/set_parameters", request).results[0]
+
+
+def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    bag = tmp_path / "bag"
+    recorder = Node(start_process, tmp_path, RECORDER, f"bag:={bag}")
+    with peer() as stack:
+        recorder.says("recording to")
+        paced = (*LOCKSTEP, "wait_for_recorder:=true")
+        nodes = loop_nodes(start_process, tmp_path, "lockstep", REFERENCE, CONTROLLER)
+        nodes[INJECTOR] = Node(start_process, tmp_path, INJECTOR, *LASTING_HIT)
+        nodes[PLANT] = Node(start_process, tmp_path, PLANT, *paced)
+        stack.goes_on()
+        for case, (node, name, value, reason) in REFUSED.items():
+            result = set_parameter(stack, node, name, value)
+            assert not result.successful, case
+            assert reason in result.reason, case
+        stack.goes_on()
+        asked_at = stack.time(TORQUE_COMMAND)
+        assert last_torque(stack) == 0.05
+        assert set_parameter(stack, CONTROLLER, "max_torque", 0.02).successful
+        stack.until(lambda: last_torque(stack) == 0.02, "the new limit")
+        stack.goes_on()
+        end_all([*nodes.values()])
+    end_all([recorder])
+    record = read_run(bag)
+    assert record.missing_messages == 0
+    largest = np.abs(record["torque_command"]).max(axis=1)
+    (changed,) = np.flatnonzero(np.diff(largest) < -0.02) + 1  # one step: before it old, then new
+    assert record.t[changed] > asked_at
+    assert (largest[changed:] == 0.02).all()
+    assert events(bag) == {(f"/{CONTROLLER}", "max_torque", 0.02)}
+
+
+def events(bag: Path) -> set[tuple[str, str, float]]:
+    """Node, name and value of each changed number in a bag, read with rosbags alone."""
+    found = set()
+    with AnyReader([bag]) as reader:
+        links = [each for each in reader.connections if each.topic == "/parameter_events"]
+        for link, _, data in reader.messages(connections=links):
+            event: ParameterEvent = reader.deserialize(data, link.msgtype)
+            for changed in event.changed_parameters:
+                found.add((event.node, changed.name, changed.value.double_value))
+    return found
