@@ -35,7 +35,7 @@ from ppc_attitude.contract.cdr import header_stamp, seconds
 from ppc_attitude.contract.completeness import Completeness, promised
 from ppc_attitude.contract.topics import ATTITUDE, BY_NAME, CONTROLLER, RECORDER, TOPICS, Topic
 from ppc_attitude.contract.versions import versions
-from ppc_attitude.nodes.base import ERROR, EXIT_BROKEN, OK, STALE, BaseNode, run_node
+from ppc_attitude.nodes.base import EXIT_BROKEN, OK, STALE, BaseNode, run_node
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.parameter_survey import ParameterSurvey
 from ppc_attitude.nodes.qos import published, recorded
@@ -68,7 +68,6 @@ class BagRecorder(BaseNode):
             raise ConfigurationError(str(error)) from None
         self._now = 0
         self._count = 0
-        self._failure = ""
         self._announced: set[str] = set()
         self._completeness: dict[str, Completeness] = {}
         for namespace in dict.fromkeys(_tidy(name) for name in self.parameters["namespaces"]):
@@ -137,7 +136,7 @@ class BagRecorder(BaseNode):
         return receive
 
     def _write(self, name: str, topic: Topic, time_ns: int, data: bytes) -> None:
-        if self._failure:
+        if self.failure:
             return
         try:
             if name not in self._announced:
@@ -145,16 +144,10 @@ class BagRecorder(BaseNode):
                 self._writer.add_topic(name, topic.msgtype, [_offered(topic)])
             self._writer.write(name, time_ns, data)
         except BagError as error:
-            self._fail(str(error))
+            self.fail(self._now, str(error))
         else:
             if topic is ATTITUDE:
                 self.report(time_ns)
-
-    def _fail(self, reason: str) -> None:
-        self._failure = reason
-        self.exit_code = EXIT_BROKEN
-        self.get_logger().error(reason)
-        self.finished = True
 
     def new_executor(self) -> Executor:
         """Return an executor that only looks at messages when it is asked to.
@@ -177,7 +170,7 @@ class BagRecorder(BaseNode):
     def drain(self, executor: Executor) -> None:
         """Take all that was sent before the stop: until nothing has come for a while."""
         quiet_since = time.monotonic()
-        while not self._failure and time.monotonic() - quiet_since < _QUIET:
+        while not self.failure and time.monotonic() - quiet_since < _QUIET:
             if self._take_gathered():
                 quiet_since = time.monotonic()
             executor.spin_once(timeout_sec=_BATCH)
@@ -186,17 +179,17 @@ class BagRecorder(BaseNode):
         """Finish the bag, and say whether it is complete."""
         gaps = [gap for namespace in self._completeness for gap in self._gaps(namespace)]
         try:
-            if not self._failure:
+            if not self.failure:
                 self._writer.set_custom_data("ppc_attitude.gaps", json.dumps(gaps))
             self._writer.close()
         except BagError as error:
-            if not self._failure:
-                self._fail(str(error))
+            if not self.failure:
+                self.fail(self._now, str(error))
         if gaps:
             self.exit_code = EXIT_BROKEN
             for gap in gaps:
                 self.get_logger().error(f"bag {self._path} is incomplete: {gap}")
-        elif not self._failure:
+        elif not self.failure:
             self.get_logger().info(f"closed {self._path}: {self._count} messages, none missing")
 
     def _gaps(self, namespace: str) -> list[str]:
@@ -215,14 +208,12 @@ class BagRecorder(BaseNode):
         return super().wake()
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
-        """Failed, waiting, or recording."""
+        """Waiting, or recording."""
         details = {
             "time [s]": seconds(self._now),
             "bag": self._path,
             "storage": self.parameters["storage"],
         }
-        if self._failure:
-            return ERROR, self._failure, details
         if self.is_idle():
             return STALE, f"waiting for {ATTITUDE.name}", details
         return OK, "recording", details

@@ -65,6 +65,7 @@ class BaseNode(Node):
         self.parameters = NodeParameters(self, self.executable, self.check)
         self.finished = False
         self.exit_code = EXIT_OK
+        self.failure = ""
         self.refused: Counter[str] = Counter()
         self._last_log: dict[str, float] = {}
         self._outgoing: list[Any] = []
@@ -160,6 +161,14 @@ class BaseNode(Node):
             self._publish_diagnostics(stamp_ns)
             self._next_diagnostics_ns = stamp_ns + NANOSECONDS
 
+    def fail(self, stamp_ns: int, reason: str) -> None:
+        """End the node as a broken one, and say so in its last diagnostics."""
+        self.get_logger().error(reason)
+        self.exit_code, self.failure, self.finished = EXIT_BROKEN, reason, True
+        self.report(stamp_ns, at_once=True)
+        if self._diagnostics.get_subscription_count():
+            self._diagnostics.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE))
+
     def restart_report(self) -> None:
         """Let the diagnostics begin again after time has gone back."""
         self._next_diagnostics_ns = 0
@@ -182,6 +191,8 @@ class BaseNode(Node):
         self._reported_refusals += newly_refused
         if level == OK and newly_refused:
             level, summary = WARN, f"{summary}; refused {newly_refused} since the last report"
+        if self.failure:
+            level, summary = ERROR, self.failure
         rate = {"measured rate [Hz]": self._step_counter.rate()}
         status = DiagnosticStatus(
             level=level,

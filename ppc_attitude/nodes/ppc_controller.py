@@ -167,7 +167,7 @@ class PpcController(BaseNode):
             "instants incomplete": self._instant.dropped,
         }
         fill = self._law.fill(self._command)
-        details.update({f"{name} fill": value for name, value in fill.items()})
+        details.update({f"{name} margin": 1.0 - value for name, value in fill.items()})
         if self.is_idle():
             missing = ", ".join(BY_COLUMN[column].name for column in self._instant.missing())
             return STALE, f"waiting for {missing}", details

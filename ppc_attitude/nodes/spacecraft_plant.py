@@ -33,7 +33,7 @@ from ppc_attitude.contract.topics import (
     RECORDER,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.base import ERROR, EXIT_BROKEN, OK, STALE, WARN, BaseNode, run_node
+from ppc_attitude.nodes.base import ERROR, OK, STALE, WARN, BaseNode, run_node
 from ppc_attitude.nodes.messages import LARGEST, RefusedError
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.rival import RivalWatch
@@ -156,7 +156,8 @@ class SpacecraftPlant(BaseNode):
             self._plant, self._q, self._omega, applied, disturbance, h
         )
         if not sum(map(abs, self._omega)) <= LARGEST:  # NaN is not either
-            self._fail(f"diverged: angular velocity {self._omega} rad/s at {seconds(stamp)} s")
+            reason = f"diverged: angular velocity {self._omega} rad/s at {seconds(stamp)} s"
+            self.fail(self._stamp, reason)
             return
         if self.parameters.changed:
             self._apply_parameters()
@@ -171,11 +172,6 @@ class SpacecraftPlant(BaseNode):
         self._show_progress()
         if self._lockstep and self._step % _ACKNOWLEDGED_EVERY == 0:
             self._let_subscribers_follow()
-
-    def _fail(self, reason: str) -> None:
-        self.get_logger().error(reason)
-        self.exit_code = EXIT_BROKEN
-        self.finished = True
 
     def _let_subscribers_follow(self) -> None:
         """Wait for a recorder that lags, before the publishers' memory overflows."""
@@ -235,7 +231,7 @@ class SpacecraftPlant(BaseNode):
     def _look_for_rival(self) -> None:
         rival = self._rival.look()
         if rival and self._rival.came_second:
-            self._fail(f"{rival}; this plant is the newer one and ends")
+            self.fail(self._stamp, f"{rival}; this plant is the newer one and ends")
         elif rival:
             self.complain("rival", rival)
 

@@ -1,0 +1,272 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What each node says of its health: running, warned, failed or waiting, and by what numbers."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.contract.cdr import Codec, stamp_of
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    DIAGNOSTICS_TOPIC,
+    DISTURBANCE,
+    INJECT,
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+    TORQUE_COMMAND,
+    Topic,
+)
+from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
+from ppc_attitude.nodes.bag_recorder import BagRecorder
+from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode, new_executor
+from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
+from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.ppc_controller import PpcController
+from ppc_attitude.nodes.qos import published
+from ppc_attitude.nodes.reference_generator import ReferenceGenerator
+from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+UNIT, ZERO = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+STATE: dict[Topic, tuple[float, ...]] = {ATTITUDE: UNIT, ANGULAR_VELOCITY: ZERO}
+ANSWERS: dict[Topic, tuple[float, ...]] = {TORQUE_COMMAND: ZERO, DISTURBANCE: ZERO}
+INSTANT = {
+    **STATE,
+    REFERENCE_ATTITUDE: UNIT,
+    REFERENCE_RATE: ZERO,
+    REFERENCE_ACCELERATION: ZERO,
+}
+# Node: what makes it run, and what it waits for without.
+NEEDS: dict[type[BaseNode], tuple[dict[Topic, tuple[float, ...]], str]] = {
+    ReferenceGenerator: ({ATTITUDE: UNIT}, "waiting for attitude"),
+    PpcController: (INSTANT, "waiting for attitude"),
+    DisturbanceInjector: ({ATTITUDE: UNIT}, "waiting for attitude"),
+    SpacecraftPlant: (ANSWERS, "waiting at t = 0.010 s for torque_command, disturbance/torque"),
+    BagRecorder: (INSTANT, "waiting for attitude"),
+    AttitudeMarkers: ({ATTITUDE: UNIT}, "waiting for attitude"),
+}
+ARGUMENTS = {SpacecraftPlant: ["lockstep:=true"], BagRecorder: ["bag:=bag"]}
+
+
+class Patient:
+    """A node in this process, fed by hand, and what it says on `/diagnostics`."""
+
+    def __init__(self, kind: type[BaseNode], parameters: list[str]) -> None:
+        options = [word for each in parameters for word in ("-p", each)]
+        rclpy.init(args=["--ros-args", "-r", "__ns:=/ward", *options])
+        self.kind, self.node = kind, kind()
+        self.peer = Node("peer", namespace="/ward")
+        self.said: list[DiagnosticStatus] = []
+        self.peer.create_subscription(
+            DiagnosticArray, DIAGNOSTICS_TOPIC.name, lambda m: self.said.extend(m.status), 100
+        )
+        topics = {*NEEDS[kind][0], *([INJECT] if kind is DisturbanceInjector else [])}
+        self.publishers = {
+            topic: self.peer.create_publisher(
+                message_class(topic.msgtype), topic.name, published(topic)
+            )
+            for topic in topics
+        }
+        self.executor = new_executor()
+        for each in (self.node, self.peer):
+            self.executor.add_node(each)
+        self.until(lambda: all(p.get_subscription_count() for p in self.publishers.values()))
+        self.until(lambda: self.node._diagnostics.get_subscription_count() > 0)
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 20.0
+        while not condition():
+            assert time.monotonic() < deadline, "what was waited for did not come"
+            self.executor.spin_once(timeout_sec=0.01)
+            if not self.node.finished:
+                self.node.wake()
+
+    def send(self, values: dict[Topic, tuple[float, ...]], step: int = 0) -> None:
+        for topic, numbers in values.items():
+            self.publishers[topic].publish(Codec(topic).encode(stamp_of(step, 100.0), numbers))
+
+    def feed(self, step: int = 0, **changed: tuple[float, ...]) -> None:
+        needs = {t: changed.get(t.column, v) for t, v in NEEDS[self.kind][0].items()}
+        self.send(needs, step)
+
+    def starve(self) -> None:
+        """Let a silence pass, without waiting for it."""
+        self.node._last_activity -= 10.0
+        if isinstance(self.node, SpacecraftPlant):
+            self.node._waiting_since -= 10.0
+        self.said.clear()
+
+    def says(self, level: bytes, text: str = "") -> dict[str, str]:
+        """Wait for a report of this level with this text; return its values."""
+
+        def found() -> list[DiagnosticStatus]:
+            return [each for each in self.said if each.level == level and text in each.message]
+
+        self.until(lambda: bool(found()))
+        status = found()[0]
+        assert status.name == f"ward/{self.node.executable}: status"
+        assert status.hardware_id == f"/ward/{self.node.executable}"
+        return {entry.key: entry.value for entry in status.values}
+
+
+@pytest.fixture
+def admit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Patient]]:
+    monkeypatch.chdir(tmp_path)
+    patients: list[Patient] = []
+
+    def admitted(kind: type[BaseNode], *parameters: str) -> Patient:
+        patients.append(Patient(kind, [*ARGUMENTS.get(kind, []), *parameters]))
+        return patients[-1]
+
+    yield admitted
+    for patient in patients:
+        patient.node.close()
+        patient.node.destroy_node()
+        patient.peer.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize("kind", NEEDS, ids=lambda kind: kind.executable)
+def test_a_fed_node_runs_and_a_starved_one_is_stale(
+    admit: Callable[..., Patient], kind: type[BaseNode]
+) -> None:
+    patient = admit(kind)
+    patient.feed(0)
+    values = patient.says(OK)
+    assert {"time [s]", "measured rate [Hz]"} <= set(values)
+    patient.starve()
+    patient.says(STALE, NEEDS[kind][1])
+    patient.feed(1)
+    patient.said.clear()
+    patient.until(lambda: not patient.node.is_idle())
+    patient.node.restart_report()
+    patient.feed(2)
+    patient.says(OK)
+
+
+@pytest.mark.parametrize(
+    "kind", [kind for kind in NEEDS if kind is not BagRecorder], ids=lambda kind: kind.executable
+)
+def test_a_refusal_is_a_warning_with_a_count(
+    admit: Callable[..., Patient], kind: type[BaseNode]
+) -> None:
+    patient = admit(kind)
+    patient.feed(0)
+    patient.says(OK)
+    topic, values = next(iter(NEEDS[kind][0].items()))
+    patient.send({topic: (float("nan"), *values[1:])}, 1)
+    if kind is AttitudeMarkers:  # it looks at what it has when it draws
+        patient.node._last_drawn = 0.0
+    patient.until(lambda: patient.node.refused.total() > 0)
+    patient.node.restart_report()
+    patient.feed(1 if kind is SpacecraftPlant else 2)
+    assert patient.says(WARN, "refused 1")[f"refused {topic.name}"] == "1"
+
+
+def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patient]) -> None:
+    patient = admit(PpcController)
+    patient.feed(0)
+    calm = patient.says(OK, "running")
+    assert calm["controller"] == "ppc"
+    assert float(calm["attitude_envelope margin"]) == 1.0
+    assert float(calm["rate_envelope margin"]) == 1.0
+    assert (calm["steps"], calm["steps in saturation"]) == ("1", "0")
+    patient.node.restart_report()
+    patient.feed(1, angular_velocity=(0.1, 0.0, 0.0))
+    hit = patient.says(WARN, "outside: rate_envelope")
+    envelope = 0.08 * math.exp(-0.5 * 0.01)  # ρ_ω of Table II, 0.01 s after its beginning
+    assert float(hit["rate_envelope margin"]) == pytest.approx(1.0 - 0.1 / envelope, rel=1e-3)
+    assert float(hit["attitude_envelope margin"]) == 1.0
+    assert hit["steps in saturation"] == "1"
+
+
+def test_a_disabled_controller_warns(admit: Callable[..., Patient]) -> None:
+    patient = admit(PpcController)
+    patient.node._on_enable(SetBool.Request(data=False), SetBool.Response())
+    patient.feed(0)
+    patient.says(WARN, "disabled: zero torque")
+
+
+def test_the_injector_counts_what_it_takes_and_warns_of_what_it_refuses(
+    admit: Callable[..., Patient],
+) -> None:
+    patient = admit(DisturbanceInjector)
+    patient.send({INJECT: (0.1, 0.0, 0.0)}, 500)
+    patient.send({INJECT: (99.0, 0.0, 0.0)})
+    patient.until(lambda: patient.node.refused[INJECT.name] == 1)
+    patient.feed(0)
+    values = patient.says(WARN, "refused 1")
+    assert values["injections accepted"] == "1"
+    assert values["injections pending or active"] == "1"
+    assert values[f"refused {INJECT.name}"] == "1"
+
+
+def test_a_free_plant_without_commands_warns(admit: Callable[..., Patient]) -> None:
+    patient = admit(SpacecraftPlant, "lockstep:=false", "command_timeout:=0.05")
+    values = patient.says(WARN, "no torque_command: zero torque")
+    assert values["mode"] == "free-running"
+    assert int(values["late commands"]) >= 5
+
+
+def test_a_plant_that_diverges_says_so_before_it_ends(admit: Callable[..., Patient]) -> None:
+    patient = admit(SpacecraftPlant)
+    patient.node._omega = (1e200, 0.0, 0.0)
+    patient.feed(0)
+    patient.says(ERROR, "diverged")
+    assert patient.node.finished
+    assert patient.node.exit_code == EXIT_BROKEN
+
+
+def test_a_plant_that_meets_another_reports_it(admit: Callable[..., Patient]) -> None:
+    patient = admit(SpacecraftPlant)
+    rival: Any = patient.node._rival
+    rival._found, rival._found_at = "another node publishes attitude", time.monotonic()
+    patient.feed(0)
+    patient.says(ERROR, "another node publishes attitude")
+    assert not patient.node.finished
+
+
+def test_a_recorder_that_cannot_write_says_so_before_it_ends(
+    admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    patient = admit(BagRecorder)
+    patient.feed(0)
+    assert patient.says(OK, "recording")["storage"] == "mcap"
+
+    def full(*_: Any) -> None:
+        raise BagError("bag bag cannot be written any further: No space left on device")
+
+    monkeypatch.setattr(patient.node._writer, "write", full)
+    patient.feed(1)
+    patient.says(ERROR, "cannot be written any further")
+    assert patient.node.finished
+    assert patient.node.exit_code == EXIT_BROKEN
