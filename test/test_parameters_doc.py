@@ -25,14 +25,14 @@ import pytest
 import rclpy
 import yaml
 from conftest import StartProcess
-from rcl_interfaces.srv import GetParameters, ListParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from test_layers import ROOT
 
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.parameters_doc import page
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER
 from ppc_attitude.simulation.scenario import load, read_files
 
 CONFIGURATIONS = [
@@ -109,19 +109,22 @@ def test_the_papers_file_is_complete() -> None:
                 assert paper[node][parameter.name] == parameter.default, (node, parameter.name)
 
 
+def call(asker: Node, node: str, service: Any, name: str, request: Any) -> Any:
+    """Answer of one of a node's parameter services."""
+    client = asker.create_client(service, f"{node}/{name}")
+    assert client.wait_for_service(30.0), f"{node} does not answer"
+    future = client.call_async(request)
+    rclpy.spin_until_future_complete(asker, future, timeout_sec=30.0)
+    assert future.done()
+    return future.result()
+
+
 def dumped(asker: Node, node: str) -> dict[str, Any]:
     """What `ros2 param dump NODE` writes, by the same two services."""
-
-    def call(service: Any, name: str, request: Any) -> Any:
-        client = asker.create_client(service, f"{node}/{name}")
-        assert client.wait_for_service(30.0), f"{node} does not answer"
-        future = client.call_async(request)
-        rclpy.spin_until_future_complete(asker, future, timeout_sec=30.0)
-        assert future.done()
-        return future.result()
-
-    names = sorted(call(ListParameters, "list_parameters", ListParameters.Request()).result.names)
-    values = call(GetParameters, "get_parameters", GetParameters.Request(names=names)).values
+    listed = call(asker, node, ListParameters, "list_parameters", ListParameters.Request())
+    names = sorted(listed.result.names)
+    request = GetParameters.Request(names=names)
+    values = call(asker, node, GetParameters, "get_parameters", request).values
     tree: dict[str, Any] = {}
     for name, value in zip(names, values, strict=True):
         *groups, last = name.split(".")
@@ -131,6 +134,22 @@ def dumped(asker: Node, node: str) -> dict[str, Any]:
         plain = parameter_value_to_python(value)
         place[last] = list(plain) if hasattr(plain, "typecode") else plain
     return {node: {"ros__parameters": tree}}
+
+
+def assert_described(asker: Node, full_name: str) -> None:
+    """`ros2 param describe` tells of every parameter what is declared."""
+    table = {parameter.name: parameter for parameter in PARAMETERS[full_name.rpartition("/")[2]]}
+    request = DescribeParameters.Request(names=list(table))
+    answer = call(asker, full_name, DescribeParameters, "describe_parameters", request)
+    for described in answer.descriptors:
+        declared = table.pop(described.name)
+        unit = f" [{declared.unit}]" if declared.unit else ""
+        assert described.description == declared.description + unit
+        assert described.additional_constraints == declared.allowed
+        assert described.read_only == declared.read_only
+        for each in (*described.floating_point_range, *described.integer_range):
+            assert (each.from_value, each.to_value) == (declared.low, declared.high)
+    assert not table, "not described"
 
 
 @pytest.fixture
@@ -150,6 +169,7 @@ def test_param_dump_round_trips(start_process: StartProcess, asker: Node, tmp_pa
         f"/**/{CONTROLLER}:\n  ros__parameters:\n    K_u: 0.25\n    rate_envelope: {{decay: 0.6}}\n"
         f"/**/{INJECTOR}:\n  ros__parameters: {{pulse_times: [2.0], pulse_durations: [0.1], "
         "pulse_torques: [0.1, 0.2, 0.3]}\n"
+        f"/**/{RECORDER}:\n  ros__parameters: {{bag: {tmp_path / 'first' / 'bag'}}}\n"
     )
     given = [ROOT / "config" / "paper.yaml", overlay]
     expected = load(given).parameters
@@ -168,11 +188,11 @@ def test_param_dump_round_trips(start_process: StartProcess, asker: Node, tmp_pa
             dumps[node].write_text(yaml.safe_dump(dumped(asker, f"{namespace}/{node}")))
         return dumps
 
-    nodes = (PLANT, REFERENCE, CONTROLLER, INJECTOR)
-    first = dump_all("/first", dict.fromkeys(nodes, given))
+    first = dump_all("/first", dict.fromkeys(PARAMETERS, given))
     for node, file in first.items():
+        assert_described(asker, f"/first/{node}")
         assert load([file]).parameters[node] == expected[node]
-        # A dump names the node with its namespace; the second round runs in another.
+        # A dump names the node with its namespace; the second round has another, and its own bag.
         file.write_text(file.read_text().replace("/first/", "/second/"))
     second = dump_all("/second", {node: [file] for node, file in first.items()})
     for node, file in second.items():
