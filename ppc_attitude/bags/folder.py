@@ -34,10 +34,7 @@ from ppc_attitude.bags.sqlite_source import SqliteSource
 METADATA = "metadata.yaml"
 UNFINISHED = "unfinished.json"  # custom data of a bag that is being recorded, or was cut
 
-_SOURCES: dict[str, type[McapSource] | type[SqliteSource]] = {
-    ".mcap": McapSource,
-    ".db3": SqliteSource,
-}
+_STORAGES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
 
 
@@ -48,6 +45,8 @@ class Bag:
     ----------
     path : Path or str
         Folder of a bag, or an ``.mcap`` or ``.db3`` file.
+    times : bool
+        Whether blocks must say when a message was received.
 
     Attributes
     ----------
@@ -66,8 +65,9 @@ class Bag:
         There is no bag at this path.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, times: bool = True) -> None:
         self.path = Path(path)
+        self._times = times
         self.topics: dict[str, str] = {}
         self.counts: dict[str, int] = {}
         self.flaws: list[str] = []
@@ -116,7 +116,7 @@ class Bag:
             except zstandard.ZstdError as error:
                 self.flaws.append(f"{path.name} is damaged: {error}")
             path = plain
-        return _SOURCES[path.suffix](path)
+        return McapSource(path) if path.suffix == ".mcap" else SqliteSource(path, self._times)
 
     def _count(self, channels: Mapping[int, Channel], block: Block) -> None:
         for key, channel in channels.items():
@@ -150,7 +150,7 @@ class Bag:
 
     def _storage_files(self) -> list[Path]:
         if self.path.is_file():
-            if _kind(self.path) not in _SOURCES:
+            if _kind(self.path) not in _STORAGES:
                 raise BagError(f"{self.path} is no bag: not a folder, .mcap or .db3")
             return [self.path]
         named = self._information.get("relative_file_paths")
@@ -159,10 +159,10 @@ class Bag:
             lost = [file.name for file in files if not file.is_file()]
             if lost:
                 self.flaws.append(f"{', '.join(lost)} is missing")
-            found = [file for file in files if file.is_file() and _kind(file) in _SOURCES]
+            found = [file for file in files if file.is_file() and _kind(file) in _STORAGES]
         else:
             found = sorted(
-                (file for file in self.path.iterdir() if _kind(file) in _SOURCES), key=_natural
+                (file for file in self.path.iterdir() if _kind(file) in _STORAGES), key=_natural
             )
         if not found:
             empty = not any(self.path.iterdir())

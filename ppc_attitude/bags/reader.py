@@ -61,7 +61,7 @@ def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
         No bag, an unreadable one, or one without messages of a topic that the nodes of the run
         send.
     """
-    bag = Bag(path)
+    bag = Bag(path, times=False)
     home = None if namespace is None else _tidy(namespace)
     collected = _collect(bag, home)
     return _record(bag, collected, _only_namespace(bag) if home is None else home)
@@ -75,7 +75,7 @@ def read_runs(path: Path | str) -> list[RunRecord]:
     BagError
         See `read_run`.
     """
-    bag = Bag(path)
+    bag = Bag(path, times=False)
     collected = _collect(bag, None)
     homes = _run_namespaces(bag) or [_only_namespace(bag)]
     return [_record(bag, collected, home) for home in homes]

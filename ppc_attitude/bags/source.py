@@ -19,7 +19,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import zstandard
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.science.kernel import kernel
@@ -100,14 +100,14 @@ def _merge(blocks: list[Block]) -> Block:
     )
 
 
-def block_of(channel: list[int], time: list[int], payloads: list[bytes]) -> Block:
+def block_of(channel: list[int], time: ArrayLike, payloads: list[bytes]) -> Block:
     """Block of messages that are there one by one."""
     length = np.fromiter(map(len, payloads), np.int64, len(payloads))
     data = np.frombuffer(b"".join(payloads), np.uint8)
     return Block(
         data,
         np.array(channel, np.int64),
-        np.array(time, np.int64),
+        np.asarray(time, np.int64),
         np.cumsum(length) - length,
         length,
     )

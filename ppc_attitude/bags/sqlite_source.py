@@ -23,6 +23,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
+import numpy as np
+
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.source import Block, Channel, block_of
 
@@ -39,6 +41,8 @@ class SqliteSource:
     ----------
     path : Path
         The file.
+    times : bool
+        Whether blocks say when a message was received; if not, the time is 0 and reading faster.
 
     Raises
     ------
@@ -46,8 +50,9 @@ class SqliteSource:
         The file is empty or no rosbag2 database.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, times: bool = True) -> None:
         self.path = path
+        self._times = times
         self.custom_data: dict[str, str] = {}
         self.cut = ""
         if path.stat().st_size == 0:
@@ -65,13 +70,12 @@ class SqliteSource:
         """Messages in the order of the file."""
         with self._open() as database:
             try:
-                rows = database.execute(
-                    "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
-                )
+                columns = "topic_id, data, timestamp" if self._times else "topic_id, data"
+                rows = database.execute(f"SELECT {columns} FROM messages ORDER BY id")
                 while batch := rows.fetchmany(_ROWS):
                     channel = [row[0] for row in batch]
-                    time = [row[1] for row in batch]
-                    data = [row[2] for row in batch]
+                    data = [row[1] for row in batch]
+                    time = [row[2] for row in batch] if self._times else np.zeros(len(batch))
                     for unknown in set(channel) - self.channels.keys():
                         raise ValueError(f"message of topic {unknown}, which is not defined")
                     yield block_of(channel, time, data)
