@@ -14,6 +14,8 @@
 
 """Messages a second of our reader, beside rosbags' typed deserialisation of the same topics."""
 
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -28,6 +30,27 @@ from ppc_attitude.bench.pairs import alternating
 from ppc_attitude.contract.topics import BY_NAME
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
+
+# What is in memory already after a first, small read is no part of the second: code, caches.
+_MEMORY = """
+import resource, sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.writer import write_run
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import scenario
+
+def peak():
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+with TemporaryDirectory() as folder:
+    write_run(simulate(scenario({}), 1.0), f"{folder}/bag")
+    read_run(f"{folder}/bag")
+before = peak()
+record = read_run(sys.argv[1])
+print(before, peak(), sum(column.nbytes for column in record.columns.values()))
+"""
 
 
 def ours_messages_per_s(bag: Path) -> float:
@@ -50,17 +73,36 @@ def rosbags_messages_per_s(bag: Path) -> float:
     return count / (time.perf_counter() - begin)
 
 
-def measure(quick: bool) -> dict[str, Any]:
-    """Measure ``bag_reading``: a one-hour 100 Hz bag (a minute of it when quick)."""
-    duration, pairs = (60.0, 1) if quick else (3600.0, 1)
+def memory(bag: Path) -> dict[str, float]:
+    """Largest memory [MB] of a process that reads a bag, and what of it is the result."""
+    done = subprocess.run(
+        [sys.executable, "-c", _MEMORY, str(bag)], capture_output=True, check=True, text=True
+    )
+    before, peak, result = (float(number) / 1e6 for number in done.stdout.split())
+    return {"peak_mb": peak - before, "result_mb": result}
+
+
+def of_storage(storage: str, duration: float, pairs: int) -> dict[str, float]:
+    """Measure a bag of a run of `duration` [s] at 100 Hz."""
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
         bag = Path(folder) / "bag"
-        write_run(simulate(scenario({}), duration), bag)
+        write_run(simulate(scenario({}), duration), bag, storage=storage)
         ours, rosbags = alternating(
             pairs, lambda: ours_messages_per_s(bag), lambda: rosbags_messages_per_s(bag)
         )
+        used = memory(bag)
     return {
         "messages_per_s": ours,
         "rosbags_messages_per_s": rosbags,
         "ratio": ours / rosbags,
+        **used,
+    }
+
+
+def measure(quick: bool) -> dict[str, Any]:
+    """Measure ``bag_reading``: one-hour 100 Hz bags (a minute of it when quick)."""
+    duration, pairs = (60.0, 1) if quick else (3600.0, 2)
+    return {
+        **of_storage("mcap", duration, pairs),
+        "sqlite3": of_storage("sqlite3", duration, pairs),
     }
