@@ -32,7 +32,7 @@ from ppc_attitude.science.controllers.interface import (
     store_command,
 )
 from ppc_attitude.science.controllers.registry import CONTROLLERS
-from ppc_attitude.science.kernel import apply, kernel_of, matrix, scale
+from ppc_attitude.science.kernel import apply, kernel, matrix, scale
 from ppc_attitude.science.parameter import Parameter, resolved
 from ppc_attitude.science.spacecraft import inertia_matrix, plant_step
 from ppc_attitude.simulation.closed_loop import (
@@ -178,7 +178,7 @@ def _configure(values: Any) -> Any:
     return record
 
 
-@kernel_of(_SIGNATURE)
+@kernel
 def _step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     q_e, omega_e, m_0 = error_state(measurement, matrix(gains.inertia))
     sign = -1.0 if q_e[3] < 0.0 else 1.0

@@ -26,7 +26,7 @@ from ppc_attitude.science.controllers.interface import (
     step_signature,
     store_command,
 )
-from ppc_attitude.science.kernel import add, apply, clamp, kernel_of, matrix, scale
+from ppc_attitude.science.kernel import add, apply, clamp, kernel, matrix, scale
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.spacecraft import inertia_matrix
 from ppc_attitude.science.virtual_control import sign
@@ -53,7 +53,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     return record
 
 
-@kernel_of(_SIGNATURE)
+@kernel
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute u = −M0 − J (2 ω_n² s q_ev + 2 ω_n ω_e)."""
     inertia = matrix(gains.inertia)

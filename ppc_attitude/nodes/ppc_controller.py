@@ -51,6 +51,7 @@ class PpcController(BaseNode):
     def __init__(self) -> None:
         super().__init__()
         self._law = CONTROLLERS[self.parameters["controller"]]
+        self._law.prepare()
         self._arm()
         self._measurement = new_measurement()
         self._command = new_command()

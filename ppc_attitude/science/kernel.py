@@ -63,18 +63,6 @@ def kernel(function: _Function) -> _Function:
     return cast(_Function, numba.njit(**OPTIONS)(function))
 
 
-def kernel_of(signature: Any) -> Callable[[_Function], _Function]:
-    """Compile a function for one signature when its module is imported, from the cache if it can.
-
-    A function with a signature can be handed to another kernel as an argument.
-    """
-
-    def compile_function(function: _Function) -> _Function:
-        return cast(_Function, numba.njit(signature, **OPTIONS)(function))
-
-    return compile_function
-
-
 @kernel
 def vector(a: Any) -> Vector:
     """Tuple of the first three numbers of an array."""

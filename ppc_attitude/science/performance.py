@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import lambertw
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, kernel
@@ -155,6 +154,8 @@ def _roots(r: float) -> list[float]:
     """Real roots x of (1 − x/2) eˣ = r."""
     if r > _R_LIMIT * (1.0 + _ROUNDING):
         return []
+    from scipy.special import lambertw  # costs 0.1 s, and most processes never solve one
+
     argument = max(-2.0 * r * math.exp(-2.0), -math.exp(-1.0))
     roots = [2.0 + float(lambertw(argument, 0).real)]
     if r > 1.0:

@@ -127,6 +127,11 @@ class Controller:
             if envelope in self.columns and np.all(command[envelope] > 0.0)
         }
 
+    def prepare(self) -> None:
+        """Compile the step, or take it from the cache, before it is wanted in a hurry."""
+        step: Any = self.step
+        step.compile(self.signature.args)
+
     def new_memory(self) -> Any:
         """Memory of a law that has not yet run."""
         return np.zeros((), self.memory)[()]

@@ -49,7 +49,6 @@ from ppc_attitude.science.kernel import (
     cross,
     dot,
     kernel,
-    kernel_of,
     matrix,
     scale,
     store,
@@ -151,7 +150,7 @@ def _second_derivative(t: float, shape: Any) -> float:
     return 0.0
 
 
-@kernel_of(_SIGNATURE)
+@kernel
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     q_e, omega_e, m_0 = error_state(measurement, matrix(gains.inertia))

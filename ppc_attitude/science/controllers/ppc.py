@@ -61,7 +61,6 @@ from ppc_attitude.science.kernel import (
     divide,
     dot,
     kernel,
-    kernel_of,
     matrix,
     multiply,
     scale,
@@ -312,7 +311,7 @@ def cross_term(
     return scale(weight, multiply(multiply(rho_omega, rho_omega), direction))
 
 
-@kernel_of(_SIGNATURE)
+@kernel
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     inertia = matrix(gains.inertia)

@@ -37,7 +37,6 @@ from ppc_attitude.science.kernel import (
     apply,
     clamp,
     kernel,
-    kernel_of,
     largest,
     matrix,
     norm,
@@ -118,7 +117,7 @@ def limited(a: Vector, limit: float) -> Vector:
     return scale(limit / length, a)
 
 
-@kernel_of(_SIGNATURE)
+@kernel
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     inertia = matrix(gains.inertia)
