@@ -91,6 +91,9 @@ def mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "not_finite.yaml": "/**/ppc_controller:\n  ros__parameters: {k: .nan}\n",
         "inertia.yaml": "/**/ppc_controller:\n  ros__parameters:\n"
         "    inertia: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 5.0]\n",
+        "deep.yaml": "a: " + "[" * 3000,
+        "itself.yaml": "/**/spacecraft_plant: &a\n  ros__parameters: *a\n",
+        "month.yaml": "/**/ppc_controller:\n  ros__parameters: {k: 2020-13-01}\n",
         "a_file": "not a bag",
         "taken/metadata.yaml": "rosbag2_bagfile_information: 3\n",
     }
@@ -118,11 +121,19 @@ WRONG = [
     ("run --config infeasible.yaml", "min_torque = 1.0 N·m"),
     ("run --config not_finite.yaml", "k = nan"),
     ("run --config inertia.yaml", "inertia"),
+    ("run --config deep.yaml", "deep.yaml is not YAML: nested too deeply"),
+    ("check --config itself.yaml", "itself.yaml: /**/spacecraft_plant contains itself"),
+    ("simulate --config month.yaml", "month.yaml is not YAML: month must be in 1..12"),
+    ("check --config /proc/self/mem", "/proc/self/mem: Input/output error"),
     ("run --duration -1", "-1"),
     ("run --duration nan", "nan"),
     ("run --duration soon", "soon"),
     ("run --controller pid", "pid"),
     ("run --bag taken", "taken exists already"),
+    ("run --bag a_file/bag", "a_file is no folder"),
+    ("run --report taken", "taken is a folder"),
+    ("run --report a_file/x.html", "a_file is no folder"),
+    ("simulate --report ''", "the path is empty"),
     ("simulate --config none.yaml", "none.yaml"),
     ("simulate --duration 0", "0 must be positive"),
     ("simulate --controller pid", "pid"),
@@ -134,14 +145,16 @@ WRONG = [
     ("analyse a_file", "a_file"),
     ("analyse taken", "taken"),
     ("analyse taken --json --namespace /x", "taken"),
+    ("analyse taken --figures a_file", "a_file is no folder"),
     ("compare", "BAG"),
     ("compare none", "none"),
     ("compare none none", "none"),
     ("compare taken empty --figures here", "taken"),
     ("sweep --at soon", "soon"),
     ("sweep --config none.yaml", "none.yaml"),
-    ("campaign", "--campaign"),
     ("campaign --campaign none.yaml --runs 1", "none.yaml"),
+    ("campaign --campaign deep.yaml --runs 1", "nested too deeply"),
+    ("campaign --out a_file/out", "a_file is no folder"),
     ("campaign --campaign no_yaml.yaml --runs 1", "no_yaml.yaml"),
     ("campaign --campaign list.yaml --runs 1", "list.yaml"),
     ("replay", "BAG"),
@@ -152,6 +165,7 @@ WRONG = [
     ("inject 1 2 x", "invalid float value: 'x'"),
     ("inject nan 0 0", "nan"),
     ("inject 1 0 0 --duration -1", "-1"),
+    ("inject 1 0 0 --at 1e300", "at = 1e+300 s; allowed: up to 1e+08"),
     ("inject 1 0 0 --namespace a-b", "a-b"),
     ("watch --once --timeout never", "never"),
     ("watch --once --namespace a-b", "a-b"),
@@ -161,6 +175,7 @@ WRONG = [
     ("export taken", "--parquet"),
     ("export none --csv out.csv", "none"),
     ("export taken --csv a_file", "a_file exists already"),
+    ("export taken --csv a_file/x.csv", "a_file is no folder"),
     ("export taken --csv x.csv --parquet x.parquet", "not allowed with"),
 ]
 
@@ -181,6 +196,24 @@ def test_a_mistake_is_told_in_one_line(
     assert err.count("\n") == 1, err
     assert named in err
     assert sorted(mistakes.rglob("*")) == before, "a wrong call left something behind"
+
+
+def test_where_nothing_can_be_written_is_told_before_the_work(
+    mistakes: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Root may write anywhere, so the kernel's answer is replaced."""
+    asked = []
+
+    def access(path: Path, mode: int) -> bool:
+        asked.append((path, mode))
+        return False
+
+    monkeypatch.setattr(os, "access", access)
+    with pytest.raises(SystemExit) as end:
+        main(["run", "--report", "new/report.html"])
+    assert end.value.code == BAD_INPUT
+    assert f"nothing can be written into {mistakes}" in capsys.readouterr().err
+    assert asked == [(mistakes, os.W_OK | os.X_OK)]
 
 
 def test_without_ros_the_error_names_what_is_missing(

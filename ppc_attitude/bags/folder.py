@@ -23,13 +23,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
-import yaml
 import zstandard
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.source import Block, Channel, Source, decompressed, merge_blocks
 from ppc_attitude.bags.sqlite_source import SqliteSource
+from ppc_attitude.contract.yaml_file import FAST, parsed
 
 METADATA = "metadata.yaml"
 UNFINISHED = "unfinished.json"  # custom data of a bag that is being recorded, or was cut
@@ -141,10 +141,9 @@ class Bag:
             self.flaws.append(f"it has no {METADATA}")
             return {}
         try:
-            text = file.read_text("utf-8")
-            found = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            found = parsed(file.read_text("utf-8"), FAST)
             return cast(dict[str, Any], dict(found["rosbag2_bagfile_information"]))
-        except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError):
+        except (TypeError, KeyError, ValueError):
             self.flaws.append(f"its {METADATA} is damaged")
             return {}
 

@@ -28,10 +28,10 @@ from typing import BinaryIO
 
 import lz4.frame
 import numpy as np
-import yaml
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.source import Block, Bytes, Channel, Integers, unzstd
+from ppc_attitude.contract.yaml_file import FAST, parsed
 from ppc_attitude.science.kernel import kernel
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -193,8 +193,8 @@ class McapSource:
         if name != "rosbag2" or "custom_data" not in text:
             return
         try:
-            found = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-        except yaml.YAMLError:
+            found = parsed(text, FAST)
+        except ValueError:
             return
         custom = found.get("custom_data") if isinstance(found, dict) else None
         if isinstance(custom, dict):

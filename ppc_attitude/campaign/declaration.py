@@ -20,8 +20,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ppc_attitude.campaign.distributions import (
     Attitudes,
     Direction,
@@ -36,6 +34,7 @@ from ppc_attitude.campaign.distributions import (
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.versions import versions
+from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of
 from ppc_attitude.simulation.scenario import Scenario, scenario
@@ -155,12 +154,7 @@ def load_campaign(path: Path, base: Scenario, seed: int) -> Campaign:
     ConfigurationError
         The file is missing, is not such a YAML, or a value in it is wrong; names it.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigurationError(f"campaign file {path}: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"campaign file {path} is not YAML: {error}") from None
+    content = read(path, "campaign file")
     if not isinstance(content, Mapping) or list(content) != ["campaign"]:
         raise ConfigurationError(f"campaign file {path}: needs the key campaign at its top, alone")
     try:

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.paths import new_file, new_folder
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.controllers.registry import CONTROLLERS
 from ppc_attitude.simulation.scenario import Overrides, Scenario, load
@@ -46,14 +47,14 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
 def add_report_option(parser: argparse.ArgumentParser) -> None:
     """Add --report."""
     parser.add_argument(
-        "--report", metavar="FILE.html", type=Path, help="write a self-contained HTML report"
+        "--report", metavar="FILE.html", type=new_file, help="write a self-contained HTML report"
     )
 
 
 def add_bag_option(parser: argparse.ArgumentParser) -> None:
     """Add --bag."""
     parser.add_argument(
-        "--bag", metavar="DIR", type=Path, help="folder of the bag; default a new, dated one"
+        "--bag", metavar="DIR", type=new_folder, help="folder of the bag; default a new, dated one"
     )
 
 

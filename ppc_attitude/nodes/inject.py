@@ -34,6 +34,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import nanoseconds
 
 _PATIENCE = 10.0  # [s] how long the injector may take to be found and to answer
+_LATEST = 1e8  # [s] as for a scheduled pulse; no stamp is far beyond
 _DURATION = "injection_duration"
 
 
@@ -52,10 +53,13 @@ def inject(torque: tuple[float, ...], at: float, duration: float | None, namespa
     Raises
     ------
     ConfigurationError
-        The torque is not finite, the namespace cannot be one, or the injector refuses the duration.
+        The torque is not finite, the time too large, the namespace cannot be one, or the injector
+        refuses the duration.
     """
     if not finite(torque):
         raise ConfigurationError(f"torque = {torque} N·m must be finite")
+    if at > _LATEST:
+        raise ConfigurationError(f"at = {at:g} s; allowed: up to {_LATEST:g}")
     home = absolute_namespace(namespace)
     rclpy.init()
     node = Node("inject", namespace=home)

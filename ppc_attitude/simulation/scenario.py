@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.cdr import NANOSECONDS
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.controllers.interface import Controller
 from ppc_attitude.science.controllers.registry import CONTROLLERS
 from ppc_attitude.science.disturbance import PULSE
@@ -121,12 +122,7 @@ def _update_every_node(
 
 def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
     """Node names, or ** for all, with their flat parameters, in the file's order."""
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
-    except OSError as error:
-        raise ConfigurationError(f"configuration file {path}: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"configuration file {path} is not YAML: {error}") from None
+    content = read(path, "configuration file", _Loader)
     if not isinstance(content, dict):
         raise ConfigurationError(
             f"configuration file {path} is not a ROS parameter file: no node name at its top"
@@ -143,7 +139,10 @@ def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
             raise ConfigurationError(
                 f"configuration file {path}: {key} has no mapping ros__parameters"
             )
-        nodes.append((name, dict(_flattened(body["ros__parameters"]))))
+        try:
+            nodes.append((name, dict(_flattened(body["ros__parameters"]))))
+        except RecursionError:
+            raise ConfigurationError(f"configuration file {path}: {key} contains itself") from None
     return nodes
 
 

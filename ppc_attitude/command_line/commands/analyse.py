@@ -21,6 +21,7 @@ from pathlib import Path
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.options import add_report_option, exit_code, print_json
+from ppc_attitude.command_line.paths import new_folder
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -33,7 +34,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
     parser.add_argument("--namespace", metavar="NS", help="of the stack, if the bag has several")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--figures", metavar="DIR", type=Path, help="draw every figure there")
+    parser.add_argument("--figures", metavar="DIR", type=new_folder, help="draw every figure there")
     add_report_option(parser)
     parser.set_defaults(execute=execute)
 

@@ -42,6 +42,7 @@ from ppc_attitude.command_line.options import (
     print_json,
     scenario_of,
 )
+from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.shipped import shipped_config
 from ppc_attitude.command_line.stopping import stop_on_signals
@@ -72,7 +73,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--scheduler", metavar="ADDRESS", help="run on the Dask cluster of this scheduler instead"
     )
     parser.add_argument(
-        "--out", metavar="DIR", type=Path, help="folder of the results; default a new, dated one"
+        "--out",
+        metavar="DIR",
+        type=new_folder,
+        help="folder of the results; default a new, dated one",
     )
     parser.add_argument("--only", metavar="INDEX", type=int, help="run this one again, alone")
     parser.add_argument(

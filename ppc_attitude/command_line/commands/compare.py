@@ -23,6 +23,7 @@ from ppc_attitude.analysis.report import run_labels, write_report
 from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE, UsageError
 from ppc_attitude.command_line.options import add_report_option
+from ppc_attitude.command_line.paths import new_folder
 
 _MOST = 6
 
@@ -41,7 +42,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         nargs="+",
         help="folders of bags, with two to six runs in all",
     )
-    parser.add_argument("--figures", metavar="DIR", type=Path, help="draw the comparisons there")
+    parser.add_argument(
+        "--figures", metavar="DIR", type=new_folder, help="draw the comparisons there"
+    )
     add_report_option(parser)
     parser.set_defaults(execute=execute)
 

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from ppc_attitude.bags.export import export_csv, export_parquet
 from ppc_attitude.command_line.errors import DONE
+from ppc_attitude.command_line.paths import new_file
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -30,8 +31,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
     kind = parser.add_mutually_exclusive_group(required=True)
-    kind.add_argument("--parquet", metavar="FILE", type=Path, help="a new Parquet file")
-    kind.add_argument("--csv", metavar="FILE", type=Path, help="a new CSV file")
+    kind.add_argument("--parquet", metavar="FILE", type=new_file, help="a new Parquet file")
+    kind.add_argument("--csv", metavar="FILE", type=new_file, help="a new CSV file")
     parser.set_defaults(execute=execute)
 
 

@@ -28,6 +28,7 @@ import yaml
 
 from ppc_attitude.command_line.errors import DONE, RunError
 from ppc_attitude.command_line.options import PAPER_DURATION, positive
+from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.stack import private_environment
 from ppc_attitude.contract.topics import ATTITUDE, PLANT
 
@@ -51,7 +52,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--duration", metavar="S", type=positive, default=PAPER_DURATION, help="[s]; default 120"
     )
-    parser.add_argument("--bag", metavar="DIR", type=Path, help="as for `run`; default: none kept")
+    parser.add_argument(
+        "--bag", metavar="DIR", type=new_folder, help="as for `run`; default: none kept"
+    )
     parser.add_argument(
         "--live", action="store_true", help="listen to the running graph instead of starting one"
     )

@@ -16,7 +16,6 @@
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 from ppc_attitude.analysis.comparison import save_sweep
 from ppc_attitude.analysis.metrics import analyse
@@ -28,6 +27,7 @@ from ppc_attitude.command_line.options import (
     print_json,
     scenario_of,
 )
+from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario
@@ -56,7 +56,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--torque", metavar="NM", type=positive, default=0.8, help="on every axis [N·m]"
     )
     parser.add_argument("--at", metavar="T", type=positive, default=80.0, help="start [s]")
-    parser.add_argument("--figure", metavar="FILE", type=Path, help="draw the sweep there")
+    parser.add_argument("--figure", metavar="FILE", type=new_file, help="draw the sweep there")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(execute=execute)
 

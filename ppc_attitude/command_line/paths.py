@@ -1,0 +1,47 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where a command is to write: what cannot work is told before the work, not after it."""
+
+import argparse
+import os
+from pathlib import Path
+
+
+def new_folder(text: str) -> Path:
+    """Parse where files are to be; the folder and those above it are made."""
+    path = _writable(text)
+    if path.exists() and not path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is no folder")
+    return path
+
+
+def new_file(text: str) -> Path:
+    """Parse where a file is to be; the folders above it are made."""
+    path = _writable(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is a folder")
+    return path
+
+
+def _writable(text: str) -> Path:
+    if not text:
+        raise argparse.ArgumentTypeError("the path is empty")
+    path = Path(text)
+    home = next(each for each in path.absolute().parents if each.exists())
+    if not home.is_dir():
+        raise argparse.ArgumentTypeError(f"{text}: {home} is no folder")
+    if not os.access(home, os.W_OK | os.X_OK):
+        raise argparse.ArgumentTypeError(f"{text}: nothing can be written into {home}")
+    return path
