@@ -108,7 +108,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: this needs {error.name}, which is not installed", file=sys.stderr)
         return BAD_INPUT
     except OSError as error:
-        print(f"error: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
