@@ -17,7 +17,6 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import ppc_attitude
 from ppc_attitude.science.errors import ConfigurationError
 
 
@@ -36,7 +35,7 @@ def shipped_config(name: str, package: Path | None = None) -> Path:
     ConfigurationError
         This installation has no such file.
     """
-    home = (package or Path(ppc_attitude.__file__).parent).resolve()
+    home = (package or Path(__file__).parents[1]).resolve()
     for folder in _folders(home):
         if (folder / name).is_file():
             return folder / name
