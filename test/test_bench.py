@@ -18,9 +18,10 @@ import itertools
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from ppc_attitude.bench import in_process
+from ppc_attitude.bench import in_process, latency
 from ppc_attitude.bench.__main__ import main, rows
 from ppc_attitude.bench.lockstep import bare_steps_per_s
 from ppc_attitude.bench.pairs import alternating
@@ -49,6 +50,15 @@ def test_rows_name_every_figure() -> None:
         ["a.c[0].d", "20000"],
         ["a.c[0].e", "-"],
     ]
+
+
+def test_an_answer_that_is_late_or_absent_misses_its_deadline() -> None:
+    trips = np.array([*np.full(97, 0.002), 0.005, 0.02, np.nan])
+    found = latency.summary(trips, 100.0)
+    assert found["missed"] == 2
+    assert found["sent"] == 100
+    assert found["p50_us"] == pytest.approx(2000.0)
+    assert 5000.0 < found["p999_us"] < 20_000.0
 
 
 def test_bare_step_steps() -> None:

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppc_attitude.bench.lockstep import peers
 from ppc_attitude.command_line.parameter_file import parameter_file
@@ -34,21 +35,28 @@ from ppc_attitude.simulation.scenario import scenario
 RATES = (100.0, 250.0, 500.0, 1000.0)  # [Hz]
 _PATIENCE = 60.0  # [s]
 
+Array = NDArray[np.float64]
 
-def _probe(rate: float, seconds: float, environment: Mapping[str, str]) -> dict[str, float]:
+
+def _probe(rate: float, seconds: float, environment: Mapping[str, str]) -> Array:
+    """Round trips [s] of whoever answers; NaN for an answer that never came."""
     command = [sys.executable, "-m", "ppc_attitude.bench.probe", str(rate), str(seconds)]
     done = subprocess.run(
         command, env=environment, check=True, capture_output=True, timeout=_PATIENCE
     )
-    trips = np.array(json.loads(done.stdout), dtype=np.float64)  # null becomes NaN
+    return np.array(json.loads(done.stdout), dtype=np.float64)  # null becomes NaN
+
+
+def summary(trips: Array, rate: float) -> dict[str, float]:
+    """Percentiles [us] of round trips [s], and deadlines (one period) missed."""
     answered = trips[~np.isnan(trips)]
     p50, p99, p999 = (1e6 * np.percentile(answered, (50.0, 99.0, 99.9))).tolist()
     missed = int(np.count_nonzero(~(trips <= 1.0 / rate)))
     return {"p50_us": p50, "p99_us": p99, "p999_us": p999, "missed": missed, "sent": trips.size}
 
 
-def controller_latency(rate: float, seconds: float) -> dict[str, float]:
-    """Percentiles [us] of the controller's round trip, and deadlines (one period) missed."""
+def controller_trips(rate: float, seconds: float) -> Array:
+    """Round trips [s] of the controller node with all its telemetry."""
     run = scenario({})
     warm_up(run)
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
@@ -64,7 +72,7 @@ def controller_latency(rate: float, seconds: float) -> dict[str, float]:
             stack.kill()
 
 
-def echo_latency(rate: float, seconds: float) -> dict[str, float]:
+def echo_trips(rate: float, seconds: float) -> Array:
     """Return the same of a node that answers without any work."""
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
         environment = {**private_environment(), "ROS_LOG_DIR": folder}
@@ -73,10 +81,11 @@ def echo_latency(rate: float, seconds: float) -> dict[str, float]:
 
 
 def measure(quick: bool) -> list[dict[str, Any]]:
-    """Measure ``latency``, one row for each rate."""
-    rates, seconds = (RATES[:1], 1.0) if quick else (RATES, 10.0)
+    """Measure ``latency``, one row for each rate; controller and echo in turns."""
+    rates, seconds, pairs = (RATES[:1], 1.0, 1) if quick else (RATES, 10.0, 2)
     rows = []
     for rate in rates:
-        ours, echo = controller_latency(rate, seconds), echo_latency(rate, seconds)
+        turns = [(controller_trips(rate, seconds), echo_trips(rate, seconds)) for _ in range(pairs)]
+        ours, echo = (summary(np.concatenate(trips), rate) for trips in zip(*turns, strict=True))
         rows.append({"rate": rate, **ours, **{f"echo_{k}": v for k, v in echo.items()}})
     return rows
