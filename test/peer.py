@@ -111,9 +111,14 @@ class Peer:
         samples = self.heard[topic.name]
         return samples[-1].stamp_ns * 1e-9 if samples else -1.0
 
+    def forget(self) -> None:
+        """Forget what was heard, before time begins again."""
+        for samples in self.heard.values():
+            samples.clear()
+
     def goes_on(self, seconds: float = 0.5) -> None:
         """Wait until the loop has advanced by so much: new states, and torques that answer them."""
-        before = self.time(APPLIED_TORQUE)
+        before = max(self.time(APPLIED_TORQUE), 0.0)
         self.until(
             lambda: (
                 self.time(APPLIED_TORQUE) >= before + seconds

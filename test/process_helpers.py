@@ -170,7 +170,7 @@ class Run(Process):
         return found
 
 
-def paced(factor: float) -> str:
+def pace(factor: float) -> str:
     """Parameters of a lock-step run that does not outrun its test."""
     return f"/**/spacecraft_plant:\n  ros__parameters:\n    real_time_factor: {factor}\n"
 

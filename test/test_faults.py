@@ -19,133 +19,331 @@ import resource
 import select
 import signal
 import sys
-import threading
+import time
 from pathlib import Path
+from random import Random
 
 import pytest
+from conftest import StartProcess
+from process_helpers import COMMAND, LOOP, Node, Process, Run, alive, family, pace, pause, until
 
+from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.contract.topics import CONTROLLER, NODES, PLANT, RECORDER
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER, REFERENCE
 
-PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
-COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 PAUSE = 3.0  # [s]
+ENDLESS = ("--duration", "10000")
+long = pytest.mark.long
 
-pytestmark = [pytest.mark.ros, pytest.mark.long]
-
-
-def started(start_process, bag, *options, **popen):
-    process = start_process(
-        [*COMMAND, "run", "--config", str(PAPER), "--bag", str(bag), *options], **popen
-    )
-    for line in process.stderr:
-        if "s/s]" in line and "/s [" in line:
-            break
-        # the bar moves: time has begun
-        if "simulated:   1%" in line or "simulated:   2%" in line:
-            break
-    return process
+pytestmark = pytest.mark.ros
 
 
-def nodes_of(process):
-    """Process ids of the nodes by name."""
-    found = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(stat.read_text().rpartition(")")[2].split()[1])
-            command = (stat.parent / "cmdline").read_text()
-        except OSError:
-            continue
-        for name in NODES:
-            if parent == process.pid and f"ppc_attitude.nodes.{name}\0" in command:
-                found[name] = int(stat.parent.name)
-    return found
+def lasting(seconds: float) -> None:
+    """Let a fault last; nothing is waited for."""
+    time.sleep(seconds)
 
 
-def finished(process, timeout=90.0):
-    out, err = process.communicate(timeout=timeout)
-    return process.returncode, out, err
+def fails(run: Run, cause: str) -> str:
+    """The run ends with exit code 3, names the cause and its bag, and leaves no process."""
+    pids = family(run.pid)
+    assert run.ends() == 3, run.err
+    assert cause in run.err
+    assert "Traceback" not in run.err
+    assert f"bag: {run.bag}" in run.err + run.out
+    assert not any(map(alive, pids)), "a node outlives its run"
+    return run.err
 
 
-def alive(pid):
-    return Path(f"/proc/{pid}").exists()
+QUICK = ((CONTROLLER, ""), (PLANT, "--realtime"))
+KILLED = [
+    pytest.param(name, mode, id=f"{name}-{mode or 'lockstep'}", marks=() if quick else long)
+    for name in NODES
+    for mode in ("", "--realtime")
+    for quick in [(name, mode) in QUICK]
+]
 
 
-@pytest.mark.parametrize("mode", [(), ("--realtime",)], ids=["lockstep", "realtime"])
-@pytest.mark.parametrize("name", NODES)
-def test_a_killed_node_ends_the_run_and_is_named(tmp_path, start_process, name, mode):
-    bag = tmp_path / "bag"
-    process = started(start_process, bag, "--duration", "1000", *mode)
-    pids = nodes_of(process)
-    assert pids.keys() == set(NODES)
-    os.kill(pids[name], signal.SIGKILL)
-    code, _, err = finished(process)
-    assert code == 3
-    assert f"error: {name} was killed by SIGKILL" in err
-    assert f"bag: {bag}" in err
-    assert not any(map(alive, pids.values()))
-    record = read_run(bag)
+@pytest.mark.parametrize(("name", "mode"), KILLED)
+def test_a_killed_node_ends_the_run_and_is_named(
+    name: str, mode: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, *filter(None, [mode]), overlay=pace(20.0))
+    run.reaches(0.5)
+    nodes = run.nodes()
+    assert nodes.keys() == set(NODES)
+    os.kill(nodes[name], signal.SIGKILL)
+    fails(run, f"error: {name} was killed by SIGKILL")
+    record = read_run(run.bag)
     assert record.stamps_ns.size > 1
     cut = any("cut" in warning for warning in record.warnings)
     assert cut == (name == RECORDER)
-    if cut:
-        recovery = start_process([*COMMAND, "recover", str(bag)])
-        assert finished(recovery)[0] == 0
-        assert (bag / "metadata.yaml").exists()
 
 
-@pytest.mark.parametrize("name", NODES)
-def test_a_pause_costs_lockstep_nothing_but_time(tmp_path, start_process, name):
-    process = started(start_process, tmp_path / "bag", "--duration", "60")
-    pid = nodes_of(process)[name]
-    os.kill(pid, signal.SIGSTOP)
-    threading.Timer(PAUSE, os.kill, (pid, signal.SIGCONT)).start()
-    code, _, err = finished(process)
-    assert code == 1, err  # sixty seconds end before the last requirement can be judged
-    assert read_run(tmp_path / "bag").missing_messages == 0
+@pytest.mark.parametrize("storage", ["mcap", pytest.param("sqlite3", marks=long)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=long) for seed in range(1, 4))])
+def test_after_sigkill_of_the_recorder_at_most_the_last_second_is_lost(
+    storage: str, seed: int, tmp_path: Path, start_process: StartProcess
+) -> None:
+    """In real time, so that a second of the run is a second of the clock."""
+    overlay = f"/**/{RECORDER}:\n  ros__parameters:\n    storage: {storage}\n"
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, "--realtime", overlay=overlay)
+    run.reaches(Random(seed).uniform(1.5, 4.0))
+    # The plant prints its time after it has published: what it showed had been sent.
+    published = run.time
+    os.kill(run.nodes()[RECORDER], signal.SIGKILL)
+    fails(run, f"error: {RECORDER} was killed by SIGKILL")
+
+    record = read_run(run.bag)
+    assert record.t[-1] >= published - 1.0
+    assert record.missing_messages == 0
+    (warning,) = record.warnings
+    assert "recording was cut" in warning
+    judged = Process(start_process, tmp_path, "analyse", [*COMMAND, "analyse", str(run.bag)])
+    assert judged.ends() == 1  # too short to settle
+    assert "recording was cut" in judged.err + judged.out
+
+    finished = Process(start_process, tmp_path, "recover", [*COMMAND, "recover", str(run.bag)])
+    assert finished.ends() == 0, finished.err
+    assert (run.bag / "metadata.yaml").exists()
+    again = read_run(run.bag)
+    assert again.t[-1] >= record.t[-1]
+    assert any("since recovered" in warning for warning in again.warnings)
 
 
-def test_a_paused_controller_in_real_time_is_told_and_leaves_a_gap(tmp_path, start_process):
-    process = started(start_process, tmp_path / "bag", "--duration", "6", "--realtime")
-    pid = nodes_of(process)[CONTROLLER]
-    os.kill(pid, signal.SIGSTOP)
-    threading.Timer(PAUSE, os.kill, (pid, signal.SIGCONT)).start()
-    code, _, err = finished(process)
-    assert code == 3
-    assert "no torque_command for 0.5 s: zero torque" in err
+@pytest.mark.parametrize("name", [RECORDER, *(pytest.param(n, marks=long) for n in LOOP)])
+def test_a_pause_costs_lockstep_nothing_but_time(
+    name: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    run = Run(start_process, tmp_path / "bag", "--duration", "20", overlay=pace(5.0))
+    run.reaches(1.0)
+    pid = run.nodes()[name]
+    pause(pid)
+    lasting(PAUSE)
+    os.kill(pid, signal.SIGCONT)
+    assert run.ends() == 1, run.err  # twenty seconds are too short to settle
+    record = read_run(run.bag)
+    assert record.missing_messages == 0
+    assert record.stamps_ns.size == 2001
+
+
+def test_silence_of_all_peers_in_real_time_is_told_and_leaves_a_gap(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    """Controller, reference and injector all fall silent; the plant goes on without torque."""
+    run = Run(start_process, tmp_path / "bag", "--duration", "8", "--realtime")
+    run.reaches(1.0)
+    silent = [run.nodes()[name] for name in (CONTROLLER, REFERENCE, INJECTOR)]
+    for pid in silent:
+        pause(pid)
+    lasting(PAUSE)
+    for pid in silent:
+        os.kill(pid, signal.SIGCONT)
+    err = fails(run, "no torque_command for 0.5 s: zero torque")
+    assert "no disturbance/torque for 0.5 s: zero torque" in err
     assert "torque_command has" in err
-    assert read_run(tmp_path / "bag").missing["torque_command"] > 100
+    record = read_run(run.bag)
+    assert record.missing["torque_command"] > 50
+    applied = record["applied_torque"]
+    assert (applied[-1] != 0.0).any(), "it recovers by itself"
+    assert (applied == 0.0).all(axis=1).sum() > 50
 
 
-def test_a_full_disk_is_named_and_what_was_written_can_be_read(tmp_path, start_process):
-    def limit():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, 2_000_000))
+@long
+def test_network_silence(tmp_path: Path, start_process: StartProcess) -> None:
+    """All packets are lost for seconds, shared memory is off; then the loop goes on by itself."""
+    network = ("unshare", "--user", "--map-root-user", "--net")
+    probe = Process(start_process, tmp_path, "probe", [*network, "ip", "link", "set", "lo", "up"])
+    if probe.ends() != 0:
+        pytest.skip("no network of its own may be made here")
+    script = 'ip link set lo multicast on up && exec "$@"'
+    before = (*network, "sh", "-c", script, "sh")
+    environment = {**os.environ, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    options = ("--duration", "12", "--realtime")
+    run = Run(start_process, tmp_path / "bag", *options, before=before, env=environment)
+    run.reaches(1.0)
+
+    def link(state: str) -> None:
+        enter = ["nsenter", "-t", str(run.pid), "--user", "--preserve-credentials", "--net"]
+        command = [*enter, "ip", "link", "set", "lo", state]
+        assert Process(start_process, tmp_path, f"link_{state}", command).ends() == 0
+
+    link("down")
+    run.says("no torque_command for 0.5 s: zero torque")
+    link("up")
+    run.ends()
+    assert run.process.returncode in (1, 3), run.err
+    record = read_run(run.bag)
+    assert record.t[-1] == 12.0
+    assert (record["applied_torque"][-1] != 0.0).any(), "it recovers by itself"
+    assert (run.process.returncode == 3) == (record.missing_messages > 0)
+
+
+@long
+def test_a_recorder_that_cannot_keep_up_is_told(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    """In real time nobody waits for it: what its publishers remember runs over."""
+    overlay = f"/**/{PLANT}:\n  ros__parameters:\n    rate: 1000.0\n"
+    run = Run(start_process, tmp_path / "bag", "--duration", "15", "--realtime", overlay=overlay)
+    run.reaches(1.0)
+    pid = run.nodes()[RECORDER]
+    pause(pid)
+    run.reaches(9.0)
+    os.kill(pid, signal.SIGCONT)
+    fails(run, "is incomplete: ")
+    assert read_run(run.bag).missing_messages > 0
+
+
+@long
+def test_lockstep_waits_for_a_recorder_that_is_slow(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    """It gets a tenth of the time; the run takes longer and loses nothing."""
+    run = Run(start_process, tmp_path / "bag", "--duration", "60")
+    run.reaches(1.0)
+    pid = run.nodes()[RECORDER]
+    while run.process.poll() is None and run.time < 58.0:
+        os.kill(pid, signal.SIGSTOP)
+        lasting(0.9)
+        os.kill(pid, signal.SIGCONT)
+        lasting(0.1)
+    assert run.ends() == 1, run.err
+    record = read_run(run.bag)
+    assert record.missing_messages == 0
+    assert record.stamps_ns.size == 6001
+
+
+def test_a_file_that_cannot_grow_is_named_and_what_was_written_can_be_read(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
-    process = started(start_process, tmp_path / "bag", "--duration", "1000", preexec_fn=limit)
-    code, _, err = finished(process)
-    assert code == 3
-    assert "cannot be written any further" in err
-    record = read_run(tmp_path / "bag")
-    assert record.stamps_ns.size > 1
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, preexec_fn=limit)
+    fails(run, "cannot be written any further: File too large")
+    expect_readable(run.bag)
+
+
+@long
+def test_a_full_disk_is_named_and_what_was_written_can_be_read(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    """A real file system of two megabytes, in a name space of its own."""
+    mount = ("unshare", "--user", "--map-root-user", "--mount")
+    small = tmp_path / "small"
+    small.mkdir()
+    script = f"mount -t tmpfs -o size=2m none '{small}' && exec \"$@\""
+    probe = Process(start_process, tmp_path, "probe", [*mount, "sh", "-c", script, "sh", "true"])
+    if probe.ends() != 0:
+        pytest.skip("no file system may be mounted here")
+    # When the run has ended its bag is copied out of the file system, which ends with it.
+    keep = f"{script.replace('exec ', '')}; code=$?; cp -r '{small}/bag' '{tmp_path}'; exit $code"
+    run = Process(
+        start_process,
+        tmp_path,
+        "run",
+        [*mount, "sh", "-c", keep, "sh", *COMMAND, "run", "--bag", str(small / "bag"), *ENDLESS],
+    )
+    assert run.ends() == 3, run.err
+    assert "cannot be written any further: No space left on device" in run.err
+    expect_readable(tmp_path / "bag")
+
+
+def expect_readable(bag: Path) -> None:
+    record = read_run(bag)
+    assert record.stamps_ns.size > 100
     assert any("cut" in warning for warning in record.warnings)
+    assert not analyse(record).all_met
 
 
-def test_nodes_end_with_their_killed_starter(tmp_path, start_process):
-    process = started(start_process, tmp_path / "bag", "--duration", "1000")
-    pids = nodes_of(process)
-    ends = [os.pidfd_open(pid) for pid in pids.values()]
-    process.kill()
+def test_nodes_end_with_their_killed_starter(tmp_path: Path, start_process: StartProcess) -> None:
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(20.0))
+    run.reaches(0.5)
+    ends = [os.pidfd_open(pid) for pid in run.nodes().values()]
+    assert len(ends) == len(NODES)
+    run.send(signal.SIGKILL)
     for end in ends:
-        assert select.select([end], [], [], 30.0)[0], "a node outlives its starter"
+        assert select.select([end], [], [], 60.0)[0], "a node outlives its starter"
         os.close(end)
+    assert (run.bag / "metadata.yaml").exists()
+    assert read_run(run.bag).stamps_ns.size > 1
 
 
-def test_a_second_plant_ends_and_says_why(tmp_path, start_process):
-    process = started(start_process, tmp_path / "bag", "--duration", "1000", "--realtime")
-    second = start_process([sys.executable, "-m", f"ppc_attitude.nodes.{PLANT}"])
-    code, _, err = finished(second)
-    assert code == 3
-    assert "another node publishes attitude" in err
-    process.send_signal(signal.SIGINT)
-    assert finished(process)[0] == 3
+def test_a_second_plant_ends_and_says_why(tmp_path: Path, start_process: StartProcess) -> None:
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, "--realtime")
+    run.reaches(0.5)
+    second = Node(start_process, tmp_path, PLANT)
+    assert second.ends() == 3, second.err
+    assert "another node publishes attitude" in second.err
+    assert "Traceback" not in second.err
+    assert run.process.poll() is None, "the run goes on"
+    run.send(signal.SIGINT)
+    assert run.ends() == 3
+    record = read_run(run.bag)
+    assert record.stamps_ns.size > 50
+
+
+def listens(run: Run) -> bool:
+    """True if the command has begun: it takes SIGTERM, which Python by itself does not."""
+    status = Path(f"/proc/{run.pid}/status").read_text()
+    caught = int(status.partition("SigCgt:\t")[2].split()[0], 16)
+    return bool(caught >> (signal.SIGTERM - 1) & 1)
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(6), *(pytest.param(seed, marks=long) for seed in range(6, 36))]
+)
+def test_ctrl_c_at_any_moment_and_again_ends_in_good_order(
+    seed: int, tmp_path: Path, start_process: StartProcess
+) -> None:
+    random = Random(seed)
+    run = Run(start_process, tmp_path / "bag", "--duration", "3", overlay=pace(3.0))
+    until(lambda: listens(run), "the command")
+    lasting(random.uniform(0.0, 5.0))
+    pids = family(run.pid)
+    run.send(signal.SIGINT)
+    lasting(random.choice([0.0, random.uniform(0.0, 2.0)]))
+    if run.process.poll() is None:
+        pids += family(run.pid)
+        run.send(signal.SIGINT)
+    code = run.ends()
+    assert code == 3 or (code == 1 and run.time == 3.0), run.err  # one came after the end
+    assert "Traceback" not in run.err
+    assert "Exception ignored" not in run.err
+    assert "interrupt" in run.err or code == 1
+    assert not any(map(alive, pids))
+    if run.bag.exists() and run.time > 0.0:
+        assert (run.bag / "metadata.yaml").exists()
+        assert not read_run(run.bag).missing_messages
+
+
+@long
+def test_a_node_that_stays_paused_ends_the_run(tmp_path: Path, start_process: StartProcess) -> None:
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(20.0))
+    run.reaches(0.5)
+    pause(run.nodes()[CONTROLLER])
+    fails(run, f"no step for 30 s: {CONTROLLER} is paused (SIGSTOP)")
+    assert read_run(run.bag).stamps_ns.size > 1
+
+
+def test_a_run_says_where_it_can_be_seen(
+    tmp_path: Path, start_process: StartProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Closed by default: this host only, in a domain of its own, unless the user chose another."""
+    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID"):
+        monkeypatch.delenv(name)
+    script = (
+        "from ppc_attitude.command_line.stack import private_environment as made\n"
+        "print(made()['ROS_DOMAIN_ID'], made()['ROS_AUTOMATIC_DISCOVERY_RANGE'])"
+    )
+    shown = Process(start_process, tmp_path, "shown", [sys.executable, "-c", script])
+    assert shown.ends() == 0, shown.err
+    domain, discovery = shown.out.split()
+    assert 1 <= int(domain) <= 101
+    assert discovery == "LOCALHOST"
+    monkeypatch.setenv("ROS_DOMAIN_ID", "77")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    chosen = Process(start_process, tmp_path, "chosen", [sys.executable, "-c", script])
+    assert chosen.ends() == 0, chosen.err
+    assert chosen.out.split() == ["77", "SUBNET"]

@@ -25,6 +25,7 @@ from typing import NoReturn
 from ppc_attitude import __version__
 from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, RunError, UsageError
 from ppc_attitude.command_line.examples import epilog
+from ppc_attitude.command_line.stopping import end_at_once, ignore, interrupt
 
 COMMANDS = (
     "run",
@@ -94,6 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         argcomplete.autocomplete(parser)
     parsed = parser.parse_args(given)
     try:
+        interrupt()
         return int(parsed.execute(parsed))
     except RunError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -118,12 +120,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run() -> None:
     """Run as an executable, quiet when the reader of a pipe has gone."""
+    end_at_once()
     try:
         code = main()
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = BROKEN
+    ignore()
     sys.exit(code)
 
 

@@ -30,7 +30,7 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
-from ppc_attitude.command_line.stopping import stop_on_signals
+from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import NODES, PLANT, RECORDER
 from ppc_attitude.science.errors import ConfigurationError
@@ -70,11 +70,14 @@ class Recording:
         """
         scenario = scenario.with_values(PLANT, lockstep=lockstep, wait_for_recorder=True)
         scenario = scenario.with_values(RECORDER, bag=str(self.bag))
-        warm_up(scenario)
+        with nothing_begun():
+            warm_up(scenario)
         self._interrupted = _run_stack(scenario, self.bag)
         try:
             record = read_run(self.bag)
         except BagError as error:
+            if self._interrupted:
+                raise RunError("interrupted before anything was recorded") from None
             raise RunError(str(error)) from None
         for warning in record.warnings:
             print(f"warning: {warning}", file=sys.stderr)
@@ -104,14 +107,14 @@ def _run_stack(scenario: Scenario, bag: Path) -> bool:
         file=sys.stderr,
     )
     duration = scenario.number(PLANT, "duration")
-    with tempfile.TemporaryDirectory(prefix="ppc_attitude_") as folder:
+    with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="ppc_attitude_") as folder:
         environment.setdefault("ROS_LOG_DIR", folder)
         overlay = Path(folder) / "run.yaml"
         overlay.write_text(parameter_file(scenario), encoding="utf-8")
         common = ["--ros-args", "--params-file", str(overlay)]
         command_lines = {name: list(common) for name in NODES}
         command_lines[PLANT] = ["--progress", *common]
-        with _progress(duration) as show, stop_on_signals() as stop:
+        with _progress(duration) as show:
             stack = Stack(command_lines, environment, show)
             try:
                 stack.start()
@@ -122,7 +125,11 @@ def _run_stack(scenario: Scenario, bag: Path) -> bool:
             try:
                 stack.stop()
             except StackError as error:
+                if stop.is_set() and not stack.has_begun:
+                    return True
                 raise RunError(f"{error}\nbag: {bag}") from None
+            if not stop.is_set():
+                show(duration)  # the plant tells the time ten times a second, not at its end
             return stop.is_set()
 
 

@@ -27,6 +27,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import IO
 
@@ -38,17 +39,23 @@ _STALLED_AFTER = 30.0  # [s] without a step after which a run in lock-step is gi
 _PROGRESS = re.compile(r"^t ([0-9.]+)$")
 _LOUD = re.compile(r"\[(WARN|ERROR|FATAL)\]|^error:|Traceback|Error: ")
 # The recorder goes last, when all others have sent their last message.
-_STOP_ORDER = (PLANT, CONTROLLER, REFERENCE, INJECTOR, RECORDER)
+_STOP_ORDER = ((PLANT,), (CONTROLLER, REFERENCE, INJECTOR), (RECORDER,))
 
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
-def _end_with_parent() -> None:
-    """Let the kernel ask this new process to end when its starter dies, however that happens."""
+def _prepare_child(parent: int) -> None:
+    """Let the kernel ask this new process to end when its starter dies, however that happens.
+
+    Signals wait until it can take them (`nodes.base.StopRequest`), not in the midst of its imports.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
     if _LIBC is not None:
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it died before the kernel knew
+        os._exit(1)
 
 
 class StackError(Exception):
@@ -116,6 +123,7 @@ class Stack:
         self._environment = environment
         self._on_time = on_time
         self._nodes: dict[str, NodeProcess] = {}
+        self.has_begun = False  # simulated time has advanced
         self._advanced = time.monotonic()
 
     def start(self) -> None:
@@ -136,7 +144,7 @@ class Stack:
             errors="replace",
             # A Ctrl-C at the terminal is ours to pass on, in the order that loses nothing.
             start_new_session=True,
-            preexec_fn=_end_with_parent,
+            preexec_fn=partial(_prepare_child, os.getpid()),
         )
         node = NodeProcess(name, process)
         assert process.stdout is not None
@@ -151,6 +159,7 @@ class Stack:
             progress = _PROGRESS.match(line)
             if progress:
                 self._advanced = time.monotonic()
+                self.has_begun = True
                 self._on_time(float(progress[1]))
                 continue
             node.tail.append(line.rstrip("\n"))
@@ -195,17 +204,19 @@ class Stack:
         """
         problems: list[StackError] = []
         try:
-            for name in _STOP_ORDER:
-                if name in self._nodes:
-                    problems += self._stop_one(self._nodes[name])
+            for names in _STOP_ORDER:
+                nodes = [self._nodes[name] for name in names if name in self._nodes]
+                for node in nodes:
+                    if node.process.poll() is None:
+                        node.process.send_signal(signal.SIGINT)
+                for node in nodes:
+                    problems += self._wait_for_end(node)
         finally:
             self.kill()
         if problems:
             raise problems[0]
 
-    def _stop_one(self, node: NodeProcess) -> list[StackError]:
-        if node.process.poll() is None:
-            node.process.send_signal(signal.SIGINT)
+    def _wait_for_end(self, node: NodeProcess) -> list[StackError]:
         try:
             node.process.wait(_PATIENCE)
         except subprocess.TimeoutExpired:

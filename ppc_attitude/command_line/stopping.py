@@ -12,15 +12,54 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Ctrl-C as a wish that is granted in good order."""
+"""Ctrl-C: at once while nothing has begun, afterwards a wish that is granted in good order."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from ppc_attitude.command_line.errors import BROKEN
+
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def _end_at_once(number: int, frame: FrameType | None) -> None:
+    # Imports and compilers do not bear an exception everywhere: end without one.
+    os.write(2, b"interrupted\n")
+    os._exit(BROKEN)
+
+
+def end_at_once() -> None:
+    """Let SIGINT and SIGTERM simply end this process: nothing has begun yet."""
+    for number in _SIGNALS:
+        signal.signal(number, _end_at_once)
+
+
+def interrupt() -> None:
+    """Let SIGINT raise KeyboardInterrupt again, if it was to end this process at once."""
+    if signal.getsignal(signal.SIGINT) is _end_at_once:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def ignore() -> None:
+    """Let no signal disturb the end of this process."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def nothing_begun() -> Iterator[None]:
+    """Let SIGINT and SIGTERM end this process at once while the block runs."""
+    previous = {number: signal.signal(number, _end_at_once) for number in _SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

@@ -49,7 +49,9 @@ EXIT_OK, EXIT_CONFIGURATION, EXIT_BROKEN = 0, 2, 3
 _LOG_PERIOD = 1.0  # [s] the same complaint is logged at most this often
 _IDLE_WAIT = 0.1  # [s] longest wait for a message before a node looks around
 _IDLE_DIAGNOSTICS = 2.0  # [s] of silence after which diagnostics follow the wall clock
-_ACKNOWLEDGE = 2.0  # [s] how long a stopping node waits for its last messages to arrive
+# [s] how long a stopping node waits for its last messages to arrive: a peer that was paused asks
+# for what it missed when it hears a heartbeat, and those come every three seconds.
+_ACKNOWLEDGE = 8.0
 
 
 class BaseNode(Node):
@@ -210,9 +212,10 @@ class BaseNode(Node):
         self._diagnostics.publish(message)
 
     def flush(self, patience: float = _ACKNOWLEDGE) -> bool:
-        """Wait until every peer has what this node has sent; False after `patience` [s] a topic."""
+        """Wait until every peer has what this node has sent; False after `patience` [s]."""
+        end = time.monotonic() + patience
         waited = [
-            publisher.wait_for_all_acked(Duration(seconds=patience))
+            publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
             for publisher in self._outgoing
             if publisher.get_subscription_count()
         ]
@@ -272,8 +275,10 @@ class StopRequest:
 
     def __init__(self) -> None:
         self.requested = False
-        for number in (signal.SIGINT, signal.SIGTERM):
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        for number in numbers:
             signal.signal(number, self._on_signal)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)  # a stack blocks them until now
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
@@ -295,6 +300,8 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
         return EXIT_CONFIGURATION
     node = None
     try:
+        if stop.requested:
+            return EXIT_OK
         node = make()
         _spin(node, stop)
         return node.exit_code

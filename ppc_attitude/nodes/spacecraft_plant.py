@@ -49,7 +49,7 @@ _REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of
 _PROGRESS_PERIOD = 0.1  # [s]
 _ACKNOWLEDGED_EVERY = 2500  # steps; publishers remember twice as many (`qos`)
 _GRAPH_PERIOD = 0.01  # [s] between two looks for a recorder
-_LAG_PATIENCE = 5.0  # [s] how long lock-step waits for a subscriber that lags
+_LAG_PATIENCE = 15.0  # [s] how long lock-step waits for a subscriber that lags
 
 
 class SpacecraftPlant(BaseNode):

@@ -17,6 +17,7 @@
 import argparse
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_report_option,
@@ -25,6 +26,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
 )
 from ppc_attitude.command_line.recording import Recording
+from ppc_attitude.contract.run_record import RunRecord
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -52,6 +54,13 @@ def execute(arguments: argparse.Namespace) -> int:
     """Run, record, judge."""
     recording = Recording(arguments.bag)
     record = recording.run(scenario_of(arguments), lockstep=not arguments.realtime)
+    try:
+        return _judge(arguments, recording, record)
+    except KeyboardInterrupt:
+        raise RunError(f"interrupted; the run had ended\nbag: {recording.bag}") from None
+
+
+def _judge(arguments: argparse.Namespace, recording: Recording, record: RunRecord) -> int:
     verdict = analyse(record)
     print(verdict_table(verdict))
     if arguments.report:
