@@ -22,7 +22,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-NAMES = ("lockstep", "latency", "in_process", "campaign", "bag_reading", "start_up")
+NAMES = (
+    "lockstep",
+    "latency",
+    "in_process",
+    "campaign",
+    "bag_reading",
+    "start_up",
+    "scaling",
+)
 OUTPUT = Path("build/bench.json")
 
 

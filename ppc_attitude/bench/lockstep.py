@@ -31,42 +31,57 @@ from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, private_environment
 from ppc_attitude.contract.topics import ATTITUDE, NODES, PLANT, RECORDER
 from ppc_attitude.simulation.closed_loop import warm_up
-from ppc_attitude.simulation.scenario import scenario
+from ppc_attitude.simulation.scenario import Overrides, scenario
 
 _SETTLED = 0.25  # fraction of a run that is not timed: discovery, caches, clocks of the cores
 _PATIENCE = 60.0  # [s]
 
 
-def stack_steps_per_s(duration: float) -> dict[str, Any]:
-    """Run all nodes with recorder and telemetry for `duration` simulated seconds at 100 Hz.
+def stack_steps_per_s(
+    duration: float, values: Overrides | None = None, recorder: bool = True, domain: int = 0
+) -> dict[str, Any]:
+    """Run all nodes with their telemetry for `duration` simulated seconds in lock-step.
+
+    Parameters
+    ----------
+    duration : float
+        Length of the run [s].
+    values : mapping, optional
+        Parameters by node that differ from the defaults.
+    recorder : bool
+        Whether the recorder runs as well.
+    domain : int
+        ROS domain; 0 for a random one.
 
     Returns
     -------
     dict
-        ``steps_per_s``, and ``cpu_us_per_step``: CPU time of each process for one step.
+        ``steps_per_s``; ``cpu_us_per_step``: CPU time of each process for one step; ``memory_mb``
+        of each at the end; ``bag_bytes_per_step``.
     """
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
-        values: dict[str, dict[str, Any]] = {
-            PLANT: {"duration": duration, "lockstep": True},
-            RECORDER: {"bag": f"{folder}/bag"},
-        }
-        run = scenario(values)
+        run = scenario(values or {}).with_values(PLANT, duration=duration, lockstep=True)
+        run = run.with_values(RECORDER, bag=f"{folder}/bag")
         warm_up(run)
         path = Path(folder) / "run.yaml"
         path.write_text(parameter_file(run), encoding="utf-8")
         common = ["--ros-args", "--params-file", str(path)]
-        arguments = {name: [*common] for name in NODES}
+        arguments = {name: [*common] for name in NODES if recorder or name != RECORDER}
         arguments[PLANT] = ["--progress", *common]
         times: list[tuple[float, float]] = []
         used: list[dict[str, float]] = []
+        memory: dict[str, float] = {}
         settled = _SETTLED * duration
 
         def on_time(simulated: float) -> None:
             if simulated >= settled:
                 times.append((time.perf_counter(), simulated))
                 used.append({name: cpu_seconds(pid) for name, pid in stack.pids().items()})
+                memory.update({name: megabytes(pid) for name, pid in stack.pids().items()})
 
         environment = {**private_environment(), "ROS_LOG_DIR": folder}
+        if domain:
+            environment["ROS_DOMAIN_ID"] = str(domain)
         stack = Stack(arguments, environment, on_time)
         try:
             stack.start()
@@ -75,12 +90,15 @@ def stack_steps_per_s(duration: float) -> dict[str, Any]:
         finally:
             stack.kill()
         rate = run.number(PLANT, "rate")
+        recorded = sum(file.stat().st_size for file in Path(folder).glob("bag/*"))
     steps = (times[-1][1] - times[0][1]) * rate
     return {
         "steps_per_s": steps / (times[-1][0] - times[0][0]),
         "cpu_us_per_step": {
             name: 1e6 * (used[-1][name] - used[0][name]) / steps for name in used[0]
         },
+        "memory_mb": memory,
+        "bag_bytes_per_step": recorded / (duration * rate),
     }
 
 
@@ -91,6 +109,15 @@ def cpu_seconds(pid: int) -> float:
     except OSError:
         return float("nan")
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def megabytes(pid: int) -> float:
+    """Memory that a process holds now and shares with no file, such as a library [MB]."""
+    try:
+        resident, shared = map(int, Path(f"/proc/{pid}/statm").read_text().split()[1:3])
+    except OSError:
+        return float("nan")
+    return (resident - shared) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 @contextmanager
