@@ -22,13 +22,14 @@ chunks of an MCAP file are just smaller, the rows of a SQLite bag come in severa
 import sqlite3
 import struct
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionMode
-from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_mcap import Channel, McapWriter, write_channel, write_string
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 # This file overrides methods of rosbags' storage writers; these versions have been tried.
@@ -57,6 +58,24 @@ class KillSafeMcap(McapWriter):
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         self.bio.flush()
+
+    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
+        """Announce a topic, with the hash of its type, which rosbag2 too keeps beside the QoS."""
+        facts = {"offered_qos_profiles": offered_qos_profiles, "topic_type_hash": connection.digest}
+        metadata = BytesIO()
+        for text in (each for fact in facts.items() for each in fact):
+            write_string(metadata, text)
+        extra = cast(ConnectionExtRosbag2, connection.ext)
+        channel = Channel(
+            connection.id,
+            connection.msgtype,
+            connection.topic,
+            extra.serialization_format,
+            metadata.getvalue(),
+        )
+        self.channels.append(channel)
+        self.channel_stats[connection.id] = 0
+        write_channel(self.chunk.bio, channel, self.schemas)
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Append a message to the pending chunk (rosbags' method at a third of its cost)."""
