@@ -14,6 +14,7 @@
 
 """No bag, or a damaged one: refused by name, or read as far as it is whole."""
 
+import shutil
 from pathlib import Path
 from random import Random
 
@@ -157,3 +158,21 @@ def test_flipped_bits_raise_nothing_but_bag_errors(tmp_path: Path, whole: Path) 
             continue
         assert set(run.columns) <= set(BY_COLUMN)
         assert (np.diff(run.stamps_ns) > 0).all()
+
+
+def test_a_journal_that_its_writer_ends_while_it_is_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bag can be read while it is recorded."""
+    bag = tmp_path / "bag"
+    write_run(RUN, bag, storage="sqlite3")
+    journal = Path(f"{storage_file(bag)}-journal")
+    journal.write_bytes(b"")
+    copy = shutil.copyfile
+
+    def copyfile(source: str, target: Path) -> None:
+        journal.unlink(missing_ok=True)
+        copy(source, target)
+
+    monkeypatch.setattr(shutil, "copyfile", copyfile)
+    assert_same(read_run(bag), RUN)

@@ -87,12 +87,11 @@ class SqliteSource:
         """Open for reading; what a killed writer left half done is undone in a copy."""
         with contextlib.ExitStack() as stack:
             path, mode = self.path, "ro"
-            left = [journal for journal in _JOURNALS if Path(f"{path}{journal}").exists()]
+            left = _journals(path)
             torn = 0 if left else _bytes_of_torn_page(path)
             if left or torn:
                 folder = Path(stack.enter_context(TemporaryDirectory()))
-                for suffix in ("", *left):
-                    shutil.copyfile(f"{path}{suffix}", folder / f"{path.name}{suffix}")
+                _copy(path, folder)
                 path, mode = folder / path.name, "rw"
             if torn:
                 self.cut = f"{self.path.name} ends within a page"
@@ -102,6 +101,25 @@ class SqliteSource:
                 contextlib.closing(sqlite3.connect(uri, uri=True, check_same_thread=False))
             )
             yield database
+
+
+def _journals(path: Path) -> list[str]:
+    return [journal for journal in _JOURNALS if Path(f"{path}{journal}").exists()]
+
+
+def _copy(path: Path, folder: Path) -> None:
+    """Copy a database with its journals; a living writer may end one meanwhile: then once more."""
+    complete = False
+    while not complete:
+        for old in folder.iterdir():
+            old.unlink()
+        try:
+            for suffix in ("", *_journals(path)):
+                shutil.copyfile(f"{path}{suffix}", folder / f"{path.name}{suffix}")
+            complete = True
+        except FileNotFoundError:
+            if not path.exists():
+                raise
 
 
 def _bytes_of_torn_page(path: Path) -> int:
