@@ -97,10 +97,12 @@ def _started(arguments: argparse.Namespace) -> int:
             command += ["--config", str(overlay)]
         bag = arguments.bag or Path(folder) / "bag"
         command += ["--duration", str(arguments.duration), "--bag", str(bag)]
-        process = subprocess.Popen(command)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         try:
             _measure_and_print(lambda states: process.poll() is None, "")
-            return process.wait()
+            said, _ = process.communicate()
+            print(said if arguments.bag else said.replace(str(bag), "not kept"), end="")
+            return process.returncode
         finally:
             if process.poll() is None:
                 process.terminate()
