@@ -30,12 +30,13 @@ from typing import Any, Protocol
 import hypothesis
 import pytest
 
+from ppc_attitude.command_line.domains import DOMAINS, unused_domains
+
 # A slow machine is no failure; the same examples every time, so that a failure can be repeated.
 hypothesis.settings.register_profile("ppc_attitude", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ppc_attitude")
 
 _TURN = itertools.count(os.getpid())
-DOMAIN_IDS = range(1, 102)  # above 101 the ports of DDS meet Linux's ephemeral ports
 
 
 class StartProcess(Protocol):
@@ -53,8 +54,11 @@ def _own_domain() -> Iterator[int]:
     folder = Path(tempfile.gettempdir()) / f"ppc_attitude_domains_{os.getuid()}"
     folder.mkdir(exist_ok=True)
     # Another one for each test: what one leaves in its graph is no part of the next one's.
-    start = next(_TURN) % len(DOMAIN_IDS)
-    for domain in (*DOMAIN_IDS[start:], *DOMAIN_IDS[:start]):
+    start = next(_TURN) % len(DOMAINS)
+    unused = set(unused_domains())
+    for domain in (*DOMAINS[start:], *DOMAINS[:start]):
+        if domain not in unused:
+            continue
         with (folder / str(domain)).open("w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -62,7 +66,9 @@ def _own_domain() -> Iterator[int]:
                 continue
             yield domain
             return
-    raise RuntimeError(f"all {len(DOMAIN_IDS)} ROS domains of {folder} are taken")
+    raise RuntimeError(
+        f"all {len(DOMAINS)} ROS domains are taken, by locks in {folder} or by others"
+    )
 
 
 @pytest.fixture(autouse=True)

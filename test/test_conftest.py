@@ -22,7 +22,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from conftest import DOMAIN_IDS, StartProcess, _own_domain
+from conftest import StartProcess, _own_domain
+
+from ppc_attitude.command_line.domains import DOMAINS
 
 # Prints the number of a child in a session of its own and ends before it; the child waits for ever.
 PARENT = """
@@ -61,7 +63,7 @@ def test_domains_in_use_at_once_all_differ() -> None:
     with ExitStack() as stack:
         domains = [stack.enter_context(_own_domain()) for _ in range(20)]
         assert len(set(domains)) == len(domains)
-        assert set(domains) <= set(DOMAIN_IDS)
+        assert set(domains) <= set(DOMAINS)
 
 
 def test_a_domain_is_free_again_afterwards() -> None:
@@ -70,7 +72,7 @@ def test_a_domain_is_free_again_afterwards() -> None:
             return domain
 
     with ThreadPoolExecutor(4) as pool:
-        assert len(list(pool.map(borrow, range(3 * len(DOMAIN_IDS))))) == 3 * len(DOMAIN_IDS)
+        assert len(list(pool.map(borrow, range(3 * len(DOMAINS))))) == 3 * len(DOMAINS)
 
 
 def test_environment_of_a_ros_test(ros_domain: int, tmp_path: Path) -> None:

@@ -89,7 +89,10 @@ def test_default_is_the_papers_case_in_lockstep() -> None:
     named = by_name(found)
     plant = {**expected[PLANT], "lockstep": True, "wait_for_recorder": True}
     assert parameters(named[f"/{PLANT}"]) == plant
-    assert parameters(named[f"/{CONTROLLER}"]) == expected[CONTROLLER]
+    assert parameters(named[f"/{CONTROLLER}"]) == {
+        **expected[CONTROLLER],
+        "wait_for_recorder": True,
+    }
     assert not any(node.remappings for node in found)
 
 

@@ -40,6 +40,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import StopRequest, new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published, recorded, subscribed
+from ppc_attitude.nodes.transport import tune_transport
 
 ANSWERS = (REFERENCE_ATTITUDE, TORQUE_COMMAND, DISTURBANCE)
 _REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered
@@ -145,6 +146,7 @@ def make(role: str, arguments: list[str]) -> Peer:
 def main() -> None:
     """Run one process of the bare step."""
     stop = StopRequest()
+    tune_transport()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = make(sys.argv[1], sys.argv[2:])
     executor = new_executor()

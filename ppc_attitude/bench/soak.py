@@ -136,10 +136,10 @@ def soak(minutes: float, folder: Path, storage: str) -> dict[str, Any]:
     """
     bag = folder / "bag"
     values: dict[str, dict[str, Any]] = {
-        PLANT: {"lockstep": True, "wait_for_recorder": True},
+        PLANT: {"lockstep": True},
         RECORDER: {"bag": str(bag), "storage": storage},
     }
-    run = scenario(values)
+    run = scenario(values).awaiting_recorder()
     warm_up(run)
     path = folder / "run.yaml"
     path.write_text(parameter_file(run), encoding="utf-8")

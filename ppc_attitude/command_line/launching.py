@@ -29,7 +29,16 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from ppc_attitude.command_line.parameter_file import ros_parameters, run_info
-from ppc_attitude.contract.topics import CLOCK_TOPIC, CONTROLLER, MARKERS, NODES, PLANT, RECORDER
+from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
+from ppc_attitude.contract.topics import (
+    CLOCK_TOPIC,
+    CONTROLLER,
+    MARKERS,
+    NODES,
+    PLANT,
+    RECORDER,
+    SOURCES,
+)
 from ppc_attitude.science.controllers.registry import CONTROLLERS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
@@ -127,12 +136,13 @@ class Request:
         files = [_file(name, config) for name in self.words("config")]
         recorded = RECORDER in self.nodes()
         overrides: dict[str, dict[str, Any]] = {
-            PLANT: {"lockstep": not self.flag("realtime"), "wait_for_recorder": recorded}
+            name: {WAIT_FOR_RECORDER.name: recorded} for name in SOURCES
         }
+        overrides[PLANT]["lockstep"] = not self.flag("realtime")
         if self["duration"]:
             overrides[PLANT]["duration"] = _number("duration", self["duration"])
         if self["controller"]:
-            overrides[CONTROLLER] = {"controller": self["controller"]}
+            overrides[CONTROLLER]["controller"] = self["controller"]
         if self["bag"]:
             overrides[RECORDER] = {"bag": self["bag"]}
         scenario = load([*files, *overlay], overrides)

@@ -68,7 +68,7 @@ class Recording:
         RunError
             The run broke, or its bag cannot be read.
         """
-        scenario = scenario.with_values(PLANT, lockstep=lockstep, wait_for_recorder=True)
+        scenario = scenario.awaiting_recorder().with_values(PLANT, lockstep=lockstep)
         scenario = scenario.with_values(RECORDER, bag=str(self.bag))
         with nothing_begun():
             warm_up(scenario)

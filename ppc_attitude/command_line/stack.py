@@ -17,7 +17,6 @@
 import contextlib
 import ctypes
 import os
-import random
 import re
 import signal
 import subprocess
@@ -31,6 +30,7 @@ from functools import partial
 from pathlib import Path
 from typing import IO
 
+from ppc_attitude.command_line.domains import choose_domain
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER, REFERENCE
 
 _PATIENCE = 20.0  # [s] how long a process may take to end after it was asked to
@@ -95,7 +95,7 @@ def private_environment() -> dict[str, str]:
     environment = dict(os.environ)
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if "ROS_DOMAIN_ID" not in environment:
-        environment["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
+        environment["ROS_DOMAIN_ID"] = str(choose_domain())
     environment["PYTHONUNBUFFERED"] = "1"
     return environment
 

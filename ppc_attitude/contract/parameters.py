@@ -34,6 +34,12 @@ from ppc_attitude.science.parameter import Parameter
 
 HALF_DEGREE = 0.008726646259971648  # 0.5°/s in rad/s
 
+WAIT_FOR_RECORDER = Parameter(
+    "wait_for_recorder",
+    False,
+    "begin when `bag_recorder` listens to every topic of this node, so that nothing is missing",
+    read_only=True,
+)
 _PLANT = (
     Parameter(
         "rate",
@@ -87,12 +93,7 @@ _PLANT = (
         choices=(TORQUE_COMMAND.name, DISTURBANCE.name),
         read_only=True,
     ),
-    Parameter(
-        "wait_for_recorder",
-        False,
-        "time begins when `bag_recorder` listens and the first state is answered",
-        read_only=True,
-    ),
+    WAIT_FOR_RECORDER,
     Parameter(
         "real_time_factor",
         0.0,
@@ -152,6 +153,7 @@ _REFERENCE = (
         high=10.0,
     ),
     Parameter("period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, above=0.0),
+    WAIT_FOR_RECORDER,
 )
 _INJECTOR = (
     Parameter("environment", True, "the environment torque of the paper acts"),
@@ -177,10 +179,12 @@ _INJECTOR = (
         above=0.0,
         high=1e6,
     ),
+    WAIT_FOR_RECORDER,
 )
 _CONTROLLER = (
     Parameter("controller", "ppc", "the control law", choices=tuple(CONTROLLERS), read_only=True),
     *all_parameters(),
+    WAIT_FOR_RECORDER,
 )
 _RECORDER = (
     Parameter("bag", "", "folder of the bag; empty: a new, dated one under bags/", read_only=True),

@@ -37,6 +37,7 @@ CONTROLLER = "ppc_controller"
 INJECTOR = "disturbance_injector"
 RECORDER = "bag_recorder"
 NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
+SOURCES = (PLANT, REFERENCE, CONTROLLER, INJECTOR)  # of what a run consists of
 MARKERS = "attitude_markers"  # draws the run for RViz and Foxglove; no run needs it
 
 WIDTH = {QUATERNION: 4, VECTOR: 3, WRENCH: 3}  # numbers of one sample (of a wrench: the torque)

@@ -116,22 +116,35 @@ class BagRecorder(BaseNode):
     def _receiver(
         self, topic: Topic, name: str, completeness: Completeness
     ) -> Callable[[bytes], None]:
-        sampled = bool(topic.column)
+        def receive(data: bytes) -> None:
+            self._count += 1
+            self.wake_now()
+            stamp = header_stamp(data, topic.msgtype)
+            self._write(name, topic, self._now if stamp is None or stamp < 0 else stamp, data)
+
+        return self._sample_receiver(topic, name, completeness) if topic.column else receive
+
+    def _sample_receiver(
+        self, topic: Topic, name: str, completeness: Completeness
+    ) -> Callable[[bytes], None]:
         leads = topic is ATTITUDE
         last = b""
 
         def receive(data: bytes) -> None:
             nonlocal last
             self._count += 1
-            if sampled and data == last:
+            self.wake_now()
+            if data == last:
                 return  # a peer's repeated answer to a repeated state
+            last = data
             stamp = header_stamp(data, topic.msgtype)
-            if sampled and stamp is not None and stamp >= 0:
-                last = data
+            if stamp is None or stamp < 0:
+                stamp = self._now
+            else:
                 completeness.add(topic.name, stamp)
                 if leads:
                     self._now = stamp
-            self._write(name, topic, self._now if stamp is None or stamp < 0 else stamp, data)
+            self._write(name, topic, stamp, data)
 
         return receive
 

@@ -14,6 +14,7 @@
 
 """What all five nodes share: parameters, links, refusals, diagnostics, start and stop."""
 
+import gc
 import signal
 import sys
 import time
@@ -32,10 +33,12 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.cdr import NANOSECONDS, Codec
-from ppc_attitude.contract.topics import DIAGNOSTICS_TOPIC, Topic
+from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
+from ppc_attitude.contract.topics import DIAGNOSTICS_TOPIC, RECORDER, Topic
 from ppc_attitude.nodes.messages import Inbox, RefusedError, message_class
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.nodes.transport import tune_transport
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
 
@@ -47,6 +50,8 @@ OK, WARN, ERROR, STALE = (
 )
 EXIT_OK, EXIT_CONFIGURATION, EXIT_BROKEN = 0, 2, 3
 _LOG_PERIOD = 1.0  # [s] the same complaint is logged at most this often
+_GRAPH_PERIOD = 0.01  # [s] between two looks for the recorder
+_SAY_WAITING = 5.0  # [s] between two messages about what a node waits for
 _IDLE_WAIT = 0.1  # [s] longest wait for a message before a node looks around
 _IDLE_DIAGNOSTICS = 2.0  # [s] of silence after which diagnostics follow the wall clock
 # [s] how long a stopping node waits for its last messages to arrive: a peer that was paused asks
@@ -68,6 +73,10 @@ class BaseNode(Node):
         self.finished = False
         self.exit_code = EXIT_OK
         self.failure = ""
+        self.wake_at = 0.0  # on the monotonic clock [s]
+        self.waits = bool(self.parameters.values.get(WAIT_FOR_RECORDER.name, False))
+        self._subscribe: list[Callable[[], None]] = []  # put off until the recorder listens
+        self._said_waiting = time.monotonic()
         self.refused: Counter[str] = Counter()
         self._last_log: dict[str, float] = {}
         self._outgoing: list[Any] = []
@@ -87,8 +96,12 @@ class BaseNode(Node):
         return OK, "running", {}
 
     def wake(self) -> float:
-        """Do what is due by the wall clock; return the longest wait [s] until the next call."""
+        """Do what is due by the wall clock; return the time [s] until the next call."""
         return _IDLE_WAIT
+
+    def wake_now(self) -> None:
+        """Let `wake` be called after the present message, whatever it returned last."""
+        self.wake_at = 0.0
 
     def new_executor(self) -> Executor:
         """Return the executor that runs this node."""
@@ -100,15 +113,16 @@ class BaseNode(Node):
     def close(self) -> None:
         """Release what the node holds, after the last message."""
 
-    def sender(self, topic: Topic) -> Callable[[int, tuple[float, ...]], None]:
+    def sender(self, topic: Topic) -> Callable[[int, Sequence[float]], None]:
         """Return a function that publishes (stamp [ns], numbers) on a topic."""
         publisher = self.create_publisher(
             message_class(topic.msgtype), topic.name, published(topic)
         )
         self._outgoing.append(publisher)
-        publish, encode = publisher.publish, Codec(topic).encode
+        # What `Publisher.publish` calls for bytes, without its look at the type of every message.
+        publish, encode = publisher.handle.publish_raw, Codec(topic).encode
 
-        def send(stamp_ns: int, values: tuple[float, ...]) -> None:
+        def send(stamp_ns: int, values: Sequence[float]) -> None:
             publish(encode(stamp_ns, values))
 
         return send
@@ -129,9 +143,28 @@ class BaseNode(Node):
             except RefusedError as reason:
                 self.refuse(topic.name, str(reason))
 
-        self.create_subscription(
-            message_class(topic.msgtype), topic.name, receive, subscribed(topic), raw=True
-        )
+        def subscribe() -> None:
+            self.create_subscription(
+                message_class(topic.msgtype), topic.name, receive, subscribed(topic), raw=True
+            )
+
+        if self.waits:
+            self._subscribe.append(subscribe)
+        else:
+            subscribe()
+
+    def await_recorder(self) -> float:
+        """Begin to listen once the recorder does; return the time [s] until the next look."""
+        if self.is_recorded(RECORDER):
+            self.waits = False
+            for subscribe in self._subscribe:
+                subscribe()
+            return 0.0
+        if time.monotonic() - self._said_waiting > _SAY_WAITING:
+            self._said_waiting = time.monotonic()
+            self.get_logger().warning(f"waiting for {RECORDER} to listen")
+        self.report_if_idle(0)
+        return _GRAPH_PERIOD
 
     def refuse(self, kind: str, reason: str) -> None:
         """Count a refusal and log it, at most once a second for each kind."""
@@ -293,6 +326,7 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
         Exit code: 0 done, 2 bad configuration, 3 the node broke.
     """
     stop = StopRequest()
+    tune_transport()
     try:
         rclpy.init(args=list(arguments or sys.argv), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
@@ -320,9 +354,16 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
 def _spin(node: BaseNode, stop: StopRequest) -> None:
     executor = node.new_executor()
     executor.add_node(node)
+    # What exists now stays: a collection that walks through all of it would cost milliseconds.
+    gc.collect()
+    gc.freeze()
     try:
         while not (stop.requested or node.finished):
-            executor.spin_once(timeout_sec=node.wake())
+            now = time.monotonic()
+            if now >= node.wake_at:
+                node.wake_at = now  # unless `wake` itself asks for another call
+                node.wake_at += node.await_recorder() if node.waits else node.wake()
+            executor.spin_once(timeout_sec=max(0.0, node.wake_at - time.monotonic()))
         node.flush()
         node.drain(executor)
     finally:

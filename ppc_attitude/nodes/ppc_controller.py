@@ -35,8 +35,8 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import OK, STALE, WARN, BaseNode, run_node
 from ppc_attitude.nodes.lockstep import Instant, StampGuard, Values, Verdict
 from ppc_attitude.nodes.messages import RefusedError
-from ppc_attitude.science.controllers.interface import new_command, new_measurement
 from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.science.controllers.runner import LawRunner
 from ppc_attitude.science.parameter import Value
 
 _INPUTS = (ATTITUDE, ANGULAR_VELOCITY, REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
@@ -50,12 +50,9 @@ class PpcController(BaseNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._law = CONTROLLERS[self.parameters["controller"]]
-        self._law.prepare()
-        self._arm()
-        self._measurement = new_measurement()
-        self._command = new_command()
-        self._apply_parameters()
+        law = CONTROLLERS[self.parameters["controller"]]
+        self._law = LawRunner(law, self.parameters.values)
+        self._announced = 0
         self._guard = StampGuard()
         self._instant = Instant(topic.column for topic in _INPUTS)
         self._enabled = True
@@ -65,7 +62,7 @@ class PpcController(BaseNode):
         self._send_torque = self.sender(TORQUE_COMMAND)
         self._telemetry = [
             (column, self.sender(BY_COLUMN[column]))
-            for column in self._law.columns
+            for column in law.columns
             if column != TORQUE_COMMAND.column
         ]
         for topic in _INPUTS:
@@ -77,13 +74,9 @@ class PpcController(BaseNode):
         for law in CONTROLLERS.values():
             law.configure(values)
 
-    def _apply_parameters(self) -> None:
-        self._configuration = self._law.configure(self.parameters.values)
-        self.parameters.changed = False
-
     def _arm(self) -> None:
         """Forget the past: the next step plans from the present error."""
-        self._memory = self._law.new_memory()
+        self._law.forget()
         self._announced = 0
 
     def _receiver(self, topic: Topic) -> Callable[[int, Values], None]:
@@ -113,27 +106,22 @@ class PpcController(BaseNode):
 
     def _compute(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         if self.parameters.changed:
-            self._apply_parameters()
-        measurement = self._measurement
-        measurement["t"] = seconds(stamp_ns)
-        for topic in _INPUTS:
-            measurement[topic.column] = parts[topic.column]
-        self._law.step(measurement, self._memory, self._configuration, self._command)
+            self._law.configure(self.parameters.values)
+            self.parameters.changed = False
+        self._law.step(seconds(stamp_ns), parts)
         self._steps += 1
-        saturated = self._command["torque_command"] != self._command["unsaturated_torque"]
-        self._saturated += bool(saturated.any())
+        self._saturated += self._law.saturated
 
     def _publish(self, stamp_ns: int) -> None:
         """Publish the torque first: the plant waits for it, the telemetry has time."""
-        command = self._command
-        torque = tuple(command["torque_command"].tolist()) if self._enabled else _ZERO
-        self._send_torque(stamp_ns, torque)
+        given = self._law.given
+        self._send_torque(stamp_ns, given(TORQUE_COMMAND.column) if self._enabled else _ZERO)
         for column, send in self._telemetry:
-            send(stamp_ns, tuple(command[column].tolist()))
+            send(stamp_ns, given(column))
 
     def _announce_plan(self) -> None:
-        advice = self._law.advice(self._memory)
-        if advice.number != self._announced:
+        if self._law.plans != self._announced:
+            advice = self._law.advice
             self._announced = advice.number
             # Two lines of source: rclpy ties a severity to each.
             if advice.warning:
@@ -162,12 +150,12 @@ class PpcController(BaseNode):
         """Waiting for inputs, disabled, outside an envelope, or running."""
         details: dict[str, Any] = {
             "time [s]": seconds(max(self._guard.last or 0, 0)),
-            "controller": self._law.name,
+            "controller": self._law.law.name,
             "steps": self._steps,
             "steps in saturation": self._saturated,
             "instants incomplete": self._instant.dropped,
         }
-        fill = self._law.fill(self._command)
+        fill = self._law.fill()
         details.update({f"{name} margin": 1.0 - value for name, value in fill.items()})
         if self.is_idle():
             missing = ", ".join(BY_COLUMN[column].name for column in self._instant.missing())

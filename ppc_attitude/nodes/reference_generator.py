@@ -29,8 +29,9 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import OK, STALE, BaseNode, run_node
 from ppc_attitude.nodes.lockstep import StampGuard, Verdict
 from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.science.kernel import one
 from ppc_attitude.science.parameter import Value
-from ppc_attitude.science.reference import desired_motion, new_cursor
+from ppc_attitude.science.reference import motion_at, new_cursor
 from ppc_attitude.simulation.scenario import reference_record
 
 
@@ -54,8 +55,8 @@ class ReferenceGenerator(BaseNode):
         reference_record(values)
 
     def _apply_parameters(self) -> None:
-        self._reference = reference_record(self.parameters.values)
-        self._cursor = new_cursor()
+        self._reference = one(reference_record(self.parameters.values))
+        self._cursor = one(new_cursor())
         self.parameters.changed = False
 
     def _on_state(self, stamp_ns: int, attitude: tuple[float, ...]) -> None:
@@ -67,9 +68,7 @@ class ReferenceGenerator(BaseNode):
         if verdict is Verdict.RESTART:
             self.restart_report()
         self._stamp = stamp_ns
-        q_d, omega_d, acceleration_d = desired_motion(
-            seconds(stamp_ns), self._reference, self._cursor
-        )
+        q_d, omega_d, acceleration_d = motion_at(seconds(stamp_ns), self._reference, self._cursor)
         self._send_attitude(stamp_ns, q_d)
         self._send_rate(stamp_ns, omega_d)
         self._send_acceleration(stamp_ns, acceleration_d)

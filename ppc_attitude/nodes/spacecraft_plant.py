@@ -16,7 +16,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from rosgraph_msgs.msg import Clock
@@ -30,16 +30,15 @@ from ppc_attitude.contract.topics import (
     CLOCK_TOPIC,
     DISTURBANCE,
     PLANT,
-    RECORDER,
     TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.base import ERROR, OK, STALE, WARN, BaseNode, run_node
 from ppc_attitude.nodes.messages import LARGEST, RefusedError
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.rival import RivalWatch
-from ppc_attitude.science.kernel import Vector
+from ppc_attitude.science.kernel import Vector, one
 from ppc_attitude.science.parameter import Value
-from ppc_attitude.science.spacecraft import applied_torque, measured, plant_step
+from ppc_attitude.science.spacecraft import advance, sensed
 from ppc_attitude.simulation.scenario import initial_state, nanoseconds, plant_record
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
@@ -48,7 +47,6 @@ _SAY_WAITING = 5.0  # [s] between two messages about what the plant waits for
 _REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of catching up
 _PROGRESS_PERIOD = 0.1  # [s]
 _ACKNOWLEDGED_EVERY = 2500  # steps; publishers remember twice as many (`qos`)
-_GRAPH_PERIOD = 0.01  # [s] between two looks for a recorder
 _LAG_PATIENCE = 15.0  # [s] how long lock-step waits for a subscriber that lags
 
 
@@ -86,7 +84,7 @@ class SpacecraftPlant(BaseNode):
         plant_record(values)
 
     def _apply_parameters(self) -> None:
-        self._plant = plant_record(self.parameters.values)
+        self._plant = one(plant_record(self.parameters.values))
         self._wait_for = tuple(self.parameters["wait_for"])
         self._timeout_ns = nanoseconds(self.parameters["command_timeout"])
         self.parameters.changed = False
@@ -130,12 +128,13 @@ class SpacecraftPlant(BaseNode):
                 self._step_if_complete()
             elif awaited:
                 self._origin = time.monotonic()  # time begins with the last first answer
+                self.wake_now()
 
         return receive
 
     def _publish_state(self) -> None:
-        self._clock_publisher.publish(encode_clock(self._stamp))
-        q, omega = measured(self._plant, self._q, self._omega, self._step)
+        self._clock_publisher.handle.publish_raw(encode_clock(self._stamp))
+        q, omega = sensed(self._plant, self._q, self._omega, self._step)
         self._send_attitude(self._stamp, q)
         self._send_rate(self._stamp, omega)
         self._rival.sent(self._stamp)
@@ -143,18 +142,16 @@ class SpacecraftPlant(BaseNode):
 
     def _advance(self, command: Vector, disturbance: Vector) -> None:
         """Hold both torques until the next stamp, publish what acted and the new state."""
-        applied = applied_torque(self._plant, command)
-        stamp = self._stamp
+        stamp, following = self._stamp, stamp_of(self._step + 1, self._rate)
+        applied, q, omega = advance(
+            self._plant, self._q, self._omega, command, disturbance, seconds(following - stamp)
+        )
         if self._step == self._last_step:
             self._send_applied(stamp, applied)
             self.finished = True
             return
         self._step += 1
-        self._stamp = stamp_of(self._step, self._rate)
-        h = (self._stamp - stamp) * 1e-9
-        self._q, self._omega = plant_step(
-            self._plant, self._q, self._omega, applied, disturbance, h
-        )
+        self._stamp, self._q, self._omega = following, q, omega
         if not sum(map(abs, self._omega)) <= LARGEST:  # NaN is not either
             reason = f"diverged: angular velocity {self._omega} rad/s at {seconds(stamp)} s"
             self.fail(self._stamp, reason)
@@ -167,6 +164,7 @@ class SpacecraftPlant(BaseNode):
             self._publish_state()
         else:
             self._started = False
+            self.wake_now()
         self._send_applied(stamp, applied)
         self.report(self._stamp)
         self._show_progress()
@@ -193,10 +191,6 @@ class SpacecraftPlant(BaseNode):
         """Step when it is time (free-running), or repeat a state that is unanswered (lock-step)."""
         self.report_if_idle(self._stamp)
         self._look_for_rival()
-        before_time = self._wait_for_recorder and not self._started and self._step == 0
-        if before_time and not self.is_recorded(RECORDER):
-            self._say_waiting(lambda: f"waiting for {RECORDER} to listen")
-            return _GRAPH_PERIOD
         return self._wake_lockstep() if self._lockstep else self._wake_free()
 
     def _wake_free(self) -> float:
@@ -266,14 +260,10 @@ class SpacecraftPlant(BaseNode):
             self._publish_state()
             self._last_sent = now
             self._repeat_after = min(2.0 * self._repeat_after, _REPEAT_MOST)
-        self._say_waiting(self._waiting_text)
-        return 0.1
-
-    def _say_waiting(self, text: Callable[[], str]) -> None:
-        now = time.monotonic()
         if now - max(self._waiting_since, self._last_said) >= _SAY_WAITING:
             self._last_said = now
-            self.get_logger().warning(text())
+            self.get_logger().warning(self._waiting_text())
+        return 0.1
 
     def _waiting_text(self) -> str:
         missing = [name for name in self._wait_for if self._input_stamps[name] != self._stamp]
@@ -283,6 +273,7 @@ class SpacecraftPlant(BaseNode):
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         self._begin()
+        self.wake_now()
         self.get_logger().info("reset: time begins again at zero")
         response.success = True
         response.message = "time begins again at zero"

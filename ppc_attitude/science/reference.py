@@ -111,3 +111,9 @@ def desired_motion(t: float, reference: Any, cursor: Any) -> tuple[Quaternion, V
         desired_rate(t, reference),
         desired_acceleration(t, reference),
     )
+
+
+@kernel
+def motion_at(t: float, references: Any, cursors: Any) -> tuple[Quaternion, Vector, Vector]:
+    """`desired_motion` for a caller in Python: arrays of one record each (`kernel.one`)."""
+    return desired_motion(t, references[0], cursors[0])

@@ -196,3 +196,23 @@ def measured(plant: Any, q: Quaternion, omega: Vector, step: int) -> tuple[Quate
     n4, n5 = _normal_pair(plant.seed, step, 2)
     turn = kinematics(q, scale(plant.attitude_noise, (n0, n1, n2)))
     return normalised(moved(q, 1.0, turn)), add(omega, scale(plant.rate_noise, (n3, n4, n5)))
+
+
+@kernel
+def advance(
+    plants: Any, q: Quaternion, omega: Vector, command: Vector, disturbance: Vector, h: float
+) -> tuple[Vector, Quaternion, Vector]:
+    """Applied torque [N·m], and attitude and rate after it was held for h [s].
+
+    For a caller in Python: `plants` is an array of one record (`kernel.one`).
+    """
+    plant = plants[0]
+    applied = applied_torque(plant, command)
+    q, omega = plant_step(plant, q, omega, applied, disturbance, h)
+    return applied, q, omega
+
+
+@kernel
+def sensed(plants: Any, q: Quaternion, omega: Vector, step: int) -> tuple[Quaternion, Vector]:
+    """`measured` for a caller in Python: `plants` is an array of one record (`kernel.one`)."""
+    return measured(plants[0], q, omega, step)

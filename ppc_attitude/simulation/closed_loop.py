@@ -42,11 +42,20 @@ from ppc_attitude.science.controllers.interface import (
     new_measurement,
 )
 from ppc_attitude.science.controllers.registry import CONTROLLERS
-from ppc_attitude.science.disturbance import PULSE, environment_torque, with_pulses
-from ppc_attitude.science.kernel import OPTIONS, kernel, quaternion, store, store_quaternion, vector
-from ppc_attitude.science.reference import desired_motion, new_cursor
+from ppc_attitude.science.controllers.runner import INPUTS, LawRunner
+from ppc_attitude.science.disturbance import PULSE, environment_torque, external_torque, with_pulses
+from ppc_attitude.science.kernel import (
+    OPTIONS,
+    kernel,
+    one,
+    quaternion,
+    store,
+    store_quaternion,
+    vector,
+)
+from ppc_attitude.science.reference import desired_motion, motion_at, new_cursor
 from ppc_attitude.science.spacecraft import PLANT as PLANT_RECORD
-from ppc_attitude.science.spacecraft import applied_torque, measured, plant_step
+from ppc_attitude.science.spacecraft import advance, applied_torque, measured, plant_step, sensed
 from ppc_attitude.simulation.samples import (
     ROWS,
     columns_of,
@@ -260,6 +269,22 @@ def record_of(scenario: Scenario, stamps_ns: NDArray[np.int64], samples: Array) 
 def warm_up(scenario: Scenario) -> None:
     """Compile every kernel of a scenario, so that processes started next find them cached."""
     run_samples(scenario, stamps_of(scenario.number(PLANT, "rate"), 0.1))
+    _warm_up_nodes(scenario)
+
+
+def _warm_up_nodes(scenario: Scenario) -> None:
+    """Call once what the nodes call: the kernels of the loop, by the ways that Python takes."""
+    values = scenario.parameters
+    plant, (q, omega) = one(plant_record(values[PLANT])), initial_state(values[PLANT])
+    attitude, rate = sensed(plant, q, omega, 0)
+    desired = motion_at(0.0, one(reference_record(values[REFERENCE])), one(new_cursor()))
+    disturbance = external_torque(
+        0, 0.0, bool(values[INJECTOR]["environment"]), pulses(values[INJECTOR])
+    )
+    law = LawRunner(scenario.controller, values[CONTROLLER])
+    law.step(0.0, dict(zip(INPUTS, (attitude, rate, *desired), strict=True)))
+    x, y, z = law.given("torque_command")
+    advance(plant, q, omega, (x, y, z), disturbance, 0.01)
 
 
 def first_step(scenario: Scenario) -> tuple[Any, Advice]:

@@ -32,8 +32,8 @@ from ppc_attitude.contract.topics import (
     REFERENCE_RATE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.science.controllers.interface import new_command, new_measurement
 from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.science.controllers.runner import LawRunner
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import scenario
 
@@ -93,17 +93,13 @@ def replay(record: RunRecord) -> Replay:
 def _largest_difference(
     record: RunRecord, rows: NDArray[np.intp], values: Mapping[str, Any]
 ) -> tuple[float, float]:
-    law = CONTROLLERS[record.controller]
-    memory, configuration = law.new_memory(), law.configure(values)
-    measurement, command = new_measurement(), new_command()
+    law = LawRunner(CONTROLLERS[record.controller], values)
     largest, at = 0.0, seconds(int(record.stamps_ns[rows[0]]))
     for row in rows:
-        measurement["t"] = seconds(int(record.stamps_ns[row]))
-        for topic in _INPUTS:
-            measurement[topic.column] = record[topic.column][row]
-        law.step(measurement, memory, configuration, command)
+        t = seconds(int(record.stamps_ns[row]))
+        law.step(t, {topic.column: record[topic.column][row].tolist() for topic in _INPUTS})
         recorded = record[TORQUE_COMMAND.column][row]
-        difference = float(np.max(np.abs(recorded - command["torque_command"])))
+        difference = float(np.max(np.abs(recorded - law.given(TORQUE_COMMAND.column))))
         if difference > largest:
-            largest, at = difference, float(measurement["t"])
+            largest, at = difference, t
     return largest, at

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.cdr import NANOSECONDS
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.controllers.interface import Controller
 from ppc_attitude.science.controllers.registry import CONTROLLERS
@@ -83,6 +83,13 @@ class Scenario:
         merged = {name: dict(table) for name, table in self.parameters.items()}
         merged[node].update(values)
         return scenario(merged)
+
+    def awaiting_recorder(self) -> "Scenario":
+        """Return the scenario of a run that is recorded from its first message on."""
+        result = self
+        for node in SOURCES:
+            result = result.with_values(node, wait_for_recorder=True)
+        return result
 
 
 def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:

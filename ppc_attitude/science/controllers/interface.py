@@ -85,6 +85,11 @@ def no_advice(memory: Any) -> Advice:
     return Advice(0, "", False)
 
 
+def no_plans(memory: Any) -> int:
+    """Number of the latest advice of a law that has none."""
+    return 0
+
+
 @dataclass(frozen=True)
 class Controller:
     """A control law.
@@ -107,6 +112,8 @@ class Controller:
         The fields of `COMMAND` that the law fills.
     advice : callable
         From the memory after a step to what the user should know.
+    plans : callable
+        From the memory to the number of its latest advice, without wording it.
     """
 
     name: str
@@ -117,6 +124,7 @@ class Controller:
     signature: Any
     columns: tuple[str, ...] = COLUMNS
     advice: Callable[[Any], Advice] = no_advice
+    plans: Callable[[Any], int] = no_plans
 
     def fill(self, command: Any) -> dict[str, float]:
         """Largest |error|/envelope of each envelope the law has; above 1 the error is outside."""
@@ -126,11 +134,6 @@ class Controller:
             for envelope, error in pairs.items()
             if envelope in self.columns and np.all(command[envelope] > 0.0)
         }
-
-    def prepare(self) -> None:
-        """Compile the step, or take it from the cache, before it is wanted in a hurry."""
-        step: Any = self.step
-        step.compile(self.signature.args)
 
     def new_memory(self) -> Any:
         """Memory of a law that has not yet run."""

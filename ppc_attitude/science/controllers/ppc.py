@@ -389,7 +389,12 @@ def advice(memory: Any) -> Advice:
             "; the error is not expected to stay inside from here: use envelope: auto, which "
             "stretches the envelope, or a longer attitude_envelope.settling_time"
         )
-    return Advice(int(plan["count"]), text, warning=bool(plan["feasible"] == 0.0))
+    return Advice(plans(memory), text, warning=bool(plan["feasible"] == 0.0))
+
+
+def plans(memory: Any) -> int:
+    """How many envelope plans there have been."""
+    return int(memory["plan"]["count"])
 
 
 CONTROLLER = Controller(
@@ -400,4 +405,5 @@ CONTROLLER = Controller(
     step=step,
     signature=_SIGNATURE,
     advice=advice,
+    plans=plans,
 )

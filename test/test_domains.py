@@ -1,0 +1,39 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A run must not meet another: a domain is chosen that nobody on this host uses."""
+
+import socket
+
+from ppc_attitude.command_line.domains import DOMAINS, choose_domain, discovery_port, unused_domains
+from ppc_attitude.command_line.stack import private_environment
+
+
+def test_a_domain_with_a_participant_is_not_chosen() -> None:
+    taken = unused_domains()[0]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(("0.0.0.0", discovery_port(taken)))
+        assert taken not in unused_domains()
+        assert all(choose_domain() != taken for _ in range(500))
+    assert taken in unused_domains()
+
+
+def test_ports_of_dds_for_the_first_and_the_last_domain() -> None:
+    # DDS-RTPS: PB + DG * domain; Linux hands out ephemeral ports from 32768 on.
+    assert discovery_port(0) == 7400
+    assert discovery_port(DOMAINS[-1]) == 32650
+
+
+def test_a_domain_of_the_user_is_kept(ros_domain: int) -> None:
+    assert private_environment()["ROS_DOMAIN_ID"] == str(ros_domain)
