@@ -74,3 +74,6 @@ def saved_files(page: Path) -> dict[str, str]:
         r"[Ss]ave this as `(\S+)`:\n\n```yaml\n(.*?)^```$", text, re.MULTILINE | re.DOTALL
     )
     return dict(found)
+
+
+ALL = [command for page in PAGES for command in commands(page)]

@@ -29,12 +29,12 @@ import pytest
 import yaml
 from bag_helpers import cut_copy, messages, write_messages
 from conftest import StartProcess
-from docs_helpers import EXAMPLES, PAGES, Command, blocks, commands, saved_files, table
+from docs_helpers import ALL, EXAMPLES, PAGES, Command, blocks, commands, saved_files, table
 from test_layers import ROOT
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import errors
-from ppc_attitude.command_line.main import build_parser, main
+from ppc_attitude.command_line.main import COMMANDS, build_parser, main
 from ppc_attitude.command_line.options import scenario_of
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import (
@@ -55,10 +55,9 @@ FOREIGN = re.compile(
     r"export( ROS_\w+=\S+)+|ros2 security create_(keystore|enclave) keys( /\w+)?|"
     r"ros2 bag (info|play) bags/\S+|rviz2 -d config/ppc_attitude\.rviz"
 )
-# What these do needs a running stack or another machine; other tests run them for real.
+# What these do needs a running stack: test_docs_stack.py and test_launch.py run them.
 NEEDS_A_STACK = ("inject", "watch", "latency")
 NEEDS_A_LAUNCH = ("bags/both",)
-ALL = [command for page in PAGES for command in commands(page)]
 
 
 @pytest.mark.parametrize("command", ALL, ids=str)
@@ -83,6 +82,31 @@ def test_command_is_one_of_ours_or_well_known(command: Command) -> None:
         assert (ROOT / words[1]).is_file()
     else:
         pytest.fail(f"nobody checks this command: {command}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_in_the_text_are_those_of_the_parser(page: Path) -> None:
+    """`ppc_attitude COMMAND …`; NAMES in capitals stand for values."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for line in re.findall(r"`(ppc_attitude [^`]+)`", text):
+        words = shlex.split(line)[1:]
+        if words[0] == "COMMAND":
+            continue
+        assert words[0] in COMMANDS, line
+        if len(words) > 1:
+            parsed_by_us(words)
+
+
+def test_make_run_is_the_papers_case() -> None:
+    """Make may print its recipe wherever it stands; what it starts is the command of the README."""
+    shown = subprocess.run(
+        ["make", "--dry-run", "--always-make", "run"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert shown.returncode == 0, shown.stderr
+    (line,) = re.findall(r"ppc_attitude (run .*?) \|\|", shown.stdout)
+    parsed = build_parser().parse_args(shlex.split(line))
+    assert [str(path) for path in parsed.config] == ["config/paper.yaml"]
+    assert parsed.report == Path("build/paper.html")
 
 
 def parsed_by_us(arguments: list[str]) -> argparse.Namespace:

@@ -23,6 +23,7 @@ import launch_stand_in as stand_in
 import pytest
 import yaml
 from conftest import StartProcess
+from docs_helpers import ALL, Command, table
 from test_layers import PACKAGE, ROOT
 
 from ppc_attitude.bags.reader import read_run, read_runs
@@ -79,6 +80,34 @@ def test_every_argument_says_what_it_does(file: Path) -> None:
     for argument in declared:
         assert argument.description
         assert argument.default_value is not None, "a launch without arguments must run"
+
+
+def test_the_reference_lists_every_argument() -> None:
+    declared = {
+        file.name: {
+            entity.name: (entity.default_value, entity.description)
+            for entity in description(file).entities
+            if isinstance(entity, stand_in.DeclareLaunchArgument)
+        }
+        for file in (PAPER, COMPARE)
+    }
+    rows = table(ROOT / "docs" / "reference.md", "| launch argument |")
+    for file, arguments in declared.items():
+        shown = {
+            name: (default, means) for name, default, means, only in rows if only in ("", file)
+        }
+        assert shown == arguments
+
+
+@pytest.mark.parametrize(
+    "command", [each for each in ALL if each.words[:2] == ["ros2", "launch"]], ids=str
+)
+def test_the_launch_commands_of_the_pages(command: Command) -> None:
+    file = ROOT / "launch" / command.words[3]
+    given = dict(word.split(":=") for word in command.words[4:])
+    declared = [e for e in description(file).entities if hasattr(e, "default_value")]
+    assert set(given) <= {argument.name for argument in declared}
+    assert nodes(file, **given)
 
 
 def test_default_is_the_papers_case_in_lockstep() -> None:
