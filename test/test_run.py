@@ -59,6 +59,7 @@ def test_two_runs_and_simulate_agree_to_the_last_bit(tmp_path, start_process):
         code, out, err = finished(run_of(start_process, bag, "--duration", "8"))
         assert code == 1, err  # eight seconds are too short to settle
         assert out.splitlines()[-1] == f"bag: {bag}"
+        assert "8.0/8.0 s" in err.splitlines()[-1]  # the bar ends at the end
     expected = simulate(load([PAPER]), 8.0)
     for bag in bags:
         record = read_run(bag)
