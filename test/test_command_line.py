@@ -255,6 +255,20 @@ def test_completion(line: str, offered: list[str], tmp_path: Path) -> None:
     assert [word.strip() for word in completions(line, tmp_path)] == offered
 
 
+def test_the_line_of_the_reference_switches_completion_on() -> None:
+    page = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    line = next(part for part in page.split("`") if "register-python-argcomplete" in part)
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        ["bash", "-c", f"{line} && complete -p ppc_attitude"],
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "_python_argcomplete" in done.stdout
+
+
 def test_completion_is_announced_to_the_shell() -> None:
     source = (ROOT / "ppc_attitude" / "command_line" / "main.py").read_text(encoding="utf-8")
     assert "PYTHON_ARGCOMPLETE_OK" in source[:1024]  # where argcomplete's global hook looks

@@ -184,8 +184,6 @@ def test_a_refusal_is_a_warning_with_a_count(
     patient.says(OK)
     topic, values = next(iter(NEEDS[kind][0].items()))
     patient.send({topic: (float("nan"), *values[1:])}, 1)
-    if kind is AttitudeMarkers:  # it looks at what it has when it draws
-        patient.node._last_drawn = 0.0
     patient.until(lambda: patient.node.refused.total() > 0)
     patient.node.restart_report()
     patient.feed(1 if kind is SpacecraftPlant else 2)
