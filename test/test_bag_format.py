@@ -234,7 +234,9 @@ def test_a_sqlite_file_has_the_tables_of_rosbag2(tmp_path: Path) -> None:
 
 def test_types_have_the_hashes_of_the_installed_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     packages = pytest.importorskip("ament_index_python.packages")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", os.environ.get("AMENT_PREFIX_PATH") or sys.prefix)
+    # A sourced ROS names itself there, one of pip does not, and a workspace over it only itself.
+    prefixes = [*filter(None, [os.environ.get("AMENT_PREFIX_PATH")]), sys.prefix]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(prefixes))
     for msgtype in {topic.msgtype for topic in TOPICS}:
         package, _, name = msgtype.split("/")
         share = Path(packages.get_package_share_directory(package))
