@@ -23,7 +23,7 @@ import pytest
 
 from ppc_attitude.bench import in_process, latency
 from ppc_attitude.bench.__main__ import main, rows
-from ppc_attitude.bench.lockstep import bare_steps_per_s
+from ppc_attitude.bench.lockstep import ALL, bare_steps_per_s
 from ppc_attitude.bench.pairs import alternating
 
 
@@ -63,6 +63,7 @@ def test_an_answer_that_is_late_or_absent_misses_its_deadline() -> None:
 
 def test_bare_step_steps() -> None:
     assert bare_steps_per_s(0.2) > 0.0
+    assert bare_steps_per_s(0.2, ALL) > 0.0
 
 
 def test_loop_is_measured() -> None:

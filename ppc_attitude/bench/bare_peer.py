@@ -14,9 +14,9 @@
 
 """One process of the bare step: it takes, it sends, it computes nothing.
 
-``python -m ppc_attitude.bench.bare_peer ROLE``: `plant RATE SECONDS` (0 = lock-step as fast as
-possible), `answer TOPIC`, or `listen TOPIC...`. Everything that costs time on the way is what the
-real nodes use: executor, QoS, raw CDR bytes of the contract's messages.
+``python -m ppc_attitude.bench.bare_peer ROLE``: `plant SECONDS ANSWERS STATES`, `answer INPUTS
+OUTPUTS` or `listen TOPICS`; topics are separated by commas. Everything that costs time on the way
+is what the real nodes use: executor, QoS, raw CDR bytes of the contract's messages.
 """
 
 import sys
@@ -30,11 +30,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.cdr import Codec, header_stamp
 from ppc_attitude.contract.topics import (
-    ATTITUDE,
     BY_NAME,
-    DISTURBANCE,
-    REFERENCE_ATTITUDE,
-    TORQUE_COMMAND,
     Topic,
 )
 from ppc_attitude.nodes.base import StopRequest, new_executor
@@ -42,7 +38,6 @@ from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published, recorded, subscribed
 from ppc_attitude.nodes.transport import tune_transport
 
-ANSWERS = (REFERENCE_ATTITUDE, TORQUE_COMMAND, DISTURBANCE)
 _REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered
 
 
@@ -69,15 +64,26 @@ class Peer(Node):
 
 
 class Answer(Peer):
-    """Sends one message for each state."""
+    """Sends its messages when all that it waits for have come with one stamp."""
 
-    def __init__(self, topic: Topic) -> None:
-        super().__init__(f"answer_{topic.column}")
-        send, encode = self.sender(topic), Codec(topic).encode
-        zeros = (0.0,) * topic.width
-        self.taker(
-            ATTITUDE, lambda data: send(encode(header_stamp(data, ATTITUDE.msgtype) or 0, zeros))
-        )
+    def __init__(self, inputs: list[Topic], outputs: list[Topic]) -> None:
+        super().__init__(f"answer_{outputs[0].column}")
+        self._zeros = [
+            (self.sender(topic), Codec(topic).encode, (0.0,) * topic.width) for topic in outputs
+        ]
+        self._came = dict.fromkeys((topic.name for topic in inputs), -1)
+        for topic in inputs:
+            self.taker(topic, self._receiver(topic))
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            stamp = header_stamp(data, topic.msgtype) or 0
+            self._came[topic.name] = stamp
+            if all(other == stamp for other in self._came.values()):
+                for send, encode, zeros in self._zeros:
+                    send(encode(stamp, zeros))
+
+        return receive
 
 
 class Listen(Peer):
@@ -90,14 +96,15 @@ class Listen(Peer):
 
 
 class Plant(Peer):
-    """Sends a state when all three answers to the last one are there; prints steps a second."""
+    """Sends a state when all answers to the last one are there; prints steps a second."""
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, answers: list[Topic], outputs: list[Topic]) -> None:
         super().__init__("plant")
-        self._encode = Codec(ATTITUDE).encode
-        self._send = self.sender(ATTITUDE)
-        self._answered = dict.fromkeys((topic.name for topic in ANSWERS), -1)
-        for topic in ANSWERS:
+        self._states = [
+            (self.sender(topic), Codec(topic).encode, (0.0,) * topic.width) for topic in outputs
+        ]
+        self._answered = dict.fromkeys((topic.name for topic in answers), -1)
+        for topic in answers:
             self.taker(topic, self._receiver(topic))
         self._seconds = seconds
         self._step = 0
@@ -125,7 +132,8 @@ class Plant(Peer):
 
     def _publish(self) -> None:
         self._sent = time.monotonic()
-        self._send(self._encode(self._step, (0.0, 0.0, 0.0, 1.0)))
+        for send, encode, zeros in self._states:
+            send(encode(self._step, zeros))
 
     def wake(self) -> float:
         """Send a state that nobody has answered once more."""
@@ -137,10 +145,14 @@ class Plant(Peer):
 def make(role: str, arguments: list[str]) -> Peer:
     """Make the node of a role."""
     if role == "plant":
-        return Plant(float(arguments[0]))
+        return Plant(float(arguments[0]), _topics(arguments[1]), _topics(arguments[2]))
     if role == "answer":
-        return Answer(BY_NAME[arguments[0]])
-    return Listen([BY_NAME[name] for name in arguments])
+        return Answer(_topics(arguments[0]), _topics(arguments[1]))
+    return Listen(_topics(arguments[0]))
+
+
+def _topics(names: str) -> list[Topic]:
+    return [BY_NAME[name] for name in names.split(",")]
 
 
 def main() -> None:

@@ -20,21 +20,37 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Any
 
-from ppc_attitude.bench.bare_peer import ANSWERS
-from ppc_attitude.bench.pairs import alternating
 from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, private_environment
-from ppc_attitude.contract.topics import ATTITUDE, NODES, PLANT, RECORDER
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    APPLIED_TORQUE,
+    ATTITUDE,
+    BY_COLUMN,
+    DISTURBANCE,
+    NODES,
+    PLANT,
+    RECORDER,
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+    TORQUE_COMMAND,
+    Topic,
+)
+from ppc_attitude.science.controllers.interface import COLUMNS
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Overrides, scenario
 
 _SETTLED = 0.25  # fraction of a run that is not timed: discovery, caches, clocks of the cores
 _PATIENCE = 60.0  # [s]
+_PEER = (sys.executable, "-m", "ppc_attitude.bench.bare_peer")
 
 
 def stack_steps_per_s(
@@ -123,8 +139,7 @@ def megabytes(pid: int) -> float:
 @contextmanager
 def peers(roles: list[list[str]], environment: Mapping[str, str]) -> Iterator[None]:
     """Keep processes of the bare step running."""
-    command = [sys.executable, "-m", "ppc_attitude.bench.bare_peer"]
-    processes = [subprocess.Popen([*command, *role], env=environment) for role in roles]
+    processes = [subprocess.Popen([*_PEER, *role], env=environment) for role in roles]
     try:
         yield
     finally:
@@ -134,34 +149,75 @@ def peers(roles: list[list[str]], environment: Mapping[str, str]) -> Iterator[No
             process.wait()
 
 
-def bare_steps_per_s(seconds: float, recorder: bool = True) -> float:
-    """Pass the minimum messages of a step around for `seconds` of wall time, with no work."""
-    roles = [["answer", topic.name] for topic in ANSWERS]
-    if recorder:
-        roles.append(["listen", ATTITUDE.name, *(topic.name for topic in ANSWERS)])
+@dataclass(frozen=True)
+class Exchange:
+    """Which messages go around in a step: what the plant sends, and who answers what with what."""
+
+    states: tuple[Topic, ...]
+    answers: tuple[Topic, ...]  # the plant steps when it has these
+    peers: tuple[tuple[tuple[Topic, ...], tuple[Topic, ...]], ...]  # inputs, outputs of each
+
+    def topics(self) -> tuple[Topic, ...]:
+        """Everything that is sent: what the recorder takes."""
+        return self.states + tuple(topic for _, outputs in self.peers for topic in outputs)
+
+
+# The yardstick: three peers that answer the plant, with the minimum messages of a step.
+MINIMUM = Exchange(
+    (ATTITUDE,),
+    (REFERENCE_ATTITUDE, TORQUE_COMMAND, DISTURBANCE),
+    tuple(((ATTITUDE,), (topic,)) for topic in (REFERENCE_ATTITUDE, TORQUE_COMMAND, DISTURBANCE)),
+)
+_REFERENCE = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
+# All sampled messages of the contract, by the ways they go: what transport alone costs us.
+ALL = Exchange(
+    (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE),
+    (TORQUE_COMMAND, DISTURBANCE),
+    (
+        ((ATTITUDE,), _REFERENCE),
+        ((ATTITUDE, ANGULAR_VELOCITY, *_REFERENCE), tuple(BY_COLUMN[name] for name in COLUMNS)),
+        ((ATTITUDE,), (DISTURBANCE,)),
+    ),
+)
+
+
+def bare_steps_per_s(seconds: float, exchange: Exchange = MINIMUM) -> float:
+    """Pass messages around for `seconds` of wall time, with a recorder and with no work."""
+    roles = [["answer", _names(inputs), _names(outputs)] for inputs, outputs in exchange.peers]
+    roles.append(["listen", _names(exchange.topics())])
+    plant = ["plant", str(seconds), _names(exchange.answers), _names(exchange.states)]
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
         environment = {**private_environment(), "ROS_LOG_DIR": folder}
         with peers(roles, environment):
-            plant = [sys.executable, "-m", "ppc_attitude.bench.bare_peer", "plant", str(seconds)]
             output = subprocess.run(
-                plant, env=environment, check=True, capture_output=True, timeout=_PATIENCE
+                [*_PEER, *plant],
+                env=environment,
+                check=True,
+                capture_output=True,
+                timeout=_PATIENCE,
             )
     return float(output.stdout)
 
 
+def _names(topics: Iterable[Topic]) -> str:
+    return ",".join(topic.name for topic in topics)
+
+
 def measure(quick: bool) -> dict[str, Any]:
-    """Measure ``lockstep``: ours and the bare step in alternating pairs."""
-    duration, seconds, pairs = (20.0, 1.0, 1) if quick else (120.0, 6.0, 3)
-    runs: list[dict[str, Any]] = []
-
-    def ours() -> float:
+    """Measure ``lockstep``: ours, the bare step and all messages without work, in turn."""
+    duration, seconds, rounds = (20.0, 1.0, 1) if quick else (120.0, 6.0, 3)
+    runs = []
+    bare, messages = [], []
+    for _ in range(rounds):
         runs.append(stack_steps_per_s(duration))
-        return float(runs[-1]["steps_per_s"])
-
-    steps, bare = alternating(pairs, ours, lambda: bare_steps_per_s(seconds))
+        bare.append(bare_steps_per_s(seconds))
+        messages.append(bare_steps_per_s(seconds, ALL))
+    steps = median(run["steps_per_s"] for run in runs)
     return {
         "steps_per_s": steps,
-        "bare_steps_per_s": bare,
-        "ratio": steps / bare,
+        "bare_steps_per_s": median(bare),
+        "ratio": steps / median(bare),
+        "messages_steps_per_s": median(messages),
+        "messages_ratio": steps / median(messages),
         "cpu_us_per_step": runs[-1]["cpu_us_per_step"],
     }
