@@ -35,7 +35,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
-from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 
 _QOS = QoSProfile(

@@ -24,7 +24,8 @@ from rclpy.node import Node
 
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, DIAGNOSTICS_TOPIC
-from ppc_attitude.nodes.base import StepCounter, new_executor
+from ppc_attitude.nodes.executors import new_executor
+from ppc_attitude.nodes.health import StepCounter
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator

@@ -42,8 +42,9 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
 from ppc_attitude.nodes.bag_recorder import BagRecorder
-from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode, new_executor
+from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
+from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.qos import published

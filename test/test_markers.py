@@ -36,7 +36,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
-from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.marker_shapes import LONGEST
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published

@@ -33,9 +33,10 @@ from ppc_attitude.contract.topics import (
     BY_NAME,
     Topic,
 )
-from ppc_attitude.nodes.base import StopRequest, new_executor
+from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published, recorded, subscribed
+from ppc_attitude.nodes.running import StopRequest
 from ppc_attitude.nodes.transport import tune_transport
 
 _REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered

@@ -35,7 +35,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE_RATE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.executors import new_executor
 
 # The attitude goes last: with it the instant is complete, and the bare echo answers it.
 _INPUTS = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION, ANGULAR_VELOCITY, ATTITUDE)

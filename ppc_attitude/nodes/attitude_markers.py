@@ -33,11 +33,13 @@ from ppc_attitude.contract.topics import (
     REFERENCE_ATTITUDE,
     Topic,
 )
-from ppc_attitude.nodes.base import OK, STALE, BaseNode, run_node
+from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.latest import LatestSamples
 from ppc_attitude.nodes.marker_shapes import arrow, axes, box, transform
 from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.nodes.qos import published
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.attitude import rotate
 from ppc_attitude.science.kernel import Quaternion, Vector, scale
 

@@ -36,10 +36,12 @@ from ppc_attitude.contract.cdr import header_stamp, seconds
 from ppc_attitude.contract.completeness import Completeness, promised
 from ppc_attitude.contract.topics import ATTITUDE, BY_NAME, CONTROLLER, RECORDER, TOPICS, Topic
 from ppc_attitude.contract.versions import versions
-from ppc_attitude.nodes.base import EXIT_BROKEN, OK, STALE, BaseNode, run_node
+from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
+from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.parameter_survey import ParameterSurvey
 from ppc_attitude.nodes.qos import published, recorded
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
 

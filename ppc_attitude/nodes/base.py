@@ -12,42 +12,28 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What all five nodes share: parameters, links, refusals, diagnostics, start and stop."""
+"""What all five nodes share: parameters, links, refusals, diagnostics."""
 
-import gc
-import signal
-import sys
 import time
-import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from types import FrameType
 from typing import Any
 
-import rclpy
-import rclpy.utilities
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.cdr import NANOSECONDS, Codec
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import DIAGNOSTICS_TOPIC, RECORDER, Topic
+from ppc_attitude.nodes.executors import new_executor
+from ppc_attitude.nodes.health import ERROR, OK, WARN, StepCounter, diagnostics
 from ppc_attitude.nodes.messages import Inbox, RefusedError, message_class
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.qos import published, subscribed
-from ppc_attitude.nodes.transport import tune_transport
-from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
 
-OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK,
-    DiagnosticStatus.WARN,
-    DiagnosticStatus.ERROR,
-    DiagnosticStatus.STALE,
-)
 EXIT_OK, EXIT_CONFIGURATION, EXIT_BROKEN = 0, 2, 3
 _LOG_PERIOD = 1.0  # [s] the same complaint is logged at most this often
 _GRAPH_PERIOD = 0.01  # [s] between two looks for the recorder
@@ -55,7 +41,7 @@ _SAY_WAITING = 5.0  # [s] between two messages about what a node waits for
 _IDLE_WAIT = 0.1  # [s] longest wait for a message before a node looks around
 _IDLE_DIAGNOSTICS = 2.0  # [s] of silence after which diagnostics follow the wall clock
 # [s] how long a stopping node waits for its last messages to arrive: a peer that was paused asks
-# for what it missed when it hears a heartbeat, and those come every three seconds.
+# for what it missed when it hears a heartbeat; without our profile those come every 3 s.
 _ACKNOWLEDGE = 8.0
 
 
@@ -229,19 +215,8 @@ class BaseNode(Node):
         if self.failure:
             level, summary = ERROR, self.failure
         rate = {"measured rate [Hz]": self._step_counter.rate()}
-        status = DiagnosticStatus(
-            level=level,
-            # Like diagnostic_updater's, but with the namespace: several craft, one /diagnostics.
-            name=f"{self.get_fully_qualified_name().lstrip('/')}: status",
-            message=summary,
-            hardware_id=self.get_fully_qualified_name(),
-            values=[
-                KeyValue(key=key, value=_text(value))
-                for key, value in {**details, **rate, **refusals}.items()
-            ],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+        name = self.get_fully_qualified_name()
+        message = diagnostics(stamp_ns, name, level, summary, {**details, **rate, **refusals})
         self._diagnostics.publish(message)
 
     def flush(self, patience: float = _ACKNOWLEDGE) -> bool:
@@ -263,109 +238,3 @@ class BaseNode(Node):
             )
             for publisher in self._outgoing
         )
-
-
-class StepCounter:
-    """Steps per second of simulated time, over what passed since the last look."""
-
-    def __init__(self) -> None:
-        self._since: int | None = None
-        self._latest = -1
-        self._count = 0
-
-    def add(self, stamp_ns: int) -> None:
-        """Count a step; a repeated one counts once."""
-        if self._since is None:
-            self._since = stamp_ns
-        elif stamp_ns > self._latest:
-            self._count += 1
-        self._latest = stamp_ns
-
-    def rate(self) -> float:
-        """Rate [Hz] since the last call; 0 if no time has passed."""
-        passed = self._latest - (self._latest if self._since is None else self._since)
-        rate = self._count * NANOSECONDS / passed if passed > 0 else 0.0
-        if passed > 0:
-            self._since, self._count = self._latest, 0
-        return rate
-
-
-def _text(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def new_executor() -> Executor:
-    """Return the events executor where rclpy has it: it costs a fifth of the standard one."""
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
-
-
-class StopRequest:
-    """Remember SIGINT and SIGTERM, so that a node ends between two messages and not inside one."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        for number in numbers:
-            signal.signal(number, self._on_signal)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)  # a stack blocks them until now
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
-
-
-def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = None) -> int:
-    """Run a node until it has finished or is asked to stop; the `main` of every executable.
-
-    Returns
-    -------
-    int
-        Exit code: 0 done, 2 bad configuration, 3 the node broke.
-    """
-    stop = StopRequest()
-    tune_transport()
-    try:
-        rclpy.init(args=list(arguments or sys.argv), signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # rcl raises many types for a bad argument or parameter file
-        print(f"error: {error}", file=sys.stderr)
-        return EXIT_CONFIGURATION
-    node = None
-    try:
-        if stop.requested:
-            return EXIT_OK
-        node = make()
-        _spin(node, stop)
-        return node.exit_code
-    except ConfigurationError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return EXIT_CONFIGURATION
-    except Exception:
-        traceback.print_exc()
-        return EXIT_BROKEN
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.utilities.try_shutdown()
-
-
-def _spin(node: BaseNode, stop: StopRequest) -> None:
-    executor = node.new_executor()
-    executor.add_node(node)
-    # What exists now stays: a collection that walks through all of it would cost milliseconds.
-    gc.collect()
-    gc.freeze()
-    try:
-        while not (stop.requested or node.finished):
-            now = time.monotonic()
-            if now >= node.wake_at:
-                node.wake_at = now  # unless `wake` itself asks for another call
-                node.wake_at += node.await_recorder() if node.waits else node.wake()
-            executor.spin_once(timeout_sec=max(0.0, node.wake_at - time.monotonic()))
-        node.flush()
-        node.drain(executor)
-    finally:
-        node.close()
-        executor.remove_node(node)

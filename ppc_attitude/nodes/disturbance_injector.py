@@ -22,9 +22,11 @@ import numpy as np
 
 from ppc_attitude.contract.cdr import seconds
 from ppc_attitude.contract.topics import ATTITUDE, DISTURBANCE, INJECT, INJECTOR
-from ppc_attitude.nodes.base import OK, STALE, BaseNode, run_node
+from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.lockstep import StampGuard, Verdict
 from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.disturbance import PULSE, external_torque
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.simulation.scenario import pulse, pulses

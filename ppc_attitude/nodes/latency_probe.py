@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.cdr import header_stamp, seconds
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
-from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import recorded
 

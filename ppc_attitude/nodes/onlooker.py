@@ -38,7 +38,7 @@ from ppc_attitude.contract.topics import (
     RATE_ERROR,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.base import new_executor
+from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.latest import LatestSamples
 from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.nodes.namespaces import absolute_namespace

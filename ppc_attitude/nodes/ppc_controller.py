@@ -32,9 +32,11 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
-from ppc_attitude.nodes.base import OK, STALE, WARN, BaseNode, run_node
+from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.nodes.health import OK, STALE, WARN
 from ppc_attitude.nodes.lockstep import Instant, StampGuard, Values, Verdict
 from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.controllers.registry import CONTROLLERS
 from ppc_attitude.science.controllers.runner import LawRunner
 from ppc_attitude.science.parameter import Value

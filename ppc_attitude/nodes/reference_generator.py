@@ -26,9 +26,11 @@ from ppc_attitude.contract.topics import (
     REFERENCE_ATTITUDE,
     REFERENCE_RATE,
 )
-from ppc_attitude.nodes.base import OK, STALE, BaseNode, run_node
+from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.lockstep import StampGuard, Verdict
 from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.kernel import one
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.reference import motion_at, new_cursor

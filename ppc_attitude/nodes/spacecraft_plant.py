@@ -32,10 +32,12 @@ from ppc_attitude.contract.topics import (
     PLANT,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.base import ERROR, OK, STALE, WARN, BaseNode, run_node
+from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.nodes.health import ERROR, OK, STALE, WARN
 from ppc_attitude.nodes.messages import LARGEST, RefusedError
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.rival import RivalWatch
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.kernel import Vector, one
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.spacecraft import advance, sensed

@@ -1,0 +1,99 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Running a node: from the command line to its exit code."""
+
+import gc
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from types import FrameType
+
+import rclpy
+import rclpy.utilities
+from rclpy.signals import SignalHandlerOptions
+
+from ppc_attitude.nodes.base import EXIT_BROKEN, EXIT_CONFIGURATION, EXIT_OK, BaseNode
+from ppc_attitude.nodes.transport import tune_transport
+from ppc_attitude.science.errors import ConfigurationError
+
+
+class StopRequest:
+    """Remember SIGINT and SIGTERM, so that a node ends between two messages and not inside one."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        for number in numbers:
+            signal.signal(number, self._on_signal)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)  # a stack blocks them until now
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+
+
+def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = None) -> int:
+    """Run a node until it has finished or is asked to stop; the `main` of every executable.
+
+    Returns
+    -------
+    int
+        Exit code: 0 done, 2 bad configuration, 3 the node broke.
+    """
+    stop = StopRequest()
+    tune_transport()
+    try:
+        rclpy.init(args=list(arguments or sys.argv), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rcl raises many types for a bad argument or parameter file
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_CONFIGURATION
+    node = None
+    try:
+        if stop.requested:
+            return EXIT_OK
+        node = make()
+        _spin(node, stop)
+        return node.exit_code
+    except ConfigurationError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_CONFIGURATION
+    except Exception:
+        traceback.print_exc()
+        return EXIT_BROKEN
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.utilities.try_shutdown()
+
+
+def _spin(node: BaseNode, stop: StopRequest) -> None:
+    executor = node.new_executor()
+    executor.add_node(node)
+    # What exists now stays: a collection that walks through all of it would cost milliseconds.
+    gc.collect()
+    gc.freeze()
+    try:
+        while not (stop.requested or node.finished):
+            now = time.monotonic()
+            if now >= node.wake_at:
+                node.wake_at = now  # unless `wake` itself asks for another call
+                node.wake_at += node.await_recorder() if node.waits else node.wake()
+            executor.spin_once(timeout_sec=max(0.0, node.wake_at - time.monotonic()))
+        node.flush()
+        node.drain(executor)
+    finally:
+        node.close()
+        executor.remove_node(node)
