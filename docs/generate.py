@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Write the generated parts of the pages: topics, commands, listings.
+"""Write the generated parts of the pages: topics, commands, listings, measurements.
 
 A part stands between ``<!-- generated: NAME -->`` and ``<!-- end -->``.
 
@@ -20,10 +20,12 @@ python docs/generate.py
 """
 
 import argparse
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from ppc_attitude.bench.table import tables
 from ppc_attitude.command_line.main import build_parser
 from ppc_attitude.contract.topics import (
     DIAGNOSTICS_TOPIC,
@@ -34,7 +36,7 @@ from ppc_attitude.contract.topics import (
 )
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "docs/tutorial.md", "docs/reference.md")
+PAGES = ("README.md", "docs/tutorial.md", "docs/reference.md", "docs/performance.md")
 _DOCSTRING = '"""'
 _PART = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -97,6 +99,11 @@ def _label(action: argparse.Action) -> str:
     return " ".join([", ".join(action.option_strings), *([] if action.nargs == 0 else [value])])
 
 
+def bench() -> str:
+    """Tables of the last `make bench` whose figures were kept, in docs/bench.json."""
+    return tables(json.loads((ROOT / "docs" / "bench.json").read_text(encoding="utf-8")))
+
+
 def listing(name: str) -> str:
     """A file of docs/examples as a block of code, without the header of the licence."""
     text = (ROOT / "docs" / "examples" / name).read_text(encoding="utf-8")
@@ -109,7 +116,9 @@ def generated(text: str) -> str:
     def part(match: re.Match[str]) -> str:
         head, name, end = match.groups()
         body = (
-            {"topics": topics, "commands": commands}[name]() if "." not in name else listing(name)
+            listing(name)
+            if "." in name
+            else {"topics": topics, "commands": commands, "bench": bench}[name]()
         )
         return f"{head}{body}\n{end}"
 

@@ -21,10 +21,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ppc_attitude.bench import in_process, latency
+from ppc_attitude.bench import in_process, latency, start_up
 from ppc_attitude.bench.__main__ import main, rows
 from ppc_attitude.bench.lockstep import ALL, bare_steps_per_s
 from ppc_attitude.bench.pairs import alternating
+from ppc_attitude.bench.table import number
 
 
 def test_pairs_alternate_and_give_medians() -> None:
@@ -61,6 +62,37 @@ def test_an_answer_that_is_late_or_absent_misses_its_deadline() -> None:
     assert 5000.0 < found["p999_us"] < 20_000.0
 
 
+def test_what_is_not_measured_again_keeps_its_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figures = {"first_run_s": 11.0, "second_run_s": 3.5}
+    monkeypatch.setattr(start_up, "measure", lambda quick: figures)
+    output = tmp_path / "bench.json"
+    output.write_text(
+        '{"in_process": {"sim_s_per_s": 9.0, "basilisk_compiled": 3.0, '
+        '"basilisk_numba": 4.5, "basilisk_python": 1.0}}'
+    )
+    main(["--only", "start_up", "--output", str(output)])
+    kept = json.loads(output.read_text())
+    assert kept["start_up"] == figures
+    assert kept["in_process"]["sim_s_per_s"] == 9.0
+    shown = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines_of(capsys)]
+    assert ["in process, simulated s/s", "9", "Basilisk, compiled: 3", "3", "10"] in shown
+    assert ["start-up to the first step, second run", "3.5 s", "", "", "5 s"] in shown
+
+
+def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    return [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "–"), (0.8123, "0.812"), (15.149, "15.1"), (999.6, "1000"), (1.98e6, "1.98 M")],
+)
+def test_figures_have_three_digits(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
 def test_bare_step_steps() -> None:
     assert bare_steps_per_s(0.2) > 0.0
     assert bare_steps_per_s(0.2, ALL) > 0.0
@@ -74,7 +106,7 @@ def test_only_bag_reading(tmp_path: Path) -> None:
     output = tmp_path / "bench.json"
     main(["--only", "bag_reading", "--quick", "--output", str(output)])
     figures = json.loads(output.read_text(encoding="utf-8"))
-    assert set(figures) == {"bag_reading"}
+    assert set(figures) == {"bag_reading", "machine"}
     found = figures["bag_reading"]
     for storage in (found, found["sqlite3"]):
         assert storage["ratio"] == pytest.approx(

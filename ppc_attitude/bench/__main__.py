@@ -18,9 +18,14 @@ import argparse
 import json
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+from ppc_attitude.bench.table import tables
+from ppc_attitude.contract.versions import versions
 
 NAMES = (
     "lockstep",
@@ -47,23 +52,32 @@ def rows(name: str, figures: Any) -> Iterator[str]:
         yield f"{name:<44}{text or (f'{figures:.0f}' if figures is not None else '-'):>14}"
 
 
+def machine() -> dict[str, Any]:
+    """On what is measured."""
+    found = dict(versions())
+    with suppress(PackageNotFoundError):
+        found["bsk"] = version("bsk")
+    return {"cores": os.cpu_count(), "load": os.getloadavg()[0], "versions": found}
+
+
 def main(arguments: list[str] | None = None) -> None:
-    """Measure what is asked for."""
+    """Measure what is asked for; what is not keeps its figures."""
     parser = argparse.ArgumentParser(prog="python -m ppc_attitude.bench", description=__doc__)
     parser.add_argument("--only", choices=NAMES, action="append", help="measure only this")
     parser.add_argument("--quick", action="store_true", help="short runs: see that it works")
     parser.add_argument("--output", type=Path, default=OUTPUT, metavar="FILE")
     options = parser.parse_args(arguments)
-    load = os.getloadavg()[0]
-    print(f"{os.cpu_count()} cores, load {load:.2f} before the start", flush=True)
     results: dict[str, Any] = {}
+    if options.only and options.output.exists():
+        results = json.loads(options.output.read_text(encoding="utf-8"))
+    results["machine"] = machine()
+    options.output.parent.mkdir(parents=True, exist_ok=True)
     for name in options.only or NAMES:
         measure = import_module(f"ppc_attitude.bench.{name}").measure
         results[name] = measure(options.quick)
         print("\n".join(rows(name, results[name])), flush=True)
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    print(f"written: {options.output}")
+        options.output.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    print(f"\n{tables(results)}\n\nwritten: {options.output}")
 
 
 if __name__ == "__main__":

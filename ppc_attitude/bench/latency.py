@@ -41,9 +41,9 @@ Array = NDArray[np.float64]
 def _probe(rate: float, seconds: float, environment: Mapping[str, str]) -> Array:
     """Round trips [s] of whoever answers; NaN for an answer that never came."""
     command = [sys.executable, "-m", "ppc_attitude.bench.probe", str(rate), str(seconds)]
-    done = subprocess.run(
-        command, env=environment, check=True, capture_output=True, timeout=_PATIENCE
-    )
+    done = subprocess.run(command, env=environment, capture_output=True, timeout=_PATIENCE)
+    if done.returncode:
+        raise RuntimeError(done.stderr.decode(errors="replace"))
     return np.array(json.loads(done.stdout), dtype=np.float64)  # null becomes NaN
 
 
