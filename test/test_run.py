@@ -138,6 +138,32 @@ def test_bad_configuration_is_refused_by_commands_and_node(tmp_path, start_proce
     assert not (tmp_path / "bags").exists()
 
 
+WRONG = {
+    "forgotten --ros-args": (["-p", "storage:=mcap"], "argument -p: what is for ROS follows --ros"),
+    "file that is not there": (["--ros-args", "--params-file", "nowhere.yaml"], "nowhere.yaml"),
+    "unknown name": (["--ros-args", "-p", "speed:=1.0"], "no parameter speed"),
+    "wrong choice": (["--ros-args", "-p", "storage:=tape"], "one of mcap, sqlite3"),
+    "no namespace": (["--ros-args", "-p", "namespaces:=[]"], "allowed: at least one"),
+    "impossible namespace": (["--ros-args", "-p", "namespaces:=[a-b]"], "a-b"),
+    "half a remapping": (["--ros-args", "-r", "half"], "half"),
+}
+
+
+def test_a_node_tells_wrong_arguments_and_leaves_nothing(tmp_path, start_process):
+    started = {
+        case: start_process(
+            [sys.executable, "-m", f"ppc_attitude.nodes.{RECORDER}", *arguments], cwd=tmp_path
+        )
+        for case, (arguments, _) in WRONG.items()
+    }
+    for case, process in started.items():
+        code, _, err = finished(process)
+        assert code == 2, (case, err)
+        assert WRONG[case][1] in err.splitlines()[-1]
+        assert "Traceback" not in err
+    assert list(tmp_path.glob("bags/*")) == []
+
+
 def test_an_existing_bag_is_never_overwritten(tmp_path, start_process):
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "mine").write_text("keep")

@@ -83,6 +83,8 @@ class BagRecorder(BaseNode):
     def check(self, values: Mapping[str, Value]) -> None:
         """See that the facts about the run are JSON, and that the namespaces can be some."""
         _run_info(str(values["run_info"]))
+        if not values["namespaces"]:
+            raise ConfigurationError("namespaces = []; allowed: at least one, '' is the own one")
         for namespace in cast(list[str], values["namespaces"]):
             try:
                 validate_topic_name(f"{_tidy(namespace)}{ATTITUDE.name}")

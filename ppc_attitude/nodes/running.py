@@ -55,8 +55,11 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
     """
     stop = StopRequest()
     tune_transport()
+    given = list(arguments or sys.argv)
     try:
-        rclpy.init(args=list(arguments or sys.argv), signal_handler_options=SignalHandlerOptions.NO)
+        if strange := rclpy.utilities.remove_ros_args(given)[1:]:
+            raise ConfigurationError(f"argument {strange[0]}: what is for ROS follows --ros-args")
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
         print(f"error: {error}", file=sys.stderr)
         return EXIT_CONFIGURATION
