@@ -33,7 +33,6 @@ from ppc_attitude.simulation.scenario import load
 PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
 COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 PATIENCE = 120.0  # [s] a machine may be busy
-MODES = ["lockstep", "free-running"]
 LOOP = (PLANT, REFERENCE, CONTROLLER, INJECTOR)
 LOCKSTEP = ("lockstep:=true", "real_time_factor:=1.0")
 _TIME = re.compile(r"\| (\d+\.\d)/")

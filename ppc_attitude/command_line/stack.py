@@ -40,6 +40,7 @@ _PROGRESS = re.compile(r"^t ([0-9.]+)$")
 _LOUD = re.compile(r"\[(WARN|ERROR|FATAL)\]|^error:|Traceback|Error: ")
 # The recorder goes last, when all others have sent their last message.
 _STOP_ORDER = ((PLANT,), (CONTROLLER, REFERENCE, INJECTOR), (RECORDER,))
+_STOP_BROKEN = ((PLANT, CONTROLLER, REFERENCE, INJECTOR), (RECORDER,))
 
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -204,7 +205,8 @@ class Stack:
         """
         problems: list[StackError] = []
         try:
-            for names in _STOP_ORDER:
+            broken = any(node.process.poll() for node in self._nodes.values())
+            for names in _STOP_BROKEN if broken else _STOP_ORDER:
                 nodes = [self._nodes[name] for name in names if name in self._nodes]
                 for node in nodes:
                     if node.process.poll() is None:
