@@ -50,7 +50,7 @@ _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 def _prepare_child(parent: int) -> None:
     """Let the kernel ask this new process to end when its starter dies, however that happens.
 
-    Signals wait until it can take them (`nodes.running.StopRequest`), not in the midst of its imports.
+    Signals wait until it can take them (`nodes.running.StopRequest`), not amidst its imports.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
     if _LIBC is not None:
