@@ -154,6 +154,16 @@ class KillSafeWriter(Writer):
         StoragePlugin.SQLITE3: KillSafeSqlite,
     }
 
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        """Append a message of a connection of this bag (rosbags' method without its search)."""
+        assert self.storage is not None
+        self.storage.write(connection, timestamp, data)
+        self.counts[connection.id] += 1
+        if timestamp < self.min_timestamp:
+            self.min_timestamp = timestamp
+        if timestamp > self.max_timestamp:
+            self.max_timestamp = timestamp
+
     def flush(self) -> None:
         """Hand everything written so far to the operating system."""
         assert isinstance(self.storage, KillSafeMcap | KillSafeSqlite)
