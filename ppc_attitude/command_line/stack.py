@@ -250,5 +250,7 @@ class Stack:
 
     def _broken(self, node: NodeProcess) -> StackError:
         self._finish_reading(node)
+        if node.process.returncode < 0:  # a process that was killed says nothing about it
+            return StackError(f"{node.name} {node.ended()}")
         reason = next((line for line in reversed(node.tail) if line.strip()), "without saying why")
         return StackError(f"{node.name} {node.ended()}: {reason}")
