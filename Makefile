@@ -1,7 +1,7 @@
 # `make` lists the targets. Everything lives in .venv; nothing else of the machine is touched.
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-all bench clean
+.PHONY: help setup run test test-all bench soak clean
 
 INSTALLED := .venv/.installed
 PYTHON ?=
@@ -42,6 +42,9 @@ test-all: $(INSTALLED) ## the tests of `make test` and those that take minutes (
 bench: $(INSTALLED) ## measure this stack and its yardsticks side by side
 	@$(ENTER); python -m pip install -q -e '.[bench]'; \
 	python -m ppc_attitude.bench $(ARGS)
+
+soak: $(INSTALLED) ## run the nodes in lock-step for 20 minutes: what grows, what is lost (ARGS='--minutes 5')
+	@$(ENTER); python -m ppc_attitude.bench.soak $(ARGS)
 
 clean: ## remove what make created (recorded bags stay)
 	rm -rf .venv build install log *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
