@@ -156,7 +156,7 @@ def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     sequence = list(messages(RUN))
     sequence[3 * len(SAMPLED)] = (ATTITUDE, 0, b"\0\1\0\0short")
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
-    assert read.warnings == ("1 messages of /attitude cannot be decoded",)
+    assert read.warnings == ("1 messages of /attitude cannot be used",)
     assert read.missing == {"attitude": 1}
     assert np.isnan(read["attitude"][3]).all()
 

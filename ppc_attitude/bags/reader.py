@@ -135,6 +135,7 @@ class _Collected:
             if topic is None or channel.encoding != "cdr":
                 continue
             stamps, values, readable = Codec(topic).decode_rows(rows)
+            readable &= stamps >= 0  # every node refuses what was before time
             bad = len(rows) - int(readable.sum())
             if bad:
                 self._unreadable[channel.topic] = self._unreadable.get(channel.topic, 0) + bad
@@ -159,7 +160,7 @@ class _Collected:
     def warnings(self, namespace: str) -> list[str]:
         """Say which topics of the run hold messages that are none."""
         return [
-            f"{count} messages of {name} cannot be decoded"
+            f"{count} messages of {name} cannot be used"
             for name, count in self._unreadable.items()
             if name.startswith(f"{namespace}/")
         ]
