@@ -14,12 +14,8 @@
 
 """How the middleware is set up before a node begins.
 
-Only times and the transport of Fast DDS are set, no QoS: what ROS asks for stays in force. Another
-middleware reads none of this, and a profile of the user's own takes precedence.
-
-Its shared memory is not used: when a reader does not respond for a second, paused or on a busy
-machine, a writer makes the port anew, and the reader never hears from it again. A recorder that was
-paused for 3 s so lost the rest of one run in six; with UDP of none in six, at the same pace.
+Only times of Fast DDS are set, no QoS: what ROS asks for stays in force. Another middleware reads
+none of this, and a profile of the user's own takes precedence.
 """
 
 import os
@@ -31,7 +27,6 @@ _VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
 
 def tune_transport() -> None:
-    """Let Fast DDS read our profile and use UDP; to be called before `rclpy.init`."""
+    """Let Fast DDS read our profile; to be called before `rclpy.init`."""
     if not any(name in os.environ for name in _VARIABLES):
         os.environ[_VARIABLES[0]] = str(PROFILE)
-        os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
