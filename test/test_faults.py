@@ -156,7 +156,12 @@ def test_network_silence(tmp_path: Path, start_process: StartProcess) -> None:
         pytest.skip("no network of its own may be made here")
     script = 'ip link set lo multicast on up && exec "$@"'
     before = (*network, "sh", "-c", script, "sh")
-    environment = {**os.environ, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    # With LOCALHOST discovery ROS would use shared memory whatever the transports are said to be.
+    environment = {
+        **os.environ,
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+    }
     options = ("--duration", "12", "--realtime")
     run = Run(start_process, tmp_path / "bag", *options, before=before, env=environment)
     run.reaches(1.0)
