@@ -182,7 +182,8 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
     with peer() as stack:
         recorder.says("recording to")
         paced = (*LOCKSTEP, "wait_for_recorder:=true")
-        nodes = loop_nodes(start_process, tmp_path, "lockstep", REFERENCE, CONTROLLER)
+        nodes = loop_nodes(start_process, tmp_path, "lockstep", REFERENCE)
+        nodes[CONTROLLER] = Node(start_process, tmp_path, CONTROLLER, "wait_for_recorder:=true")
         nodes[INJECTOR] = Node(start_process, tmp_path, INJECTOR, *LASTING_HIT)
         nodes[PLANT] = Node(start_process, tmp_path, PLANT, *paced)
         stack.goes_on()

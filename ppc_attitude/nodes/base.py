@@ -26,7 +26,12 @@ from rclpy.node import Node
 
 from ppc_attitude.contract.cdr import NANOSECONDS, Codec
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
-from ppc_attitude.contract.topics import DIAGNOSTICS_TOPIC, RECORDER, Topic
+from ppc_attitude.contract.topics import (
+    DIAGNOSTICS_TOPIC,
+    PARAMETER_EVENTS_TOPIC,
+    RECORDER,
+    Topic,
+)
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.health import ERROR, OK, WARN, StepCounter, diagnostics
 from ppc_attitude.nodes.messages import Inbox, RefusedError, message_class
@@ -231,10 +236,8 @@ class BaseNode(Node):
 
     def is_recorded(self, recorder: str) -> bool:
         """True if a node of this name listens to every topic that this node sends."""
+        sent = [publisher.topic_name for publisher in self._outgoing]
         return all(
-            any(
-                end.node_name == recorder
-                for end in self.get_subscriptions_info_by_topic(publisher.topic_name)
-            )
-            for publisher in self._outgoing
+            any(end.node_name == recorder for end in self.get_subscriptions_info_by_topic(topic))
+            for topic in (*sent, PARAMETER_EVENTS_TOPIC.name)
         )
