@@ -180,7 +180,8 @@ def test_an_existing_bag_is_never_overwritten(tmp_path, start_process):
 
 def test_the_bag_of_an_interrupted_run_can_be_read(tmp_path, start_process):
     process = run_of(start_process, tmp_path / "bag", "--duration", "10000")
-    wait_for_line(process.stderr, "/10000.0 s [")
+    while " 0.0/10000.0 s [" in wait_for_line(process.stderr, "/10000.0 s ["):
+        pass  # time has not begun
     for _ in range(2):  # Ctrl-C twice
         process.send_signal(signal.SIGINT)
     code, _, err = finished(process)
