@@ -108,7 +108,8 @@ def test_after_sigkill_of_the_recorder_at_most_the_last_second_is_lost(
     assert any("since recovered" in warning for warning in again.warnings)
 
 
-@pytest.mark.parametrize("name", [RECORDER, *(pytest.param(n, marks=long) for n in LOOP)])
+@long
+@pytest.mark.parametrize("name", [RECORDER, *LOOP])
 def test_a_pause_costs_lockstep_nothing_but_time(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:

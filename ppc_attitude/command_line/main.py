@@ -127,6 +127,8 @@ def run() -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = BROKEN
+    except KeyboardInterrupt:  # the second, while the first was being told
+        code = BROKEN
     ignore()
     sys.exit(code)
 

@@ -41,6 +41,11 @@ class StopRequest:
             signal.signal(number, self._on_signal)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)  # a stack blocks them until now
 
+    def forget(self) -> None:
+        """Ignore both from now on: an interpreter that ends would die of them."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
 
@@ -80,6 +85,7 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
         if node is not None:
             node.destroy_node()
         rclpy.utilities.try_shutdown()
+        stop.forget()
 
 
 def _spin(node: BaseNode, stop: StopRequest) -> None:
