@@ -77,7 +77,8 @@ def stack_steps_per_s(
     """
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
         run = scenario(values or {}).with_values(PLANT, duration=duration, lockstep=True)
-        run = run.awaiting_recorder().with_values(RECORDER, bag=f"{folder}/bag")
+        if recorder:
+            run = run.awaiting_recorder().with_values(RECORDER, bag=f"{folder}/bag")
         warm_up(run)
         path = Path(folder) / "run.yaml"
         path.write_text(parameter_file(run), encoding="utf-8")
