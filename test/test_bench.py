@@ -98,6 +98,13 @@ def test_bare_step_steps() -> None:
     assert bare_steps_per_s(0.2, ALL) > 0.0
 
 
+@pytest.mark.ros
+def test_an_echo_answers_every_state() -> None:
+    trips = latency.echo_trips(100.0, 0.5)
+    assert trips.size >= 50
+    assert np.isfinite(trips).mean() > 0.9
+
+
 def test_loop_is_measured() -> None:
     assert in_process.ours_s_per_s(1.0, 1) > 0.0
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ppc_attitude.bench.lockstep import peers
 from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, private_environment
-from ppc_attitude.contract.topics import CONTROLLER, TORQUE_COMMAND
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, TORQUE_COMMAND
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import scenario
 
@@ -76,7 +76,7 @@ def echo_trips(rate: float, seconds: float) -> Array:
     """Return the same of a node that answers without any work."""
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
         environment = {**private_environment(), "ROS_LOG_DIR": folder}
-        with peers([["answer", TORQUE_COMMAND.name]], environment):
+        with peers([["answer", ATTITUDE.name, TORQUE_COMMAND.name]], environment):
             return _probe(rate, seconds, environment)
 
 

@@ -36,6 +36,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.executors import new_executor
+from ppc_attitude.nodes.transport import tune_transport
 
 # The attitude goes last: with it the instant is complete, and the bare echo answers it.
 _INPUTS = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION, ANGULAR_VELOCITY, ATTITUDE)
@@ -70,6 +71,7 @@ class Probe(Peer):
 def main() -> None:
     """Probe whoever answers with a torque command."""
     rate, seconds = float(sys.argv[1]), float(sys.argv[2])
+    tune_transport()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     probe = Probe(rate)
     executor = new_executor()

@@ -24,9 +24,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, cast
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 
 from ppc_attitude.bags.custom_data import decode_custom_data, encode_custom_data
@@ -40,7 +41,7 @@ from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
 from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.parameter_survey import ParameterSurvey
-from ppc_attitude.nodes.qos import published, recorded
+from ppc_attitude.nodes.qos import published, recorded, relaxed
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
@@ -110,13 +111,30 @@ class BagRecorder(BaseNode):
             if absolute and len(self._completeness) > 1:
                 continue  # one for all namespaces
             name = topic.name if absolute else f"{namespace}{topic.name}"
-            self.create_subscription(
-                message_class(topic.msgtype),
-                name,
-                self._receiver(topic, self.resolve_topic_name(name), self._completeness[namespace]),
-                recorded(topic),
-                raw=True,
-            )
+            full_name = self.resolve_topic_name(name)
+            receive = self._receiver(topic, full_name, self._completeness[namespace])
+            self._subscribe_to(topic, name, receive, recorded(topic))
+
+    def _subscribe_to(
+        self, topic: Topic, name: str, receive: Callable[[bytes], None], qos: QoSProfile
+    ) -> None:
+        """Take a topic; ask for less when a publisher cannot give so much, as a user's own may."""
+
+        def ask_for_less(event: object) -> None:
+            less = relaxed(qos)
+            if less is not None:
+                self.get_logger().info(f"{name}: a publisher offers less than ours do: taken as is")
+                self.destroy_subscription(subscription)
+                self._subscribe_to(topic, name, receive, less)
+
+        subscription = self.create_subscription(
+            message_class(topic.msgtype),
+            name,
+            receive,
+            qos,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=ask_for_less),
+        )
 
     def _receiver(
         self, topic: Topic, name: str, completeness: Completeness

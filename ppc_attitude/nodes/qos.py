@@ -73,3 +73,14 @@ def recorded(topic: Topic) -> QoSProfile:
         ReliabilityPolicy.BEST_EFFORT if topic is CLOCK_TOPIC else ReliabilityPolicy.RELIABLE
     )
     return QoSProfile(depth=_KEPT, reliability=reliability)
+
+
+def relaxed(profile: QoSProfile) -> QoSProfile | None:
+    """QoS that asks a publisher for less: nothing kept, then best effort; None after that."""
+    if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        reliability = ReliabilityPolicy.RELIABLE
+    elif profile.reliability == ReliabilityPolicy.RELIABLE:
+        reliability = ReliabilityPolicy.BEST_EFFORT
+    else:
+        return None
+    return QoSProfile(depth=profile.depth, reliability=reliability)
