@@ -80,7 +80,9 @@ def _comparisons(results: Figures) -> Iterator[tuple[str, ...]]:
     if "lockstep" in results:
         found = results["lockstep"]
         steps, bare = found["steps_per_s"], found["bare_steps_per_s"]
+        messages = found["messages_steps_per_s"]
         yield row("lock-step over DDS, steps/s", steps, "bare step", bare, "0.8, 1000 steps/s")
+        yield row("lock-step over DDS, steps/s", steps, "its messages, no work", messages, "")
     if "in_process" in results:
         found = results["in_process"]
         for law, goal in (("compiled", "10"), ("numba", ""), ("python", "")):
