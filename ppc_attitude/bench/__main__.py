@@ -47,6 +47,8 @@ def rows(name: str, figures: Any) -> Iterator[str]:
     elif isinstance(figures, list):
         for index, value in enumerate(figures):
             yield from rows(f"{name}[{index}]", value)
+    elif isinstance(figures, str):
+        yield f"{name:<44}  {figures}"
     else:
         text = f"{figures:.4g}" if isinstance(figures, float) and figures < 1e4 else None
         yield f"{name:<44}{text or (f'{figures:.0f}' if figures is not None else '-'):>14}"
