@@ -82,20 +82,24 @@ def cluster(start_process: StartProcess, tmp_path: Path) -> Iterator[Cluster]:
 def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: Path) -> None:
     of = small(duration=60.0, rate=100.0)
     held: list[int] = []
+    killed: list[int] = []
 
     def kill_one(done: int, total: int) -> None:
         if done == RUNS // 4:
-            victim = cluster.workers[0]
-            places = {pid: place for place, pid in cluster.client.run(os.getpid).items()}
-            held.append(len(cluster.client.processing()[places[victim.pid]]))
+            pids = cluster.client.run(os.getpid)
+            chunks = cluster.client.processing()
+            busiest = max(chunks, key=lambda place: len(chunks[place]))
+            held.append(len(chunks[busiest]))
+            (victim,) = (each for each in cluster.workers if each.pid == pids[busiest])
             victim.send_signal(signal.SIGKILL)
             victim.wait()
+            killed.append(victim.returncode)
 
     away = run_campaign(of, RUNS, tmp_path / "away", scheduler=cluster.address, progress=kill_one)
     run_campaign(of, RUNS, tmp_path / "home", workers=2)
     (chunks,) = held
     assert chunks > 0
-    assert cluster.workers[0].returncode == -signal.SIGKILL
+    assert killed == [-signal.SIGKILL]
     assert [row["index"] for row in rows_of(tmp_path / "away")] == list(range(RUNS))
     assert away.summary.broken == 0
     assert files_of(tmp_path / "away") == files_of(tmp_path / "home")
