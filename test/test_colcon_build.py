@@ -93,10 +93,15 @@ def test_index_and_shared_files_are_where_ros2_pkg_looks(workspace: Path) -> Non
 
 
 def test_sourced_workspace_runs_what_it_built(workspace: Path) -> None:
-    code = "import ppc_attitude as p; print(p.__file__, p.__version__)"
-    file, version = run(in_workspace(f"{sys.executable!r} -c {code!r}"), workspace).split()
+    code = (
+        "import ppc_attitude as p; from ppc_attitude.nodes.transport import PROFILE;"
+        "print(p.__file__, p.__version__, PROFILE)"
+    )
+    told = run(in_workspace(f"{sys.executable!r} -c {code!r}"), workspace).split()
+    file, version, profile = told
     assert Path(file).resolve().is_relative_to(workspace.resolve())
     assert version == ppc_attitude.__version__
+    assert Path(profile).is_file()
 
 
 def test_the_index_leads_to_config_and_launch_files(workspace: Path) -> None:

@@ -150,6 +150,23 @@ def test_entry_points_lead_to_a_main(setup_arguments: dict[str, Any]) -> None:
         assert f"\ndef {function}(" in source.read_text(encoding="utf-8"), target
 
 
+def test_every_file_of_the_package_is_installed(setup_arguments: dict[str, Any]) -> None:
+    """Modules install themselves; what else lies among them must be declared."""
+    others = {
+        path
+        for path in (ROOT / PACKAGE).rglob("*")
+        if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
+    }
+    assert others
+    declared = {
+        path
+        for package, patterns in setup_arguments["package_data"].items()
+        for pattern in patterns
+        for path in (ROOT / package.replace(".", "/")).glob(pattern)
+    }
+    assert declared == others
+
+
 def test_every_shared_file_is_installed(setup_arguments: dict[str, Any]) -> None:
     installed = {
         Path(target, Path(file).name).as_posix(): file
