@@ -36,10 +36,17 @@ NANOSECONDS = 1_000_000_000
 _DOUBLES = {QUATERNION: 4, VECTOR: 3, WRENCH: 6}
 _SKIPPED = {QUATERNION: 0, VECTOR: 0, WRENCH: 3}  # the force of a wrench is not ours
 _MAX_FRAME_ID = 4096
+_OURS = b"\x00\x01"  # little-endian XCDR1
 # representation id -> (struct byte order, alignment of float64)
-_ENCAPSULATION = {0x0000: (">", 8), 0x0001: ("<", 8), 0x0006: (">", 4), 0x0007: ("<", 4)}
-_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-_STAMP = struct.Struct("<iI")
+_ENCAPSULATION = {
+    b"\x00\x00": (">", 8),
+    _OURS: ("<", 8),
+    b"\x00\x06": (">", 4),
+    b"\x00\x07": ("<", 4),
+}
+_LITTLE_ENDIAN = _OURS + b"\x00\x00"
+_STAMPS = {order: struct.Struct(f"{order}iI") for order in "<>"}
+_STAMP_OFFSET, _AFTER_STAMP = 4, 12
 _STAMPED = {*_DOUBLES, CLOCK}
 
 
@@ -108,11 +115,10 @@ class Codec:
         if (
             len(data) == self._struct.size
             and data[12 : self._frame_end] == self._frame
-            and data[:2] == b"\x00\x01"
+            and data[:2] == _OURS
         ):
-            sec, nanosec = _STAMP.unpack_from(data, 4)
             values = self._numbers.unpack_from(data, self._start)
-            return Sample(sec * NANOSECONDS + nanosec, self.topic.frame_id, values)
+            return Sample(_stamp(data), self.topic.frame_id, values)
         return self._decode_general(data)
 
     def decode_rows(
@@ -161,36 +167,39 @@ class Codec:
 
     def _decode_general(self, data: bytes) -> Sample:
         order, length, start = self._layout(data)
-        _, sec, nanosec, offset, _ = _header(data)
-        frame_id = data[offset + 4 : offset + 3 + length].decode(errors="replace")
+        frame_id = data[_AFTER_STAMP + 4 : _AFTER_STAMP + 3 + length].decode(errors="replace")
         values = struct.unpack_from(f"{order}{self._count}d", data, start)
-        return Sample(sec * NANOSECONDS + nanosec, frame_id, values[self._skipped :])
+        return Sample(_stamp(data, order), frame_id, values[self._skipped :])
 
     def _layout(self, data: bytes) -> tuple[str, int, int]:
         """Byte order, length of the frame name with its NUL, offset of the first float64."""
-        order, _, _, offset, align = _header(data)
-        if len(data) < offset + 4:
+        order, align = _encapsulation(data)
+        if len(data) < _AFTER_STAMP + 4:
             raise CdrError(f"{len(data)} bytes are too few for a header")
-        (length,) = struct.unpack_from(order + "I", data, offset)
+        (length,) = struct.unpack_from(order + "I", data, _AFTER_STAMP)
         if not 1 <= length <= _MAX_FRAME_ID:
             raise CdrError(f"frame_id of {length} bytes, allowed are 1 to {_MAX_FRAME_ID}")
-        end = offset + length  # behind the name, counted from behind the encapsulation header
+        end = _AFTER_STAMP + length  # behind the name, counted from behind the encapsulation header
         start = 4 + end + -end % align
         if len(data) < start + 8 * self._count:
             raise CdrError(f"{len(data)} bytes are too few for a {self.topic.msgtype}")
         return order, length, start
 
 
-def _header(data: bytes) -> tuple[str, int, int, int, int]:
-    """Byte order, sec, nanosec, offset behind the stamp, alignment of float64."""
-    if len(data) < 12:
+def _stamp(data: bytes, order: str = "<") -> int:
+    """Stamp [ns] of a message that has one."""
+    sec, nanosec = _STAMPS[order].unpack_from(data, _STAMP_OFFSET)
+    return int(sec) * NANOSECONDS + int(nanosec)
+
+
+def _encapsulation(data: bytes) -> tuple[str, int]:
+    """Byte order and alignment of float64 of a message that has a stamp."""
+    if len(data) < _AFTER_STAMP:
         raise CdrError(f"{len(data)} bytes are too few for a stamp")
-    representation = int.from_bytes(data[:2], "big")
+    representation = bytes(data[:2])
     if representation not in _ENCAPSULATION:
-        raise CdrError(f"encoding 0x{representation:04x} is not plain CDR")
-    order, align = _ENCAPSULATION[representation]
-    sec, nanosec = struct.unpack_from(order + "iI", data, 4)
-    return order, sec, nanosec, 12, align
+        raise CdrError(f"encoding 0x{representation.hex()} is not plain CDR")
+    return _ENCAPSULATION[representation]
 
 
 def encode_clock(stamp_ns: int) -> bytes:
@@ -207,8 +216,8 @@ def decode_clock(data: bytes) -> int:
     CdrError
         The bytes are not a clock message.
     """
-    _, sec, nanosec, _, _ = _header(data)
-    return sec * NANOSECONDS + nanosec
+    order, _ = _encapsulation(data)
+    return _stamp(data, order)
 
 
 def header_stamp(data: bytes, msgtype: str) -> int | None:
@@ -218,14 +227,10 @@ def header_stamp(data: bytes, msgtype: str) -> int | None:
     """
     if msgtype not in _STAMPED:
         return None
-    if data[:2] == b"\x00\x01" and len(data) >= 12:
-        sec, nanosec = _STAMP.unpack_from(data, 4)
-        return int(sec) * NANOSECONDS + int(nanosec)
     try:
-        _, sec, nanosec, _, _ = _header(data)
+        return decode_clock(data)  # a header begins as a clock does
     except CdrError:
         return None
-    return sec * NANOSECONDS + nanosec
 
 
 def finite(values: tuple[float, ...]) -> bool:
