@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.bench.lockstep import peers
-from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, private_environment
 from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, TORQUE_COMMAND
 from ppc_attitude.simulation.closed_loop import warm_up
@@ -60,14 +59,10 @@ def controller_trips(rate: float, seconds: float) -> Array:
     run = scenario({})
     warm_up(run)
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
-        path = Path(folder) / "run.yaml"
-        path.write_text(parameter_file(run), encoding="utf-8")
-        environment = {**private_environment(), "ROS_LOG_DIR": folder}
-        arguments = {CONTROLLER: ["--ros-args", "--params-file", str(path)]}
-        stack = Stack(arguments, environment, lambda t: None)
+        stack = Stack.of(run, Path(folder), lambda t: None, [CONTROLLER])
         try:
             stack.start()
-            return _probe(rate, seconds, environment)
+            return _probe(rate, seconds, stack.environment)
         finally:
             stack.kill()
 

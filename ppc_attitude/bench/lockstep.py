@@ -27,7 +27,6 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, private_environment
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -80,11 +79,6 @@ def stack_steps_per_s(
         if recorder:
             run = run.awaiting_recorder().with_values(RECORDER, bag=f"{folder}/bag")
         warm_up(run)
-        path = Path(folder) / "run.yaml"
-        path.write_text(parameter_file(run), encoding="utf-8")
-        common = ["--ros-args", "--params-file", str(path)]
-        arguments = {name: [*common] for name in NODES if recorder or name != RECORDER}
-        arguments[PLANT] = ["--progress", *common]
         times: list[tuple[float, float]] = []
         used: list[dict[str, float]] = []
         memory: dict[str, float] = {}
@@ -96,10 +90,11 @@ def stack_steps_per_s(
                 used.append({name: cpu_seconds(pid) for name, pid in stack.pids().items()})
                 memory.update({name: megabytes(pid) for name, pid in stack.pids().items()})
 
-        environment = {**private_environment(), "ROS_LOG_DIR": folder}
+        environment = private_environment()
         if domain:
             environment["ROS_DOMAIN_ID"] = str(domain)
-        stack = Stack(arguments, environment, on_time)
+        nodes = [name for name in NODES if recorder or name != RECORDER]
+        stack = Stack.of(run, Path(folder), on_time, nodes, environment)
         try:
             stack.start()
             stack.wait(threading.Event())

@@ -22,6 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from ppc_attitude.bench.lockstep import stack_steps_per_s
+from ppc_attitude.command_line.domains import unused_domains
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.simulation.scenario import Overrides
 
@@ -29,7 +30,6 @@ RATES = (50.0, 250.0, 1000.0)  # [Hz]
 DURATIONS = (10.0, 200.0)  # [s]
 CRAFT = (2, 4)
 _BASE_RATE, _BASE_DURATION = 100.0, 40.0
-_LAST_DOMAIN = 101
 
 
 def row(
@@ -47,13 +47,10 @@ def row(
         What was changed; steps a second of all craft together; CPU time [us] and bytes of the bag
         for one step of one craft; memory [MB] of one craft's processes.
     """
-    first = random.SystemRandom().randint(1, _LAST_DOMAIN - craft)
+    domains = random.sample(unused_domains(), craft)
     with ThreadPoolExecutor(craft) as pool:
         runs = list(
-            pool.map(
-                lambda place: stack_steps_per_s(duration, values, recorder, first + place),
-                range(craft),
-            )
+            pool.map(lambda domain: stack_steps_per_s(duration, values, recorder, domain), domains)
         )
     return {
         "what": what,

@@ -40,8 +40,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.command_line.errors import BROKEN, DONE
-from ppc_attitude.command_line.parameter_file import parameter_file
-from ppc_attitude.command_line.stack import Stack, StackError, private_environment
+from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, NODES, PLANT, RECORDER
@@ -141,19 +140,14 @@ def soak(minutes: float, folder: Path, storage: str) -> dict[str, Any]:
     }
     run = scenario(values).awaiting_recorder()
     warm_up(run)
-    path = folder / "run.yaml"
-    path.write_text(parameter_file(run), encoding="utf-8")
-    arguments = {name: ["--ros-args", "--params-file", str(path)] for name in NODES}
-    arguments[PLANT].insert(0, "--progress")
-    environment = {**private_environment(), "ROS_LOG_DIR": str(folder)}
-    os.environ.update(environment)  # for the node that looks at the attitude
     now = [0.0]
     looks: list[dict[str, float]] = []
 
     def on_time(simulated: float) -> None:
         now[0] = simulated
 
-    stack = Stack(arguments, environment, on_time)
+    stack = Stack.of(run, folder, on_time)
+    os.environ.update(stack.environment)  # for the node that looks at the attitude
     with stop_on_signals() as stop, norm_of_attitude() as norm:
         try:
             stack.start()

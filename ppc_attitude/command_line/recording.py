@@ -28,11 +28,10 @@ from tqdm import tqdm
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import RunError
-from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import NODES, PLANT, RECORDER
+from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
@@ -107,30 +106,27 @@ def _run_stack(scenario: Scenario, bag: Path) -> bool:
         file=sys.stderr,
     )
     duration = scenario.number(PLANT, "duration")
-    with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="ppc_attitude_") as folder:
-        environment.setdefault("ROS_LOG_DIR", folder)
-        overlay = Path(folder) / "run.yaml"
-        overlay.write_text(parameter_file(scenario), encoding="utf-8")
-        common = ["--ros-args", "--params-file", str(overlay)]
-        command_lines = {name: list(common) for name in NODES}
-        command_lines[PLANT] = ["--progress", *common]
-        with _progress(duration) as show:
-            stack = Stack(command_lines, environment, show)
-            try:
-                stack.start()
-                stack.wait(stop)
-            except StackError as error:
-                _end_after_failure(stack)
-                raise RunError(f"{error}\nbag: {bag}" if bag.exists() else str(error)) from None
-            try:
-                stack.stop()
-            except StackError as error:
-                if stop.is_set() and not stack.has_begun:
-                    return True
-                raise RunError(f"{error}\nbag: {bag}") from None
-            if not stop.is_set():
-                show(duration)  # the plant tells the time ten times a second, not at its end
-            return stop.is_set()
+    with (
+        stop_on_signals() as stop,
+        tempfile.TemporaryDirectory(prefix="ppc_attitude_") as folder,
+        _progress(duration) as show,
+    ):
+        stack = Stack.of(scenario, Path(folder), show, environment=environment)
+        try:
+            stack.start()
+            stack.wait(stop)
+        except StackError as error:
+            _end_after_failure(stack)
+            raise RunError(f"{error}\nbag: {bag}" if bag.exists() else str(error)) from None
+        try:
+            stack.stop()
+        except StackError as error:
+            if stop.is_set() and not stack.has_begun:
+                return True
+            raise RunError(f"{error}\nbag: {bag}") from None
+        if not stop.is_set():
+            show(duration)  # the plant tells the time ten times a second, not at its end
+        return stop.is_set()
 
 
 def _end_after_failure(stack: Stack) -> None:

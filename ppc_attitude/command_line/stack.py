@@ -24,14 +24,16 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import IO
 
 from ppc_attitude.command_line.domains import choose_domain
+from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER, REFERENCE
+from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = 20.0  # [s] how long a process may take to end after it was asked to
 _KILLED_AFTER = 5.0  # [s] how long the family of a killed process may take
@@ -121,11 +123,43 @@ class Stack:
         on_time: Callable[[float], None],
     ) -> None:
         self._arguments = arguments
-        self._environment = environment
+        self.environment = environment
         self._on_time = on_time
         self._nodes: dict[str, NodeProcess] = {}
         self.has_begun = False  # simulated time has advanced
         self._advanced = time.monotonic()
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        folder: Path,
+        on_time: Callable[[float], None],
+        nodes: Iterable[str] = NODES,
+        environment: Mapping[str, str] | None = None,
+    ) -> "Stack":
+        """Processes that run a scenario.
+
+        Parameters
+        ----------
+        scenario : Scenario
+            What they run; its kernels should be warm.
+        folder : Path
+            Where their parameters and, unless the environment says otherwise, their logs go.
+        on_time : callable
+            Called with simulated time [s] as the plant advances.
+        nodes : iterable of str
+            Which executables run.
+        environment : mapping of str to str, optional
+            Environment of all of them; default `private_environment`.
+        """
+        path = folder / "run.yaml"
+        path.write_text(parameter_file(scenario), encoding="utf-8")
+        arguments = {name: ["--ros-args", "--params-file", str(path)] for name in nodes}
+        if PLANT in arguments:
+            arguments[PLANT].insert(0, "--progress")
+        environment = private_environment() if environment is None else environment
+        return cls(arguments, {"ROS_LOG_DIR": str(folder), **environment}, on_time)
 
     def start(self) -> None:
         """Start every process."""
@@ -137,7 +171,7 @@ class Stack:
         module = f"ppc_attitude.nodes.{name}"
         process = subprocess.Popen(
             [sys.executable, "-m", module, *self._arguments[name]],
-            env=dict(self._environment),
+            env=dict(self.environment),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
