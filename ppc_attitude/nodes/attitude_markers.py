@@ -21,7 +21,7 @@ from typing import Any
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from ppc_attitude.contract.cdr import Sample, seconds
+from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
@@ -74,7 +74,6 @@ class AttitudeMarkers(BaseNode):
         if now >= self._next:
             self._next = now + 1.0 / float(self.parameters["update_rate"])
             self._draw()
-            self.report_if_idle(max(self._stamp, 0))
         return min(super().wake(), self._next - now)
 
     def _draw(self) -> None:
@@ -126,7 +125,6 @@ class AttitudeMarkers(BaseNode):
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         """Waiting for states, or drawing."""
         details = {
-            "time [s]": seconds(max(self._stamp, 0)),
             "pictures": self._drawn,
             "transforms": "no tf2_ros" if self._broadcaster is None else "on /tf",
         }

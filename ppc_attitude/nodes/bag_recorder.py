@@ -33,7 +33,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from ppc_attitude.bags.custom_data import decode_custom_data, encode_custom_data
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
-from ppc_attitude.contract.cdr import header_stamp, seconds
+from ppc_attitude.contract.cdr import header_stamp
 from ppc_attitude.contract.completeness import Completeness, promised
 from ppc_attitude.contract.topics import ATTITUDE, BY_NAME, CONTROLLER, RECORDER, TOPICS, Topic
 from ppc_attitude.contract.versions import versions
@@ -236,17 +236,15 @@ class BagRecorder(BaseNode):
         return [f"{namespace}{gap}" for gap in completeness.gaps(expected)]
 
     def wake(self) -> float:
-        """Take what comes in batches; report by the wall clock while no state arrives."""
+        """Take what comes in batches."""
         end = time.monotonic() + _LONGEST
         while self._take_gathered() and time.monotonic() < end:
             time.sleep(_BATCH)
-        self.report_if_idle(self._now)
         return super().wake()
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         """Waiting, or recording."""
         details = {
-            "time [s]": seconds(self._now),
             "bag": self._path,
             "storage": self.parameters["storage"],
         }

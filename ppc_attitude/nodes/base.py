@@ -24,7 +24,7 @@ from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from ppc_attitude.contract.cdr import NANOSECONDS, Codec
+from ppc_attitude.contract.cdr import NANOSECONDS, Codec, seconds
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
     DIAGNOSTICS_TOPIC,
@@ -67,7 +67,7 @@ class BaseNode(Node):
         self.wake_at = 0.0  # on the monotonic clock [s]
         self.waits = bool(self.parameters.values.get(WAIT_FOR_RECORDER.name, False))
         self._subscribe: list[Callable[[], None]] = []  # put off until the recorder listens
-        self._said_waiting = time.monotonic()
+        self._born = time.monotonic()
         self.refused: Counter[str] = Counter()
         self._last_log: dict[str, float] = {}
         self._outgoing: list[Any] = []
@@ -75,6 +75,7 @@ class BaseNode(Node):
             DiagnosticArray, DIAGNOSTICS_TOPIC.name, published(DIAGNOSTICS_TOPIC)
         )
         self._next_diagnostics_ns = 0
+        self._time_ns = 0  # the latest stamp that was reported
         self._last_activity = time.monotonic()
         self._step_counter = StepCounter()
         self._reported_refusals = 0
@@ -88,6 +89,7 @@ class BaseNode(Node):
 
     def wake(self) -> float:
         """Do what is due by the wall clock; return the time [s] until the next call."""
+        self.report_if_idle()
         return _IDLE_WAIT
 
     def wake_now(self) -> None:
@@ -151,11 +153,14 @@ class BaseNode(Node):
             for subscribe in self._subscribe:
                 subscribe()
             return 0.0
-        if time.monotonic() - self._said_waiting > _SAY_WAITING:
-            self._said_waiting = time.monotonic()
-            self.get_logger().warning(f"waiting for {RECORDER} to listen")
-        self.report_if_idle(0)
+        self.say_waiting(self._born, lambda: f"waiting for {RECORDER} to listen")
+        self.report_if_idle()
         return _GRAPH_PERIOD
+
+    def say_waiting(self, since: float, text: Callable[[], str]) -> None:
+        """Log every few seconds what is waited for since a time [s] of the monotonic clock."""
+        if time.monotonic() - since >= _SAY_WAITING and self._may_log("waiting", _SAY_WAITING):
+            self.get_logger().warning(text())
 
     def refuse(self, kind: str, reason: str) -> None:
         """Count a refusal and log it, at most once a second for each kind."""
@@ -172,9 +177,9 @@ class BaseNode(Node):
         if self._may_log(f"{kind} (accepted)"):
             self.get_logger().info(text)
 
-    def _may_log(self, kind: str) -> bool:
+    def _may_log(self, kind: str, period: float = _LOG_PERIOD) -> bool:
         now = time.monotonic()
-        due = now - self._last_log.get(kind, -_LOG_PERIOD) >= _LOG_PERIOD
+        due = now - self._last_log.get(kind, -period) >= period
         if due:
             self._last_log[kind] = now
         return due
@@ -183,8 +188,9 @@ class BaseNode(Node):
         """Publish diagnostics once per simulated second, or at once."""
         self._last_activity = time.monotonic()
         self._step_counter.add(stamp_ns)
+        self._time_ns = stamp_ns
         if at_once or stamp_ns >= self._next_diagnostics_ns:
-            self._publish_diagnostics(stamp_ns)
+            self._publish_diagnostics()
             self._next_diagnostics_ns = stamp_ns + NANOSECONDS
 
     def fail(self, stamp_ns: int, reason: str) -> None:
@@ -197,20 +203,20 @@ class BaseNode(Node):
 
     def restart_report(self) -> None:
         """Let the diagnostics begin again after time has gone back."""
-        self._next_diagnostics_ns = 0
+        self._next_diagnostics_ns = self._time_ns = 0
         self._step_counter = StepCounter()
 
     def is_idle(self) -> bool:
         """True if no step has come for a while."""
         return time.monotonic() - self._last_activity > 0.5 * _IDLE_DIAGNOSTICS
 
-    def report_if_idle(self, stamp_ns: int) -> None:
+    def report_if_idle(self) -> None:
         """Publish diagnostics by the wall clock when no step has come for a while."""
         if time.monotonic() - self._last_activity > _IDLE_DIAGNOSTICS:
             self._last_activity = time.monotonic() - _IDLE_DIAGNOSTICS + 1.0
-            self._publish_diagnostics(stamp_ns)
+            self._publish_diagnostics()
 
-    def _publish_diagnostics(self, stamp_ns: int) -> None:
+    def _publish_diagnostics(self) -> None:
         level, summary, details = self.status()
         refusals = {f"refused {name}": count for name, count in sorted(self.refused.items())}
         newly_refused = self.refused.total() - self._reported_refusals
@@ -219,9 +225,12 @@ class BaseNode(Node):
             level, summary = WARN, f"{summary}; refused {newly_refused} since the last report"
         if self.failure:
             level, summary = ERROR, self.failure
-        rate = {"measured rate [Hz]": self._step_counter.rate()}
+        pace = {
+            "time [s]": seconds(self._time_ns),
+            "measured rate [Hz]": self._step_counter.rate(),
+        }
         name = self.get_fully_qualified_name()
-        message = diagnostics(stamp_ns, name, level, summary, {**details, **rate, **refusals})
+        message = diagnostics(self._time_ns, name, level, summary, {**pace, **details, **refusals})
         self._diagnostics.publish(message)
 
     def flush(self, patience: float = _ACKNOWLEDGE) -> bool:

@@ -25,7 +25,7 @@ from ppc_attitude.contract.topics import ATTITUDE, DISTURBANCE, INJECT, INJECTOR
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.lockstep import StampGuard, Verdict
-from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.messages import RefusedError, out_of_order
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.disturbance import PULSE, external_torque
 from ppc_attitude.science.parameter import Value
@@ -74,7 +74,7 @@ class DisturbanceInjector(BaseNode):
             self._send(stamp_ns, self._last)
             return
         if verdict is Verdict.STALE:
-            raise RefusedError(f"{ATTITUDE.name}: stamp {seconds(stamp_ns):.6f} s is out of order")
+            raise out_of_order(ATTITUDE.name, stamp_ns)
         if verdict is Verdict.RESTART:
             self._injected.clear()
             self.restart_report()
@@ -116,15 +116,9 @@ class DisturbanceInjector(BaseNode):
     def _is_full(self) -> bool:
         return len(self._injected) + len(self._beginning) >= _MAX_INJECTED
 
-    def wake(self) -> float:
-        """Report by the wall clock while no state arrives."""
-        self.report_if_idle(max(self._stamp, 0))
-        return super().wake()
-
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         """Waiting for states, or running."""
         details = {
-            "time [s]": seconds(max(self._stamp, 0)),
             "injections accepted": self._accepted,
             "injections pending or active": len(self._injected) + len(self._beginning),
         }

@@ -22,7 +22,7 @@ import math
 from importlib import import_module
 from typing import Any
 
-from ppc_attitude.contract.cdr import CdrError, Codec, Sample, finite
+from ppc_attitude.contract.cdr import CdrError, Codec, Sample, finite, seconds
 from ppc_attitude.contract.topics import QUATERNION, Topic
 
 _UNIT_TOLERANCE = 1e-3
@@ -32,6 +32,11 @@ LARGEST = 1e6  # no rate [rad/s] or torque [N·m] of a spacecraft is larger
 
 class RefusedError(ValueError):
     """A message must not be used; says why."""
+
+
+def out_of_order(name: str, stamp_ns: int) -> RefusedError:
+    """Refusal of a message whose stamp [ns] does not follow those before."""
+    return RefusedError(f"{name}: stamp {seconds(stamp_ns):.6f} s is out of order")
 
 
 def message_class(msgtype: str) -> Any:

@@ -35,7 +35,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.health import OK, STALE, WARN
 from ppc_attitude.nodes.lockstep import Instant, StampGuard, Values, Verdict
-from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.messages import out_of_order
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.controllers.registry import CONTROLLERS
 from ppc_attitude.science.controllers.runner import LawRunner
@@ -94,7 +94,7 @@ class PpcController(BaseNode):
     def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         verdict = self._guard.judge(stamp_ns)
         if verdict is Verdict.STALE:
-            raise RefusedError(f"state: stamp {seconds(stamp_ns):.6f} s is out of order")
+            raise out_of_order("state", stamp_ns)
         if verdict is Verdict.RESTART:
             text = f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed"
             self.mention("restart", text)
@@ -143,15 +143,9 @@ class PpcController(BaseNode):
         response.message = state
         return response
 
-    def wake(self) -> float:
-        """Report by the wall clock while no complete instant arrives."""
-        self.report_if_idle(max(self._guard.last or 0, 0))
-        return super().wake()
-
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         """Waiting for inputs, disabled, outside an envelope, or running."""
         details: dict[str, Any] = {
-            "time [s]": seconds(max(self._guard.last or 0, 0)),
             "controller": self._law.law.name,
             "steps": self._steps,
             "steps in saturation": self._saturated,

@@ -29,7 +29,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.lockstep import StampGuard, Verdict
-from ppc_attitude.nodes.messages import RefusedError
+from ppc_attitude.nodes.messages import out_of_order
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.science.kernel import one
 from ppc_attitude.science.parameter import Value
@@ -45,7 +45,6 @@ class ReferenceGenerator(BaseNode):
     def __init__(self) -> None:
         super().__init__()
         self._apply_parameters()
-        self._stamp = -1
         self._guard = StampGuard()
         self._send_attitude = self.sender(REFERENCE_ATTITUDE)
         self._send_rate = self.sender(REFERENCE_RATE)
@@ -66,27 +65,20 @@ class ReferenceGenerator(BaseNode):
             self._apply_parameters()
         verdict = self._guard.judge(stamp_ns)
         if verdict is Verdict.STALE:
-            raise RefusedError(f"{ATTITUDE.name}: stamp {seconds(stamp_ns):.6f} s is out of order")
+            raise out_of_order(ATTITUDE.name, stamp_ns)
         if verdict is Verdict.RESTART:
             self.restart_report()
-        self._stamp = stamp_ns
         q_d, omega_d, acceleration_d = motion_at(seconds(stamp_ns), self._reference, self._cursor)
         self._send_attitude(stamp_ns, q_d)
         self._send_rate(stamp_ns, omega_d)
         self._send_acceleration(stamp_ns, acceleration_d)
         self.report(stamp_ns)
 
-    def wake(self) -> float:
-        """Report by the wall clock while no state arrives."""
-        self.report_if_idle(max(self._stamp, 0))
-        return super().wake()
-
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         """Waiting for states, or running."""
-        details = {"time [s]": seconds(max(self._stamp, 0))}
         if self.is_idle():
-            return STALE, f"waiting for {ATTITUDE.name}", details
-        return OK, "running", details
+            return STALE, f"waiting for {ATTITUDE.name}", {}
+        return OK, "running", {}
 
 
 def main() -> int:

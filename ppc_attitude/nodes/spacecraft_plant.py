@@ -23,6 +23,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from ppc_attitude.contract.cdr import encode_clock, seconds, stamp_of
+from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
@@ -34,7 +35,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.health import ERROR, OK, STALE, WARN
-from ppc_attitude.nodes.messages import LARGEST, RefusedError
+from ppc_attitude.nodes.messages import LARGEST, RefusedError, out_of_order
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.rival import RivalWatch
 from ppc_attitude.nodes.running import run_node
@@ -45,7 +46,6 @@ from ppc_attitude.simulation.scenario import initial_state, nanoseconds, plant_r
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
 _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated after this
-_SAY_WAITING = 5.0  # [s] between two messages about what the plant waits for
 _REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of catching up
 _PROGRESS_PERIOD = 0.1  # [s]
 _ACKNOWLEDGED_EVERY = 2500  # steps; publishers remember twice as many (`qos`)
@@ -63,7 +63,6 @@ class SpacecraftPlant(BaseNode):
         self._lockstep = bool(values["lockstep"])
         self._rate = float(values["rate"])
         self._last_step = round(values["duration"] * self._rate) if values["duration"] else None
-        self._wait_for_recorder = bool(values["wait_for_recorder"])
         self._progress = _PROGRESS_PERIOD if progress else None
         self._inputs = {TORQUE_COMMAND.name: _ZERO, DISTURBANCE.name: _ZERO}
         self._input_stamps = dict.fromkeys(self._inputs, -1)
@@ -104,7 +103,7 @@ class SpacecraftPlant(BaseNode):
         self._late_commands = 0
         self._timed_out: set[str] = set()  # free-running: inputs that are missing
         self._started = False  # the present state has been published
-        self._waiting_since = self._last_sent = self._last_said = time.monotonic()
+        self._waiting_since = self._last_sent = time.monotonic()
         self._repeat_after = _REPEAT_FIRST
         self._origin = time.monotonic()
         self._shown = 0.0
@@ -119,7 +118,7 @@ class SpacecraftPlant(BaseNode):
                 )
             if stamp_ns <= self._input_stamps[name]:
                 if stamp_ns < self._input_stamps[name]:
-                    raise RefusedError(f"{name}: stamp {seconds(stamp_ns):.6f} s is out of order")
+                    raise out_of_order(name, stamp_ns)
                 return  # a peer's repeated answer
             if self._lockstep and stamp_ns < self._stamp:
                 return  # an answer to an earlier state, sent before its peer saw this one
@@ -191,7 +190,7 @@ class SpacecraftPlant(BaseNode):
 
     def wake(self) -> float:
         """Step when it is time (free-running), or repeat a state that is unanswered (lock-step)."""
-        self.report_if_idle(self._stamp)
+        self.report_if_idle()
         self._look_for_rival()
         return self._wake_lockstep() if self._lockstep else self._wake_free()
 
@@ -221,8 +220,9 @@ class SpacecraftPlant(BaseNode):
         return 0.0
 
     def _awaits_first_answer(self) -> bool:
-        unanswered = any(self._input_stamps[name] < 0 for name in self._wait_for)
-        return self._wait_for_recorder and self._step == 0 and unanswered
+        if self._step or not self.parameters[WAIT_FOR_RECORDER.name]:
+            return False
+        return any(self._input_stamps[name] < 0 for name in self._wait_for)
 
     def _look_for_rival(self) -> None:
         rival = self._rival.look()
@@ -262,9 +262,7 @@ class SpacecraftPlant(BaseNode):
             self._publish_state()
             self._last_sent = now
             self._repeat_after = min(2.0 * self._repeat_after, _REPEAT_MOST)
-        if now - max(self._waiting_since, self._last_said) >= _SAY_WAITING:
-            self._last_said = now
-            self.get_logger().warning(self._waiting_text())
+        self.say_waiting(self._waiting_since, self._waiting_text)
         return 0.1
 
     def _waiting_text(self) -> str:
@@ -289,7 +287,6 @@ class SpacecraftPlant(BaseNode):
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         """Waiting, zero torque for lack of commands, or running."""
         details = {
-            "time [s]": seconds(self._stamp),
             "steps": self._step,
             "rate [Hz]": self._rate,
             "mode": "lock-step" if self._lockstep else "free-running",
