@@ -114,7 +114,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+            *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES),
             f"{NAME} = {NAME}.command_line.main:run",
         ],
     },

@@ -150,21 +150,15 @@ def test_silence_of_all_peers_in_real_time_is_told_and_leaves_a_gap(
 
 @long
 def test_network_silence(tmp_path: Path, start_process: StartProcess) -> None:
-    """All packets are lost for seconds, shared memory is off; then the loop goes on by itself."""
+    """All packets are lost for seconds; then the loop goes on by itself."""
     network = ("unshare", "--user", "--map-root-user", "--net")
     probe = Process(start_process, tmp_path, "probe", [*network, "ip", "link", "set", "lo", "up"])
     if probe.ends() != 0:
         pytest.skip("no network of its own may be made here")
     script = 'ip link set lo multicast on up && exec "$@"'
     before = (*network, "sh", "-c", script, "sh")
-    # With LOCALHOST discovery ROS would use shared memory whatever the transports are said to be.
-    environment = {
-        **os.environ,
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
-    }
     options = ("--duration", "12", "--realtime")
-    run = Run(start_process, tmp_path / "bag", *options, before=before, env=environment)
+    run = Run(start_process, tmp_path / "bag", *options, before=before)
     run.reaches(1.0)
 
     def link(state: str) -> None:
@@ -322,6 +316,33 @@ def test_ctrl_c_at_any_moment_and_again_ends_in_good_order(
     if run.bag.exists() and run.time > 0.0:
         assert (run.bag / "metadata.yaml").exists()
         assert not read_run(run.bag).missing_messages
+
+
+INTERRUPTED = """
+import os, signal, sys
+from ppc_attitude.nodes import executables
+
+class Interrupt:
+    @staticmethod
+    def find_spec(name, *rest):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.{signal})
+
+sys.meta_path.insert(0, Interrupt)
+sys.exit(executables.{node}())
+"""
+
+
+@pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("module", ["numpy", "rclpy", "ppc_attitude.nodes.base"])
+def test_a_node_interrupted_while_it_is_imported_ends_in_good_order(
+    module: str, stop: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    """As `ros2 run` starts it: nobody has blocked the signals for it."""
+    script = INTERRUPTED.format(module=module, signal=stop, node=PLANT)
+    node = Process(start_process, tmp_path, "node", [sys.executable, "-c", script])
+    assert node.ends() == 0, node.err
+    assert node.err == ""
 
 
 @long
