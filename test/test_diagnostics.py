@@ -70,9 +70,9 @@ class Bench:
 
     def state(self, stamp_ns: int, attitude: tuple[float, ...] = UNIT) -> None:
         """Send a state and wait until it was judged."""
-        judged = self.node._stamp, self.node.refused[ATTITUDE.name]
+        judged = self.node._guard.last, self.node.refused[ATTITUDE.name]
         self.publisher.publish(Codec(ATTITUDE).encode(stamp_ns, attitude))
-        self.until(lambda: (self.node._stamp, self.node.refused[ATTITUDE.name]) != judged)
+        self.until(lambda: (self.node._guard.last, self.node.refused[ATTITUDE.name]) != judged)
 
     def report(self) -> DiagnosticStatus:
         self.until(lambda: bool(self.said))
