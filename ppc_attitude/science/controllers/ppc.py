@@ -389,7 +389,7 @@ def advice(memory: Any) -> Advice:
             "; the error is not expected to stay inside from here: use envelope: auto, which "
             "stretches the envelope, or a longer attitude_envelope.settling_time"
         )
-    return Advice(plans(memory), text, warning=bool(plan["feasible"] == 0.0))
+    return Advice(text, warning=bool(plan["feasible"] == 0.0))
 
 
 def plans(memory: Any) -> int:
