@@ -84,8 +84,21 @@ def test_it_begins_where_the_paper_begins() -> None:
         [-0.22952, 0.25933, -0.11266, -0.93133], abs=1e-5
     )
     assert np.all(record["attitude_error"][:, 3] < 0.0)  # to −1, the short way
-    _, advice = first_step(load([CONFIG / "paper.yaml"]))
+    advice = first_step(load([CONFIG / "paper.yaml"])).advice
     assert not advice.warning
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+def test_the_first_step_alone_is_that_of_the_loop(name: str) -> None:
+    case = scenario(
+        {
+            "ppc_controller": {"controller": name},
+            "spacecraft_plant": {"attitude_noise": 1e-3, "rate_noise": 1e-4, "seed": 3},
+        }
+    )
+    law, record = first_step(case), simulate(case, 0.1)
+    for column in case.controller.columns:
+        assert law.given(column) == record[column][0].tolist()
 
 
 def test_hits_are_recovered_with_widening() -> None:

@@ -37,7 +37,6 @@ from ppc_attitude.science.controllers.interface import (
     COLUMNS,
     COMMAND,
     MEASUREMENT,
-    Advice,
     new_command,
     new_measurement,
 )
@@ -276,26 +275,24 @@ def _warm_up_nodes(scenario: Scenario) -> None:
     """Call once what the nodes call: the kernels of the loop, by the ways that Python takes."""
     values = scenario.parameters
     plant, (q, omega) = one(plant_record(values[PLANT])), initial_state(values[PLANT])
-    attitude, rate = sensed(plant, q, omega, 0)
-    desired = motion_at(0.0, one(reference_record(values[REFERENCE])), one(new_cursor()))
     disturbance = external_torque(
         0, 0.0, bool(values[INJECTOR]["environment"]), pulses(values[INJECTOR])
     )
-    law = LawRunner(scenario.controller, values[CONTROLLER])
-    law.step(0.0, dict(zip(INPUTS, (attitude, rate, *desired), strict=True)))
-    x, y, z = law.given("torque_command")
+    x, y, z = first_step(scenario).given("torque_command")
     advance(plant, q, omega, (x, y, z), disturbance, 0.01)
 
 
-def first_step(scenario: Scenario) -> tuple[Any, Advice]:
-    """What the law commands at t = 0 (dtype `COMMAND`), and what it says of the start."""
-    law, values = scenario.controller, scenario.parameters
-    measurement, command, memory = new_measurement(), new_command(), law.new_memory()
-    attitude, rate = initial_state(values[PLANT])
-    motion = desired_motion(0.0, reference_record(values[REFERENCE]), new_cursor())
-    measurement["attitude"], measurement["angular_velocity"] = attitude, rate
-    measurement["reference_attitude"] = motion[0]
-    measurement["reference_angular_velocity"] = motion[1]
-    measurement["reference_angular_acceleration"] = motion[2]
-    law.step(measurement, memory, law.configure(values[CONTROLLER]), command)
-    return command, law.advice(memory)
+def first_step(scenario: Scenario) -> LawRunner:
+    """Return the law after its step at t = 0, taken as the nodes take it.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter of the law is infeasible.
+    """
+    values = scenario.parameters
+    measured_state = sensed(one(plant_record(values[PLANT])), *initial_state(values[PLANT]), 0)
+    desired = motion_at(0.0, one(reference_record(values[REFERENCE])), one(new_cursor()))
+    law = LawRunner(scenario.controller, values[CONTROLLER])
+    law.step(0.0, dict(zip(INPUTS, (*measured_state, *desired), strict=True)))
+    return law
