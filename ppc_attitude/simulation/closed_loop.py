@@ -30,7 +30,7 @@ import numpy as np
 from numba import from_dtype, types
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import stamp_of
+from ppc_attitude.contract.cdr import seconds, stamp_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.controllers.interface import (
@@ -76,6 +76,7 @@ _TUPLE: Any = types.UniTuple  # untyped in Numba
 _QUATERNION = _TUPLE(types.float64, 4)
 _VECTOR = _TUPLE(types.float64, 3)
 _ENVIRONMENT = 10  # first row of the environment torque in a timetable, after the motion
+_seconds = kernel(seconds)
 
 
 @kernel
@@ -83,7 +84,7 @@ def _fill_timetable(
     stamps_ns: Any, reference: Any, cursor: Any, environment: bool, timetable: Any
 ) -> None:
     for k in range(stamps_ns.size):
-        t = stamps_ns[k] * 1e-9
+        t = _seconds(stamps_ns[k])
         q_d, omega_d, acceleration_d = desired_motion(t, reference, cursor)
         put_quaternion(timetable, 0, k, q_d)
         put(timetable, 4, k, omega_d)
@@ -113,7 +114,7 @@ def _loop(
         omega_d, acceleration_d = taken(timetable, 4, k), taken(timetable, 7, k)
         disturbance = with_pulses(stamps_ns[k], taken(timetable, _ENVIRONMENT, k), disturbances)
 
-        measurement.t = stamps_ns[k] * 1e-9
+        measurement.t = _seconds(stamps_ns[k])
         store_quaternion(measurement.attitude, q_measured)
         store(measurement.angular_velocity, omega_measured)
         store_quaternion(measurement.reference_attitude, q_d)
@@ -138,7 +139,7 @@ def _loop(
         put(samples, ROWS.unsaturated_torque, k, vector(command.unsaturated_torque))
 
         if k + 1 < stamps_ns.size:
-            h = (stamps_ns[k + 1] - stamps_ns[k]) * 1e-9
+            h = _seconds(stamps_ns[k + 1] - stamps_ns[k])
             q, omega = plant_step(plant, q, omega, applied, disturbance, h)
 
 
