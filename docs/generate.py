@@ -26,7 +26,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ppc_attitude.bench.table import tables
-from ppc_attitude.command_line.main import build_parser
+from ppc_attitude.command_line.main import command_parsers
 from ppc_attitude.contract.topics import (
     DIAGNOSTICS_TOPIC,
     MARKERS_TOPIC,
@@ -59,17 +59,7 @@ def _topic_row(topic: Topic) -> str:
 
 def commands() -> str:
     """Every command with its arguments."""
-    return "\n\n".join(_command(name, parser) for name, parser in subparsers().items())
-
-
-def subparsers() -> dict[str, argparse.ArgumentParser]:
-    """Command name to its parser."""
-    (group,) = (
-        action
-        for action in build_parser()._actions
-        if isinstance(action, argparse._SubParsersAction)
-    )
-    return dict(group.choices)
+    return "\n\n".join(_command(name, parser) for name, parser in command_parsers().items())
 
 
 def _command(name: str, parser: argparse.ArgumentParser) -> str:

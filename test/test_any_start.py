@@ -174,7 +174,7 @@ def test_the_envelope_falls_continuously_after_the_hold() -> None:
 def test_a_law_too_slow_for_any_stretch_says_so() -> None:
     slow = ANY_START.with_values("ppc_controller", M_omega=1e-4)
     error = Rotation.from_rotvec([2.0, 0.0, 0.0])
-    _, advice = first_step(started(slow, error, np.zeros(3)))
+    advice = first_step(started(slow, error, np.zeros(3))).advice
     assert advice.warning
     assert f"stretch {MAX_STRETCH:.3f}" in advice.text
     assert "raise k, M_omega or beta" in advice.text
@@ -183,7 +183,7 @@ def test_a_law_too_slow_for_any_stretch_says_so() -> None:
 def follows_the_table(case: Scenario, error: Rotation) -> tuple[bool, bool]:
     """Whether the law says that the start can follow the table, and whether it does."""
     case = started(case, error, np.zeros(3))
-    _, advice = first_step(case)
+    advice = first_step(case).advice
     record = simulate(case, 120.0)
     magnitude = np.abs(record["attitude_error"][:, :3])
     inside = bool(np.all(magnitude < record["attitude_envelope"]))
@@ -209,10 +209,10 @@ def test_the_warning_of_the_nominal_envelope_can_be_trusted(form: str) -> None:
 
 def test_a_start_beyond_the_table_gets_a_warning_that_names_the_remedy() -> None:
     error = Rotation.from_rotvec([2.0 * math.asin(0.5), 0.0, 0.0])
-    _, advice = first_step(started(PAPER, error, np.zeros(3)))
+    advice = first_step(started(PAPER, error, np.zeros(3))).advice
     assert advice.warning
     assert "envelope: auto" in advice.text
-    _, advice = first_step(started(ANY_START, error, np.zeros(3)))
+    advice = first_step(started(ANY_START, error, np.zeros(3))).advice
     assert not advice.warning
 
 

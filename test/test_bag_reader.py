@@ -145,21 +145,21 @@ def test_every_message_in_another_encoding(tmp_path: Path) -> None:
     assert_same(read_run(write_messages(tmp_path / "bag", sequence)), RUN)
 
 
-@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 @pytest.mark.parametrize(
-    "mode",
+    ("storage", "mode"),
     [
-        CompressionMode.NONE,
-        CompressionMode.FILE,
-        CompressionMode.MESSAGE,
-        CompressionMode.STORAGE,
+        (StoragePlugin.MCAP, CompressionMode.NONE),
+        (StoragePlugin.MCAP, CompressionMode.FILE),
+        (StoragePlugin.MCAP, CompressionMode.MESSAGE),
+        (StoragePlugin.MCAP, CompressionMode.STORAGE),
+        (StoragePlugin.SQLITE3, CompressionMode.NONE),
+        (StoragePlugin.SQLITE3, CompressionMode.FILE),
+        (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),  # it has no compression of its own
     ],
 )
 def test_bags_of_others_compressed_or_not(
     tmp_path: Path, storage: StoragePlugin, mode: CompressionMode
 ) -> None:
-    if (storage, mode) == (StoragePlugin.SQLITE3, CompressionMode.STORAGE):
-        pytest.skip("SQLite has no compression of its own")
     writer = Writer(tmp_path / "bag", version=8, storage_plugin=storage)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:

@@ -36,7 +36,7 @@ DRAWS = 3000
 # A right distribution fails one test in 10⁴; the seed is fixed, so it is right or wrong for good.
 UNLIKELY = 1e-4
 
-EVERYTHING = {
+EVERYTHING: dict[str, Any] = {
     "initial_attitude": {"distribution": "so3"},
     "initial_rate": {"magnitude": {"distribution": "uniform", "low": 0.0, "high": 0.01}},
     "inertia_error": {"distribution": "uniform", "low": 0.0, "high": 0.3},
@@ -45,11 +45,16 @@ EVERYTHING = {
         "duration": 0.2,
         "torque": {"distribution": "choice", "values": [0.1, 0.5]},
     },
-    "actuator_strength": {"distribution": "normal", "mean": 1, "deviation": 0.1, "low": 0.5},
+    "actuator_strength": {
+        "distribution": "normal",
+        "mean": 1,
+        "deviation": 0.1,
+        "low": 0.5,
+        "high": 2.0,
+    },
     "attitude_noise": {"distribution": "log_uniform", "low": 1e-7, "high": 1e-5},
     "rate_noise": 1e-7,
 }
-EVERYTHING["actuator_strength"]["high"] = 2.0  # type: ignore[index]
 
 
 def base(**plant: Any) -> Scenario:
@@ -119,8 +124,8 @@ def test_cone_turns_about_the_configured_attitude() -> None:
 
 
 def attitude(of: Campaign, index: int) -> list[float]:
-    drawn = draw(of, index)
-    return [float(drawn[f"initial_attitude_{axis}"]) for axis in "xyzw"]  # type: ignore[arg-type]
+    drawn: dict[str, Any] = draw(of, index)
+    return [float(drawn[f"initial_attitude_{axis}"]) for axis in "xyzw"]
 
 
 @pytest.mark.parametrize("error", [0.0, 0.1, 0.9])
@@ -181,15 +186,16 @@ def test_the_scenario_holds_what_was_drawn_and_the_controller_does_not_know() ->
         INJECTOR, pulse_times=[8.0], pulse_durations=[0.1], pulse_torques=[0.1, 0.0, 0.0]
     )
     of = campaign(EVERYTHING, given, 11)
-    drawn, made = draw(of, 2), scenario_of(of, 2)
+    drawn: dict[str, Any] = draw(of, 2)
+    made: Any = scenario_of(of, 2)
     plant, injector = made.parameters[PLANT], made.parameters[INJECTOR]
     assert plant["initial_attitude"] == [drawn[f"initial_attitude_{a}"] for a in "xyzw"]
-    assert plant["max_torque"] == 0.05 * drawn["actuator_strength"]  # type: ignore[operator]
-    assert plant["inertia"][0] == drawn["inertia_xx"]  # type: ignore[index]
+    assert plant["max_torque"] == 0.05 * drawn["actuator_strength"]
+    assert plant["inertia"][0] == drawn["inertia_xx"]
     assert plant["seed"] == drawn["noise_seed"]
     assert plant["rate_noise"] == 1e-7
     assert injector["pulse_times"] == [8.0, drawn["pulse_time"]]
-    assert injector["pulse_torques"][3:] == [drawn[f"pulse_torque_{a}"] for a in "xyz"]  # type: ignore[index]
+    assert injector["pulse_torques"][3:] == [drawn[f"pulse_torque_{a}"] for a in "xyz"]
     assert made.parameters[CONTROLLER] == given.parameters[CONTROLLER]
 
 

@@ -14,6 +14,9 @@
 
 """The paper's requirements on the closed loop, from the configuration that users get."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -84,8 +87,21 @@ def test_it_begins_where_the_paper_begins() -> None:
         [-0.22952, 0.25933, -0.11266, -0.93133], abs=1e-5
     )
     assert np.all(record["attitude_error"][:, 3] < 0.0)  # to −1, the short way
-    _, advice = first_step(load([CONFIG / "paper.yaml"]))
+    advice = first_step(load([CONFIG / "paper.yaml"])).advice
     assert not advice.warning
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+def test_the_first_step_alone_is_that_of_the_loop(name: str) -> None:
+    case = scenario(
+        {
+            "ppc_controller": {"controller": name},
+            "spacecraft_plant": {"attitude_noise": 1e-3, "rate_noise": 1e-4, "seed": 3},
+        }
+    )
+    law, record = first_step(case), simulate(case, 0.1)
+    for column in case.controller.columns:
+        assert law.given(column) == record[column][0].tolist()
 
 
 def test_hits_are_recovered_with_widening() -> None:
@@ -125,6 +141,23 @@ def test_two_runs_are_the_same_to_the_last_bit(name: str) -> None:
         assert first[column].tobytes() == second[column].tobytes()
     other = simulate(case.with_values("spacecraft_plant", seed=4), 20.0)
     assert np.any(other["attitude"] != first["attitude"])
+
+
+def test_what_is_warmed_up_is_found_by_the_next_process(tmp_path: Path) -> None:
+    code = (
+        "from ppc_attitude.simulation.closed_loop import warm_up\n"
+        "from ppc_attitude.simulation.scenario import scenario\n"
+        "warm_up(scenario({'ppc_controller': {'controller': 'quaternion_feedback'}}))"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def compiled() -> set[Path]:
+        subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+        return {*tmp_path.rglob("*.nbc")}
+
+    first = compiled()
+    assert any("runner" in file.name for file in first)
+    assert compiled() == first
 
 
 def test_stamps_include_both_ends() -> None:

@@ -14,7 +14,6 @@
 
 """Every command helps, completes, and tells a user's mistake in one line."""
 
-import argparse
 import json
 import os
 import shlex
@@ -28,22 +27,13 @@ from test_layers import ROOT
 import ppc_attitude
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE
 from ppc_attitude.command_line.examples import EXAMPLES
-from ppc_attitude.command_line.main import COMMANDS, build_parser, main
+from ppc_attitude.command_line.main import COMMANDS, build_parser, command_parsers, main
 
 PAPER = str(ROOT / "config" / "paper.yaml")
 
 
-def subparsers() -> dict[str, argparse.ArgumentParser]:
-    (group,) = (
-        action
-        for action in build_parser()._actions
-        if isinstance(action, argparse._SubParsersAction)
-    )
-    return dict(group.choices)
-
-
 def test_every_command_has_examples_that_parse() -> None:
-    assert set(EXAMPLES) == set(COMMANDS) == set(subparsers())
+    assert set(EXAMPLES) == set(COMMANDS) == set(command_parsers())
     parser = build_parser()
     for command, lines in EXAMPLES.items():
         for line in lines:
@@ -60,7 +50,7 @@ def test_help_describes_every_argument(command: str, capsys: pytest.CaptureFixtu
     shown = capsys.readouterr().out
     for line in EXAMPLES[command]:
         assert f"\n  {line}\n" in shown
-    for action in subparsers()[command]._actions:
+    for action in command_parsers()[command]._actions:
         assert action.help, f"{command}: {action.dest}"
 
 

@@ -19,6 +19,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -52,31 +53,44 @@ def test_division() -> None:
     assert kernel.divide((1.0, -6.0, 0.0), (4.0, 3.0, 2.0)) == (0.25, -2.0, 0.0)
 
 
-def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("file", "old", "new", "code"),
+    [
+        (
+            "science/kernel.py",
+            "return (s * a[0], s * a[1], s * a[2])",
+            "return (2 * s * a[0], s * a[1], s * a[2])",
+            "from ppc_attitude.science.barrier import barrier_gradient\n"
+            "print(barrier_gradient((1.0, 0.0, 0.0), 1.0, 1.0))",
+        ),
+        (
+            "contract/cdr.py",
+            "return stamp_ns * 1e-9",
+            "return stamp_ns * 2e-9",
+            "from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of\n"
+            "from ppc_attitude.simulation.scenario import scenario\n"
+            "print(timetable_of(scenario({}), stamps_of(1.0, 1.0)))",
+        ),
+    ],
+)
+def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
+    tmp_path: Path, file: str, old: str, new: str, code: str
+) -> None:
     """Numba itself looks only at the kernel's own file, and would run old machine code."""
     copy = tmp_path / "ppc_attitude"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    command = [
-        sys.executable,
-        "-c",
-        "from ppc_attitude.science.barrier import barrier_gradient\n"
-        "print(barrier_gradient((1.0, 0.0, 0.0), 1.0, 1.0))",
-    ]
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
 
-    def gradient() -> str:
+    def printed() -> str:
+        command = [sys.executable, "-c", code]
         ran = subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
         )
         return ran.stdout
 
-    before = gradient()
-    assert gradient() == before
-    changed = copy / "science" / "kernel.py"
-    source = changed.read_text(encoding="utf-8")
-    scaled = source.replace(
-        "return (s * a[0], s * a[1], s * a[2])", "return (2 * s * a[0], s * a[1], s * a[2])"
-    )
-    assert scaled != source
-    changed.write_text(scaled, encoding="utf-8")
-    assert gradient() != before
+    before = printed()
+    assert printed() == before
+    source = (copy / file).read_text(encoding="utf-8")
+    assert source.count(old) == 1
+    (copy / file).write_text(source.replace(old, new), encoding="utf-8")
+    assert printed() != before

@@ -186,7 +186,7 @@ def test_transforms_where_tf2_ros_is_installed(
             sent.extend(transforms)
 
     stand_in = types.ModuleType("tf2_ros")
-    stand_in.TransformBroadcaster = TransformBroadcaster  # type: ignore[attr-defined]
+    monkeypatch.setattr(stand_in, "TransformBroadcaster", TransformBroadcaster, raising=False)
     monkeypatch.setitem(sys.modules, "tf2_ros", stand_in)
     scene = make_scene("-r", f"__ns:={namespace}")
     scene.send(REFERENCE_ATTITUDE, (1.0, 0.0, 0.0, 0.0))

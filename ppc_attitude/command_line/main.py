@@ -70,6 +70,18 @@ class Parser(argparse.ArgumentParser):
 
 def build_parser(only: str = "") -> argparse.ArgumentParser:
     """Build the parser with every command, or with one: each costs its imports."""
+    return _parsers((only,) if only in COMMANDS else COMMANDS)[0]
+
+
+def command_parsers() -> dict[str, argparse.ArgumentParser]:
+    """Build the parser of each command, by the command's name."""
+    return _parsers(COMMANDS)[1]
+
+
+def _parsers(
+    names: Sequence[str],
+) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """Parser of the executable, and those of its commands by name."""
     parser = Parser(
         prog="ppc_attitude",
         description="Prescribed-performance attitude control: run, record, judge.",
@@ -78,11 +90,11 @@ def build_parser(only: str = "") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in (only,) if only in COMMANDS else COMMANDS:
+    for name in names:
         import_module(f"ppc_attitude.command_line.commands.{name}").add_parser(subparsers)
         subparsers.choices[name].epilog = epilog(name)
         subparsers.choices[name].formatter_class = _Formatter
-    return parser
+    return parser, dict(subparsers.choices)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

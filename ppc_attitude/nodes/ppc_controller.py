@@ -123,8 +123,8 @@ class PpcController(BaseNode):
 
     def _announce_plan(self) -> None:
         if self._law.plans != self._announced:
+            self._announced = self._law.plans
             advice = self._law.advice
-            self._announced = advice.number
             # Two lines of source: rclpy ties a severity to each.
             if advice.warning:
                 self.get_logger().warning(advice.text)

@@ -40,12 +40,13 @@ _SETTINGS: Any = _numba_config  # its names are made at run time
 def _cache_folder() -> Path:
     """Where compiled kernels are kept: one folder for each state of the sources.
 
-    Numba looks for a change only in the file of the kernel itself. Kernels call kernels of other
-    files, so after an edit, or an update of some files, it would run old machine code.
+    Numba looks for a change only in the file of the kernel itself. Kernels call functions and hold
+    constants of other files, so after an edit, or an update of some files, it would run old
+    machine code.
     """
     package = Path(__file__).parent.parent
     digest = hashlib.sha256()
-    for folder in ("science", "simulation"):
+    for folder in ("science", "contract", "simulation"):
         for source in sorted((package / folder).rglob("*.py")):
             digest.update(source.read_bytes())
     root = Path(_SETTINGS.CACHE_DIR or Path(__file__).parent / "__pycache__")

@@ -30,14 +30,13 @@ import numpy as np
 from numba import from_dtype, types
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import stamp_of
+from ppc_attitude.contract.cdr import seconds, stamp_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.controllers.interface import (
     COLUMNS,
     COMMAND,
     MEASUREMENT,
-    Advice,
     new_command,
     new_measurement,
 )
@@ -77,6 +76,7 @@ _TUPLE: Any = types.UniTuple  # untyped in Numba
 _QUATERNION = _TUPLE(types.float64, 4)
 _VECTOR = _TUPLE(types.float64, 3)
 _ENVIRONMENT = 10  # first row of the environment torque in a timetable, after the motion
+_seconds = kernel(seconds)
 
 
 @kernel
@@ -84,7 +84,7 @@ def _fill_timetable(
     stamps_ns: Any, reference: Any, cursor: Any, environment: bool, timetable: Any
 ) -> None:
     for k in range(stamps_ns.size):
-        t = stamps_ns[k] * 1e-9
+        t = _seconds(stamps_ns[k])
         q_d, omega_d, acceleration_d = desired_motion(t, reference, cursor)
         put_quaternion(timetable, 0, k, q_d)
         put(timetable, 4, k, omega_d)
@@ -114,7 +114,7 @@ def _loop(
         omega_d, acceleration_d = taken(timetable, 4, k), taken(timetable, 7, k)
         disturbance = with_pulses(stamps_ns[k], taken(timetable, _ENVIRONMENT, k), disturbances)
 
-        measurement.t = stamps_ns[k] * 1e-9
+        measurement.t = _seconds(stamps_ns[k])
         store_quaternion(measurement.attitude, q_measured)
         store(measurement.angular_velocity, omega_measured)
         store_quaternion(measurement.reference_attitude, q_d)
@@ -139,7 +139,7 @@ def _loop(
         put(samples, ROWS.unsaturated_torque, k, vector(command.unsaturated_torque))
 
         if k + 1 < stamps_ns.size:
-            h = (stamps_ns[k + 1] - stamps_ns[k]) * 1e-9
+            h = _seconds(stamps_ns[k + 1] - stamps_ns[k])
             q, omega = plant_step(plant, q, omega, applied, disturbance, h)
 
 
@@ -276,26 +276,24 @@ def _warm_up_nodes(scenario: Scenario) -> None:
     """Call once what the nodes call: the kernels of the loop, by the ways that Python takes."""
     values = scenario.parameters
     plant, (q, omega) = one(plant_record(values[PLANT])), initial_state(values[PLANT])
-    attitude, rate = sensed(plant, q, omega, 0)
-    desired = motion_at(0.0, one(reference_record(values[REFERENCE])), one(new_cursor()))
     disturbance = external_torque(
         0, 0.0, bool(values[INJECTOR]["environment"]), pulses(values[INJECTOR])
     )
-    law = LawRunner(scenario.controller, values[CONTROLLER])
-    law.step(0.0, dict(zip(INPUTS, (attitude, rate, *desired), strict=True)))
-    x, y, z = law.given("torque_command")
+    x, y, z = first_step(scenario).given("torque_command")
     advance(plant, q, omega, (x, y, z), disturbance, 0.01)
 
 
-def first_step(scenario: Scenario) -> tuple[Any, Advice]:
-    """What the law commands at t = 0 (dtype `COMMAND`), and what it says of the start."""
-    law, values = scenario.controller, scenario.parameters
-    measurement, command, memory = new_measurement(), new_command(), law.new_memory()
-    attitude, rate = initial_state(values[PLANT])
-    motion = desired_motion(0.0, reference_record(values[REFERENCE]), new_cursor())
-    measurement["attitude"], measurement["angular_velocity"] = attitude, rate
-    measurement["reference_attitude"] = motion[0]
-    measurement["reference_angular_velocity"] = motion[1]
-    measurement["reference_angular_acceleration"] = motion[2]
-    law.step(measurement, memory, law.configure(values[CONTROLLER]), command)
-    return command, law.advice(memory)
+def first_step(scenario: Scenario) -> LawRunner:
+    """Return the law after its step at t = 0, taken as the nodes take it.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter of the law is infeasible.
+    """
+    values = scenario.parameters
+    measured_state = sensed(one(plant_record(values[PLANT])), *initial_state(values[PLANT]), 0)
+    desired = motion_at(0.0, one(reference_record(values[REFERENCE])), one(new_cursor()))
+    law = LawRunner(scenario.controller, values[CONTROLLER])
+    law.step(0.0, dict(zip(INPUTS, (*measured_state, *desired), strict=True)))
+    return law

@@ -52,11 +52,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Check and print."""
     scenario = scenario_of(arguments)
-    command, advice = first_step(scenario)
-    q_e = np.asarray(command["attitude_error"])
+    law = first_step(scenario)
+    q_e, advice = law.given("attitude_error"), law.advice
     conditions = certificate(
         scenario.parameters[CONTROLLER],
-        float(q_e[3]),
+        q_e[3],
         largest_desired_rate(scenario.parameters[REFERENCE]["amplitude"]),
     )
     if arguments.json:
@@ -65,7 +65,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "controller": scenario.controller.name,
                 "conditions": [{**asdict(each), "holds": each.holds} for each in conditions],
                 "start": {
-                    "attitude_error": q_e.tolist(),
+                    "attitude_error": q_e,
                     "plan": advice.text,
                     "warning": advice.warning,
                 },
@@ -78,7 +78,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _print(
-    scenario: Scenario, conditions: tuple[Condition, ...], q_e: object, advice: Advice
+    scenario: Scenario, conditions: tuple[Condition, ...], q_e: list[float], advice: Advice
 ) -> None:
     rows = [("condition", "value", "limit", "", "meaning")]
     rows += [

@@ -67,22 +67,19 @@ class Advice(NamedTuple):
 
     Attributes
     ----------
-    number : int
-        Rises with every new advice.
     text : str
         The advice.
     warning : bool
         True if the user should act.
     """
 
-    number: int
     text: str
     warning: bool
 
 
 def no_advice(memory: Any) -> Advice:
     """Advice of a law that has none."""
-    return Advice(0, "", False)
+    return Advice("", warning=False)
 
 
 def no_plans(memory: Any) -> int:
@@ -113,7 +110,7 @@ class Controller:
     advice : callable
         From the memory after a step to what the user should know.
     plans : callable
-        From the memory to the number of its latest advice, without wording it.
+        From the memory to the number of its latest advice, which rises with every new one.
     """
 
     name: str

@@ -46,10 +46,11 @@ from ppc_attitude.science.controllers.interface import (
     store_command,
 )
 from ppc_attitude.science.envelope_plan import (
-    MAX_STRETCH,
     PLAN,
     carry_on,
+    is_feasible,
     plan_envelopes,
+    plan_text,
     revise_plan,
 )
 from ppc_attitude.science.kernel import (
@@ -376,20 +377,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
 
 def advice(memory: Any) -> Advice:
     """Say which plan the envelopes follow, and warn of a start from which they cannot be kept."""
-    plan = memory["plan"]
-    text = (
-        f"envelope plan from t = {plan['start']:.3f} s: attitude error {plan['angle_deg']:.2f}°, "
-        f"hold {plan['hold']:.2f} s, stretch {plan['stretch']:.3f}, begins "
-        f"{plan['attitude_clock']:.2f} s down its table"
-    )
-    if plan["feasible"] == 0.0 and plan["stretch"] == MAX_STRETCH:
-        text += "; even so slow an envelope cannot be followed: raise k, M_omega or beta"
-    elif plan["feasible"] == 0.0:
-        text += (
-            "; the error is not expected to stay inside from here: use envelope: auto, which "
-            "stretches the envelope, or a longer attitude_envelope.settling_time"
-        )
-    return Advice(plans(memory), text, warning=bool(plan["feasible"] == 0.0))
+    return Advice(plan_text(memory["plan"]), warning=not is_feasible(memory["plan"]))
 
 
 def plans(memory: Any) -> int:

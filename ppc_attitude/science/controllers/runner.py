@@ -21,6 +21,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba import types
+from numba.extending import overload
 
 from ppc_attitude.science.controllers.interface import COMMAND, MEASUREMENT, Advice, Controller
 from ppc_attitude.science.controllers.registry import CONTROLLERS
@@ -29,16 +30,32 @@ from ppc_attitude.science.kernel import OPTIONS, one
 INPUTS = tuple(name for name in MEASUREMENT.names or () if name != "t")
 
 
+def _step(name: str, measurement: Any, memory: Any, configuration: Any, command: Any) -> None:
+    """Stand for the step of the law of a name in what `_array_step` compiles."""
+
+
+@overload(_step, prefer_literal=True)
+def _step_of(name: Any, measurement: Any, memory: Any, configuration: Any, command: Any) -> Any:
+    step = CONTROLLERS[name.literal_value].step
+
+    def call(name: Any, measurement: Any, memory: Any, configuration: Any, command: Any) -> None:
+        step(measurement, memory, configuration, command)
+
+    return call
+
+
 @cache
 def _array_step(name: str) -> Any:
-    """Compile a law's step for arrays of one record (`kernel.one`)."""
-    law = CONTROLLERS[name]
-    step = law.step
+    """Compile a law's step for arrays of one record (`kernel.one`).
+
+    Numba finds a closure in its cache by what it encloses. A kernel is another in every process, a
+    name is the same in all: hence `_step`.
+    """
 
     def run(measurement: Any, memory: Any, configuration: Any, command: Any) -> None:
-        step(measurement[0], memory[0], configuration[0], command[0])
+        _step(name, measurement[0], memory[0], configuration[0], command[0])
 
-    signature = types.void(*(record[::1] for record in law.signature.args))
+    signature = types.void(*(record[::1] for record in CONTROLLERS[name].signature.args))
     return numba.njit(signature, **OPTIONS)(run)
 
 
