@@ -27,7 +27,7 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.source import Block, Channel, split_rows
 from ppc_attitude.bags.timeline import Series, align
-from ppc_attitude.contract.cdr import Codec, stamp_of
+from ppc_attitude.contract.cdr import Codec, seconds, stamp_of
 from ppc_attitude.contract.completeness import promised
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import BY_NAME, PLANT, SAMPLED, Topic
@@ -100,7 +100,7 @@ def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
     timeline = align(series, rate, cut=bool(cut), end_ns=_planned_end(facts.parameters, rate))
     warnings = [*collected.warnings(home), *timeline.warnings]
     if cut:
-        end = timeline.stamps[-1] * 1e-9
+        end = seconds(int(timeline.stamps[-1]))
         warnings.insert(0, f"recording was cut: {'; '.join(cut)}; read up to {end:g} s")
     return RunRecord(
         source=str(bag.path),

@@ -21,10 +21,11 @@ chunks of an MCAP file are just smaller, the rows of a SQLite bag come in severa
 
 import sqlite3
 import struct
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -41,6 +42,7 @@ _BATCH_ROWS = 4096
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log and publish time
 _MESSAGE_OPCODE = 0x05
 _MESSAGE_HEAD = 22  # bytes of a message record before the payload
+_LENGTH = struct.Struct("<Q")
 
 
 class KillSafeStorage(Protocol):
@@ -52,11 +54,45 @@ class KillSafeStorage(Protocol):
         """Hand everything written so far to the operating system."""
 
 
+class _ChunkIndexes:
+    """Where the chunks of an MCAP file are, in a file without a name until the bag is closed.
+
+    rosbags keeps them in memory, which then grows as long as the recording lasts.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, record: BytesIO) -> None:
+        """Keep one more record."""
+        self._file.write(_LENGTH.pack(record.tell()))
+        self._file.write(record.getbuffer())
+        self._count += 1
+
+    def __iter__(self) -> Iterator[BytesIO]:
+        self._file.seek(0)
+        for _ in range(self._count):
+            (length,) = _LENGTH.unpack(self._file.read(_LENGTH.size))
+            record = BytesIO()
+            record.write(self._file.read(length))
+            yield record
+
+    def close(self) -> None:
+        """Give the file back."""
+        self._file.close()
+
+
 class KillSafeMcap(McapWriter):
     """MCAP storage whose pending chunk can be flushed."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
+        self._indexes = _ChunkIndexes(path)
+        self.chunks = cast(Any, self._indexes)
         self.bio.flush()
 
     def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
@@ -108,6 +144,16 @@ class KillSafeMcap(McapWriter):
         """Close the pending chunk early."""
         if self.chunk.bio.tell():
             self.close_chunk()
+
+    def close(self, version: int, metadata: str) -> None:
+        """Write the index, rosbags' metadata and the end of the file."""
+        super().close(version, metadata)
+        self._indexes.close()
+
+    def abort(self) -> None:
+        """Leave the file as it is, without index."""
+        super().abort()
+        self._indexes.close()
 
 
 class KillSafeSqlite(Sqlite3Writer):

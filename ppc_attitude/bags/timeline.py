@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import NANOSECONDS
+from ppc_attitude.contract.cdr import NANOSECONDS, seconds
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import ATTITUDE, PLANT, Topic
 
@@ -121,7 +121,7 @@ def _keep_last_epoch(series: dict[Topic, Series], warnings: list[str]) -> None:
     start, resets = _last_reset(plant.stamps)
     if not resets:
         return
-    before, after = plant.stamps[start - 1] * 1e-9, plant.stamps[start] * 1e-9
+    before, after = seconds(int(plant.stamps[start - 1])), seconds(int(plant.stamps[start]))
     warnings.append(
         f"the clock went back {resets} time{'s' if resets > 1 else ''}, last from {before:g} s to "
         f"{after:g} s (plant reset or restarted); only what follows is read"
