@@ -23,6 +23,7 @@ import sqlite3
 import struct
 import tempfile
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -61,7 +62,8 @@ class _ChunkIndexes:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder)
+        self._open = ExitStack()
+        self._file = self._open.enter_context(tempfile.TemporaryFile(dir=folder))
         self._count = 0
 
     def __len__(self) -> int:
@@ -83,7 +85,7 @@ class _ChunkIndexes:
 
     def close(self) -> None:
         """Give the file back."""
-        self._file.close()
+        self._open.close()
 
 
 class KillSafeMcap(McapWriter):
