@@ -62,8 +62,9 @@ class _ChunkIndexes:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._open = ExitStack()
-        self._file = self._open.enter_context(tempfile.TemporaryFile(dir=folder))
+        stack = ExitStack()
+        self._file = stack.enter_context(tempfile.TemporaryFile(dir=folder))
+        self.close = stack.close
         self._count = 0
 
     def __len__(self) -> int:
@@ -82,10 +83,6 @@ class _ChunkIndexes:
             record = BytesIO()
             record.write(self._file.read(length))
             yield record
-
-    def close(self) -> None:
-        """Give the file back."""
-        self._open.close()
 
 
 class KillSafeMcap(McapWriter):
