@@ -23,7 +23,6 @@ import sqlite3
 import struct
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -62,9 +61,7 @@ class _ChunkIndexes:
     """
 
     def __init__(self, folder: Path) -> None:
-        stack = ExitStack()
-        self._file = stack.enter_context(tempfile.TemporaryFile(dir=folder))
-        self.close = stack.close
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (open as long as the bag)
         self._count = 0
 
     def __len__(self) -> int:
@@ -83,6 +80,10 @@ class _ChunkIndexes:
             record = BytesIO()
             record.write(self._file.read(length))
             yield record
+
+    def close(self) -> None:
+        """Give the file back."""
+        self._file.close()
 
 
 class KillSafeMcap(McapWriter):
