@@ -199,7 +199,24 @@ class FragilePool:
     def lost(self, error: BaseException) -> bool:
         return isinstance(error, WorkerLostError)
 
+    def check(self) -> None: ...
+
     def close(self) -> None: ...
+
+
+class SilentPool(FragilePool):
+    """Forgets what it was given, and knows it."""
+
+    def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
+        return Future()
+
+    def check(self) -> None:
+        raise CampaignError("the scheduler was lost")
+
+
+def test_a_pool_that_forgets_its_work_ends_the_campaign() -> None:
+    with pytest.raises(CampaignError, match="the scheduler was lost"):
+        list(outcomes(small(), 60, SilentPool(small()), threading.Event()))
 
 
 def test_a_run_that_kills_its_workers_is_the_only_one_lost() -> None:

@@ -71,12 +71,20 @@ def outcomes(campaign: Campaign, runs: int, pool: Pool, stop: threading.Event) -
         if not pending:
             return
         oldest = pending[0]
-        if wait([oldest.future], timeout=_GLANCE).done:
+        if _finished(oldest.future, pool):
             yield from _result(campaign, oldest, pool)
             pending.popleft()
     for chunk in pending:
         if chunk.future.done() and not chunk.future.cancelled() and not chunk.future.exception():
             yield from chunk.future.result()
+
+
+def _finished(future: "Future[list[Outcome]]", pool: Pool) -> bool:
+    """Wait for a moment; False if a result is still to come."""
+    if wait([future], timeout=_GLANCE).done:
+        return True
+    pool.check()
+    return False
 
 
 def _result(campaign: Campaign, chunk: _Chunk, pool: Pool) -> list[Outcome]:
@@ -94,7 +102,10 @@ def _alone(campaign: Campaign, index: int, pool: Pool) -> Outcome:
     reason: BaseException | None = None
     for _ in range(_ATTEMPTS):
         try:
-            return pool.submit(index, index + 1).result()[0]
+            future = pool.submit(index, index + 1)
+            while not _finished(future, pool):
+                pass
+            return future.result()[0]
         except BaseException as error:
             if not pool.lost(error):
                 raise

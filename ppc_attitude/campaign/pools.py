@@ -47,6 +47,9 @@ class Pool(Protocol):
     def lost(self, error: BaseException) -> bool:
         """True if the error means that the process that computed is gone."""
 
+    def check(self) -> None:
+        """Raise CampaignError if what was submitted will never be finished."""
+
     def close(self) -> None:
         """End everything, now."""
 
@@ -147,6 +150,9 @@ class LocalPool:
         """True if the error means that the process that computed is gone."""
         return isinstance(error, WorkerLostError)
 
+    def check(self) -> None:
+        """Do nothing: a process that is gone ends its chunk."""
+
     def close(self) -> None:
         """End everything, now."""
         self._closed = True
@@ -206,8 +212,16 @@ class ClusterPool:
     def lost(self, error: BaseException) -> bool:
         """True if the error means that the process that computed is gone."""
         if isinstance(error, CancelledError):
-            raise CampaignError(f"the scheduler {self._address} was lost") from None
+            raise self._scheduler_lost() from None
         return isinstance(error, self._killed)
+
+    def check(self) -> None:
+        """Raise CampaignError if the client has given up: Dask may then forget a chunk."""
+        if self._client.status in ("closing", "closed"):
+            raise self._scheduler_lost()
+
+    def _scheduler_lost(self) -> CampaignError:
+        return CampaignError(f"the scheduler {self._address} was lost")
 
     def close(self) -> None:
         """End everything, now."""
