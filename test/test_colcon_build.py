@@ -94,14 +94,15 @@ def test_index_and_shared_files_are_where_ros2_pkg_looks(workspace: Path) -> Non
 
 def test_sourced_workspace_runs_what_it_built(workspace: Path) -> None:
     code = (
-        "import ppc_attitude as p; from ppc_attitude.nodes.transport import PROFILE;"
-        "print(p.__file__, p.__version__, PROFILE)"
+        "import ppc_attitude as p; from ppc_attitude.nodes.transport import ANYWHERE, THIS_HOST;"
+        "print(p.__file__, p.__version__, ANYWHERE, THIS_HOST)"
     )
     told = run(in_workspace(f"{sys.executable!r} -c {code!r}"), workspace).split()
-    file, version, profile = told
+    file, version, *profiles = told
     assert Path(file).resolve().is_relative_to(workspace.resolve())
     assert version == ppc_attitude.__version__
-    assert Path(profile).is_file()
+    assert len(profiles) == 2
+    assert all(Path(profile).is_file() for profile in profiles)
 
 
 def test_the_index_leads_to_config_and_launch_files(workspace: Path) -> None:
@@ -155,6 +156,6 @@ def test_colcon_test_tells_what_passes_and_what_fails(workspace: Path) -> None:
     some = ("test/test_packaging.py", "test/test_fails.py")
     run(colcon("test", "--base-paths", "src", "--pytest-args", *some), workspace)
     told = run(colcon("test-result", "--verbose"), workspace, code=1)
-    assert re.search(r"\b9 tests, 0 errors, 1 failure, 0 skipped", told), told
+    assert re.search(r"\b[1-9]\d* tests, 0 errors, 1 failure, 0 skipped", told), told
     assert "test_fails" in told
     fails.unlink()

@@ -49,7 +49,7 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
         configuration += ["--config", str(pace)]
     options = ["--realtime"] if mode == "--realtime" else []
     run = start_process(
-        command("run", *configuration, "--duration", "20", "--bag", str(bag), *options),
+        command("run", *configuration, "--duration", "12", "--bag", str(bag), *options),
         env={**os.environ, "ROS_DOMAIN_ID": str(ros_domain)},
     )
     assert run.stderr is not None
@@ -60,7 +60,7 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
         shown += more
     torque = [str(value) for value in TORQUE]
     # Begins at a known time, so that what is in the bag can be compared to the sample.
-    inject = start_process(command("inject", *torque, "--duration", "0.25", "--at", "15.0"))
+    inject = start_process(command("inject", *torque, "--duration", "0.25", "--at", "9.0"))
     out, err = inject.communicate(timeout=PATIENCE)
     assert inject.returncode == 0, err
     assert "injected" in out
@@ -70,7 +70,7 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
     record = read_run(bag)
     disturbances = analyse(record).metrics.disturbances
     assert len(disturbances) == 1
-    assert disturbances[0].start_s == pytest.approx(15.0, abs=1e-9)
+    assert disturbances[0].start_s == pytest.approx(9.0, abs=1e-9)
     assert disturbances[0].duration_s == pytest.approx(0.25, abs=1e-9)
     assert disturbances[0].torque == pytest.approx(TORQUE, abs=1e-4)
     assert np.abs(record["disturbance_torque"]).max() < 0.31
