@@ -365,6 +365,8 @@ def _time_of(outside: Mask, h: float) -> float:
 
 def _largest(values: Array) -> float | None:
     """Largest number that is not NaN; None if there is none."""
+    if values.size and np.isfinite(largest := values.max()):
+        return float(largest)
     known = values[np.isfinite(values)]
     return float(known.max()) if known.size else None
 

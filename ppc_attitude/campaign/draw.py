@@ -31,7 +31,7 @@ from ppc_attitude.campaign.distributions import Number, random_axes
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.simulation.scenario import Scenario, scenario, unit_quaternion
+from ppc_attitude.simulation.scenario import Scenario, unit_quaternion
 
 _LARGEST_NOISE_SEED = 2**53
 _ELEMENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
@@ -135,25 +135,27 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     ConfigurationError
         What was drawn is impossible.
     """
-    merged = {node: dict(values) for node, values in campaign.scenario.parameters.items()}
-    plant, injector = merged[PLANT], merged[INJECTOR]
-    plant["initial_attitude"] = [drawn[f"initial_attitude_{axis}"] for axis in "xyzw"]
-    plant["initial_angular_velocity"] = [drawn[f"initial_rate_{axis}"] for axis in "xyz"]
-    plant["inertia"] = _matrix(drawn).ravel().tolist()
-    plant["max_torque"] = drawn["actuator_strength"] * plant["max_torque"]
-    plant["attitude_noise"] = drawn["attitude_noise"]
-    plant["rate_noise"] = drawn["rate_noise"]
-    plant["seed"] = drawn["noise_seed"]
-    configured: Mapping[str, Any] = campaign.scenario.parameters[INJECTOR]
-    if drawn["pulse_torque"]:
-        torque = [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
-        for name, value in (
-            ("pulse_times", [drawn["pulse_time"]]),
-            ("pulse_durations", [drawn["pulse_duration"]]),
-            ("pulse_torques", torque),
-        ):
-            injector[name] = [*configured[name], *value]
-    return scenario(merged)
+    scenario = campaign.scenario
+    result = scenario.with_values(
+        PLANT,
+        initial_attitude=[drawn[f"initial_attitude_{axis}"] for axis in "xyzw"],
+        initial_angular_velocity=[drawn[f"initial_rate_{axis}"] for axis in "xyz"],
+        inertia=_matrix(drawn).ravel().tolist(),
+        max_torque=drawn["actuator_strength"] * scenario.number(PLANT, "max_torque"),
+        attitude_noise=drawn["attitude_noise"],
+        rate_noise=drawn["rate_noise"],
+        seed=drawn["noise_seed"],
+    )
+    if not drawn["pulse_torque"]:
+        return result
+    pulses: Mapping[str, Any] = scenario.parameters[INJECTOR]
+    torque = [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
+    return result.with_values(
+        INJECTOR,
+        pulse_times=[*pulses["pulse_times"], drawn["pulse_time"]],
+        pulse_durations=[*pulses["pulse_durations"], drawn["pulse_duration"]],
+        pulse_torques=[*pulses["pulse_torques"], *torque],
+    )
 
 
 def _number(

@@ -15,7 +15,7 @@
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -79,10 +79,9 @@ class Scenario:
         return float(str(self.parameters[node][name]))
 
     def with_values(self, node: str, **values: Any) -> "Scenario":
-        """Return a copy with some parameters of one node replaced, checked again."""
-        merged = {name: dict(table) for name, table in self.parameters.items()}
-        merged[node].update(values)
-        return scenario(merged)
+        """Return a copy with some parameters of one node replaced, and that node checked again."""
+        changed = _checked(node, {**self.parameters[node], **values})
+        return Scenario({**self.parameters, node: changed})
 
     def awaiting_recorder(self) -> "Scenario":
         """Return the scenario of a run that is recorded from its first message on."""
@@ -173,19 +172,24 @@ def scenario(given: Overrides) -> Scenario:
     unknown = sorted(set(given) - set(PARAMETERS))
     if unknown:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
-    values = {
-        node: resolved(table, given.get(node, {}), node) for node, table in PARAMETERS.items()
-    }
-    result = Scenario(values)
-    plant_record(values[PLANT])
-    reference_record(values[REFERENCE])
-    pulses(values[INJECTOR])
+    return Scenario({node: _checked(node, given.get(node, {})) for node in PARAMETERS})
+
+
+def _checked(node: str, given: Mapping[str, Any]) -> dict[str, Value]:
+    """Complete parameters of a node, which fit together."""
+    values = resolved(PARAMETERS[node], given, node)
+    if node in _CHECKS:
+        _CHECKS[node](values)
+    return values
+
+
+def _check_controller(values: Mapping[str, Value]) -> None:
+    """See that every law can run with the parameters, whichever is selected."""
     try:
         for law in CONTROLLERS.values():
-            law.configure(values[CONTROLLER])
+            law.configure(values)
     except ConfigurationError as error:
         raise ConfigurationError(f"{CONTROLLER}: {error}") from None
-    return result
 
 
 def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Scenario:
@@ -297,3 +301,12 @@ def pulses(values: Mapping[str, Any]) -> NDArray[Any]:
         for i, (time, duration) in enumerate(zip(times, durations, strict=True))
     ]
     return np.concatenate(parts) if parts else np.zeros(0, PULSE)
+
+
+# What a node's parameters must make together; raises where they cannot.
+_CHECKS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
+    PLANT: plant_record,
+    REFERENCE: reference_record,
+    INJECTOR: pulses,
+    CONTROLLER: _check_controller,
+}
