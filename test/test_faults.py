@@ -25,7 +25,19 @@ from random import Random
 
 import pytest
 from conftest import StartProcess
-from process_helpers import COMMAND, LOOP, Node, Process, Run, alive, family, pace, pause, until
+from process_helpers import (
+    COMMAND,
+    LOOP,
+    Host,
+    Node,
+    Process,
+    Run,
+    alive,
+    family,
+    pace,
+    pause,
+    until,
+)
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.reader import read_run
@@ -151,24 +163,15 @@ def test_silence_of_all_peers_in_real_time_is_told_and_leaves_a_gap(
 @long
 def test_network_silence(tmp_path: Path, start_process: StartProcess) -> None:
     """All packets are lost for seconds; then the loop goes on by itself."""
-    network = ("unshare", "--user", "--map-root-user", "--net")
-    probe = Process(start_process, tmp_path, "probe", [*network, "ip", "link", "set", "lo", "up"])
-    if probe.ends() != 0:
-        pytest.skip("no network of its own may be made here")
-    script = 'ip link set lo multicast on up && exec "$@"'
-    before = (*network, "sh", "-c", script, "sh")
+    host = Host(start_process, tmp_path)
+    host.ip("link", "set", "lo", "up")
     options = ("--duration", "12", "--realtime")
-    run = Run(start_process, tmp_path / "bag", *options, before=before)
+    run = Run(start_process, tmp_path / "bag", *options, before=host.enter)
     run.reaches(1.0)
 
-    def link(state: str) -> None:
-        enter = ["nsenter", "-t", str(run.pid), "--user", "--preserve-credentials", "--net"]
-        command = [*enter, "ip", "link", "set", "lo", state]
-        assert Process(start_process, tmp_path, f"link_{state}", command).ends() == 0
-
-    link("down")
+    host.ip("link", "set", "lo", "down")
     run.says("no torque_command for 0.5 s: zero torque")
-    link("up")
+    host.ip("link", "set", "lo", "up")
     run.ends()
     assert run.process.returncode in (1, 3), run.err
     record = read_run(run.bag)

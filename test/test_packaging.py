@@ -14,6 +14,7 @@
 
 """The package tells the truth: one version, true dependencies, every shared file installed."""
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -147,7 +148,8 @@ def test_entry_points_lead_to_a_main(setup_arguments: dict[str, Any]) -> None:
     for target in scripts.values():
         module, _, function = target.partition(":")
         source = ROOT.joinpath(*module.split(".")).with_suffix(".py")
-        assert f"\ndef {function}(" in source.read_text(encoding="utf-8"), target
+        defined = rf"^(def {function}\(|{function} = )"
+        assert re.search(defined, source.read_text(encoding="utf-8"), re.MULTILINE), target
 
 
 def test_every_file_of_the_package_is_installed(setup_arguments: dict[str, Any]) -> None:

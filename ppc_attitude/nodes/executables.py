@@ -19,42 +19,22 @@ itself (`running.StopRequest`), so that no start ends in a traceback.
 """
 
 import signal
+from functools import partial
 from importlib import import_module
 
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, MARKERS, PLANT, RECORDER, REFERENCE
 
 
 def _run(node: str) -> int:
+    """Run a node and return its exit code."""
     signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
     code: int = import_module(f"ppc_attitude.nodes.{node}").main()
     return code
 
 
-def spacecraft_plant() -> int:
-    """Run the plant."""
-    return _run(PLANT)
-
-
-def reference_generator() -> int:
-    """Run the reference generator."""
-    return _run(REFERENCE)
-
-
-def ppc_controller() -> int:
-    """Run the controller."""
-    return _run(CONTROLLER)
-
-
-def disturbance_injector() -> int:
-    """Run the injector."""
-    return _run(INJECTOR)
-
-
-def bag_recorder() -> int:
-    """Run the recorder."""
-    return _run(RECORDER)
-
-
-def attitude_markers() -> int:
-    """Run the markers."""
-    return _run(MARKERS)
+spacecraft_plant = partial(_run, PLANT)
+reference_generator = partial(_run, REFERENCE)
+ppc_controller = partial(_run, CONTROLLER)
+disturbance_injector = partial(_run, INJECTOR)
+bag_recorder = partial(_run, RECORDER)
+attitude_markers = partial(_run, MARKERS)
