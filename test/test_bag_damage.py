@@ -14,7 +14,9 @@
 
 """No bag, or a damaged one: refused by name, or read as far as it is whole."""
 
+import contextlib
 import shutil
+import sqlite3
 from pathlib import Path
 from random import Random
 
@@ -31,7 +33,10 @@ from bag_helpers import (
 from synthetic import normal_run
 
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.source import Source, payloads_of
+from ppc_attitude.bags.sqlite_source import SqliteSource
 from ppc_attitude.bags.writer import BagWriter, write_run
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
@@ -141,6 +146,46 @@ def test_a_cut_mcap_file_gives_every_whole_message(tmp_path: Path, whole: Path) 
     run = read_run(cut_copy(whole, tmp_path / "cut", place))
     np.testing.assert_array_equal(run.stamps_ns, RUN.stamps_ns[:70])
     assert run.missing == {}
+
+
+@pytest.mark.parametrize("whole", ["mcap"], indirect=True)
+def test_a_file_that_grows_is_read_as_far_as_it_went_when_it_was_opened(
+    tmp_path: Path, whole: Path
+) -> None:
+    content = storage_file(whole).read_bytes()
+    random = Random(3)
+    for length in (*range(8, 80), *(random.randrange(8, len(content)) for _ in range(150))):
+        bag = cut_copy(whole, tmp_path / "cut", length)
+        expected = messages_of(McapSource(storage_file(bag)))
+        source = McapSource(storage_file(bag))
+        storage_file(bag).write_bytes(content)
+        assert messages_of(source) == expected
+        assert source.cut, length
+
+
+def messages_of(source: Source) -> list[bytes]:
+    return [payload for block in source.blocks() for payload in payloads_of(block)]
+
+
+@pytest.mark.parametrize("whole", ["sqlite3"], indirect=True)
+def test_a_slow_reader_does_not_keep_a_recorder_from_writing(tmp_path: Path, whole: Path) -> None:
+    bag = cut_copy(whole, tmp_path / "bag", storage_file(whole).stat().st_size)
+    source = SqliteSource(storage_file(bag))
+    blocks = source.blocks()
+    before = len(payloads_of(next(blocks)))
+    with contextlib.closing(sqlite3.connect(storage_file(bag), timeout=0.0)) as recorder:
+        stored = recorder.execute("SELECT count(*) FROM messages").fetchone()[0]
+        assert before < stored
+        # Of a topic that was not there when the reader began.
+        recorder.execute(
+            "INSERT INTO topics SELECT 99, '/late', type, serialization_format, "
+            "offered_qos_profiles, '' FROM topics LIMIT 1"
+        )
+        recorder.execute("INSERT INTO messages VALUES (NULL, 99, 1, x'00')")
+        recorder.commit()
+    assert before + sum(len(block.channel) for block in blocks) == stored + 1
+    assert source.channels[99].topic == "/late"
+    assert source.cut == ""
 
 
 def test_flipped_bits_raise_nothing_but_bag_errors(tmp_path: Path, whole: Path) -> None:

@@ -66,7 +66,7 @@ class McapSource:
         self.custom_data: dict[str, str] = {}
         self.cut = ""
         self._schemas: dict[int, str] = {}
-        self._size = path.stat().st_size
+        self._size = path.stat().st_size  # of a bag being recorded what is there now is read
         if self._size == 0:
             raise BagError(f"{path} is empty")
         with path.open("rb") as file:
@@ -87,10 +87,9 @@ class McapSource:
     def _records(self, file: BinaryIO) -> Iterator[Block]:
         file.seek(len(_MAGIC))
         while True:
-            head = file.read(_RECORD.size)
-            if len(head) < _RECORD.size:
+            if self._size - file.tell() < _RECORD.size:
                 raise EOFError
-            opcode, length = _RECORD.unpack(head)
+            opcode, length = _RECORD.unpack(file.read(_RECORD.size))
             if opcode == 0:
                 raise _DamageError("record of kind 0")
             left = self._size - file.tell()
@@ -118,7 +117,8 @@ class McapSource:
         needed = first_length + _RECORD.size
         if needed > self._size - start:
             raise EOFError
-        data = np.frombuffer(file.read(max(_WINDOW, needed)), np.uint8)
+        window = min(max(_WINDOW, needed), self._size - start)
+        data = np.frombuffer(file.read(window), np.uint8)
         block, stop = self._run_of_messages(data, 0)
         if stop == 0:
             raise _DamageError(f"message of {first_length} bytes")

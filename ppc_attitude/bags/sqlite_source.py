@@ -21,6 +21,7 @@ import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -28,10 +29,11 @@ import numpy as np
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.source import Block, Channel, block_of
 
+_BELOW_ALL_IDS = -(2**63)
 _ROWS = 1_000  # their tuples stay in the processor's cache
 _JOURNALS = ("-journal", "-wal")
 # What a damaged file makes the sqlite3 module raise, in the rows as well as in the schema.
-_DAMAGE = (sqlite3.Error, TypeError, ValueError, OverflowError)
+_DAMAGE = (sqlite3.Error, TypeError, ValueError, OverflowError, KeyError)
 
 
 class SqliteSource:
@@ -59,28 +61,38 @@ class SqliteSource:
             raise BagError(f"{path} is empty")
         with self._open() as database:
             try:
-                rows = database.execute("SELECT * FROM topics")
-                names = [column[0] for column in rows.description]
-                found = [dict(zip(names, row, strict=True)) for row in rows]
-                self.channels = {row["id"]: _channel(row) for row in found}
-            except (*_DAMAGE, KeyError) as error:
+                self.channels = _channels(database)
+            except _DAMAGE as error:
                 raise BagError(f"{path} cannot be read as a rosbag2 database: {error}") from error
 
     def blocks(self) -> Iterator[Block]:
-        """Messages in the order of the file."""
+        """Messages in the order of the file.
+
+        The database is locked only while a block is fetched: a reader that takes its time must
+        not keep a recorder from writing.
+        """
+        columns = "id, topic_id, data, timestamp" if self._times else "id, topic_id, data"
+        query = f"SELECT {columns} FROM messages WHERE id > ? ORDER BY id LIMIT {_ROWS}"
+        last = _BELOW_ALL_IDS
         with self._open() as database:
             try:
-                columns = "topic_id, data, timestamp" if self._times else "topic_id, data"
-                rows = database.execute(f"SELECT {columns} FROM messages ORDER BY id")
-                while batch := rows.fetchmany(_ROWS):
-                    channel = [row[0] for row in batch]
-                    data = [row[1] for row in batch]
-                    time = [row[2] for row in batch] if self._times else np.zeros(len(batch))
-                    for unknown in set(channel) - self.channels.keys():
-                        raise ValueError(f"message of topic {unknown}, which is not defined")
-                    yield block_of(channel, time, data)
+                while batch := database.execute(query, (last,)).fetchall():
+                    if batch[-1][0] <= last:
+                        raise ValueError(f"message {batch[-1][0]} follows message {last}")
+                    last = batch[-1][0]
+                    yield self._block(database, batch)
             except _DAMAGE as error:
                 self.cut = f"{self.path.name} is damaged: {error}"
+
+    def _block(self, database: sqlite3.Connection, rows: list[tuple[Any, ...]]) -> Block:
+        channel = [row[1] for row in rows]
+        data = [row[2] for row in rows]
+        time = [row[3] for row in rows] if self._times else np.zeros(len(rows))
+        if not self.channels.keys() >= set(channel):
+            self.channels = _channels(database)  # a recorder may have met another topic meanwhile
+        for unknown in set(channel) - self.channels.keys():
+            raise ValueError(f"message of topic {unknown}, which is not defined")
+        return block_of(channel, time, data)
 
     @contextlib.contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
@@ -145,6 +157,13 @@ def settle(path: Path) -> None:
             database.execute("SELECT count(*) FROM topics").fetchone()
     except sqlite3.Error as error:
         raise BagError(f"{path} cannot be settled: {error}") from error
+
+
+def _channels(database: sqlite3.Connection) -> dict[int, Channel]:
+    rows = database.execute("SELECT * FROM topics")
+    names = [column[0] for column in rows.description]
+    found = [dict(zip(names, row, strict=True)) for row in rows]
+    return {row["id"]: _channel(row) for row in found}
 
 
 def _channel(row: dict[str, object]) -> Channel:

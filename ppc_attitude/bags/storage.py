@@ -39,6 +39,7 @@ ROSBAGS_RANGE = ">=0.11.9,<0.12"
 PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _CHUNK_BYTES = 2**20
 _BATCH_ROWS = 4096
+_LOCK_PATIENCE = 30.0  # [s] with another program that reads the database
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log and publish time
 _MESSAGE_OPCODE = 0x05
 _MESSAGE_HEAD = 22  # bytes of a message record before the payload
@@ -163,7 +164,7 @@ class KillSafeSqlite(Sqlite3Writer):
         super().__init__(path, compression)
         self.conn.close()
         # Flushed from the writer's clock thread too; the writer's lock keeps the two apart.
-        self.conn = sqlite3.connect(self.path, check_same_thread=False)
+        self.conn = sqlite3.connect(self.path, timeout=_LOCK_PATIENCE, check_same_thread=False)
         # The rollback journal protects against a kill; waiting for the disk would stall the loop.
         self.conn.execute("PRAGMA synchronous=OFF")
         self.cursor = self.conn.cursor()
