@@ -133,7 +133,9 @@ def assert_child_wrote(bag: Path, at_least: int) -> int:
     return len(steps)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))]
+)
 def test_after_sigkill_all_but_the_last_second_is_there(
     tmp_path: Path, storage: str, seed: int, child: list[subprocess.Popen[str]]
 ) -> None:

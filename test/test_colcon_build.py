@@ -119,6 +119,12 @@ def test_the_index_leads_to_config_and_launch_files(workspace: Path) -> None:
 
 
 @pytest.mark.ros
+@pytest.mark.parametrize(
+    "workspace",
+    ["", pytest.param("--symlink-install", marks=pytest.mark.long)],
+    ids=["install", "symlinks"],
+    indirect=True,
+)
 def test_every_executable_runs(workspace: Path, start_process: StartProcess) -> None:
     """A moment of the paper's case by the files that `ros2 run` executes, and by the command."""
     files = f"install/{PACKAGE}/lib/{PACKAGE}"

@@ -24,7 +24,9 @@ from conftest import StartProcess
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import main
+from ppc_attitude.nodes import inject
 
 ROOT = Path(__file__).parent.parent
 PATIENCE = 120.0  # [s]
@@ -37,7 +39,7 @@ def command(*words: str) -> list[str]:
     return [sys.executable, "-m", "ppc_attitude.command_line.main", *words]
 
 
-@pytest.mark.parametrize("mode", ["--realtime", "lock-step"])
+@pytest.mark.parametrize("mode", ["--realtime", pytest.param("lock-step", marks=pytest.mark.long)])
 def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
     mode: str, tmp_path: Path, start_process: StartProcess, ros_domain: int
 ) -> None:
@@ -60,9 +62,9 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
         shown += more
     torque = [str(value) for value in TORQUE]
     # Begins at a known time, so that what is in the bag can be compared to the sample.
-    inject = start_process(command("inject", *torque, "--duration", "0.25", "--at", "9.0"))
-    out, err = inject.communicate(timeout=PATIENCE)
-    assert inject.returncode == 0, err
+    injection = start_process(command("inject", *torque, "--duration", "0.25", "--at", "9.0"))
+    out, err = injection.communicate(timeout=PATIENCE)
+    assert injection.returncode == 0, err
     assert "injected" in out
     _, err = run.communicate(timeout=PATIENCE)
     assert run.returncode in (0, 1), err
@@ -77,8 +79,10 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
     assert main(["replay", str(bag)]) == 0
 
 
-def test_nobody_to_inject_into_is_said(start_process: StartProcess) -> None:
-    process = start_process(command("inject", "0.1", "0.1", "0.1"))
-    _, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 3
+def test_nobody_to_inject_into_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(inject, "_PATIENCE", 0.5)
+    assert main(["inject", "0.1", "0.1", "0.1"]) == errors.BROKEN
+    err = capsys.readouterr().err
     assert "nobody listens on /disturbance/inject" in err

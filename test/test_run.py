@@ -194,7 +194,9 @@ def test_the_bag_of_an_interrupted_run_can_be_read(tmp_path, start_process):
     assert json.loads(out)["missing_messages"] == 0
 
 
-@pytest.mark.parametrize("kept", [True, False], ids=["kept", "not kept"])
+@pytest.mark.parametrize(
+    "kept", [True, pytest.param(False, marks=pytest.mark.long)], ids=["kept", "not kept"]
+)
 def test_latency_tells_of_a_bag_only_if_it_is_kept(tmp_path, start_process, kept):
     bag = tmp_path / "bag"
     options = ["--bag", str(bag)] if kept else []
