@@ -176,8 +176,12 @@ def test_messages_become_safe_when_nothing_follows_them(
         count = sum(opened.counts.values())
     with pytest.raises(BagError, match=r"is still being recorded"):
         recover(bag)
+    (warning,) = read_run(bag).warnings
+    assert warning.startswith("recording goes on: it has no metadata.yaml")
     process.kill()
     process.wait()
+    (warning,) = read_run(bag).warnings
+    assert warning.startswith("recording was cut: it has no metadata.yaml")
     assert assert_child_wrote(bag, bag_child.IDLE_STEPS) == bag_child.IDLE_STEPS
 
 

@@ -56,6 +56,8 @@ class Bag:
         Messages of each topic met so far.
     custom_data : dict of str to str
         What the bag says about its run; complete after `blocks`.
+    live : bool
+        Whether a process was still recording it, or recovering it, when it was opened.
     flaws : list of str
         Why the recording counts as cut; empty for a complete bag; complete after `blocks`.
 
@@ -70,6 +72,7 @@ class Bag:
         self._times = times
         self.topics: dict[str, str] = {}
         self.counts: dict[str, int] = {}
+        self.live = _claimed(self.path if self.path.is_dir() else self.path.parent)
         self.flaws: list[str] = []
         try:
             self._information = self._read_information()
@@ -201,6 +204,22 @@ def write_unfinished(folder: Path, custom_data: Mapping[str, str]) -> None:
     temporary = target.with_suffix(".tmp")
     temporary.write_text(json.dumps({"custom_data": dict(custom_data)}), "utf-8")
     temporary.replace(target)
+
+
+def _claimed(folder: Path) -> bool:
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # a file system without locks
+        return False
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def claim(folder: Path) -> int:

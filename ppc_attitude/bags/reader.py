@@ -53,7 +53,7 @@ def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
     -------
     RunRecord
         Every topic of the contract that the bag has. NaN and counts in `missing` where a message
-        is missing; `warnings` say whether the recording was cut.
+        is missing; `warnings` say whether the recording was cut or goes on.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
     warnings = [*collected.warnings(home), *timeline.warnings]
     if cut:
         end = seconds(int(timeline.stamps[-1]))
-        warnings.insert(0, f"recording was cut: {'; '.join(cut)}; read up to {end:g} s")
+        warnings.insert(0, f"{_state(bag)}: {'; '.join(cut)}; read up to {end:g} s")
     return RunRecord(
         source=str(bag.path),
         controller=facts.controller,
@@ -236,7 +236,11 @@ def _lack(bag: Bag, name: str, topic: Topic) -> str:
 
 
 def _flaws(bag: Bag) -> str:
-    return f"; recording was cut: {'; '.join(bag.flaws)}" if bag.flaws else ""
+    return f"; {_state(bag)}: {'; '.join(bag.flaws)}" if bag.flaws else ""
+
+
+def _state(bag: Bag) -> str:
+    return "recording goes on" if bag.live else "recording was cut"
 
 
 def _tidy(namespace: str) -> str:
