@@ -90,6 +90,8 @@ def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]
         monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
         monkeypatch.setenv("ROS_PYTHON_CHECK_FIELDS", "1")
         yield domain
+        # A later test may get this domain.
+        assert domain in unused_domains(), f"a participant is left in domain {domain}"
 
 
 def _processes_with(mark: str) -> list[int]:

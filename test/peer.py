@@ -141,7 +141,7 @@ class Peer:
         return future.result()
 
     def close(self) -> None:
-        self._executor.remove_node(self.node)
+        self._executor.shutdown()
         self.node.destroy_node()
 
 

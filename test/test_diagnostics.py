@@ -79,8 +79,7 @@ class Bench:
         return self.said.pop(0)
 
     def close(self) -> None:
-        self.executor.remove_node(self.node)
-        self.executor.remove_node(self.peer)
+        self.executor.shutdown()
         self.node.destroy_node()
         self.peer.destroy_node()
         rclpy.try_shutdown()

@@ -16,23 +16,45 @@
 
 import socket
 
-from ppc_attitude.command_line.domains import DOMAINS, choose_domain, discovery_port, unused_domains
+import pytest
+import rclpy
+from rclpy.node import Node
+
+from ppc_attitude.command_line.domains import DOMAINS, choose_domain, ports, unused_domains
 from ppc_attitude.command_line.stack import private_environment
 
 
-def test_a_domain_with_a_participant_is_not_chosen() -> None:
+@pytest.mark.parametrize("place", [0, 10], ids=["multicast", "unicast alone"])
+def test_a_domain_with_a_participant_is_not_chosen(place: int) -> None:
     taken = unused_domains()[0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
-        participant.bind(("0.0.0.0", discovery_port(taken)))
+        participant.bind(("0.0.0.0", ports(taken)[place]))
         assert taken not in unused_domains()
         assert all(choose_domain() != taken for _ in range(500))
     assert taken in unused_domains()
 
 
+@pytest.mark.ros
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+def test_the_domain_of_a_node_is_not_chosen(
+    discovery: str, ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", discovery)
+    assert ros_domain in unused_domains()
+    rclpy.init()
+    try:
+        node = Node("somebody")
+        assert ros_domain not in unused_domains()
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert ros_domain in unused_domains()
+
+
 def test_ports_of_dds_for_the_first_and_the_last_domain() -> None:
     # DDS-RTPS: PB + DG * domain; Linux hands out ephemeral ports from 32768 on.
-    assert discovery_port(0) == 7400
-    assert discovery_port(DOMAINS[-1]) == 32650
+    assert ports(0) == range(7400, 7650)
+    assert ports(DOMAINS[-1])[0] == 32650
 
 
 def test_a_domain_of_the_user_is_kept(ros_domain: int) -> None:

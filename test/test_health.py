@@ -150,6 +150,7 @@ def admit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
 
     yield admitted
     for patient in patients:
+        patient.executor.shutdown()
         patient.node.close()
         patient.node.destroy_node()
         patient.peer.destroy_node()

@@ -95,8 +95,7 @@ class Scene:
         return {(marker.ns, marker.id): marker for marker in self.drawn[-1].markers}
 
     def close(self) -> None:
-        self.executor.remove_node(self.node)
-        self.executor.remove_node(self.peer)
+        self.executor.shutdown()
         self.node.destroy_node()
         self.peer.destroy_node()
 

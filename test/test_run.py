@@ -206,6 +206,6 @@ def test_latency_tells_of_a_bag_only_if_it_is_kept(tmp_path, start_process, kept
     assert "state to torque: p50" in out
     assert "deadline 10 ms" in out
     assert bag.exists() == kept
-    (line,) = [each for each in out.splitlines() if each.startswith("bag: ")]
+    line = [each for each in (out + err).splitlines() if each.startswith("bag: ")][-1]
     assert line == (f"bag: {bag}" if kept else "bag: not kept")
     assert "ppc_attitude_latency_" not in out

@@ -19,19 +19,24 @@ from collections.abc import Iterable
 from pathlib import Path
 
 DOMAINS = range(1, 102)  # above 101 the ports of DDS meet Linux's ephemeral ports
-_PORT_BASE, _PORTS_PER_DOMAIN = 7400, 250  # DDS-RTPS, 9.6.2: where participants discover each other
+_PORT_BASE, _PORTS_PER_DOMAIN = 7400, 250  # DDS-RTPS, 9.6.2
 _SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
 def unused_domains() -> list[int]:
     """Domains without a participant on this host; all where the system does not tell."""
     taken = set(_bound_ports())
-    return [domain for domain in DOMAINS if discovery_port(domain) not in taken]
+    return [domain for domain in DOMAINS if taken.isdisjoint(ports(domain))]
 
 
-def discovery_port(domain: int) -> int:
-    """UDP port on which every participant of a domain listens."""
-    return _PORT_BASE + _PORTS_PER_DOMAIN * domain
+def ports(domain: int) -> range:
+    """UDP ports of a domain.
+
+    The first is for all participants, but some with discovery `LOCALHOST` do without; from the
+    eleventh on each has two.
+    """
+    first = _PORT_BASE + _PORTS_PER_DOMAIN * domain
+    return range(first, first + _PORTS_PER_DOMAIN)
 
 
 def choose_domain() -> int:

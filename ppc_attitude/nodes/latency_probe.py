@@ -93,7 +93,7 @@ def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
         while goes_on(len(arrivals)):
             executor.spin_once(timeout_sec=_LOOK)
     finally:
-        executor.remove_node(node)
+        executor.shutdown()  # or it keeps the node in the graph
         node.destroy_node()
         rclpy.utilities.try_shutdown()
     # The last state may be answered after the measurement.

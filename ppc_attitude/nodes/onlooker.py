@@ -91,7 +91,6 @@ class Onlooker:
     """Subscribes to what a person wants to see of the stack in the node's namespace."""
 
     def __init__(self, node: Node) -> None:
-        self._node = node
         self._home = node.get_namespace()
         self._latest = LatestSamples(node, WATCHED)
         self._health: dict[str, Health] = {}
@@ -124,7 +123,7 @@ class Onlooker:
 
     def close(self) -> None:
         """Stop looking."""
-        self._executor.remove_node(self._node)
+        self._executor.shutdown()  # or it keeps the node in the graph
 
 
 @contextmanager

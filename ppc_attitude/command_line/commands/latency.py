@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppc_attitude.command_line.errors import DONE, RunError
+from ppc_attitude.command_line.errors import BROKEN, DONE, RunError
 from ppc_attitude.command_line.options import PAPER_DURATION, positive
 from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.stack import private_environment
@@ -102,6 +102,8 @@ def _started(arguments: argparse.Namespace) -> int:
             _measure_and_print(lambda states: process.poll() is None, "")
             said, _ = process.communicate()
             print(said if arguments.bag else said.replace(str(bag), "not kept"), end="")
+            if process.returncode == BROKEN and not arguments.bag:
+                print("bag: not kept", file=sys.stderr)  # what broke has named the temporary one
             return process.returncode
         finally:
             if process.poll() is None:
