@@ -208,17 +208,11 @@ def write_unfinished(folder: Path, custom_data: Mapping[str, str]) -> None:
 
 def _claimed(folder: Path) -> bool:
     try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        os.close(_locked(folder, fcntl.LOCK_SH))
     except BlockingIOError:
         return True
-    except OSError:  # a file system without locks
+    except OSError:  # no folder, or a file system without locks
         return False
-    finally:
-        os.close(descriptor)
     return False
 
 
@@ -230,10 +224,18 @@ def claim(folder: Path) -> int:
     BagError
         Another living process holds it.
     """
+    try:
+        return _locked(folder, fcntl.LOCK_EX)
+    except BlockingIOError as error:
+        raise BagError(f"{folder} is still being recorded") from error
+
+
+def _locked(folder: Path, kind: int) -> int:
+    """Descriptor of a folder with a lock; BlockingIOError if another one is in its way."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+    except OSError:
         os.close(descriptor)
-        raise BagError(f"{folder} is still being recorded") from error
+        raise
     return descriptor
