@@ -6,6 +6,9 @@ SHELL := /bin/bash
 INSTALLED := .venv/.installed
 PYTHON ?=
 
+# Two tests at a time, those of a file one after the other; each has a ROS domain of its own.
+PYTEST := ROS_PYTHON_CHECK_FIELDS=1 python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
 # Every recipe that uses .venv starts with this. A .venv with ROS wheels of its own must not see
 # another ROS or other modules; one that was made on a sourced ROS 2 Jazzy needs it sourced again.
 define ENTER
@@ -32,19 +35,20 @@ run: $(INSTALLED) ## run the paper's normal case through the five nodes, print t
 test: $(INSTALLED) ## lint, check types, run the tests (ARGS='-k name' goes to pytest)
 	@$(ENTER); \
 	ruff check .; \
+	ruff check --preview --select CPY001 .; \
 	ruff format --check .; \
 	mypy; \
-	ROS_PYTHON_CHECK_FIELDS=1 python -m pytest $(ARGS)
+	$(PYTEST) $(ARGS)
 
-test-all: $(INSTALLED) ## the tests of `make test` and those that take minutes (process faults)
-	@$(ENTER); ROS_PYTHON_CHECK_FIELDS=1 python -m pytest -m "long or not long" $(ARGS)
+test-all: $(INSTALLED) ## the tests of `make test` and the long ones: every variant, process faults
+	@$(ENTER); $(PYTEST) -m "long or not long" $(ARGS)
 
 bench: $(INSTALLED) ## measure this stack and its yardsticks side by side
 	@$(ENTER); python -m pip install -q -e '.[bench]'; \
-	python -m ppc_attitude.bench $(ARGS)
+	python -m bench $(ARGS)
 
 soak: $(INSTALLED) ## run the nodes in lock-step for 20 minutes: what grows, what is lost (ARGS='--minutes 5')
-	@$(ENTER); python -m ppc_attitude.bench.soak $(ARGS)
+	@$(ENTER); python -m bench.soak $(ARGS)
 
 clean: ## remove what make created (recorded bags stay)
 	rm -rf .venv build install log *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
@@ -62,13 +66,13 @@ $(INSTALLED): setup.py Makefile
 	    while IFS= read -r path; do candidates+=("$$path"); done < <(type -aP "$$name" || true); \
 	  done; \
 	fi; \
-	chosen=; bare=; extras=ros,test,campaign; options=(); \
+	chosen=; bare=; extras=ros,test,campaign,guarantee; options=(); \
 	for path in "$${candidates[@]}"; do \
 	  suits "$$path" || continue; \
 	  if ! complete "$$path"; then bare="$${bare:-$$path}"; continue; fi; \
 	  chosen="$${chosen:-$$path}"; \
 	  if jazzy "$$path"; then \
-	    chosen="$$path"; extras=test,campaign; options=(--system-site-packages); break; \
+	    chosen="$$path"; extras=test,campaign,guarantee; options=(--system-site-packages); break; \
 	  fi; \
 	done; \
 	if [ -z "$$chosen" ] && [ -n "$$bare" ]; then \

@@ -23,6 +23,7 @@ NAME = "ppc_attitude"
 NODES = (
     "spacecraft_plant",
     "reference_generator",
+    "attitude_estimator",
     "ppc_controller",
     "disturbance_injector",
     "bag_recorder",
@@ -64,7 +65,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.nodes": ["*.xml"]},
+    package_data={f"{NAME}.analysis": ["web/*"], f"{NAME}.nodes": ["*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -93,6 +94,8 @@ setup(
             "ros-jazzy-common-interfaces>=5.3.6",
             "ros-jazzy-rclpy[fastrtps]>=7.1.6",
         ],
+        # Proof by interval arithmetic (check, design), and the adversary (falsify).
+        "guarantee": ["cma>=4.5.0", "python-flint>=0.9.0"],
         "campaign": ["dask[distributed]>=2026.8.0", "pyarrow>=25.0.1"],
         "bench": ["bsk>=2.12.1"],
         "test": [
@@ -102,12 +105,14 @@ setup(
             "flake8>=7.4.1",
             "flake8-quotes>=3.4.0",
             "hypothesis>=6.168.5",
+            "mpmath>=1.4.1",
             "mcap>=1.6.0",
             "mypy>=2.4.1",
             "packaging>=24.0",
             "pydocstyle>=6.3.0",
             "pytest>=9.2.0",
             "pytest-timeout>=2.4.0",
+            "pytest-xdist>=3.8.0",
             "ruff>=0.17.5",
             "types-PyYAML>=6.0.12",
         ],

@@ -24,10 +24,9 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
-from ppc_attitude.command_line.launching import Request, Stacks, arguments
-from ppc_attitude.contract.topics import RECORDER
+from ppc_attitude.command_line.launch_actions import arguments, side_by_side
+from ppc_attitude.command_line.launching import SIDE_BY_SIDE, Request
 
-ARGUMENTS = ("config", "duration", "bag", "realtime", "markers")
 CONFIG = Path(__file__).parent.parent / "config"
 HIT = CONFIG / "comparison_hit.yaml"
 RUNS = {"/proposed": [HIT], "/traditional": [HIT, CONFIG / "traditional.yaml"]}
@@ -35,21 +34,11 @@ RUNS = {"/proposed": [HIT], "/traditional": [HIT, CONFIG / "traditional.yaml"]}
 
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes of both runs, and one recorder."""
-    request = Request.of(context, *ARGUMENTS)
-    scenarios = {name: request.scenario(CONFIG, overlay) for name, overlay in RUNS.items()}
-    stacks = Stacks()
-    actions = [
-        stacks.recorder(
-            next(iter(scenarios.values())),
-            {name: scenario.parameters for name, scenario in scenarios.items()},
-        )
-    ]
-    names = [name for name in request.nodes() if name != RECORDER]
-    for namespace, scenario in scenarios.items():
-        actions += stacks.nodes(scenario, names, namespace)
-    return actions
+    asked = Request(context.launch_configurations)
+    runs = {namespace: asked.scenario(CONFIG, overlay) for namespace, overlay in RUNS.items()}
+    return side_by_side(runs, asked.nodes())
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the launch."""
-    return LaunchDescription([*arguments(*ARGUMENTS), OpaqueFunction(function=nodes)])
+    return LaunchDescription([*arguments(SIDE_BY_SIDE), OpaqueFunction(function=nodes)])

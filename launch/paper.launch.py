@@ -24,27 +24,18 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
-from ppc_attitude.command_line.launching import Request, Stacks, arguments
+from ppc_attitude.command_line.launch_actions import arguments, stack
+from ppc_attitude.command_line.launching import ARGUMENTS, Request
 
-ARGUMENTS = (
-    "config",
-    "controller",
-    "duration",
-    "bag",
-    "realtime",
-    "namespace",
-    "without",
-    "markers",
-)
 CONFIG = Path(__file__).parent.parent / "config"
 
 
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes that the arguments ask for."""
-    request = Request.of(context, *ARGUMENTS)
-    return Stacks().nodes(request.scenario(CONFIG), request.nodes(), request["namespace"])
+    asked = Request(context.launch_configurations)
+    return stack(asked.scenario(CONFIG), asked.nodes(), asked["namespace"])
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the launch."""
-    return LaunchDescription([*arguments(*ARGUMENTS), OpaqueFunction(function=nodes)])
+    return LaunchDescription([*arguments(ARGUMENTS), OpaqueFunction(function=nodes)])

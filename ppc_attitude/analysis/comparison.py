@@ -14,7 +14,8 @@
 
 """Figures of several runs: side by side as in the paper's comparisons, and the pulse sweep."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,8 @@ from ppc_attitude.analysis.drawing import (
     RED,
     RUN_COLOURS,
     draw,
+    in_degrees,
+    judged_limit,
     legend,
     limit_lines,
     log_axis,
@@ -35,85 +38,99 @@ from ppc_attitude.analysis.drawing import (
     save,
     time_axis,
 )
+from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope
 from ppc_attitude.analysis.figures import (
     AXES,
-    RATE_FLOOR,
     draw_envelope,
     fit,
+    log_floor,
     look_closely,
+    symbols,
     zoom_window,
 )
-from ppc_attitude.analysis.metrics import (
-    OUTSIDE_LIMIT_PER_HIT,
-    RATE_LIMIT_DEG,
-    RECOVERY_LIMIT,
-    pulses_of,
-)
-from ppc_attitude.analysis.series import AnalysisError, attitude_errors, elapsed, has, vectors
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.requirements import PAPER, Requirements
+from ppc_attitude.analysis.series import AnalysisError, has, vectors
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import (
-    ANGULAR_VELOCITY,
-    ATTITUDE_ENVELOPE,
-    RATE_ENVELOPE,
-    RATE_ERROR,
-)
 
 # A run: time (n,), values (n, k), envelope (n, 3) if there is one.
 _Series = tuple[Array, Array, Array | None]
 
 
-def attitude_comparison(records: Sequence[RunRecord], labels: Sequence[str]) -> Figure:
-    """Draw q_ev of several runs, each in its own envelope, and a late hit closely."""
-    series: list[_Series] = [
-        (elapsed(record), attitude_errors(record), _envelope(record, ATTITUDE_ENVELOPE.column))
-        for record in records
-    ]
-    rows = [rf"$q_{{ev,{axis}}}$ [1]" for axis in AXES]
-    return _side_by_side(records, labels, series, rows)[0]
+def attitude_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figure:
+    """Draw the pointing errors of several runs, each in its own envelope, and a late hit closely.
+
+    Raises
+    ------
+    AnalysisError
+        If a run has no attitude or no reference.
+    """
+    series: list[_Series] = []
+    for run in runs:
+        if run.pointing is None:
+            raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
+        bound = ATTITUDE.bound
+        envelope = vectors(run.record, bound) if has(run.record, bound) else None
+        series.append((run.t, run.pointing.quaternions, envelope))
+    rows = [f"pointing error\n$q_{{ev,{axis}}}$ [1]" for axis in AXES]
+    return _side_by_side(runs, labels, series, rows)[0]
 
 
-def rate_error_comparison(records: Sequence[RunRecord], labels: Sequence[str]) -> Figure:
-    """Draw |z2| of several runs, each in its own envelope, and a late hit closely.
+def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: Envelope) -> Figure:
+    """Draw the laws' own errors, each in its own envelope, and a late hit closely.
 
     Logarithmic: a hit is a thousand times the envelope.
+
+    Raises
+    ------
+    AnalysisError
+        If a run has no such error or no envelope.
     """
-    series = [
+    factor, unit = in_degrees(envelope.unit)
+    series: list[_Series] = [
         (
-            elapsed(record),
-            np.abs(vectors(record, RATE_ERROR.column)),
-            vectors(record, RATE_ENVELOPE.column),
+            run.t,
+            factor * np.abs(vectors(run.record, envelope.error)),
+            factor * vectors(run.record, envelope.bound),
         )
-        for record in records
+        for run in runs
     ]
-    rows = [f"$|z_{{2,{axis}}}|$ [rad/s]" for axis in AXES]
-    figure, _ = _side_by_side(records, labels, series, rows, floor=RATE_FLOOR)
-    return figure
+    rows = [f"|{symbols(envelope.title)}|\n{axis} [{unit}]" for axis in AXES]
+    least = min(float(np.nanmin(bound)) for _, _, bound in series if bound is not None)
+    return _side_by_side(runs, labels, series, rows, floor=log_floor(least))[0]
 
 
-def angular_velocity_comparison(records: Sequence[RunRecord], labels: Sequence[str]) -> Figure:
-    """Draw ω_s of several runs, its norm with the limit, and a late hit closely."""
+def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figure:
+    """Draw ω_s of several runs, its norm with the limit, and a late hit closely.
+
+    Raises
+    ------
+    AnalysisError
+        If a run has no angular velocity.
+    """
     series: list[_Series] = []
-    for record in records:
-        rate = np.rad2deg(vectors(record, ANGULAR_VELOCITY.column))
-        norm = np.linalg.norm(rate, axis=1, keepdims=True)
-        series.append((elapsed(record), np.hstack([rate, norm]), None))
-    rows = [rf"$\omega_{{s,{axis}}}$ [deg/s]" for axis in AXES] + [r"$\|\omega_s\|$ [deg/s]"]
-    figure, axes = _side_by_side(records, labels, series, rows)
+    for run in runs:
+        if run.rate is None:
+            raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
+        norm = np.linalg.norm(run.rate, axis=1, keepdims=True)
+        series.append((run.t, np.hstack([run.rate, norm]), None))
+    rows = [f"angular velocity\n{axis} [deg/s]" for axis in AXES] + ["its norm [deg/s]"]
+    figure, axes = _side_by_side(runs, labels, series, rows)
+    limit = runs[0].required.rate
     for each in axes[-1]:
-        limit_lines(each, RATE_LIMIT_DEG, label=f"limit {RATE_LIMIT_DEG:g} deg/s")
-        each.set_ylim(bottom=0.0, top=max(each.get_ylim()[1], 1.1 * RATE_LIMIT_DEG))
+        if limit is not None:
+            for run, colour in zip(runs, RUN_COLOURS, strict=False):
+                label = f"limit {limit:g} deg/s, where the run is judged" if run is runs[0] else ""
+                judged_limit(each, run.t, run.calm, limit, label=label, colour=colour)
+        each.set_ylim(bottom=0.0)
+    if limit is not None:
+        legend(axes[-1][0], without=axes[0][0].get_legend_handles_labels()[1])
     return figure
 
 
-COMPARISONS: dict[str, tuple[str, Callable[[Sequence[RunRecord], Sequence[str]], Figure]]] = {
-    "comparison_attitude_error": ("Attitude errors in their envelopes", attitude_comparison),
-    "comparison_angular_velocity": ("Angular velocities", angular_velocity_comparison),
-    "comparison_rate_error": ("Rate errors in their envelopes", rate_error_comparison),
-}
-"""Name of a figure's file to its caption and who draws it."""
-
-
-def comparisons_of(records: Sequence[RunRecord], labels: Sequence[str]) -> dict[str, Figure]:
+def comparisons_of(
+    records: Sequence[RunRecord], labels: Sequence[str], required: Requirements = PAPER
+) -> dict[str, tuple[str, Figure]]:
     """Draw every comparison for which all the runs have the data.
 
     Parameters
@@ -122,16 +139,18 @@ def comparisons_of(records: Sequence[RunRecord], labels: Sequence[str]) -> dict[
         Two to six runs; the first is red and the second blue, as in the paper.
     labels : sequence of str
         What to call each.
+    required : Requirements
+        Whose limits are drawn.
 
     Returns
     -------
-    dict of str to Figure
-        By the names of `COMPARISONS`, in that order.
+    dict of str to (str, Figure)
+        Name of a figure's file to caption and figure.
 
     Raises
     ------
     AnalysisError
-        If there are fewer runs or more, not one label each, or a run lacks attitude error or rate.
+        If there are fewer runs or more, not one label each, or nothing that all of them have.
     """
     if not 2 <= len(records) <= len(RUN_COLOURS):
         raise AnalysisError(
@@ -139,31 +158,49 @@ def comparisons_of(records: Sequence[RunRecord], labels: Sequence[str]) -> dict[
         )
     if len(labels) != len(records):
         raise AnalysisError(f"{len(labels)} labels for {len(records)} runs; each needs one")
-    return {
-        name: draw_figure(records, labels)
-        for name, (_, draw_figure) in COMPARISONS.items()
-        if draw_figure is not rate_error_comparison
-        or all(
-            has(record, column)
-            for record in records
-            for column in (RATE_ERROR.column, RATE_ENVELOPE.column)
-        )
-    }
+    runs = [Measured(record, required) for record in records]
+    drawn: dict[str, tuple[str, Figure]] = {}
+    lacking = ""
+    for name, caption, draw_figure in _comparisons():
+        try:
+            drawn[name] = caption, draw_figure(runs, labels)
+        except AnalysisError as error:
+            lacking = lacking or str(error)
+    if not drawn:
+        raise AnalysisError(f"the runs have nothing in common to compare: {lacking}")
+    return drawn
+
+
+_Comparison = Callable[[Sequence[Measured], Sequence[str]], Figure]
+
+
+def _comparisons() -> Iterator[tuple[str, str, _Comparison]]:
+    """Name of a figure's file, caption, and who draws it."""
+    yield "comparison_attitude_error", "Pointing errors in the envelopes", attitude_comparison
+    yield "comparison_angular_velocity", "Angular velocities", angular_velocity_comparison
+    for each in ENVELOPES:
+        if each.jumps:
+            caption = f"{each.name.capitalize()}s in their envelopes, as the laws report them"
+            yield f"comparison_{each.error}", caption, partial(error_comparison, envelope=each)
 
 
 def save_comparison(
-    records: Sequence[RunRecord], labels: Sequence[str], folder: Path
+    records: Sequence[RunRecord],
+    labels: Sequence[str],
+    folder: Path,
+    required: Requirements = PAPER,
+    formats: Sequence[str] = ("png",),
 ) -> list[Path]:
-    """Draw every comparison for which all the runs have the data and save each as PNG.
+    """Draw every comparison for which all the runs have the data and save each.
 
     Parameters
     ----------
-    records : sequence of RunRecord
-        Two to six runs; the first is red and the second blue, as in the paper.
-    labels : sequence of str
-        What to call each.
+    records, labels, required
+        As `comparisons_of`.
     folder : Path
         Where to; made if there is none. Figures of the same name are replaced.
+    formats : sequence of str
+        Some of `drawing.FORMATS`.
 
     Returns
     -------
@@ -175,14 +212,18 @@ def save_comparison(
     AnalysisError
         As `comparisons_of`.
     """
-    drawn = comparisons_of(records, labels)
-    return [save(figure, folder, name) for name, figure in drawn.items()]
+    return [
+        save(figure, folder / f"{name}.{form}")
+        for name, (_, figure) in comparisons_of(records, labels, required).items()
+        for form in formats
+    ]
 
 
 def sweep_figure(
     durations: Sequence[float],
     recovery_times: Sequence[float | None],
     outside_times: Sequence[float],
+    required: Requirements = PAPER,
 ) -> Figure:
     """Draw how recovery and time outside depend on how long a hit lasts.
 
@@ -194,6 +235,8 @@ def sweep_figure(
         Recovery from each [s]; None if the run did not recover.
     outside_times : sequence of float
         Time that each puts the rate error outside its envelope [s].
+    required : Requirements
+        Whose limits are drawn.
 
     Raises
     ------
@@ -207,9 +250,10 @@ def sweep_figure(
         )
     figure, rows = panels(2, share_x=True)
     top, bottom = rows[0][0], rows[1][0]
-    known = [(d, r) for d, r in zip(durations, recovery_times, strict=True) if r is not None]
+    # A hit that is not recovered breaks the line: nothing is known between its neighbours.
+    known = [np.nan if each is None else each for each in recovery_times]
     lost = [d for d, r in zip(durations, recovery_times, strict=True) if r is None]
-    top.plot(*_columns(known), "o-", color=BLUE, markersize=4, linewidth=1.0, label="recovery")
+    top.plot(durations, known, "o-", color=BLUE, markersize=4, linewidth=1.0, label="recovery")
     top.plot(
         lost,
         [0.93] * len(lost),
@@ -219,11 +263,15 @@ def sweep_figure(
         transform=top.get_xaxis_transform(),
         label="not recovered" if lost else "_",
     )
-    limit_lines(top, RECOVERY_LIMIT, label=f"limit {RECOVERY_LIMIT:g} s")
+    limit_lines(top, required.recovery, label=f"limit {required.recovery:g} s")
     top.set_ylabel("recovery time [s]")
-    bottom.plot(durations, outside_times, "s-", color=BLUE, markersize=4, linewidth=1.0, label="_")
-    limit_lines(bottom, OUTSIDE_LIMIT_PER_HIT, label=f"limit {OUTSIDE_LIMIT_PER_HIT:g} s")
-    bottom.set_ylabel(r"$z_2$ outside its envelope [s]")
+    bottom.plot(
+        durations, outside_times, "s-", color=BLUE, markersize=4, linewidth=1.0, label="outside"
+    )
+    allowed = required.outside_after_hit
+    if allowed is not None:
+        limit_lines(bottom, allowed, label=f"limit {allowed:g} s")
+    bottom.set_ylabel("rate error outside\nits envelope [s]")
     bottom.set_xlabel("duration of the hit [s]")
     bottom.set_xscale("log")
     bottom.set_xticks(durations, [f"{each:g}" for each in durations])
@@ -240,19 +288,20 @@ def save_sweep(
     recovery_times: Sequence[float | None],
     outside_times: Sequence[float],
     path: Path,
+    required: Requirements = PAPER,
 ) -> None:
-    """Save `sweep_figure` as the PNG file `path`; its folder is made if there is none.
+    """Save `sweep_figure` as the file `path`, whose suffix says the format.
 
     Raises
     ------
     AnalysisError
         As `sweep_figure`.
     """
-    save(sweep_figure(durations, recovery_times, outside_times), path.parent, path.stem)
+    save(sweep_figure(durations, recovery_times, outside_times, required), path)
 
 
 def _side_by_side(
-    records: Sequence[RunRecord],
+    runs: Sequence[Measured],
     labels: Sequence[str],
     series: Sequence[_Series],
     names: Sequence[str],
@@ -263,9 +312,9 @@ def _side_by_side(
 
     Logarithmic from `floor` up, if that is given.
     """
-    hits = sorted({hit.start_s for record in records for hit in pulses_of(record)})
+    hits = sorted({hit.start_s for run in runs for hit in run.hits})
     longest = max((t for t, _, _ in series), key=lambda t: float(t[-1]))
-    window = zoom_window(longest, hits)
+    window = zoom_window(longest, hits, runs[0].required.settling_deadline)
     figure, rows = panels(
         len(names), 1 if window is None else 2, width=PAGE_WIDTH, row_height=1.4, share_x=True
     )
@@ -304,11 +353,3 @@ def _fit_all(axes: Axes, window: tuple[float, float], k: int, series: Sequence[_
     values = np.concatenate([each[:, k] for _, each, _ in series])
     bounds = np.concatenate([values_k[:, k] if e is None else e[:, k] for _, values_k, e in series])
     fit(axes, window, t, [values, bounds])
-
-
-def _envelope(record: RunRecord, column: str) -> Array | None:
-    return vectors(record, column) if has(record, column) else None
-
-
-def _columns(pairs: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
-    return [a for a, _ in pairs], [b for _, b in pairs]

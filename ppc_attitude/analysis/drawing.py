@@ -14,6 +14,7 @@
 
 """What every figure shares: style, panels, lines that stay light and lose no spike."""
 
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +23,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
+from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.contract.run_record import Array
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart.
@@ -39,6 +42,9 @@ PAGE_WIDTH = 7.2
 
 BUCKETS = 600
 """Pairs of points a line is drawn with: more than a printed column can show."""
+NOISY = 4.0
+"""How many times its own height a line travels within a stretch before it is drawn as a band."""
+FORMATS = ("png", "svg", "pdf")
 
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -63,6 +69,8 @@ STYLE: dict[Any, Any] = {
 }
 
 LINE_WIDTH = 1.0
+LIMIT_STYLE = (0.0, (6.0, 2.0, 1.0, 2.0))
+CHARACTERS = 15.0  # of a legend in an inch
 ENVELOPE_WIDTH = 0.8
 
 
@@ -133,6 +141,32 @@ def decimated(t: Array, values: Array) -> tuple[Array, Array]:
     return t[picked], values[picked]
 
 
+def band(t: Array, values: Array) -> tuple[Array, Array, Array, Array] | None:
+    """Reduce a noisy line to a band: a line would hide its own middle.
+
+    Parameters
+    ----------
+    t, values : ndarray, shape (n,)
+        The line.
+
+    Returns
+    -------
+    tuple of ndarray, shape (m,), or None
+        Time, least, mean and largest value of each stretch; None for a line that is not noisy.
+    """
+    size = -(-values.size // BUCKETS)
+    whole = values.size // size * size if size else 0
+    if values.size <= 2 * BUCKETS:
+        return None
+    rows = values[:whole].reshape(-1, size)
+    low, high = rows.min(axis=1), rows.max(axis=1)
+    travelled = np.abs(np.diff(rows, axis=1)).sum(axis=1)
+    moving = np.isfinite(travelled) & (high > low)
+    if not moving.any() or np.median(travelled[moving] / (high - low)[moving]) < NOISY:
+        return None
+    return t[:whole].reshape(-1, size).mean(axis=1), low, rows.mean(axis=1), high
+
+
 def draw(
     axes: Axes,
     t: Array,
@@ -143,7 +177,7 @@ def draw(
     width: float = LINE_WIDTH,
     style: str | tuple[float, Sequence[float]] = "-",
 ) -> None:
-    """Draw one line, thinned, in the common style.
+    """Draw one line, thinned, in the common style; a noisy one as a band with its mean.
 
     Into a panel whose time is set beforehand goes only what is in view, so that a window of a
     long run is drawn as finely as a short run.
@@ -151,6 +185,10 @@ def draw(
     if not axes.get_autoscalex_on():
         view = _in_view(axes, t)
         t, values = t[view], values[view]
+    noisy = band(t, values)
+    if noisy is not None:
+        t, low, values, high = noisy
+        axes.fill_between(t, low, high, color=colour, alpha=0.3, linewidth=0, label="_")
     axes.plot(
         *decimated(t, values),
         color=colour,
@@ -168,6 +206,13 @@ def _in_view(axes: Axes, t: Array) -> slice:
     return slice(max(int(first) - 1, 0), int(last) + 2)
 
 
+def judged_limit(
+    axes: Axes, t: Array, judged: NDArray[np.bool_], level: float, **told: Any
+) -> None:
+    """Draw a limit where it is judged, shape (n,), and nowhere else."""
+    draw(axes, t, np.where(judged, level, np.nan), width=0.8, style=LIMIT_STYLE, **told)
+
+
 def limit_lines(axes: Axes, *levels: float, label: str = "") -> None:
     """Draw horizontal limits; the label goes to the first."""
     for k, level in enumerate(levels):
@@ -175,7 +220,7 @@ def limit_lines(axes: Axes, *levels: float, label: str = "") -> None:
             level,
             color=BLACK,
             linewidth=0.8,
-            linestyle=(0, (6, 2, 1, 2)),
+            linestyle=LIMIT_STYLE,
             label=label if label and k == 0 else "_",
         )
 
@@ -199,15 +244,22 @@ def mark_hits(axes: Axes, starts: Iterable[float]) -> None:
         )
 
 
-def legend(axes: Axes) -> None:
-    """Put the legend in one row above the panel, where it hides nothing."""
-    handles, labels = axes.get_legend_handles_labels()
+def legend(axes: Axes, without: Iterable[str] = ()) -> None:
+    """Put the legend above the panel, where it hides nothing; it leaves out what others tell."""
+    told = set(without)
+    entries = zip(*axes.get_legend_handles_labels(), strict=True)
+    handles, labels = zip(*(each for each in entries if each[1] not in told), strict=True)
+    figure, grid = axes.get_figure(), axes.get_gridspec()
+    assert isinstance(figure, Figure)
+    assert grid is not None
+    panel = figure.get_figwidth() / grid.ncols
+    rows = math.ceil(sum(len(label) + 6 for label in labels) / (CHARACTERS * panel))
     axes.legend(
         handles,
         labels,
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=len(handles),
+        ncols=math.ceil(len(handles) / rows),
         frameon=False,
         fontsize=7.5,
         handlelength=1.6,
@@ -231,9 +283,29 @@ def log_axis(axes: Axes, floor: float) -> None:
     axes.set_ylim(bottom=floor)
 
 
-def save(figure: Figure, folder: Path, name: str) -> Path:
-    """Write a figure as PNG at print resolution; the folder is made if there is none."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.png"
-    figure.savefig(path, dpi=300, metadata={"Software": None})
+def in_degrees(unit: str) -> tuple[float, str]:
+    """Factor and unit in which an angle or a rate is drawn: degrees throughout."""
+    shown = {"rad": "deg", "rad/s": "deg/s", "rad/s²": "deg/s²"}.get(unit)
+    return (1.0, unit) if shown is None else (float(np.rad2deg(1.0)), shown)
+
+
+_UNDATED = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure, the same for the same run, in the format of the path's suffix.
+
+    The folder is made if there is none. PNG has print resolution.
+
+    Raises
+    ------
+    AnalysisError
+        If the format is not one of `FORMATS`.
+    """
+    form = path.suffix.removeprefix(".")
+    if form not in FORMATS:
+        raise AnalysisError(f"figure {path}: its name must end in .{', .'.join(FORMATS)}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context({"svg.hashsalt": "ppc_attitude"}):
+        figure.savefig(path, dpi=300, metadata=_UNDATED[form])
     return path

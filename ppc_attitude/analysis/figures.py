@@ -12,9 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
 """The figures of one run, each the counterpart of one in the paper."""
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +27,13 @@ from matplotlib.figure import Figure
 from ppc_attitude.analysis.drawing import (
     AXIS_COLOURS,
     BLACK,
+    BLUE,
     ENVELOPE_WIDTH,
+    GREEN,
+    RED,
     draw,
+    in_degrees,
+    judged_limit,
     legend,
     limit_lines,
     log_axis,
@@ -34,214 +42,241 @@ from ppc_attitude.analysis.drawing import (
     save,
     time_axis,
 )
-from ppc_attitude.analysis.metrics import (
-    RATE_LIMIT_DEG,
-    SETTLED,
-    SETTLING_DEADLINE,
-    TERMINAL_LIMIT,
-    pulses_of,
-    torque_limit,
-)
-from ppc_attitude.analysis.series import (
-    AnalysisError,
-    attitude_errors,
-    elapsed,
-    has,
+from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.measure import Measured, known
+from ppc_attitude.analysis.metrics import torque_limit
+from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
+from ppc_attitude.analysis.series import AnalysisError, has, lacking, vectors
+from ppc_attitude.analysis.truth import (
+    EXACT,
+    knowledge_errors,
     reference_rates_in_body,
-    vectors,
 )
+from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import (
-    ANGULAR_VELOCITY,
-    APPLIED_TORQUE,
-    ATTITUDE_ENVELOPE,
-    AUXILIARY_STATE,
-    DISTURBANCE,
-    RATE_ENVELOPE,
-    RATE_ERROR,
-)
+from ppc_attitude.contract.topics import APPLIED_TORQUE, DISTURBANCE, STANDARD
+from ppc_attitude.science.component import QUATERNION, VECTOR, WRENCH
 
 AXES = ("x", "y", "z")
-ATTITUDE_FLOOR, RATE_FLOOR = 1e-6, 1e-8  # where the logarithmic panels end
+COLOURS = (*AXIS_COLOURS, BLACK)
+ENVELOPE_LABEL = "envelope"
+BELOW = 3e3  # how far below the least envelope a logarithmic panel reaches
+ANGLE_FLOOR = 1e-4  # [deg] where the panel of angles ends
 ZOOM_BEFORE, ZOOM_AFTER = 2.0, 12.0  # of a hit [s]
 
 
-def attitude_error_figure(record: RunRecord) -> Figure:
-    """Draw q_ev in its envelope ±ρ_q: linear, logarithmic, and around a late hit.
+def pointing_figure(run: Measured) -> Figure:
+    """Draw the angles of the attitude errors: pointing, and what it is made of if that differs.
 
     Raises
     ------
     AnalysisError
-        If the record has no attitude error.
+        If the record has no attitude or no reference.
     """
-    figure = _in_envelope(
-        record,
-        attitude_errors(record),
-        _optional(record, ATTITUDE_ENVELOPE.column),
-        ("q_{ev}", r"\rho_q", " [1]"),
-        ATTITUDE_FLOOR,
-        closely="linear",
-    )
-    limit_lines(figure.axes[1], SETTLED, TERMINAL_LIMIT)
-    for level, name in ((SETTLED, "settled"), (TERMINAL_LIMIT, "terminal")):
-        figure.axes[1].annotate(
-            f"{name} {level:g}",
-            (0.01, level),
-            xycoords=("axes fraction", "data"),
-            xytext=(4, 2),
-            textcoords="offset points",
-            fontsize=6.5,
-        )
+    if run.pointing is None:
+        raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
+    window = _window(run)
+    figure, rows = panels(1 if window is None else 2, row_height=2.1)
+    shown = [row[0] for row in rows]
+    look_closely(shown, window)
+    kinds = [("pointing: truth against reference", run.pointing, BLACK)]
+    if run.truth.standing != EXACT:
+        for label, errors, colour in (
+            ("control: told against reference", run.control, BLUE),
+            ("knowledge: truth against told", known(knowledge_errors, run.record), RED),
+        ):
+            kinds += [(label, errors, colour)] if errors is not None else []
+    for axes in shown:
+        for label, errors, colour in kinds:
+            draw(axes, run.t, np.rad2deg(errors.angles), label=label, colour=colour)
+        _accuracy_limits(axes, run, DEGREES)
+        log_axis(axes, ANGLE_FLOOR)
+        axes.set_ylabel("attitude error, angle [deg]")
+    _finish(shown, run)
     return figure
 
 
-def rate_error_figure(record: RunRecord) -> Figure:
-    """Draw z2 in its envelope ±ρ_ω: linear, logarithmic, and around a late hit.
+def error_figure(run: Measured, envelope: Envelope) -> Figure:
+    """Draw the law's own error in its envelope: linear, logarithmic, and around a late hit.
 
     Raises
     ------
     AnalysisError
-        If the record has no rate error.
+        If the record has no such error.
     """
-    return _in_envelope(
-        record,
-        vectors(record, RATE_ERROR.column),
-        _optional(record, RATE_ENVELOPE.column),
-        ("z_2", r"\rho_\omega", " [rad/s]"),
-        RATE_FLOOR,
-        closely="log",  # a hit is a thousand times the envelope
-    )
+    error, bound = vectors(run.record, envelope.error), None
+    if has(run.record, envelope.bound):
+        bound = vectors(run.record, envelope.bound)
+    return _in_envelope(run, envelope, error, bound)
 
 
-def applied_torque_figure(record: RunRecord) -> Figure:
+def attitude_figure(run: Measured) -> Figure:
+    """Draw the pointing error of a law that has no envelope for it.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no attitude or no reference, or an envelope.
+    """
+    if run.pointing is None or has(run.record, ATTITUDE.bound):
+        raise AnalysisError(f"{run.record.source}: {run.lacks_attitude or 'has an envelope'}")
+    return _in_envelope(run, ATTITUDE, run.pointing.quaternions[:, :3], None)
+
+
+def applied_torque_figure(run: Measured) -> Figure:
     """Draw the torque that the actuator gave, with its limits."""
-    t, torque, limit = elapsed(record), vectors(record, APPLIED_TORQUE.column), torque_limit(record)
-    window = zoom_window(t, _hits(record))
+    torque, limit = (
+        vectors(run.record, APPLIED_TORQUE.column),
+        torque_limit(run.record, run.required),
+    )
+    window = _window(run)
     figure, rows = panels(1 if window is None else 2, row_height=2.0)
     shown = [row[0] for row in rows]
     look_closely(shown, window)
     reach = 1.15 * max(limit, float(np.nanmax(np.abs(torque))))
     for axes in shown:
-        _components(axes, t, torque, r"\tau")
-        limit_lines(axes, limit, -limit, label="limit")
+        _components(axes, run.t, torque)
+        limit_lines(axes, limit, -limit, label=f"limit ±{limit:g} N·m")
         axes.set_ylabel("applied torque [N·m]")
         axes.set_ylim(-reach, reach)
-    _finish(shown, record)
+    _finish(shown, run)
     return figure
 
 
-def angular_velocity_figure(record: RunRecord) -> Figure:
+def angular_velocity_figure(run: Measured) -> Figure:
     """Draw ω_s over the desired ω_d (dotted, body axes), and its norm under the limit."""
-    t, rate = elapsed(record), np.rad2deg(vectors(record, ANGULAR_VELOCITY.column))
+    if run.rate is None:
+        raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
     figure, rows = panels(2, share_x=True)
     top, bottom = rows[0][0], rows[1][0]
-    _components(top, t, rate, r"\omega_s")
+    _components(top, run.t, run.rate)
     try:
-        desired = np.rad2deg(reference_rates_in_body(record))
+        desired = np.rad2deg(reference_rates_in_body(run.record))
     except AnalysisError:
         desired = None  # a run without a reference still has its rate
     if desired is not None:
-        for k, colour in enumerate(AXIS_COLOURS):
-            label = r"$C_e\omega_d$" if k == 0 else ""
-            draw(top, t, desired[:, k], colour=colour, style=(0, (1, 1.2)), width=1.2, label=label)
-    draw(bottom, t, np.linalg.norm(rate, axis=1), label=r"$\|\omega_s\|$")
-    limit_lines(bottom, RATE_LIMIT_DEG, label=f"limit {RATE_LIMIT_DEG:g} deg/s")
+        for axis, colour, values in zip(AXES, AXIS_COLOURS, desired.T, strict=True):
+            dots = (0, (1, 1.2))
+            draw(top, run.t, values, colour=colour, style=dots, width=1.2, label=f"{axis} desired")
+    draw(bottom, run.t, np.linalg.norm(run.rate, axis=1), label="norm")
+    limit = run.required.rate
+    if limit is not None and run.first_hit > 0.0:
+        until = "" if run.first_hit > run.end else f", judged to {run.first_hit:g} s"
+        judged_limit(bottom, run.t, run.calm, limit, label=f"limit {limit:g} deg/s{until}")
     bottom.set_ylim(bottom=0.0)
     top.set_ylabel("angular velocity [deg/s]")
     bottom.set_ylabel("its norm [deg/s]")
-    _finish([top, bottom], record)
+    _finish([top, bottom], run)
     return figure
 
 
-def disturbance_figure(record: RunRecord) -> Figure:
+def disturbance_figure(run: Measured) -> Figure:
     """Draw the external torque; with hits, the environment once more at its own scale."""
-    t, torque = elapsed(record), vectors(record, DISTURBANCE.column)
-    hits = pulses_of(record)
-    figure, rows = panels(2 if hits else 1, row_height=1.9, share_x=True)
+    torque = vectors(run.record, DISTURBANCE.column)
+    figure, rows = panels(2 if run.hits else 1, row_height=1.9, share_x=True)
     shown = [row[0] for row in rows]
     for axes in shown:
-        _components(axes, t, torque, "d")
+        _components(axes, run.t, torque)
         axes.set_ylabel("external torque [N·m]")
-    if hits:
-        rest = _without_hits(record, t, torque)
-        reach = 1.2 * max(float(np.nanmax(np.abs(rest), initial=0.0)), 1e-4)
+    if run.hits:
+        rest = np.ones(run.t.size, dtype=np.bool_)
+        for hit in run.hits:
+            rest &= (run.t < hit.start_s) | (run.t >= hit.start_s + hit.duration_s)
+        reach = 1.2 * max(float(np.nanmax(np.abs(torque[rest]), initial=0.0)), 1e-4)
         shown[1].set_ylim(-reach, reach)
-        shown[1].set_ylabel("the same, enlarged [N·m]")
-    _finish(shown, record)
+        shown[1].set_ylabel("external torque, enlarged [N·m]")
+    _finish(shown, run)
     return figure
 
 
-def transformed_errors_figure(record: RunRecord) -> Figure:
-    """Draw ε_q = q_ev/ρ_q and ε_ω = z2/ρ_ω, which stay within ±1 inside the envelopes."""
-    t = elapsed(record)
-    pairs = []
-    if has(record, ATTITUDE_ENVELOPE.column):
-        envelope = vectors(record, ATTITUDE_ENVELOPE.column)
-        pairs.append((attitude_errors(record) / envelope, r"\varepsilon_q"))
-    if has(record, RATE_ENVELOPE.column) and has(record, RATE_ERROR.column):
-        envelope = vectors(record, RATE_ENVELOPE.column)
-        pairs.append((vectors(record, RATE_ERROR.column) / envelope, r"\varepsilon_\omega"))
+def transformed_errors_figure(run: Measured) -> Figure:
+    """Draw each of the law's own errors over its envelope, which stays within ±1 inside it."""
+    pairs = envelopes_of(run.record)
     if not pairs:
-        raise AnalysisError(f"{record.source}: the record has no envelope")
+        raise AnalysisError(f"{run.record.source}: the record has no envelope")
     figure, rows = panels(len(pairs), share_x=True)
     shown = [row[0] for row in rows]
-    for axes, (values, symbol) in zip(shown, pairs, strict=True):
-        _components(axes, t, values, symbol)
+    for axes, envelope in zip(shown, pairs, strict=True):
+        bound = vectors(run.record, envelope.bound)
+        values = vectors(run.record, envelope.error)[:, : bound.shape[1]] / bound
+        _components(axes, run.t, values)
         limit_lines(axes, 1.0, -1.0, label="envelope")
-        axes.set_ylabel(f"${symbol}$ [1]")
+        label = f"{envelope.name} / envelope [1]"
         if np.nanmax(np.abs(values), initial=0.0) > 2.0:
-            # A hit takes z2 a hundred times beyond: logarithmic outside the envelope.
+            # A hit takes a rate error a hundred times beyond.
             axes.set_yscale("symlog", linthresh=1.0, linscale=2.0)
-    _finish(shown, record)
+            label = f"{envelope.name} / envelope,\nlogarithmic beyond ±1 [1]"
+        axes.set_ylabel(label)
+    _finish(shown, run)
     return figure
 
 
-def auxiliary_state_figure(record: RunRecord) -> Figure:
-    """Draw θ, the state that answers for saturation."""
-    t, theta = elapsed(record), vectors(record, AUXILIARY_STATE.column)
+def column_figure(run: Measured, column: str) -> Figure:
+    """Draw a column of the record; what comes with some instants only, as points."""
+    topic = BY_COLUMN[column]
+    factor, unit = in_degrees(topic.unit)
+    if not has(run.record, column):
+        raise lacking(run.record, column)
+    values = factor * run.record[column]
     figure, rows = panels(1, row_height=2.0)
     axes = rows[0][0]
-    _components(axes, t, theta, r"\theta")
-    axes.set_ylabel(r"auxiliary state $\theta$ [1]")
-    _finish([axes], record)
+    if topic.late:
+        for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
+            axes.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
+    else:
+        _components(axes, run.t, values)
+    axes.set_ylabel(f"{column.replace('_', ' ')} [{unit}]")
+    _finish([axes], run)
     return figure
 
 
-FIGURES: dict[str, tuple[str, Callable[[RunRecord], Figure]]] = {
-    "attitude_error": ("Attitude error in its envelope", attitude_error_figure),
-    "rate_error": ("Rate error in its envelope", rate_error_figure),
-    "applied_torque": ("Applied torque and its limits", applied_torque_figure),
-    "angular_velocity": ("Angular velocity, desired and limit", angular_velocity_figure),
-    "disturbance": ("External torque", disturbance_figure),
-    "transformed_errors": ("Errors over envelopes", transformed_errors_figure),
-    "auxiliary_state": ("Anti-saturation state", auxiliary_state_figure),
-}
-"""Name of a figure's file to its caption and who draws it."""
+_Drawing = tuple[str, str, Callable[[Measured], Figure]]
 
 
-def figures_of(record: RunRecord) -> dict[str, Figure]:
+def _drawings(record: RunRecord) -> Iterator[_Drawing]:
+    """Name of a figure's file, caption, and who draws it."""
+    yield "pointing_error", "Attitude error as an angle", pointing_figure
+    yield "attitude_error", "Attitude error", attitude_figure
+    for each in envelopes_of(record):
+        caption = f"{each.name.capitalize()} in its envelope, as the law reports it"
+        yield each.error, caption, partial(error_figure, envelope=each)
+    yield "applied_torque", "Applied torque and its limits", applied_torque_figure
+    yield "angular_velocity", "Angular velocity, desired and limit", angular_velocity_figure
+    yield "disturbance", "External torque", disturbance_figure
+    yield "transformed_errors", "Errors over envelopes", transformed_errors_figure
+    drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
+    drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}
+    for column, topic in BY_COLUMN.items():
+        if column not in drawn and topic.form in (QUATERNION, VECTOR, WRENCH):
+            caption = topic.meaning[:1].upper() + topic.meaning[1:]
+            yield column, caption, partial(column_figure, column=column)
+
+
+def figures_of(record: RunRecord, required: Requirements = PAPER) -> dict[str, tuple[str, Figure]]:
     """Draw every figure for which the record has the data.
 
     Parameters
     ----------
     record : RunRecord
         The run.
+    required : Requirements
+        Whose limits are drawn, each over the part of the run that is judged.
 
     Returns
     -------
-    dict of str to Figure
-        By the names of `FIGURES`, in that order.
+    dict of str to (str, Figure)
+        Name of a figure's file to caption and figure.
 
     Raises
     ------
     AnalysisError
         If the record has no instant, or nothing at all to draw.
     """
-    elapsed(record)
+    run = Measured(record, required)
     drawn = {}
-    for name, (_, draw_figure) in FIGURES.items():
+    for name, caption, draw_figure in _drawings(record):
         try:
-            drawn[name] = draw_figure(record)
+            drawn[name] = caption, draw_figure(run)
         except AnalysisError:
             continue  # a controller without envelope or θ has no such figure
     if not drawn:
@@ -249,8 +284,13 @@ def figures_of(record: RunRecord) -> dict[str, Figure]:
     return drawn
 
 
-def save_figures(record: RunRecord, folder: Path) -> list[Path]:
-    """Draw every figure for which the record has the data and save each as PNG.
+def save_figures(
+    record: RunRecord,
+    folder: Path,
+    required: Requirements = PAPER,
+    formats: Sequence[str] = ("png",),
+) -> list[Path]:
+    """Draw every figure for which the record has the data and save each.
 
     Parameters
     ----------
@@ -258,6 +298,10 @@ def save_figures(record: RunRecord, folder: Path) -> list[Path]:
         The run.
     folder : Path
         Where to; made if there is none. Figures of the same name are replaced.
+    required : Requirements
+        Whose limits are drawn.
+    formats : sequence of str
+        Some of `drawing.FORMATS`.
 
     Returns
     -------
@@ -269,24 +313,43 @@ def save_figures(record: RunRecord, folder: Path) -> list[Path]:
     AnalysisError
         If the record has no instant, or nothing at all to draw.
     """
-    return [save(figure, folder, name) for name, figure in figures_of(record).items()]
+    return [
+        save(figure, folder / f"{name}.{form}")
+        for name, (_, figure) in figures_of(record, required).items()
+        for form in formats
+    ]
 
 
-def zoom_window(t: Array, hits: Sequence[float]) -> tuple[float, float] | None:
+def zoom_window(t: Array, hits: Sequence[float], deadline: float) -> tuple[float, float] | None:
     """Time to look at closely [s]: around the first hit from the settling deadline on.
 
     Earlier ones are plain to see in the large error of the approach. None if there is none.
     """
-    late = [start for start in hits if start >= SETTLING_DEADLINE]
+    late = [start for start in hits if start >= deadline]
     if not late:
         return None
     return max(late[0] - ZOOM_BEFORE, float(t[0])), min(late[0] + ZOOM_AFTER, float(t[-1]))
+
+
+def _window(run: Measured) -> tuple[float, float] | None:
+    hits = [hit.start_s for hit in run.hits]
+    return zoom_window(run.t, hits, run.required.settling_deadline)
 
 
 def look_closely(shown: Sequence[Axes], window: tuple[float, float] | None) -> None:
     """Restrict the last panel to the window, if there is one, before anything is drawn."""
     if window is not None:
         shown[-1].set_xlim(*window)
+
+
+def symbols(text: str) -> str:
+    """Write the symbols of a declaration, such as q_e, as mathematics."""
+    return re.sub(r"\b(\w)_(\w+)\b", r"$\1_{\2}$", text)
+
+
+def log_floor(least: float) -> float:
+    """Where a logarithmic panel ends, from the least envelope: zero crossings reach no lower."""
+    return float(10.0 ** np.floor(np.log10(max(least, 1e-12) / BELOW)))
 
 
 def fit(axes: Axes, window: tuple[float, float], t: Array, shown: Sequence[Array]) -> None:
@@ -303,88 +366,75 @@ def draw_envelope(
     """Draw envelopes, shape (n, k), dashed in the colours of their errors.
 
     The dashes of several take turns, so that envelopes that coincide still show every colour;
-    a single one is dotted, as the paper has it.
+    a single one is dotted, as the paper has it. The legend tells the dashes, in black, for all.
     """
     count = len(colours)
     for k, colour in enumerate(colours):
         dashes = (0.0, (1.0, 1.5)) if count == 1 else (3.0 * k, (3.0, 3.0 * (count - 1)))
         for sign in (1.0, -1.0) if mirrored else (1.0,):
             draw(axes, t, sign * envelope[:, k], colour=colour, width=ENVELOPE_WIDTH, style=dashes)
+    if ENVELOPE_LABEL not in axes.get_legend_handles_labels()[1]:
+        style = (0.0, (1.0, 1.5)) if count == 1 else "--"
+        axes.plot([], [], color=BLACK, linewidth=0.8, linestyle=style, label=ENVELOPE_LABEL)
 
 
-def _in_envelope(
-    record: RunRecord,
-    error: Array,
-    envelope: Array | None,
-    names: tuple[str, str, str],
-    floor: float,
-    *,
-    closely: str,
-) -> Figure:
-    """Draw an error in its envelope; `names` are their symbols and the unit.
-
-    `closely` is the scale, ``linear`` or ``log``, on which a late hit is shown.
-    """
-    t = elapsed(record)
-    symbol, bound, unit = names
-    window = zoom_window(t, _hits(record))
+def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array | None) -> Figure:
+    """Draw an error, shape (n, 3), in its envelope, if it has one."""
+    factor, unit = in_degrees(envelope.unit)
+    error, bound = factor * error, None if bound is None else factor * bound
+    window = _window(run)
     figure, rows = panels(2 if window is None else 3)
     shown = [row[0] for row in rows]
     look_closely(shown, window)
-    scales = ("linear", "log", closely)
+    # A hit throws a rate error a thousand times beyond its envelope.
+    scales = ("linear", "log", "log" if envelope.jumps else "linear")
     for axes, scale in zip(shown, scales, strict=False):
         magnitude = scale == "log"
-        _components(axes, t, np.abs(error) if magnitude else error, symbol)
-        if envelope is not None:
-            draw_envelope(axes, t, envelope, AXIS_COLOURS, mirrored=not magnitude)
-        axes.set_ylabel(f"$|{symbol}|${unit}" if magnitude else f"${symbol}${unit}")
+        _components(axes, run.t, np.abs(error) if magnitude else error)
+        if bound is not None:
+            colours = AXIS_COLOURS[: bound.shape[1]]
+            draw_envelope(axes, run.t, bound, colours, mirrored=not magnitude)
+        title = symbols(envelope.title)
+        axes.set_ylabel(f"|{title}| [{unit}]" if magnitude else f"{title} [{unit}]")
         if magnitude:
-            log_axis(axes, floor)
-    if envelope is not None:
-        shown[0].plot([], [], color=BLACK, linewidth=0.8, linestyle="--", label=rf"$\pm{bound}$")
-    _finish(shown, record)
-    if window is not None and closely == "linear":
-        fit(shown[2], window, t, [error] if envelope is None else [error, envelope])
+            least = np.nanmin(bound) if bound is not None else np.nanmax(np.abs(error))
+            log_axis(axes, log_floor(float(least)))
+    if not envelope.jumps:
+        _accuracy_limits(shown[1], run, "")
+    _finish(shown, run)
+    if window is not None and not envelope.jumps:
+        fit(shown[2], window, run.t, [error] if bound is None else [error, bound])
     return figure
 
 
-def _components(axes: Axes, t: Array, values: Array, symbol: str) -> None:
-    """Draw the three components, shape (n, 3)."""
-    base, _, index = symbol.partition("_")
-    inner = index.strip("{}")
-    for k, (axis, colour) in enumerate(zip(AXES, AXIS_COLOURS, strict=True)):
-        subscript = f"{inner},{axis}" if inner else axis
-        draw(axes, t, values[:, k], label=rf"${base}_{{{subscript}}}$", colour=colour)
+def _accuracy_limits(axes: Axes, run: Measured, unit: str) -> None:
+    """Draw the required accuracies that are given in this unit, where they are judged."""
+    for name, accuracy, judged, colour in (
+        ("settled", run.required.settled, run.settled, BLACK),
+        ("terminal", run.required.terminal, run.last & (run.end >= run.terminal_from), GREEN),
+    ):
+        if accuracy is not None and accuracy.unit == unit and judged.any():
+            label = f"{name} < {accuracy}"
+            judged_limit(axes, run.t, judged, accuracy.limit, label=label, colour=colour)
 
 
-def _finish(shown: Sequence[Axes], record: RunRecord) -> None:
+def _components(axes: Axes, t: Array, values: Array) -> None:
+    """Draw the components, shape (n, up to 4)."""
+    for axis, colour, component in zip((*AXES, "w"), COLOURS, values.T, strict=False):
+        draw(axes, t, component, label=axis, colour=colour)
+
+
+def _finish(shown: Sequence[Axes], run: Measured) -> None:
     """Label time and marks; a panel has a legend if it says more than the first panel's."""
-    t, hits = elapsed(record), _hits(record)
     for axes in shown:
-        time_axis(axes, t)
-        mark_hits(axes, hits)
+        time_axis(axes, run.t)
+        mark_hits(axes, [hit.start_s for hit in run.hits])
     for axes in shown[:-1]:
         if axes.get_shared_x_axes().joined(axes, shown[-1]):
             axes.set_xlabel("")
     _, told = shown[0].get_legend_handles_labels()
-    for axes in shown:
+    legend(shown[0])
+    for axes in shown[1:]:
         _, labels = axes.get_legend_handles_labels()
-        if axes is shown[0] or set(labels) - set(told):
-            legend(axes)
-
-
-def _hits(record: RunRecord) -> list[float]:
-    """Find when the sudden disturbances start [s]."""
-    return [hit.start_s for hit in pulses_of(record)]
-
-
-def _without_hits(record: RunRecord, t: Array, torque: Array) -> Array:
-    """Pick the external torque where no sudden disturbance acts, shape (m, 3)."""
-    rest = np.ones(t.size, dtype=np.bool_)
-    for hit in pulses_of(record):
-        rest &= (t < hit.start_s) | (t >= hit.start_s + hit.duration_s)
-    return torque[rest]
-
-
-def _optional(record: RunRecord, column: str) -> Array | None:
-    return vectors(record, column) if has(record, column) else None
+        if set(labels) - set(told):
+            legend(axes, told)

@@ -12,119 +12,117 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The judgement of a run by the paper's requirements, from its record alone.
+
+"""The judgement of a run by its requirements, from its record alone.
 
 What is judged when
 -------------------
-Time counts from the first instant of the record. A run is judged by every requirement that applies
-to it; one that applies but that the record cannot show (a run shorter than the 60 s deadline, say)
-has the value None and is not met: a verdict never claims what was not seen.
+Time counts from the first instant of the record. Attitude and rate are the truth (`truth`): the
+pointing error decides, never what the controller says of itself. Its own errors and envelopes are
+judged as its own. Every requirement that applies to a run is met, not met, or not judged; then the
+verdict says why. T is the settling deadline and R the time allowed for a recovery.
 
-- *Settling time* applies unless a sudden disturbance comes before the deadline, which leaves no
-  undisturbed settling to judge; the error from 60 s on is judged in any case.
-- *Error from 60 s on*: the 10 s after the start of a sudden disturbance are left out. They are the
-  time allowed for its recovery, which has its own requirement.
-- *Terminal error*: the last 20 s; a run shorter than that does not show it. After a hit the scheme
-  has as long as at the start, 60 s, to reach the terminal accuracy: a run whose last 20 s begin
-  earlier is judged by recovery, and its terminal error is a metric only.
+- *Settling time* is judged unless a sudden disturbance or the end of the run comes before T.
+- *Error from T on*: R after the start of a sudden disturbance is left out. It is the time allowed
+  for the recovery, which has a requirement of its own.
+- *Terminal error*: the last part of the run. As at the start, the scheme has T after a hit to reach
+  the terminal accuracy; a run whose last part begins earlier is not judged by it.
 - *Angular rate*: up to the first sudden disturbance. A hit adds rate that no actuator can prevent.
-- *Envelopes* apply to a controller that has them. The attitude error must stay inside throughout,
-  hits before the deadline included: that is how these are judged. The rate error must stay inside
-  until the first hit, and may be outside for 0.5 s a hit after it, because a hit adds a hundred
-  times the envelope's width within one sample.
-- *Recovery* applies to hits from the deadline on. One that the next hit interrupts within the 10 s
-  allowed is judged with that one.
+- *Envelopes* apply to a controller that has them. An attitude error must stay inside throughout,
+  hits before T included: that is how these are judged. A rate error must stay inside until the
+  first hit, and may be outside for a time after each, because a hit adds a hundred times the
+  envelope's width within one sample.
+- *Recovery* applies to hits from T on. One that the next hit interrupts within R is judged with
+  that one; one that the run's end interrupts within R is not judged.
+- *Keep-out* applies to a run with cones: the truth, so that the craft's error is in it.
+- *Certificate*: time outside what the law's certificate promises, while its assumptions, as far as
+  the record shows them, held; two samples after one was broken the promise begins anew.
+- *Reported error*: what the controller reports against what follows from what it was told.
+- *Knowledge*: what the controller was told against the truth, if the record has both: within the
+  limit that the requirements set, or within what the configured noise explains.
+- *Filter*: the share of knowledge errors outside the filter's own 3σ, the mean of its squared
+  innovations, and the good fixes it refused (`filter_health`).
 - *Messages missing or not finite*: those missing and those that carry a NaN or an infinity. Such
   samples are skipped everywhere else.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
-from numpy.typing import NDArray
 
-from ppc_attitude.analysis.pulses import Pulse, find_pulses
-from ppc_attitude.analysis.series import (
-    AnalysisError,
-    attitude_errors,
-    elapsed,
-    finite,
-    has,
-    step,
-    vectors,
+from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
+from ppc_attitude.analysis.guarantee import certificate_held
+from ppc_attitude.analysis.keep_out import approaches_of
+from ppc_attitude.analysis.measure import Measured, known, largest, pulses_of, window
+from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements
+from ppc_attitude.analysis.series import AnalysisError, finite, has, topic_of
+from ppc_attitude.analysis.truth import (
+    EXACT,
+    RECORDED,
+    knowledge_errors,
+    truth_of,
 )
-from ppc_attitude.analysis.verdict import Disturbance, Metrics, Requirement, Verdict, verdict_table
-from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import (
-    ANGULAR_VELOCITY,
-    APPLIED_TORQUE,
-    ATTITUDE_ENVELOPE,
-    BY_COLUMN,
-    DISTURBANCE,
-    PLANT,
-    RATE_ENVELOPE,
-    RATE_ERROR,
+from ppc_attitude.analysis.verdict import (
+    Disturbance,
+    Requirement,
+    Span,
+    Verdict,
+    span_text,
+    verdict_table,
 )
+from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, PLANT, TRUE_ATTITUDE
+from ppc_attitude.science.kinds import SENSORS
 
-__all__ = [
-    "AnalysisError",
-    "analyse",
-    "disturbances_of",
-    "pulses_of",
-    "torque_limit",
-    "verdict_table",
-]
+__all__ = ["AnalysisError", "analyse", "names_of", "pulses_of", "torque_limit", "verdict_table"]
 
-SETTLED = 5e-3
-"""max_i |q_ev,i| below which the attitude has settled [1]."""
-SETTLING_DEADLINE = 60.0
-"""When it must have settled [s]."""
-TERMINAL_LIMIT = 5e-4
-"""What max_i |q_ev,i| must stay below at the end [1]."""
-TERMINAL_WINDOW = 20.0
-"""How long the end is [s]."""
-RATE_LIMIT_DEG = 3.0
-"""What ‖ω_s‖ may reach [deg/s]."""
 PAPER_TORQUE_LIMIT = 0.05
 """What the actuator gives on an axis, if the record does not say [N·m]."""
-RECOVERY_LIMIT = 10.0
-"""How long the recovery from a sudden disturbance may take [s]."""
-OUTSIDE_LIMIT_PER_HIT = 0.5
-"""How long a sudden disturbance may put the rate error outside its envelope [s]."""
-
-SETTLING_TIME = "settling time"
-ERROR_AFTER_DEADLINE = f"attitude error from {SETTLING_DEADLINE:g} s on"
-TERMINAL_ERROR = f"attitude error in the last {TERMINAL_WINDOW:g} s"
-RATE = "angular rate (norm)"
-APPLIED = "applied torque on an axis"
-ATTITUDE_OUTSIDE = "attitude error outside its envelope"
-RATE_OUTSIDE = "rate error outside its envelope"
-RATE_OUTSIDE_AFTER_HIT = "rate error outside its envelope, a hit"
-RECOVERY = "recovery from a sudden disturbance"
-LOST = "messages missing or not finite"
-REQUIREMENTS = (
-    SETTLING_TIME,
-    ERROR_AFTER_DEADLINE,
-    TERMINAL_ERROR,
-    RATE,
-    APPLIED,
-    ATTITUDE_OUTSIDE,
-    RATE_OUTSIDE,
-    RATE_OUTSIDE_AFTER_HIT,
-    RECOVERY,
-    LOST,
-)
-"""Names of all requirements, in the order of a verdict; a run is judged by those that apply."""
-
-Mask = NDArray[np.bool_]
+ROUNDING = 1e-9
+"""How far a reported attitude error may be from the one that follows from what was told [1]."""
+NOISE_EXPLAINS = 8.0
+"""Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
 
 
-def analyse(record: RunRecord) -> Verdict:
-    """Judge a run by the paper's requirements.
+def names_of(required: Requirements) -> dict[str, str]:
+    """`Requirement.key` to name of all that a run may be judged by, in the order of a verdict."""
+    return {
+        "settling_time": "settling time",
+        "error_after_deadline": f"attitude error from {required.settling_deadline:g} s on",
+        "terminal_error": f"attitude error in the last {required.terminal_window:g} s",
+        "rate": "angular rate (norm)",
+        "applied_torque": "applied torque on an axis",
+        **{key: name for each in ENVELOPES for key, name in _outside(each).items()},
+        "recovery": "recovery from a sudden disturbance",
+        **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
+        "keep_out": "angle inside a keep-out cone",
+        "certificate": "certificate held: time outside",
+        "reported_error": "difference in the reported attitude error",
+        "knowledge": "knowledge error (truth against told)",
+        "knowledge_outside": "share of knowledge errors outside 3σ, worst axis",
+        "nis": "mean NIS of the fixes, from 3",
+        "refused_fixes": "good fixes refused",
+        "lost_messages": "messages missing or not finite",
+    }
+
+
+def _outside(envelope: Envelope) -> dict[str, str]:
+    key, name = f"outside_{envelope.bound}", f"{envelope.name} outside its envelope"
+    after_hit = {f"{key}_after_hit": f"{name}, a hit"} if envelope.jumps else {}
+    return {key: name, **after_hit}
+
+
+def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
+    """Judge a run.
 
     Parameters
     ----------
     record : RunRecord
-        The run. It needs angular velocity, applied torque and the attitude error (or attitude and
-        reference attitude); envelopes and disturbance are judged where it has them.
+        The run; what it lacks is not judged.
+    required : Requirements
+        What it is judged by; the paper's by default.
 
     Returns
     -------
@@ -134,247 +132,255 @@ def analyse(record: RunRecord) -> Verdict:
     Raises
     ------
     AnalysisError
-        If the record has no instant, or no finite sample of a needed quantity.
+        If the record has no instant.
     """
-    t = elapsed(record)
-    h = step(t)
-    errors = attitude_errors(record)
-    error = _magnitude(errors)
-    hits = _disturbances(t, error, pulses_of(record))
-    attitude_outside, rate_outside = _outside_attitude(record, errors), _outside_rate(record)
-    metrics = Metrics(
-        **_attitude_metrics(t, error, hits),
-        **_rate_metrics(t, vectors(record, ANGULAR_VELOCITY.column), hits),
-        max_applied_torque=float(np.nanmax(np.abs(vectors(record, APPLIED_TORQUE.column)))),
-        time_outside_attitude_envelope_s=_time(attitude_outside, h),
-        time_outside_rate_envelope_s=_time(rate_outside, h),
-        disturbances=hits,
-    )
+    judge = _Judge(record, required)
     return Verdict(
         source=record.source,
         controller=record.controller,
-        duration_s=float(t[-1]),
-        steps=int(t.size),
+        duration_s=judge.end,
+        steps=int(judge.t.size),
         missing_messages=record.missing_messages,
-        requirements=tuple(_requirements(record, t, h, metrics, rate_outside)),
-        metrics=metrics,
+        truth=truth_of(record).standing,
+        requirements=tuple(judge.requirements()),
+        metrics=judge.metrics,
+        errors=tuple(judge.error_sizes()),
+        required=required,
     )
 
 
-def disturbances_of(record: RunRecord) -> tuple[Disturbance, ...]:
-    """Find the sudden disturbances of a run and the recovery from each.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run; without a recorded disturbance it has none.
-
-    Returns
-    -------
-    tuple of Disturbance
-        By start.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no instant, or hits but no attitude error.
-    """
-    pulses = pulses_of(record)
-    if not pulses:
-        return ()
-    return _disturbances(elapsed(record), _magnitude(attitude_errors(record)), pulses)
-
-
-def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
-    """Find the sudden disturbances of a run, by start; none where none is recorded.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no instant.
-    """
-    t = elapsed(record)
-    if not has(record, DISTURBANCE.column):
-        return ()
-    return find_pulses(t, vectors(record, DISTURBANCE.column))
-
-
-def _disturbances(t: Array, error: Array, pulses: tuple[Pulse, ...]) -> tuple[Disturbance, ...]:
-    """Add to each pulse the recovery of the error, shape (n,), from it."""
-    return tuple(
-        Disturbance(
-            pulse.start_s, pulse.duration_s, pulse.torque, _recovery(t, error, pulse, pulses)
-        )
-        for pulse in pulses
-    )
-
-
-def torque_limit(record: RunRecord) -> float:
-    """Limit of the actuator on an axis [N·m]: as the run was configured, else the paper's."""
-    limit = record.parameters.get(PLANT, {}).get("max_torque")
+def torque_limit(record: RunRecord, required: Requirements = PAPER) -> float:
+    """Limit on an axis [N·m]: as required, else the actuator's as configured, else the paper's."""
+    limit = required.torque
+    if not isinstance(limit, int | float):
+        limit = record.parameters.get(PLANT, {}).get("max_torque")
     return float(limit) if isinstance(limit, int | float) else PAPER_TORQUE_LIMIT
 
 
-def _attitude_metrics(
-    t: Array, error: Array, hits: tuple[Disturbance, ...]
-) -> dict[str, float | None]:
-    """Measure the attitude error, shape (n,)."""
-    undisturbed = t < _first(hits)
-    unsettled = np.flatnonzero(undisturbed & (error >= SETTLED))
-    settling = float(t[unsettled[-1]]) if unsettled.size else 0.0
-    judged = t >= SETTLING_DEADLINE
-    for hit in hits:
-        judged &= ~((t >= hit.start_s) & (_since(t, hit.start_s) <= RECOVERY_LIMIT))
-    end = t >= np.round(t[-1] - TERMINAL_WINDOW, 9)
-    return {
-        "settling_time_s": settling if np.isfinite(error[undisturbed]).any() else None,
-        "error_after_settling_deadline": _largest(error[judged]),
-        "terminal_error": _largest(error[end]) if t[-1] >= TERMINAL_WINDOW else None,
-    }
+class _Judge(Measured):
+    """One run under judgement."""
 
+    def __init__(self, record: RunRecord, required: Requirements) -> None:
+        super().__init__(record, required)
+        self._names = names_of(required)
 
-def _rate_metrics(t: Array, rate: Array, hits: tuple[Disturbance, ...]) -> dict[str, float | None]:
-    """Largest norm and component of the angular velocity before the first hit."""
-    undisturbed = np.rad2deg(rate[: np.searchsorted(t, _first(hits))])
-    return {
-        "max_rate_deg_s": _largest(np.linalg.norm(undisturbed, axis=1)),
-        "max_rate_axis_deg_s": _largest(np.abs(undisturbed)),
-    }
+    def requirements(self) -> Iterator[Requirement]:
+        """Judge the requirements that apply to the run."""
+        required = self.required
+        yield self._settling()
+        yield self._after_deadline()
+        if required.terminal is not None:
+            yield self._terminal(required.terminal)
+        if required.rate is not None:
+            why = self.lacks_rate or self._never_calm
+            rate = self.metrics.max_rate_deg_s
+            yield self._row("rate", rate, required.rate, "deg/s", self.calm_span, why)
+        if required.torque is not None:
+            limit = torque_limit(self.record, required)
+            yield self._column("applied_torque", APPLIED_TORQUE.column, limit)
+        for envelope in envelopes_of(self.record):
+            yield from self._inside(envelope)
+        late = [hit for hit in self.hits if hit.start_s >= required.settling_deadline]
+        if late:
+            yield self._recovered(late)
+        for column, limit in required.limits.items():
+            yield self._column(f"limit_{column}", column, limit)
+        yield from self._kept_out()
+        yield from self._certificate()
+        yield from self._reported()
+        yield from self._knowledge()
+        yield from self._filter()
+        yield self._row("lost_messages", float(_lost(self.record)), 0.0, "", self.whole)
 
+    def _row(
+        self,
+        key: str,
+        value: float | None,
+        limit: float,
+        unit: str,
+        span: Span,
+        why: str = "",
+        *,
+        strict: bool = False,
+        without: tuple[Span, ...] = (),
+        note: str = "",
+    ) -> Requirement:
+        """Compare a value with its limit, unless there is a reason why not."""
+        if value is None and not why:
+            why = f"there is no finite sample from {span_text(span)} s"
+        name = self._names[key]
+        if why or value is None:
+            return Requirement(key, name, None, limit, unit, None, None, strict, why)
+        met = value < limit if strict else value <= limit
+        return Requirement(key, name, value, limit, unit, met, span, strict, note, without)
 
-def _requirements(
-    record: RunRecord, t: Array, h: float, metrics: Metrics, rate_outside: Mask | None
-) -> list[Requirement]:
-    """Judge the requirements that apply to the run; h is the time between two samples [s]."""
-    judged = Requirement.judged
-    hits = metrics.disturbances
-    rows = []
-    if _first(hits) >= SETTLING_DEADLINE:
-        settling = metrics.settling_time_s if t[-1] >= SETTLING_DEADLINE else None
-        rows.append(judged(SETTLING_TIME, settling, SETTLING_DEADLINE, "s", strict=True))
-    after = metrics.error_after_settling_deadline
-    rows.append(judged(ERROR_AFTER_DEADLINE, after, SETTLED, "", strict=True))
-    if all(_since(t, hit.start_s)[-1] >= SETTLING_DEADLINE + TERMINAL_WINDOW for hit in hits):
-        rows.append(judged(TERMINAL_ERROR, metrics.terminal_error, TERMINAL_LIMIT, "", strict=True))
-    rows += [
-        judged(RATE, metrics.max_rate_deg_s, RATE_LIMIT_DEG, "deg/s"),
-        judged(APPLIED, metrics.max_applied_torque, torque_limit(record), "N·m"),
-        *_envelope_requirements(t, h, metrics, rate_outside),
-    ]
-    late = [hit for hit in hits if hit.start_s >= SETTLING_DEADLINE]
-    if late:
-        recovery = _slowest_recovery(late)
-        rows.append(judged(RECOVERY, recovery, RECOVERY_LIMIT, "s"))
-    rows.append(judged(LOST, float(_lost(record)), 0.0, ""))
-    return rows
+    def _ends_before(self, needed: float, what: str) -> str:
+        return f"the run ends at {self.end:g} s, before {what}" if self.end < needed else ""
 
+    @property
+    def _before_deadline(self) -> str:
+        """Why the run shows nothing of what comes after the deadline; empty if it does."""
+        deadline = self.required.settling_deadline
+        return self.lacks_attitude or self._ends_before(deadline, f"the deadline of {deadline:g} s")
 
-def _envelope_requirements(
-    t: Array, h: float, metrics: Metrics, rate_outside: Mask | None
-) -> list[Requirement]:
-    """Time outside the envelopes that the run has."""
-    judged = Requirement.judged
-    hits = metrics.disturbances
-    rows = []
-    if metrics.time_outside_attitude_envelope_s is not None:
-        rows.append(judged(ATTITUDE_OUTSIDE, metrics.time_outside_attitude_envelope_s, 0.0, "s"))
-    if rate_outside is not None:
-        before = _time(rate_outside[t < _first(hits)], h)
-        rows.append(judged(RATE_OUTSIDE, before, 0.0, "s"))
-    if rate_outside is not None and hits:
-        after = max(_time_of(rate_outside[_window(t, hit, hits)], h) for hit in hits)
-        rows.append(judged(RATE_OUTSIDE_AFTER_HIT, after, OUTSIDE_LIMIT_PER_HIT, "s"))
-    return rows
+    @property
+    def _never_calm(self) -> str:
+        return "a sudden disturbance acts from the first instant on" if not self.first_hit else ""
 
+    def _settling(self) -> Requirement:
+        deadline, (_, until) = self.required.settling_deadline, self.calm_span
+        why, note = self._before_deadline, ""
+        if self.first_hit < deadline:
+            why = f"a sudden disturbance at {until:g} s comes before the deadline of {deadline:g} s"
+        if self.metrics.settled is False:
+            note = f"still not settled at {until:g} s"
+        value = self.metrics.settling_time_s
+        key, span = "settling_time", self.calm_span
+        return self._row(key, value, deadline, "s", span, why, strict=True, note=note)
 
-def _slowest_recovery(hits: list[Disturbance]) -> float | None:
-    """Longest recovery [s]; None if one is not recovered and no next hit interrupts it."""
-    times = []
-    for hit, following in zip(hits, [*hits[1:], None], strict=True):
-        interrupted = (
-            following is not None and round(following.start_s - hit.start_s, 9) <= RECOVERY_LIMIT
+    def _after_deadline(self) -> Requirement:
+        accuracy, why = self.required.settled, self._before_deadline
+        span = (self.required.settling_deadline, self.end)
+        if not why and not self.settled.any():
+            within = f"{self.required.recovery:g} s of a sudden disturbance"
+            why = f"every instant from {span_text(span)} s is within {within}"
+        return self._row(
+            "error_after_deadline",
+            largest(self.size(accuracy), self.settled),
+            accuracy.limit,
+            accuracy.unit,
+            span,
+            why,
+            strict=True,
+            without=self.recoveries,
         )
-        if hit.recovery_time_s is not None:
-            times.append(hit.recovery_time_s)
-        elif not interrupted:
-            return None
-    return max(times)
 
+    def _terminal(self, accuracy: Accuracy) -> Requirement:
+        last, deadline = self.required.terminal_window, self.required.settling_deadline
+        since = max((hit.start_s for hit in self.hits), default=0.0)
+        start = f"the sudden disturbance at {since:g} s" if since else "the start"
+        what = f"{last:g} s that begin {deadline:g} s after {start} are over"
+        return self._row(
+            "terminal_error",
+            largest(self.size(accuracy), self.last),
+            accuracy.limit,
+            accuracy.unit,
+            self.last_span,
+            self.lacks_attitude or self._ends_before(self.terminal_from, what),
+            strict=True,
+        )
 
-def _recovery(t: Array, error: Array, pulse: Pulse, pulses: tuple[Pulse, ...]) -> float | None:
-    """`Disturbance.recovery_time_s` of one pulse; `error` has shape (n,)."""
-    window = np.flatnonzero(_window(t, pulse, pulses) & np.isfinite(error))
-    if window.size == 0 or error[window[-1]] >= SETTLED:
-        return None
-    above = window[error[window] >= SETTLED]
-    return float(_since(t, pulse.start_s)[above[-1]]) if above.size else 0.0
+    def _column(self, key: str, column: str, limit: float) -> Requirement:
+        """Judge the largest number of a column over the whole run."""
+        unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
+        value, why = self.largest_of(column), self.lacks(column)
+        return self._row(key, value, limit, unit, self.whole, why)
 
+    def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
+        """Judge the time of the law's own error outside its envelope."""
+        outside, (key, *after_hit) = envelope.outside(self.record), _outside(envelope)
+        if not envelope.jumps:
+            yield self._row(key, self.time(outside), 0.0, "s", self.whole)
+            return
+        calm = self.time(outside[self.calm])
+        yield self._row(key, calm, 0.0, "s", self.calm_span, self._never_calm)
+        limit = self.required.outside_after_hit
+        if self.hits and limit is not None:
+            longest = max(self.time(outside[window(self.t, hit, self.hits)]) for hit in self.hits)
+            yield self._row(after_hit[0], longest, limit, "s", (self.first_hit, self.end))
 
-def _window(
-    t: Array, hit: Pulse | Disturbance, hits: tuple[Pulse, ...] | tuple[Disturbance, ...]
-) -> Mask:
-    """Instants from the start of a hit to that of the next, or to the end."""
-    following = min((o.start_s for o in hits if o.start_s > hit.start_s), default=np.inf)
-    return np.asarray((t >= hit.start_s) & (t < following))
+    def _recovered(self, hits: list[Disturbance]) -> Requirement:
+        """Judge the slowest recovery from the hits that are judged by it."""
+        limit, span = self.required.recovery, (hits[0].start_s, self.end)
+        slowest, why, never = None, self.lacks_attitude, ""
+        for hit, following in zip(hits, [*hits[1:], None], strict=True):
+            stop = self.end if following is None else following.start_s
+            if hit.recovery_time_s is not None:
+                slowest = max(hit.recovery_time_s, slowest or 0.0)
+            elif round(stop - hit.start_s, 9) > limit:
+                never = f"not recovered from the sudden disturbance at {hit.start_s:g} s"
+            elif following is None and not never and (slowest or 0.0) <= limit:
+                after = f"after the sudden disturbance at {hit.start_s:g} s are over"
+                why = why or f"the run ends at {self.end:g} s, before the {limit:g} s {after}"
+        if never and not why:
+            name = self._names["recovery"]
+            return Requirement("recovery", name, None, limit, "s", False, span, reason=never)
+        return self._row("recovery", slowest, limit, "s", span, why)
 
+    def _kept_out(self) -> Iterator[Requirement]:
+        """Judge how far the craft came into its worst keep-out cone; negative: it stayed out."""
+        approaches = approaches_of(self.record)
+        if not approaches:
+            return
+        worst = max(approaches, key=lambda each: each.half_angle - each.angle)
+        angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
+        note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
+        yield self._row("keep_out", float(half_angle - angle), 0.0, "deg", self.whole, note=note)
 
-def _first(hits: tuple[Disturbance, ...]) -> float:
-    """Start of the first hit [s]; infinity if there is none."""
-    return min((hit.start_s for hit in hits), default=np.inf)
+    def _certificate(self) -> Iterator[Requirement]:
+        """Judge the time outside what a certificate promises while its assumptions held."""
+        held = certificate_held(self.record)
+        if held is not None:
+            time = self.time(held.outside)
+            yield self._row("certificate", time, 0.0, "s", self.whole, held.reason, note=held.note)
 
+    def _reported(self) -> Iterator[Requirement]:
+        """Compare the reported error with that of what was told; q_e and −q_e are one."""
+        told = self.control
+        if told is None or not has(self.record, ATTITUDE_ERROR.column):
+            return
+        reported = self.record[ATTITUDE_ERROR.column]
+        apart = np.minimum(
+            *(
+                np.maximum.reduce(np.abs(sign * reported - told.quaternions).T)
+                for sign in (1.0, -1.0)
+            )
+        )
+        yield self._row("reported_error", largest(apart), ROUNDING, "", self.whole)
 
-def _since(t: Array, start: float) -> Array:
-    """Time since start [s], to the nanosecond, so that a limit met exactly is met."""
-    return np.round(t - start, 9)
+    def _knowledge(self) -> Iterator[Requirement]:
+        """Compare what was told with the truth: as required, else as the noise explains."""
+        accuracy, standing = self.required.knowledge, truth_of(self.record).standing
+        plant = self.record.parameters.get(PLANT, {})
+        sensors, noise = SENSORS.selected(plant), plant.get("attitude_noise")
+        direct = sensors is not None and sensors.name == "direct"
+        if accuracy is None and standing == RECORDED and direct and noise:
+            accuracy = Accuracy(float(np.rad2deg(NOISE_EXPLAINS * float(noise))), DEGREES)
+        if accuracy is None:
+            return
+        errors = known(knowledge_errors, self.record)
+        value = largest(accuracy.size(errors.quaternions, errors.angles)) if errors else None
+        why = self.lacks(TRUE_ATTITUDE.column, ATTITUDE.column)
+        if standing == EXACT:
+            value, why = 0.0, ""
+        limit, unit = accuracy.limit, accuracy.unit
+        yield self._row("knowledge", value, limit, unit, self.whole, why, strict=True)
 
-
-def _magnitude(errors: Array) -> Array:
-    """Largest component of each row of shape (n, 3); NaN where one is."""
-    x, y, z = np.abs(errors).T
-    return np.asarray(np.maximum(np.maximum(x, y), z))
-
-
-def _outside_attitude(record: RunRecord, errors: Array) -> Mask | None:
-    """Instants with a component of q_ev beyond ρ_q, shape (n,); None without an envelope."""
-    if not has(record, ATTITUDE_ENVELOPE.column):
-        return None
-    return _beyond(errors, record[ATTITUDE_ENVELOPE.column])
-
-
-def _outside_rate(record: RunRecord) -> Mask | None:
-    """Instants with a component of z2 beyond ρ_ω, shape (n,); None without an envelope."""
-    if not (has(record, RATE_ENVELOPE.column) and has(record, RATE_ERROR.column)):
-        return None
-    return _beyond(record[RATE_ERROR.column], record[RATE_ENVELOPE.column])
-
-
-def _beyond(error: Array, envelope: Array) -> Mask:
-    """Rows, finite in both, with a component beyond its envelope."""
-    beyond = np.logical_or.reduce(np.abs(error).T > envelope.T)
-    return np.asarray(beyond & finite(error) & finite(envelope))
-
-
-def _time(outside: Mask | None, h: float) -> float | None:
-    """Time outside [s]: the samples outside, h each; None if there is nothing to count in."""
-    return None if outside is None or outside.size == 0 else _time_of(outside, h)
-
-
-def _time_of(outside: Mask, h: float) -> float:
-    return round(int(np.count_nonzero(outside)) * h, 9)
-
-
-def _largest(values: Array) -> float | None:
-    """Largest number that is not NaN; None if there is none."""
-    if values.size and np.isfinite(largest := values.max()):
-        return float(largest)
-    known = values[np.isfinite(values)]
-    return float(known.max()) if known.size else None
+    def _filter(self) -> Iterator[Requirement]:
+        """Compare a filter's errors with what it says of them."""
+        found = filter_health(self.record)
+        if found is None:
+            return
+        span = (min(SETTLED, self.end), self.end)
+        why = "" if found.outside is not None else self._ends_before(SETTLED, "the filter settles")
+        if found.outside is not None and found.outside > OUTSIDE_LIMIT:
+            why = f"{found.outside:.3g}, but one run cannot tell: errors correlate over minutes"
+        yield self._row("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", span, why)
+        if found.nis_limit is not None:
+            yield self._row("nis", found.nis_offset, found.nis_limit, "", self.whole)
+        if found.refused_limit is not None:
+            why = self.lacks(TRUE_ATTITUDE.column)
+            refused = found.refused
+            yield self._row("refused_fixes", refused, found.refused_limit, "", self.whole, why)
 
 
 def _lost(record: RunRecord) -> int:
     """Messages that are missing, and samples that are there but not finite."""
     lost = record.missing_messages
     for column, rows in record.columns.items():
-        missing = record.missing.get(BY_COLUMN[column].name, 0)
-        lost += max(int(np.count_nonzero(~finite(rows))) - missing, 0)
+        known = finite(rows)
+        if column in BY_COLUMN and BY_COLUMN[column].late:  # it comes with some instants only
+            known |= np.isnan(rows).all(axis=1)
+        missing = record.missing.get(topic_of(column), 0)
+        lost += max(int(np.count_nonzero(~known)) - missing, 0)
     return lost

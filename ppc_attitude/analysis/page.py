@@ -24,6 +24,11 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from ppc_attitude.analysis.interactive import plotted, script, style
+from ppc_attitude.contract.declared import components_of
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.topics import HOSTED
+
 # Colours are stated throughout and the scheme is light: a dark browser changes nothing.
 _CSS = """
 :root { color-scheme: light; }
@@ -41,9 +46,17 @@ th, td { text-align: left; padding: .25rem .7rem; border-bottom: 1px solid #ddd;
 thead th { border-bottom: 2px solid #888; white-space: nowrap; }
 tbody th { font-weight: normal; white-space: nowrap; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+td.text { white-space: nowrap; }
 .met, .failed { font-weight: 600; white-space: nowrap; }
 .met { color: #00573d; }
 .failed { color: #a33c00; }
+.open { color: #555; white-space: nowrap; }
+details { margin: 1rem 0; }
+figure button, .replay button { font: inherit; font-size: .8rem; margin: .2rem .5rem; }
+.untold, [hidden] { display: none !important; }
+.replay canvas { border: 1px solid #ddd; max-width: 100%; touch-action: none; display: block; }
+.replay input { width: 20rem; max-width: 60%; vertical-align: middle; }
+summary { font-weight: 600; cursor: pointer; }
 .warning { background: #fff4e0; border-left: 4px solid #e69f00; padding: .4rem .7rem; }
 .figures { display: grid; gap: .8rem 1rem; align-items: start; margin-top: .6rem;
   grid-template-columns: repeat(auto-fill, minmax(min(24rem, 100%), 1fr)); }
@@ -55,6 +68,7 @@ figcaption { font-size: .85rem; color: #444; padding: 0 0 .3rem .5rem; }
 .columns section { break-inside: avoid; margin-bottom: 1rem; }
 .columns h3 { margin-top: 0; }
 @media print {
+  figure button, .replay { display: none; }
   body { padding: 0; font-size: 9.5pt; max-width: none; }
   .figures { grid-template-columns: 1fr 1fr; }
   .columns { columns: 2 16rem; font-size: 8pt; }
@@ -82,24 +96,49 @@ def write_page(path: Path, title: str, body: Sequence[str]) -> None:
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light">\n'
-        f"<title>{escape(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}</title>\n<style>{style()}{_CSS}</style>\n</head>\n<body>\n"
         + "\n".join(body)
-        + "\n</body>\n</html>\n"
+        + f"\n{script()}\n</body>\n</html>\n"
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
+    unfinished = path.with_name(f"{path.name}.unfinished")  # a page is whole, or not there
+    try:
+        unfinished.write_text(page, encoding="utf-8")
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def collapsed(title: str, content: str) -> str:
+    """Part of a page that a reader opens."""
+    return f"<details><summary>{escape(title)}</summary>{content}</details>"
 
 
 def configuration(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    """Parameters by node, in columns."""
+    """Parameters by node, with their units, in columns; of components, the selected ones'."""
     if not parameters:
         return "<p>not recorded</p>"
-    sections = [
-        f"<section><h3>{escape(node)}</h3>{pairs((k, _plain(v)) for k, v in values.items())}"
-        "</section>"
-        for node, values in parameters.items()
-    ]
+    sections = []
+    for node, values in parameters.items():
+        units = {each.name: each.unit for each in PARAMETERS.get(node, ())}
+        others = _not_run(node, values)
+        rows = [(k, f"{_plain(v)} {units.get(k, '')}") for k, v in values.items()]
+        shown = pairs(row for row in rows if row[0] not in others)
+        sections.append(f"<section><h3>{escape(node)}</h3>{shown}</section>")
     return f'<div class="columns">{"".join(sections)}</div>'
+
+
+def _not_run(node: str, values: Mapping[str, Any]) -> set[str]:
+    """Parameters of a node that belong to components which it did not run."""
+    own = {each.name for part in components_of(node, values) for each in part.parameters}
+    others = {
+        each.name
+        for kind in HOSTED.get(node, ())
+        if kind.optional or kind.selected(values)
+        for part in kind.components.values()
+        for each in part.parameters
+    }
+    return others - own
 
 
 def _plain(value: Any) -> str:
@@ -112,9 +151,9 @@ def _plain(value: Any) -> str:
 
 
 def pairs(named: Iterable[tuple[str, str]]) -> str:
-    """Names and values, as plain text, in a table of two columns."""
+    """Names and values, as plain text, in a table of two columns; nothing is `not recorded`."""
     rows = [f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in named]
-    return f"<table><tbody>{''.join(rows)}</tbody></table>"
+    return f"<table><tbody>{''.join(rows)}</tbody></table>" if rows else "<p>not recorded</p>"
 
 
 def table(head: Sequence[str], rows: Sequence[str]) -> str:
@@ -127,12 +166,12 @@ def table(head: Sequence[str], rows: Sequence[str]) -> str:
     )
 
 
-def figures(captioned: Mapping[str, Figure], width: str) -> str:
-    """Figures, by caption, as images that the page carries itself; width `column` or `page`."""
+def figures(captioned: Iterable[tuple[str, Figure]], width: str) -> str:
+    """Captions and figures, as images that the page carries itself; width `column` or `page`."""
     shown = [
-        f'<figure class="{width}"><figcaption>{escape(caption)}</figcaption>'
-        f'<img alt="{escape(caption)}" src="{_data_uri(figure)}"></figure>'
-        for caption, figure in captioned.items()
+        f'<figure class="{width}" data-width="{width}"><figcaption>{escape(caption)}</figcaption>'
+        f'<img alt="{escape(caption)}" src="{_data_uri(figure)}">{plotted(figure)}</figure>'
+        for caption, figure in captioned
     ]
     return f'<div class="figures">{"".join(shown)}</div>'
 

@@ -14,33 +14,52 @@
 
 """One self-contained HTML page: verdicts, figures, configuration and versions of the runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
-from matplotlib.figure import Figure
-
-from ppc_attitude.analysis.comparison import COMPARISONS, comparisons_of
-from ppc_attitude.analysis.figures import FIGURES, figures_of
-from ppc_attitude.analysis.page import configuration, figures, pairs, table, write_page
+from ppc_attitude.analysis.comparison import comparisons_of
+from ppc_attitude.analysis.figures import figures_of
+from ppc_attitude.analysis.interactive import replay
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.page import collapsed, configuration, figures, pairs, table, write_page
 from ppc_attitude.analysis.series import AnalysisError
-from ppc_attitude.analysis.verdict import Metrics, Requirement, Verdict, number_text
+from ppc_attitude.analysis.truth import STANDING
+from ppc_attitude.analysis.verdict import (
+    Requirement,
+    Verdict,
+    number_text,
+    span_text,
+)
 from ppc_attitude.contract.run_record import RunRecord
 
 _METRICS = (
     ("settling_time_s", "settling time", "s"),
-    ("error_after_settling_deadline", "largest attitude error from 60 s on", ""),
-    ("terminal_error", "largest attitude error in the last 20 s", ""),
-    ("max_rate_deg_s", "largest angular rate (norm)", "deg/s"),
-    ("max_rate_axis_deg_s", "largest angular rate on an axis", "deg/s"),
+    ("error_after_settling_deadline", "largest max |q_ev,i|, recoveries left out", ""),
+    ("error_from_deadline_with_recoveries", "largest max |q_ev,i|, with recoveries", ""),
+    ("terminal_error", "largest max |q_ev,i| at the end", ""),
+    ("max_rate_deg_s", "largest angular rate (norm) before a sudden disturbance", "deg/s"),
+    ("max_rate_whole_run_deg_s", "largest angular rate (norm), whole run", "deg/s"),
+    ("max_rate_axis_deg_s", "largest rate on an axis before a sudden disturbance", "deg/s"),
+    ("max_rate_axis_whole_run_deg_s", "largest rate on an axis, whole run", "deg/s"),
     ("max_applied_torque", "largest applied torque on an axis", "N·m"),
-    ("time_outside_attitude_envelope_s", "attitude error outside its envelope", "s"),
-    ("time_outside_rate_envelope_s", "rate error outside its envelope", "s"),
+    (
+        "time_outside_attitude_envelope_s",
+        "law's attitude error outside its envelope, whole run",
+        "s",
+    ),
+    (
+        "time_pointing_outside_attitude_envelope_s",
+        "true attitude error outside that envelope, whole run",
+        "s",
+    ),
+    ("time_outside_rate_envelope_s", "law's rate error outside its envelope, whole run", "s"),
 )
 
+Runs = Sequence[tuple[RunRecord, Verdict]]
 
-def write_report(runs: Sequence[tuple[RunRecord, Verdict]], path: Path) -> None:
+
+def write_report(runs: Runs, path: Path, *, mission: str = "", date: str = "") -> None:
     """Write the report of one run, or of several side by side.
 
     Parameters
@@ -49,6 +68,10 @@ def write_report(runs: Sequence[tuple[RunRecord, Verdict]], path: Path) -> None:
         Each run with its judgement; several are compared in one table and in common figures.
     path : Path
         The HTML file; its folder is made if there is none, the file is replaced if there is one.
+    mission : str
+        Name of the mission, for the title.
+    date : str
+        When the report is made.
 
     Raises
     ------
@@ -58,12 +81,13 @@ def write_report(runs: Sequence[tuple[RunRecord, Verdict]], path: Path) -> None:
     if not runs:
         raise AnalysisError("no run to report on")
     labels = run_labels([record for record, _ in runs])
-    body = [_heading(runs)]
+    title = f"{mission or 'Attitude control report'}: {', '.join(labels)}"
+    body = [f"<h1>{escape(title)}</h1>", f"<p>{escape(date)}</p>", _heading(runs, labels)]
     if len(runs) > 1:
         body.append(_comparison(runs, labels))
     for (record, verdict), label in zip(runs, labels, strict=True):
         body.append(_run_section(record, verdict, label if len(runs) > 1 else "Run"))
-    write_page(path, _title(runs), body)
+    write_page(path, title, body)
 
 
 def run_labels(records: Sequence[RunRecord]) -> list[str]:
@@ -87,22 +111,16 @@ def run_labels(records: Sequence[RunRecord]) -> list[str]:
     return [f"{name} ({k})" for k, name in enumerate(bags, start=1)]
 
 
-def _title(runs: Sequence[tuple[RunRecord, Verdict]]) -> str:
-    names = ", ".join(verdict.controller for _, verdict in runs)
-    return f"Attitude control report: {names}"
+def _heading(runs: Runs, labels: Sequence[str]) -> str:
+    """Say in one line for each run how it came out."""
+    lines = []
+    for (_, verdict), label in zip(runs, labels, strict=True):
+        style = "met" if verdict.all_met else "failed"
+        lines.append(f'<p class="{style}">{escape(f"{label}: {verdict.summary}")}</p>')
+    return "\n".join(lines)
 
 
-def _heading(runs: Sequence[tuple[RunRecord, Verdict]]) -> str:
-    """Say in one line how it came out."""
-    failed = sum(not each.met for _, verdict in runs for each in verdict.requirements)
-    judged = sum(len(verdict.requirements) for _, verdict in runs)
-    outcome = "All requirements met" if failed == 0 else f"{failed} of {judged} requirements failed"
-    return (
-        f'<h1>{escape(_title(runs))}</h1>\n<p class="{"failed" if failed else "met"}">{outcome}</p>'
-    )
-
-
-def _comparison(runs: Sequence[tuple[RunRecord, Verdict]], labels: Sequence[str]) -> str:
+def _comparison(runs: Runs, labels: Sequence[str]) -> str:
     """Put the requirements of all runs in one table, then the common figures."""
     names = list(dict.fromkeys(each.name for _, v in runs for each in v.requirements))
     rows = []
@@ -117,15 +135,8 @@ def _comparison(runs: Sequence[tuple[RunRecord, Verdict]], labels: Sequence[str]
     return (
         "<h2>Comparison</h2>\n"
         + table(["requirement", *labels, "limit"], rows)
-        + figures(_captioned(comparisons_of(records, labels), COMPARISONS), "page")
+        + figures(comparisons_of(records, labels, runs[0][1].required).values(), "page")
     )
-
-
-def _captioned(
-    drawn: Mapping[str, Figure], known: Mapping[str, tuple[str, Any]]
-) -> dict[str, Figure]:
-    """Figures by the captions of the table that made them."""
-    return {known[name][0]: figure for name, figure in drawn.items()}
 
 
 def _requirement(verdict: Verdict, name: str) -> Requirement | None:
@@ -142,25 +153,31 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
         ("source", verdict.source),
         ("controller", verdict.controller),
         ("duration", f"{verdict.duration_s:g} s in {verdict.steps} instants"),
+        ("truth", STANDING[verdict.truth]),
         ("missing messages", str(verdict.missing_messages)),
     ]
     facts += [(f"missing of {topic}", str(count)) for topic, count in record.missing.items()]
     warnings = "".join(f'<p class="warning">{escape(each)}</p>\n' for each in record.warnings)
+    drawn = figures_of(record, verdict.required).values()
+    asked = [(name, str(value)) for name, value in verdict.required.to_json().items()]
     return "\n".join(
         [
             f'<section class="run"><h2>{escape(title)}</h2>',
             warnings + pairs(facts),
             "<h3>Requirements</h3>",
             _requirements(verdict),
-            "<h3>Metrics</h3>",
-            _metrics(verdict.metrics),
-            _disturbances(verdict.metrics),
+            _disturbances(verdict),
+            "<h3>Attitude errors</h3>",
+            _errors(verdict),
+            "<h3>Other numbers</h3>",
+            _metrics(verdict),
             "<h3>Figures</h3>",
-            figures(_captioned(figures_of(record), FIGURES), "column"),
-            "<h3>Configuration</h3>",
-            configuration(record.parameters),
-            "<h3>Versions</h3>",
-            pairs(record.metadata.items()) if record.metadata else "<p>not recorded</p>",
+            figures(drawn, "column"),
+            "<h3>Replay</h3>",
+            replay(Measured(record, verdict.required)),
+            collapsed("Requirements file", pairs(asked)),
+            collapsed("Configuration", configuration(record.parameters)),
+            collapsed("Versions", pairs(record.metadata.items())),
             "</section>",
         ]
     )
@@ -169,40 +186,60 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
 def _requirements(verdict: Verdict) -> str:
     rows = [
         f'<tr><th>{escape(each.name)}</th><td class="number">{escape(each.value_text)}</td>'
-        f"<td>{escape(each.limit_text)}</td><td>{_outcome(each)}</td></tr>"
+        f'<td class="text">{escape(each.limit_text)}</td><td>{escape(each.span_text)}</td>'
+        f"<td>{_outcome(each)}</td><td>{escape(each.note)}</td></tr>"
         for each in verdict.requirements
     ]
-    return table(["requirement", "value", "limit", "verdict"], rows)
+    return table(["requirement", "value", "limit", "judged [s]", "verdict", "note"], rows)
 
 
 def _outcome(each: Requirement) -> str:
     """Tell the verdict in words as well as in colour."""
-    return '<span class="met">✓ met</span>' if each.met else '<span class="failed">✗ failed</span>'
+    style, mark = {None: ("open", "–"), True: ("met", "✓"), False: ("failed", "✗")}[each.met]
+    return f'<span class="{style}">{mark} {each.outcome}</span>'
 
 
-def _metrics(metrics: Metrics) -> str:
+def _errors(verdict: Verdict) -> str:
+    """The three errors, never mixed."""
     rows = []
+    for each in verdict.errors:
+        numbers = [each.max_deg, each.rms_deg]
+        cells = "".join(
+            f'<td class="number">{"not known" if n is None else number_text(n)}</td>'
+            for n in numbers
+        )
+        name = f"{each.name}: {each.meaning}"
+        rows.append(f"<tr><th>{escape(name)}</th>{cells}<td>{span_text(each.span)}</td></tr>")
+    return table(["error", "largest [deg]", "RMS [deg]", "over [s]"], rows)
+
+
+def _metrics(verdict: Verdict) -> str:
+    rows = []
+    metrics = verdict.metrics
     for field, name, unit in _METRICS:
-        value = getattr(metrics, field)
+        value, span = getattr(metrics, field), metrics.spans.get(field)
         text = "–" if value is None else f"{number_text(value)} {unit}".rstrip()
-        rows.append(f'<tr><th>{escape(name)}</th><td class="number">{escape(text)}</td></tr>')
-    return table(["metric", "value"], rows)
+        if field == "settling_time_s" and metrics.settled is False:
+            text = "not settled"
+        rows.append(
+            f'<tr><th>{escape(name)}</th><td class="number">{escape(text)}</td>'
+            f"<td>{span_text(span)}</td></tr>"
+        )
+    return table(["number", "value", "over [s]"], rows)
 
 
-def _disturbances(metrics: Metrics) -> str:
-    if not metrics.disturbances:
+def _disturbances(verdict: Verdict) -> str:
+    if not verdict.metrics.disturbances:
         return "<p>No sudden disturbance.</p>"
     rows = []
-    for hit in metrics.disturbances:
-        recovery = hit.recovery_time_s
+    for hit in verdict.metrics.disturbances:
         cells = [
             number_text(hit.start_s),
             number_text(hit.duration_s),
             ", ".join(number_text(each) for each in hit.torque),
-            "not recovered" if recovery is None else number_text(recovery),
+            hit.outcome,
+            hit.judged_by,
         ]
-        rows.append(
-            "<tr>" + "".join(f'<td class="number">{escape(cell)}</td>' for cell in cells) + "</tr>"
-        )
-    head = ["start [s]", "duration [s]", "torque x, y, z [N·m]", "recovery [s]"]
+        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
+    head = ["start [s]", "duration [s]", "torque x, y, z [N·m]", "recovery", "judged by"]
     return "<h3>Sudden disturbances</h3>\n" + table(head, rows)

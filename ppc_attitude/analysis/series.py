@@ -17,14 +17,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import (
-    ATTITUDE,
-    ATTITUDE_ERROR,
-    REFERENCE_ATTITUDE,
-    REFERENCE_RATE,
-)
-from ppc_attitude.science.attitude import attitude_error, to_body
 
 
 class AnalysisError(ValueError):
@@ -87,10 +81,21 @@ def vectors(record: RunRecord, column: str) -> Array:
         If the run has not the column, or no finite sample of it.
     """
     if not has(record, column):
-        raise AnalysisError(f"{record.source}: the record has no sample of '{column}'")
+        raise lacking(record, column)
     rows = record[column]
     known = finite(rows)
     return rows[:, :3] if known.all() else np.where(known[:, None], rows[:, :3], np.nan)
+
+
+def lacking(record: RunRecord, column: str) -> AnalysisError:
+    """Error that says which topic the record lacks."""
+    return AnalysisError(f"{record.source}: the record has no sample of '{topic_of(column)}'")
+
+
+def topic_of(column: str) -> str:
+    """Name of the topic that fills a column."""
+    topic = BY_COLUMN.get(column)
+    return topic.name if topic else column.replace("_", "/", 1)
 
 
 def has(record: RunRecord, column: str) -> bool:
@@ -98,8 +103,8 @@ def has(record: RunRecord, column: str) -> bool:
     if column not in record:
         return False
     rows = record[column]
-    first = rows[:1]  # nearly always settles it
-    return bool(finite(first).any() or finite(rows).any())
+    # The first sample nearly always settles it.
+    return bool((len(rows) and np.isfinite(rows[0]).all()) or finite(rows).any())
 
 
 def finite(rows: Array) -> NDArray[np.bool_]:
@@ -110,61 +115,3 @@ def finite(rows: Array) -> NDArray[np.bool_]:
         return np.ones(len(rows), np.bool_)
     # Column by column: a reduction along so short an axis costs six times as much.
     return np.asarray(np.logical_and.reduce([np.isfinite(column) for column in rows.T]))
-
-
-def attitude_errors(record: RunRecord) -> Array:
-    """Vector part of q_e, shape (n, 3); NaN where it is not known.
-
-    As recorded, or, for a controller that does not publish it, from attitude and reference.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-
-    Raises
-    ------
-    AnalysisError
-        If the run has neither.
-    """
-    if has(record, ATTITUDE_ERROR.column) or not has(record, REFERENCE_ATTITUDE.column):
-        return vectors(record, ATTITUDE_ERROR.column)
-    return _errors(record)[:, :3]
-
-
-def reference_rates_in_body(record: RunRecord) -> Array:
-    """Desired angular velocity in body axes, C_e ω_d [rad/s], shape (n, 3); NaN where not known.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-
-    Raises
-    ------
-    AnalysisError
-        If the run lacks the attitude, the reference's attitude or its rate.
-    """
-    errors, rates = _errors(record), vectors(record, REFERENCE_RATE.column)
-    known = finite(errors) & finite(rates)
-    body = np.full_like(rates, np.nan)
-    body[known] = [
-        to_body(tuple(rate), (x, y, z), w)
-        for rate, (x, y, z, w) in zip(rates[known].tolist(), errors[known].tolist(), strict=True)
-    ] or np.empty((0, 3))
-    return body
-
-
-def _errors(record: RunRecord) -> Array:
-    """q_e = q_d⁻¹ ⊗ q_s, shape (n, 4), from the recorded attitudes; NaN where one is missing."""
-    for column in (ATTITUDE.column, REFERENCE_ATTITUDE.column):
-        vectors(record, column)  # raises, naming what is missing
-    attitude, reference = record[ATTITUDE.column], record[REFERENCE_ATTITUDE.column]
-    # A quaternion of zeros is no attitude: as good as missing, and nothing to normalise.
-    known = finite(attitude) & finite(reference) & attitude.any(axis=1) & reference.any(axis=1)
-    errors = np.full_like(attitude, np.nan)
-    errors[known] = [
-        attitude_error(tuple(q_s), tuple(q_d))
-        for q_s, q_d in zip(attitude[known].tolist(), reference[known].tolist(), strict=True)
-    ] or np.empty((0, 4))
-    return errors

@@ -12,58 +12,101 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
 """`Verdict`: what was judged, how it came out, and how it is told (terminal, JSON)."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-NOT_JUDGED = "not shown"
+from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.analysis.truth import EXACT, STANDING
+
+MET, NOT_MET, NOT_JUDGED = "met", "NOT MET", "not judged"
+
+Span = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """One requirement and whether it is met.
+    """One requirement and how it came out.
 
     Attributes
     ----------
+    key : str
+        What it is for programs.
     name : str
         What is required.
     value : float or None
-        What the run reached; None if the record cannot show it (then it is not met).
+        What the run reached; None if there is no such number.
     limit : float
         What the value may reach.
     unit : str
         Unit of both; empty for a number of things.
-    met : bool
-        True if the run meets it.
+    met : bool or None
+        None if the run could not be judged by it.
+    span : (float, float) or None
+        The part of the run that was judged, from and to [s]; None if nothing was.
     strict : bool
         True if the value must stay below the limit, False if it may equal it.
+    reason : str
+        Why it is not judged, or what a reader must know of the value.
+    without : tuple of (float, float)
+        Parts of the span that were left out [s].
     """
 
+    key: str
     name: str
     value: float | None
     limit: float
     unit: str
-    met: bool
-    strict: bool
+    met: bool | None
+    span: Span | None
+    strict: bool = False
+    reason: str = ""
+    without: tuple[Span, ...] = ()
 
-    @classmethod
-    def judged(
-        cls, name: str, value: float | None, limit: float, unit: str, *, strict: bool = False
-    ) -> "Requirement":
-        """Compare a value with its limit; a value that is not known meets nothing."""
-        met = value is not None and (value < limit if strict else value <= limit)
-        return cls(name, value, limit, unit, met, strict)
+    @property
+    def outcome(self) -> str:
+        """One of `MET`, `NOT_MET`, `NOT_JUDGED`."""
+        return NOT_JUDGED if self.met is None else MET if self.met else NOT_MET
 
     @property
     def value_text(self) -> str:
         """The value for a reader, without its unit."""
-        return NOT_JUDGED if self.value is None else number_text(self.value)
+        return "–" if self.value is None else number_text(self.value)
 
     @property
     def limit_text(self) -> str:
         """The limit for a reader, with its unit."""
         return f"{'<' if self.strict else '≤'} {number_text(self.limit)} {self.unit}".rstrip()
+
+    @property
+    def span_text(self) -> str:
+        """The part of the run that was judged, for a reader."""
+        return span_text(self.span)
+
+    @property
+    def note(self) -> str:
+        """What else a reader must know."""
+        gaps = ", ".join(span_text(each) for each in self.without)
+        return self.reason or (f"without {gaps}" if gaps else "")
+
+    def to_json(self) -> dict[str, Any]:
+        """Row of ``analyse --json``."""
+        told: dict[str, Any] = {
+            "name": self.name,
+            "value": self.value,
+            "limit": self.limit,
+            "unit": self.unit,
+            "pass": self.met,
+            "span": self.span and list(self.span),
+        }
+        if self.without:
+            told["without"] = [list(each) for each in self.without]
+        if self.reason:
+            told["reason"] = self.reason
+        return told
 
 
 @dataclass(frozen=True)
@@ -78,13 +121,23 @@ class Disturbance:
         Extra torque in body axes [N·m].
     recovery_time_s : float or None
         From its start to the last instant, before the next one or the end, at which the attitude
-        error is 5e-3 or more; 0 if it never is, None if it still is at the last instant.
+        error is not settled; 0 if it always is, None if it still is not at the last instant.
+    judged_by : str
+        What judges it: recovery, or, before the settling deadline, the envelope if there is one.
     """
 
     start_s: float
     duration_s: float
     torque: tuple[float, float, float]
     recovery_time_s: float | None
+    judged_by: str
+
+    @property
+    def outcome(self) -> str:
+        """How it came out, for a reader."""
+        if self.recovery_time_s is None:
+            return "not recovered"
+        return f"recovered after {number_text(self.recovery_time_s)} s"
 
 
 @dataclass(frozen=True)
@@ -94,20 +147,36 @@ class Metrics:
     Attributes
     ----------
     settling_time_s : float or None
-        Last instant before the first sudden disturbance at which max_i |q_ev,i| ≥ 5e-3; 0 if none.
+        Last instant before the first sudden disturbance at which the attitude error is not
+        settled; 0 if there is none.
     error_after_settling_deadline : float or None
-        Largest max_i |q_ev,i| from 60 s on, without the 10 s that follow the start of a sudden
-        disturbance.
+        Largest max_i |q_ev,i| from the deadline on, without the recoveries from sudden
+        disturbances.
     terminal_error : float or None
-        Largest max_i |q_ev,i| of the last 20 s.
+        Largest max_i |q_ev,i| of the last part.
     max_rate_deg_s, max_rate_axis_deg_s : float or None
         Largest ‖ω_s‖ and largest component before the first sudden disturbance.
-    max_applied_torque : float
+    max_applied_torque : float or None
         Largest component of the actuator torque [N·m].
     time_outside_attitude_envelope_s, time_outside_rate_envelope_s : float or None
-        Time with a component beyond its envelope; None without an envelope.
+        Time with a component of the law's own error beyond its envelope; None without one.
+    time_pointing_outside_attitude_envelope_s : float or None
+        Time with a component of the true attitude error beyond the law's envelope.
+    error_from_deadline_with_recoveries : float or None
+        Largest max_i |q_ev,i| from the deadline on.
+    max_rate_whole_run_deg_s, max_rate_axis_whole_run_deg_s : float or None
+        Largest ‖ω_s‖ and largest component of all.
+    settled : bool or None
+        Whether the attitude error is settled at the last instant before the first sudden
+        disturbance: if not, there is no settling time yet.
+    converged : bool or None
+        Whether the attitude error stays settled over the last part.
+    further : mapping of str to float
+        ``time_outside_<bound>_s`` of the record's other envelopes.
     disturbances : tuple of Disturbance
         The sudden disturbances, by start.
+    spans : mapping of str to (float, float)
+        Name of a number above to the part of the run that it is taken over [s].
     """
 
     settling_time_s: float | None
@@ -115,10 +184,39 @@ class Metrics:
     terminal_error: float | None
     max_rate_deg_s: float | None
     max_rate_axis_deg_s: float | None
-    max_applied_torque: float
+    max_applied_torque: float | None
     time_outside_attitude_envelope_s: float | None
     time_outside_rate_envelope_s: float | None
+    time_pointing_outside_attitude_envelope_s: float | None
+    error_from_deadline_with_recoveries: float | None
+    max_rate_whole_run_deg_s: float | None
+    max_rate_axis_whole_run_deg_s: float | None
+    settled: bool | None
+    converged: bool | None
+    further: Mapping[str, float | None]
     disturbances: tuple[Disturbance, ...]
+    spans: Mapping[str, Span]
+
+
+@dataclass(frozen=True)
+class ErrorSize:
+    """One of the three attitude errors (`truth`), over a part of the run.
+
+    Attributes
+    ----------
+    name, meaning : str
+        Which error.
+    max_deg, rms_deg : float or None
+        Largest and root mean square of its angle [deg]; None if it is not known.
+    span : (float, float)
+        The part of the run [s].
+    """
+
+    name: str
+    meaning: str
+    max_deg: float | None
+    rms_deg: float | None
+    span: Span
 
 
 @dataclass(frozen=True)
@@ -137,10 +235,16 @@ class Verdict:
         Number of instants.
     missing_messages : int
         How many messages are missing.
+    truth : str
+        What stands for the truth: a key of `truth.STANDING`.
     requirements : tuple of Requirement
         Those that apply to this run.
     metrics : Metrics
         The numbers behind them.
+    errors : tuple of ErrorSize
+        Pointing, control and knowledge.
+    required : Requirements
+        What was asked for.
     """
 
     source: str
@@ -148,17 +252,30 @@ class Verdict:
     duration_s: float
     steps: int
     missing_messages: int
+    truth: str
     requirements: tuple[Requirement, ...]
     metrics: Metrics
+    errors: tuple[ErrorSize, ...]
+    required: Requirements
 
     @property
     def all_met(self) -> bool:
-        """True if the run meets every requirement that applies to it."""
-        return all(requirement.met for requirement in self.requirements)
+        """True if no requirement is judged and missed."""
+        return all(each.met is not False for each in self.requirements)
+
+    @property
+    def summary(self) -> str:
+        """How many requirements came out how, in one line."""
+        outcomes = [each.outcome for each in self.requirements]
+        counts = [(outcomes.count(each), each) for each in (NOT_MET, NOT_JUDGED, MET)]
+        told = ", ".join(f"{count} {outcome}" for count, outcome in counts if count)
+        return f"{told} of {len(outcomes)} requirements"
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that ``ppc_attitude analyse --json`` prints."""
         metrics = asdict(self.metrics)
+        metrics |= metrics.pop("further")
+        spans = {name: list(span) for name, span in metrics.pop("spans").items()}
         for disturbance in metrics["disturbances"]:
             disturbance["torque"] = list(disturbance["torque"])
         return {
@@ -167,17 +284,11 @@ class Verdict:
             "duration_s": self.duration_s,
             "steps": self.steps,
             "missing_messages": self.missing_messages,
-            "requirements": [
-                {
-                    "name": requirement.name,
-                    "value": requirement.value,
-                    "limit": requirement.limit,
-                    "unit": requirement.unit,
-                    "pass": requirement.met,
-                }
-                for requirement in self.requirements
-            ],
-            "metrics": {**metrics, "disturbances": list(metrics["disturbances"])},
+            "requirements": [each.to_json() for each in self.requirements],
+            "metrics": {**metrics, "disturbances": list(metrics["disturbances"]), "spans": spans},
+            "errors": [{**asdict(each), "span": list(each.span)} for each in self.errors],
+            "truth": self.truth,
+            "required": self.required.to_json(),
         }
 
 
@@ -194,34 +305,55 @@ def verdict_table(verdict: Verdict) -> str:
     str
         Lines without a final line break: what was judged, a table of requirements, disturbances.
     """
-    head = (
-        f"{verdict.source}: controller {verdict.controller}, {verdict.duration_s:g} s, "
-        f"{verdict.steps} instants, {verdict.missing_messages} missing messages"
-    )
-    cells = [("requirement", "value", "limit", "verdict")]
+    cells = [("requirement", "value", "limit", "judged [s]", "verdict")]
     cells += [
-        (each.name, each.value_text, each.limit_text, "met" if each.met else "NOT MET")
+        (each.name, each.value_text, each.limit_text, each.span_text, each.outcome)
         for each in verdict.requirements
     ]
-    name, value, limit, _ = (max(len(row[k]) for row in cells) for k in range(4))
-    lines = [head, ""]
-    lines += [f"{row[0]:<{name}}  {row[1]:>{value}}  {row[2]:<{limit}}  {row[3]}" for row in cells]
-    lines.insert(3, "-" * max(len(line) for line in lines[2:]))
+    name, value, limit, span, _ = (max(len(row[k]) for row in cells) for k in range(5))
+    rows = [
+        f"{row[0]:<{name}}  {row[1]:>{value}}  {row[2]:<{limit}}  {row[3]:<{span}}  {row[4]}"
+        for row in cells
+    ]
+    lines = [
+        f"{verdict.source}: controller {verdict.controller}, {verdict.duration_s:g} s, "
+        f"{verdict.steps} instants, {verdict.missing_messages} missing messages",
+        STANDING[verdict.truth],
+        "",
+        rows[0],
+        "-" * max(len(row) for row in rows),
+        *rows[1:],
+    ]
+    lines += [f"{each.name}: {each.note}" for each in verdict.requirements if each.note]
+    kinds = verdict.errors[:1] if verdict.truth == EXACT else verdict.errors
+    lines += [error_text(each) for each in kinds if each.max_deg is not None]
     lines += [disturbance_text(each) for each in verdict.metrics.disturbances]
     return "\n".join(lines)
+
+
+def error_text(error: ErrorSize) -> str:
+    """One of the three attitude errors in one line."""
+    return (
+        f"{error.name} error ({error.meaning}): at most {number_text(error.max_deg or 0.0)} deg, "
+        f"{number_text(error.rms_deg or 0.0)} deg RMS, from {span_text(error.span)} s"
+    )
 
 
 def disturbance_text(disturbance: Disturbance) -> str:
     """One sudden disturbance in one line."""
     torque = ", ".join(number_text(each) for each in disturbance.torque)
-    recovery = disturbance.recovery_time_s
-    outcome = "not recovered" if recovery is None else f"recovered after {recovery:.4g} s"
     return (
         f"sudden disturbance at {disturbance.start_s:g} s, ({torque}) N·m "
-        f"for {disturbance.duration_s:g} s: {outcome}"
+        f"for {disturbance.duration_s:g} s: {disturbance.outcome}, "
+        f"judged by {disturbance.judged_by}"
     )
 
 
 def number_text(value: float) -> str:
     """Write a number as a reader wants it: four digits."""
     return f"{value:.4g}"
+
+
+def span_text(span: Span | None) -> str:
+    """Write a part of a run for a reader."""
+    return "–" if span is None else f"{span[0]:g} to {span[1]:g}"

@@ -18,7 +18,9 @@ import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from ppc_attitude.bags.errors import all_printable, printable
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.contract.yaml_file import parsed_json
 
 CONTROLLER_KEY = "ppc_attitude.controller"
 PARAMETERS_KEY = "ppc_attitude.parameters"
@@ -28,11 +30,12 @@ UNKNOWN_CONTROLLER = "unknown"
 
 
 class RunFacts(NamedTuple):
-    """Controller, parameters by node and metadata of a run."""
+    """Controller, parameters by node and metadata of a run; what of it cannot be read, and why."""
 
     controller: str
     parameters: Mapping[str, Mapping[str, Any]]
     metadata: Mapping[str, str]
+    flaws: tuple[str, ...]
 
 
 def encode_custom_data(
@@ -62,24 +65,28 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     """Return the facts that custom data state about the run in a namespace.
 
     What is absent or unreadable is empty, the controller then ``unknown``. A node with the
-    namespace in its name goes before one without.
+    namespace in its name goes before one without. All texts are printable.
     """
+    flaws: list[str] = []
     parameters: dict[str, dict[str, Any]] = {}
-    for node, values in sorted(_mapping(custom_data, PARAMETERS_KEY).items(), key=_depth):
+    for node, values in sorted(_mapping(custom_data, PARAMETERS_KEY, flaws).items(), key=_depth):
         if isinstance(values, dict):
             home, _, name = f"/{node.lstrip('/')}".rpartition("/")
             if home in ("", namespace):
                 parameters[name] = values
-    metadata = {key: str(value) for key, value in _mapping(custom_data, METADATA_KEY).items()}
+    metadata = {
+        key: str(value) for key, value in _mapping(custom_data, METADATA_KEY, flaws).items()
+    }
     own = parameters.get(CONTROLLER, {}).get("controller")
-    stated = custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER
-    return RunFacts(own if isinstance(own, str) else stated, parameters, metadata)
+    stated = printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER)
+    return RunFacts(own if isinstance(own, str) else stated, parameters, metadata, tuple(flaws))
 
 
-def _mapping(custom_data: Mapping[str, str], key: str) -> dict[str, Any]:
+def _mapping(custom_data: Mapping[str, str], key: str, flaws: list[str]) -> dict[str, Any]:
     try:
-        value = json.loads(custom_data.get(key, "{}"))
-    except ValueError:
+        value = all_printable(parsed_json(custom_data.get(key, "{}")))
+    except ValueError as error:
+        flaws.append(f"its {key} cannot be read: {error}")
         return {}
     return value if isinstance(value, dict) else {}
 

@@ -12,8 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a bag can do wrong."""
+"""What a bag can do wrong, and how its words are told."""
+
+from typing import Any
 
 
 class BagError(ValueError):
     """A bag cannot be written, read, recovered or exported; the message says why."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
+def printable(text: str) -> str:
+    """Text of a stranger with escapes for all that would steer a terminal or a page."""
+    if text.isprintable():
+        return text
+    return "".join(
+        each if each.isprintable() else each.encode("unicode_escape").decode()
+        for each in " ".join(text.split())
+    )
+
+
+def all_printable(value: Any) -> Any:
+    """Content of a JSON text with every key and text in it printable."""
+    if isinstance(value, dict):
+        return {all_printable(key): all_printable(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [all_printable(each) for each in value]
+    return printable(value) if isinstance(value, str) else value

@@ -18,10 +18,14 @@ Columns: ``stamp_ns``, ``t`` [s], then every number of every sample: ``attitude_
 ``torque_command_z``. Missing samples are NaN in Parquet and empty in CSV.
 """
 
+import contextlib
 import csv
 import json
+import os
 from collections.abc import Iterator
+from io import TextIOWrapper
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -66,13 +70,8 @@ def export_parquet(run: RunRecord | Path | str, out: Path | str) -> None:
     }
     columns = {"stamp_ns": record.stamps_ns, "t": record.t, **dict(_numbers(record))}
     table = pyarrow.table(columns).replace_schema_metadata(facts)
-    partial = target.with_name(f"{target.name}.part")
-    try:
-        pyarrow.parquet.write_table(table, partial)
-        partial.replace(target)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise BagError(f"{target} cannot be written: {error.strerror or error}") from error
+    with _new_file(target) as file:
+        pyarrow.parquet.write_table(table, file)
 
 
 def export_csv(run: RunRecord | Path | str, out: Path | str) -> None:
@@ -92,24 +91,37 @@ def export_csv(run: RunRecord | Path | str, out: Path | str) -> None:
     """
     record, target = _prepare(run, out)
     names, columns = zip(*_numbers(record), strict=True)
+    with _new_file(target) as binary, TextIOWrapper(binary, "utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("stamp_ns", "t", *names))
+        for start in range(0, len(record.stamps_ns), _ROWS):
+            rows = slice(start, start + _ROWS)
+            cells = [_cells(column[rows]) for column in (record.t, *columns)]
+            writer.writerows(zip(record.stamps_ns[rows].tolist(), *cells, strict=True))
+
+
+@contextlib.contextmanager
+def _new_file(target: Path) -> Iterator[BinaryIO]:
+    """File that is at its place when it is complete; neither step follows a link."""
     partial = target.with_name(f"{target.name}.part")
     try:
-        with partial.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(("stamp_ns", "t", *names))
-            for start in range(0, len(record.stamps_ns), _ROWS):
-                rows = slice(start, start + _ROWS)
-                cells = [_cells(column[rows]) for column in (record.t, *columns)]
-                writer.writerows(zip(record.stamps_ns[rows].tolist(), *cells, strict=True))
-        partial.replace(target)
+        with partial.open("xb") as file:
+            try:
+                yield file
+                file.close()
+                partial.replace(target)
+            except BaseException:
+                partial.unlink()
+                raise
+    except FileExistsError as error:
+        raise BagError(f"{partial}, in which {target.name} is to grow, exists already") from error
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise BagError(f"{target} cannot be written: {error.strerror or error}") from error
 
 
 def _prepare(run: RunRecord | Path | str, out: Path | str) -> tuple[RunRecord, Path]:
     target = Path(out)
-    if target.exists():
+    if os.path.lexists(target):
         raise BagError(f"{target} exists already, it is not overwritten")
     return (run if isinstance(run, RunRecord) else read_run(run)), target
 

@@ -12,10 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What lies in a bag's folder: storage files, ``metadata.yaml``, the mark of an unfinished bag."""
+"""What lies in a bag's folder, read as one bag: storage files, ``metadata.yaml``, marks."""
 
-import fcntl
-import json
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -23,16 +21,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
-import zstandard
-
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd_file
+from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.source import Block, Channel, Source, decompressed, merge_blocks
 from ppc_attitude.bags.sqlite_source import SqliteSource
-from ppc_attitude.contract.yaml_file import FAST, parsed
-
-METADATA = "metadata.yaml"
-UNFINISHED = "unfinished.json"  # custom data of a bag that is being recorded, or was cut
+from ppc_attitude.contract.yaml_file import FAST, LARGEST, parsed, parsed_json
 
 _STORAGES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
@@ -72,8 +67,10 @@ class Bag:
         self._times = times
         self.topics: dict[str, str] = {}
         self.counts: dict[str, int] = {}
-        self.live = _claimed(self.path if self.path.is_dir() else self.path.parent)
+        folder = self.path if self.path.is_dir() else self.path.parent
+        self.live = claimed(folder)
         self.flaws: list[str] = []
+        self._finished = not self.live and (folder / METADATA).exists()
         try:
             self._information = self._read_information()
             self.files = self._storage_files()
@@ -92,15 +89,19 @@ class Bag:
         try:
             for path in self.files:
                 with TemporaryDirectory() as folder:
-                    yield from self._blocks_of(self._source(path, Path(folder)))
+                    allowance = Allowance(path)
+                    source = self._source(path, Path(folder), allowance)
+                    yield from self._blocks_of(source, allowance)
         except OSError as error:
             raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
         self._compare_counts()
 
-    def _blocks_of(self, source: Source) -> Iterator[tuple[Mapping[int, Channel], Block]]:
+    def _blocks_of(
+        self, source: Source, allowance: Allowance
+    ) -> Iterator[tuple[Mapping[int, Channel], Block]]:
         by_message = str(self._information.get("compression_mode", "")).lower() == "message"
         for raw in merge_blocks(source.blocks()):
-            block = decompressed(raw) if by_message else raw
+            block = decompressed(raw, allowance) if by_message else raw
             self._count(source.channels, block)
             yield source.channels, block
         for channel in source.channels.values():
@@ -109,17 +110,19 @@ class Bag:
             self.flaws.append(source.cut)
         self.custom_data = {**source.custom_data, **self.custom_data}
 
-    def _source(self, path: Path, folder: Path) -> Source:
+    def _source(self, path: Path, folder: Path, allowance: Allowance) -> Source:
         """Storage file; decompressed into the folder where rosbag2 has compressed it whole."""
         if path.suffix == _COMPRESSED:
             plain = folder / path.stem
             try:
-                with path.open("rb") as compressed, plain.open("wb") as target:
-                    zstandard.ZstdDecompressor().copy_stream(compressed, target)
-            except zstandard.ZstdError as error:
+                with plain_file(path) as compressed, plain.open("wb") as target:
+                    unzstd_file(compressed, target, allowance)
+            except BagError as error:
                 self.flaws.append(f"{path.name} is damaged: {error}")
             path = plain
-        return McapSource(path) if path.suffix == ".mcap" else SqliteSource(path, self._times)
+        if path.suffix == ".mcap":
+            return McapSource(path, allowance)
+        return SqliteSource(path, self._times, finished=self._finished)
 
     def _count(self, channels: Mapping[int, Channel], block: Block) -> None:
         for key, channel in channels.items():
@@ -140,28 +143,31 @@ class Bag:
         file = self.path / METADATA
         if self.path.is_file():
             return {}
-        if not file.exists():
+        if not os.path.lexists(file):
             self.flaws.append(f"it has no {METADATA}")
             return {}
+        with plain_file(file) as opened:
+            content = opened.read(LARGEST + 1)
         try:
-            found = parsed(file.read_text("utf-8"), FAST)
+            found = parsed(content.decode(), FAST)
             return cast(dict[str, Any], dict(found["rosbag2_bagfile_information"]))
-        except (TypeError, KeyError, ValueError):
-            self.flaws.append(f"its {METADATA} is damaged")
+        except (TypeError, KeyError, ValueError) as error:
+            self.flaws.append(f"its {METADATA} is damaged: {error}")
             return {}
 
     def _storage_files(self) -> list[Path]:
         if self.path.is_file():
+            demand_plain(self.path)
             if _kind(self.path) not in _STORAGES:
                 raise BagError(f"{self.path} is no bag: not a folder, .mcap or .db3")
             return [self.path]
         named = self._information.get("relative_file_paths")
         if isinstance(named, list) and named:
-            files = [self.path / Path(str(name)).name for name in named]
-            lost = [file.name for file in files if not file.is_file()]
+            files = {self.path / Path(str(name)).name: None for name in named}
+            lost = [file.name for file in files if not os.path.lexists(file)]
             if lost:
                 self.flaws.append(f"{', '.join(lost)} is missing")
-            found = [file for file in files if file.is_file() and _kind(file) in _STORAGES]
+            found = [file for file in files if file.name not in lost and _kind(file) in _STORAGES]
         else:
             found = sorted(
                 (file for file in self.path.iterdir() if _kind(file) in _STORAGES), key=_natural
@@ -170,15 +176,30 @@ class Bag:
             empty = not any(self.path.iterdir())
             what = "is an empty folder" if empty else "is no bag: it holds no .mcap or .db3 file"
             raise BagError(f"{self.path} {what}")
+        for file in found:
+            demand_plain(file)
         return found
 
     def _custom_data(self) -> dict[str, str]:
         custom = self._information.get("custom_data")
         if not self._information and self.path.is_dir():
-            custom = _unfinished_custom_data(self.path)
+            custom = self._unfinished_custom_data()
         if not isinstance(custom, dict):
             return {}
         return {str(key): str(value) for key, value in custom.items()}
+
+    def _unfinished_custom_data(self) -> object:
+        file = self.path / UNFINISHED
+        if not os.path.lexists(file):
+            return None
+        with plain_file(file) as opened:
+            text = opened.read(LARGEST + 1)
+        try:
+            content = parsed_json(text.decode())
+        except ValueError as error:
+            self.flaws.append(f"its {UNFINISHED} is damaged: {error}")
+            return None
+        return content.get("custom_data") if isinstance(content, dict) else None
 
 
 def _kind(path: Path) -> str:
@@ -188,54 +209,3 @@ def _kind(path: Path) -> str:
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Sort key that puts bag_10 behind bag_9."""
     return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
-
-
-def _unfinished_custom_data(folder: Path) -> object:
-    try:
-        content = json.loads((folder / UNFINISHED).read_text("utf-8"))
-    except (OSError, ValueError):
-        return None
-    return content.get("custom_data") if isinstance(content, dict) else None
-
-
-def write_unfinished(folder: Path, custom_data: Mapping[str, str]) -> None:
-    """Mark the bag in a folder as unfinished and keep its custom data, in one atomic step."""
-    target = folder / UNFINISHED
-    temporary = target.with_suffix(".tmp")
-    temporary.write_text(json.dumps({"custom_data": dict(custom_data)}), "utf-8")
-    temporary.replace(target)
-
-
-def _claimed(folder: Path) -> bool:
-    try:
-        os.close(_locked(folder, fcntl.LOCK_SH))
-    except BlockingIOError:
-        return True
-    except OSError:  # no folder, or a file system without locks
-        return False
-    return False
-
-
-def claim(folder: Path) -> int:
-    """Lock a bag's folder until the descriptor is closed or the process is gone.
-
-    Raises
-    ------
-    BagError
-        Another living process holds it.
-    """
-    try:
-        return _locked(folder, fcntl.LOCK_EX)
-    except BlockingIOError as error:
-        raise BagError(f"{folder} is still being recorded") from error
-
-
-def _locked(folder: Path, kind: int) -> int:
-    """Descriptor of a folder with a lock; BlockingIOError if another one is in its way."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        raise
-    return descriptor

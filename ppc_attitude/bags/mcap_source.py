@@ -17,29 +17,33 @@
 An MCAP file is a sequence of records: opcode, length, content. Messages lie in chunks (which may
 be compressed) or bare in the file. A compiled kernel walks runs of message records, Python the
 rest. The index is not used, so a file that lost it reads as well as a complete one; of a chunk
-that was cut the whole messages are read.
+that was cut the whole messages are read. Checksums of chunks and data are checked.
+
+The reader of the package mcap takes 13 times as long (7.3 instead of 0.6 µs a message), and still
+three times where it only hands out chunks; it allocates what a chunk claims.
 """
 
 import struct
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
+from zlib import crc32
 
-import lz4.frame
 import numpy as np
 
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.source import Block, Bytes, Channel, Integers, unzstd
+from ppc_attitude.bags.foreign import Allowance, plain_file, unlz4, unzstd
+from ppc_attitude.bags.source import Block, Bytes, Channel, Integers
 from ppc_attitude.contract.yaml_file import FAST, parsed
 from ppc_attitude.science.kernel import kernel
 
 _MAGIC = b"\x89MCAP0\r\n"
-_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA = 1, 2, 3, 4, 5, 6, 12
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 5, 6, 12, 15
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")  # first and last time, uncompressed size, CRC
 _SMALLEST_MESSAGE = 31
 _WINDOW = 4 * 2**20
+_LONGEST_FLAW = 1_000  # characters
 
 
 class _DamageError(Exception):
@@ -53,6 +57,8 @@ class McapSource:
     ----------
     path : Path
         The file.
+    allowance : Allowance, optional
+        What its chunks may become.
 
     Raises
     ------
@@ -60,8 +66,9 @@ class McapSource:
         The file is empty or no MCAP file.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, allowance: Allowance | None = None) -> None:
         self.path = path
+        self._allowance = allowance or Allowance(path)
         self.channels: dict[int, Channel] = {}
         self.custom_data: dict[str, str] = {}
         self.cut = ""
@@ -69,27 +76,32 @@ class McapSource:
         self._size = path.stat().st_size  # of a bag being recorded what is there now is read
         if self._size == 0:
             raise BagError(f"{path} is empty")
-        with path.open("rb") as file:
+        with plain_file(path) as file:
             magic = file.read(len(_MAGIC))
         if not _MAGIC.startswith(magic):
             raise BagError(f"{path} is no MCAP file")
 
     def blocks(self) -> Iterator[Block]:
         """Messages in the order of the file, a block a chunk."""
-        with self.path.open("rb") as file:
+        with plain_file(self.path) as file:
             try:
                 yield from self._records(file)
             except (_DamageError, struct.error) as error:
-                self.cut = f"{self.path.name} is damaged near byte {file.tell()}: {error}"
+                self._flaw(f"{self.path.name} is damaged near byte {file.tell()}: {error}")
             except EOFError:
-                self.cut = f"{self.path.name} ends without its index after {self._size} bytes"
+                self._flaw(f"{self.path.name} ends without its index after {self._size} bytes")
+
+    def _flaw(self, text: str) -> None:
+        if text not in self.cut and len(self.cut) < _LONGEST_FLAW:
+            self.cut = f"{self.cut}; {text}" if self.cut else text
 
     def _records(self, file: BinaryIO) -> Iterator[Block]:
-        file.seek(len(_MAGIC))
+        self._sum = crc32(file.read(len(_MAGIC)))
         while True:
             if self._size - file.tell() < _RECORD.size:
                 raise EOFError
-            opcode, length = _RECORD.unpack(file.read(_RECORD.size))
+            before = self._sum
+            opcode, length = _RECORD.unpack(self._read(file, _RECORD.size))
             if opcode == 0:
                 raise _DamageError("record of kind 0")
             left = self._size - file.tell()
@@ -99,17 +111,27 @@ class McapSource:
                 return
             if opcode == _MESSAGE:
                 file.seek(-_RECORD.size, 1)
+                self._sum = before
                 yield self._bare_messages(file, length)
             elif opcode == _CHUNK:
-                yield from self._chunk(file.read(min(length, left)), complete=length <= left)
+                content = self._read(file, min(length, left))
+                yield from self._chunk(content, complete=length <= left)
             elif length > left:
                 raise EOFError
-            elif opcode in (_SCHEMA, _CHANNEL, _METADATA):
-                self._define(opcode, file.read(length))
             else:
-                file.seek(length, 1)
+                content = self._read(file, length)
+                if opcode in (_SCHEMA, _CHANNEL, _METADATA):
+                    self._define(opcode, content)
+                elif opcode == _DATA_END and int.from_bytes(content, "little") not in (0, before):
+                    self._flaw(f"the checksum of the data in {self.path.name} is wrong")
             if length > left:
                 raise EOFError
+
+    def _read(self, file: BinaryIO, length: int) -> bytes:
+        """Bytes of the file, which count for the checksum at its end."""
+        content = file.read(length)
+        self._sum = crc32(content, self._sum)
+        return content
 
     def _bare_messages(self, file: BinaryIO, first_length: int) -> Block:
         """Messages outside a chunk, as many as a window holds."""
@@ -122,27 +144,41 @@ class McapSource:
         block, stop = self._run_of_messages(data, 0)
         if stop == 0:
             raise _DamageError(f"message of {first_length} bytes")
-        file.seek(start + stop)
+        file.seek(start)
+        self._read(file, stop)
         return block
 
     def _chunk(self, content: bytes, *, complete: bool) -> Iterator[Block]:
         """Messages of a chunk, as many as there are whole."""
         if not complete and len(content) < _CHUNK_HEAD.size + 4:
             return
-        _, _, size, crc = _CHUNK_HEAD.unpack_from(content)
+        _, _, size, checksum = _CHUNK_HEAD.unpack_from(content)
         name, start = _text(content, _CHUNK_HEAD.size)
         if not complete and (name or len(content) < start + 8):
             return
         (stored,) = struct.unpack_from("<Q", content, start)
-        body = content[start + 8 : start + 8 + stored]
+        body = memoryview(content)[start + 8 : start + 8 + stored]
         if complete and len(body) < stored:
             raise _DamageError(f"chunk of {stored} bytes in a record of {len(content)}")
-        records = _decompress(body, name)
-        if complete and len(records) != size:
-            raise _DamageError(f"chunk of {len(records)} bytes instead of {size}")
-        if complete and crc and zlib.crc32(records) != crc:
-            raise _DamageError("a chunk's checksum is wrong")
+        try:
+            records = self._decompressed(body, name, size)
+            if complete and len(records) != size:
+                raise BagError(f"it has {len(records)} bytes instead of {size}")
+            if complete and checksum and crc32(records) != checksum:
+                raise BagError("its checksum is wrong")
+        except BagError as error:  # where the next one begins is known
+            self._flaw(f"a chunk of {self.path.name} is left out: {error}")
+            return
         yield from self._chunk_records(np.frombuffer(records, np.uint8), complete=complete)
+
+    def _decompressed(self, body: memoryview, name: str, size: int) -> bytes | memoryview:
+        if name == "zstd":
+            return unzstd(body, self._allowance)
+        if name == "lz4":
+            return unlz4(body, size, self._allowance)
+        if name:
+            raise BagError(f"it is compressed with {name!r}, known are zstd and lz4")
+        return body
 
     def _chunk_records(self, data: Bytes, *, complete: bool) -> Iterator[Block]:
         position = 0
@@ -194,24 +230,12 @@ class McapSource:
             return
         try:
             found = parsed(text, FAST)
-        except ValueError:
+        except ValueError as error:
+            self._flaw(f"the metadata in {self.path.name} are damaged: {error}")
             return
         custom = found.get("custom_data") if isinstance(found, dict) else None
         if isinstance(custom, dict):
             self.custom_data = {str(key): str(value) for key, value in custom.items()}
-
-
-def _decompress(body: bytes, name: str) -> bytes:
-    try:
-        if name == "zstd":
-            return unzstd(body)
-        if name == "lz4":
-            return bytes(lz4.frame.decompress(body))
-    except (BagError, RuntimeError, EOFError) as error:
-        raise _DamageError(str(error)) from error
-    if name:
-        raise _DamageError(f"chunk compressed with {name!r}, known are zstd and lz4")
-    return body
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

@@ -14,7 +14,6 @@
 
 """Reading a recorded run, finished or cut, into a `RunRecord`."""
 
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,15 +21,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.bags.changes import MOST, changes_of
 from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data
-from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.errors import BagError, printable
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.source import Block, Channel, split_rows
 from ppc_attitude.bags.timeline import Series, align
-from ppc_attitude.contract.cdr import Codec, seconds, stamp_of
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.completeness import promised
-from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import BY_NAME, PLANT, SAMPLED, Topic
+from ppc_attitude.contract.declared import BY_NAME, SAMPLED
+from ppc_attitude.contract.run_record import Array, Change, RunRecord
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    APPLIED_TORQUE,
+    ATTITUDE,
+    CHANGES_TOPIC,
+    PLANT,
+    Topic,
+)
+from ppc_attitude.science.stamps import seconds, stamp_of
 
 _Part = tuple[NDArray[np.int64], Array, NDArray[np.int64]]
 
@@ -91,26 +100,27 @@ def _collect(bag: Bag, home: str | None) -> "_Collected":
 
 
 def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
-    series = collected.series(home)
+    series, changes = collected.series(home), collected.changes(home)
     facts = decode_custom_data(bag.custom_data, home)
     _demand_topics(bag, home, series, promised(facts.parameters, series))
     recovered = bag.custom_data.get(RECOVERED_KEY)
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
     rate = _rate(facts.parameters)
     timeline = align(series, rate, cut=bool(cut), end_ns=_planned_end(facts.parameters, rate))
-    warnings = [*collected.warnings(home), *timeline.warnings]
+    warnings = [*facts.flaws, *collected.warnings(home), *timeline.warnings]
     if cut:
         end = seconds(int(timeline.stamps[-1]))
         warnings.insert(0, f"{_state(bag)}: {'; '.join(cut)}; read up to {end:g} s")
     return RunRecord(
-        source=str(bag.path),
+        source=printable(str(bag.path)),
         controller=facts.controller,
         stamps_ns=timeline.stamps,
         columns=timeline.columns,
         missing=timeline.missing,
         parameters=facts.parameters,
+        changes=changes,
         metadata=facts.metadata,
-        warnings=tuple(warnings),
+        warnings=tuple(map(printable, warnings)),
     )
 
 
@@ -125,12 +135,17 @@ class _Collected:
         self._namespace = namespace
         self._parts: dict[str, list[_Part]] = {}
         self._unreadable: dict[str, int] = {}
+        self._changes: dict[str, list[bytes]] = {}
         self._met = 0
 
     def add(self, channels: Mapping[int, Channel], block: Block) -> None:
         """Decode a block."""
         for key, indices, rows in split_rows(block):
             channel = channels[key]
+            if channel.topic.endswith(f"/{CHANGES_TOPIC.name}"):
+                kept = self._changes.setdefault(channel.topic, [])
+                kept += [row.tobytes() for row in rows[: MOST - len(kept)]]
+                continue
             topic = self._topic_of(channel)
             if topic is None or channel.encoding != "cdr":
                 continue
@@ -156,6 +171,14 @@ class _Collected:
                     stamps, values, arrival = stamps[order], values[order], arrival[order]
                 found[topic] = Series(stamps, values, arrival)
         return found
+
+    def changes(self, namespace: str) -> tuple[Change, ...]:
+        """What was changed in flight; messages that are none are counted."""
+        name = f"{namespace}/{CHANGES_TOPIC.name}"
+        changes, unreadable = changes_of(self._changes.get(name, []))
+        if unreadable:
+            self._unreadable[name] = unreadable
+        return changes
 
     def warnings(self, namespace: str) -> list[str]:
         """Say which topics of the run hold messages that are none."""
@@ -193,7 +216,7 @@ def _topics_by_namespace(bag: Bag) -> dict[str, set[str]]:
 def _run_namespaces(bag: Bag) -> list[str]:
     """Namespaces with all that a plant sends."""
     # `reference/attitude` looks like a run of its own, with the topics of the reference only.
-    plant = {topic.name for topic in SAMPLED if topic.source == PLANT}
+    plant = {topic.name for topic in (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE)}
     return sorted(home for home, names in _topics_by_namespace(bag).items() if plant <= names)
 
 
@@ -250,8 +273,7 @@ def _tidy(namespace: str) -> str:
 
 def _rate(parameters: Mapping[str, Mapping[str, Any]]) -> float | None:
     rate = parameters.get(PLANT, {}).get("rate")
-    good = isinstance(rate, int | float) and math.isfinite(rate) and rate > 0
-    return float(rate) if rate and good else None
+    return float(rate) if isinstance(rate, int | float) and 0.0 < rate < 1e9 else None
 
 
 def _planned_end(parameters: Mapping[str, Mapping[str, Any]], rate: float | None) -> int | None:

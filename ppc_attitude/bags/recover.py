@@ -20,15 +20,16 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 
 from ppc_attitude.bags.custom_data import RECOVERED_KEY
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.folder import METADATA, UNFINISHED, Bag, claim
+from ppc_attitude.bags.folder import Bag
+from ppc_attitude.bags.marks import METADATA, UNFINISHED, claim
 from ppc_attitude.bags.source import Channel, payloads_of
 from ppc_attitude.bags.sqlite_source import settle
 from ppc_attitude.bags.writer import BagWriter
+from ppc_attitude.contract.yaml_file import FAST, parsed
 
 _WORK = ".recovering"
 _STORAGE = {".mcap": "mcap", ".db3": "sqlite3"}
@@ -90,7 +91,7 @@ def recover(path: Path | str) -> Recovery:
             with contextlib.suppress(FileNotFoundError):
                 shutil.rmtree(folder / _WORK)
     except OSError as error:
-        raise BagError(f"{folder} cannot be recovered: {error.strerror}") from error
+        raise BagError(f"{folder} cannot be recovered: {error.strerror or error}") from error
 
 
 def _original(folder: Path) -> Path:
@@ -109,11 +110,13 @@ def _original(folder: Path) -> Path:
 
 
 def _replace(original: Path, folder: Path) -> Recovery:
+    work = folder / _WORK
+    if os.path.lexists(work):
+        shutil.rmtree(work)
     if original.suffix == ".db3":
-        settle(original)
-    if (folder / _WORK).exists():
-        shutil.rmtree(folder / _WORK)
-    copy = folder / _WORK / folder.absolute().name
+        work.mkdir()
+        settle(original, work)
+    copy = work / folder.absolute().name
     recovery = _copy(Bag(folder), copy)
     (finished,) = (file for file in copy.iterdir() if file.suffix in _STORAGE)
     target = folder / finished.name
@@ -151,7 +154,7 @@ def _copy(bag: Bag, copy: Path) -> Recovery:
 
 def _announce(writer: BagWriter, channel: Channel) -> None:
     try:
-        qos = parse_qos(channel.offered_qos)
-    except (ReaderError, KeyError, TypeError) as error:
+        qos = parse_qos(parsed(channel.offered_qos, FAST))
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise BagError(f"the QoS of {channel.topic} cannot be read: {error}") from error
     writer.add_topic(channel.topic, channel.msgtype, qos)

@@ -18,10 +18,9 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import zstandard
 from numpy.typing import ArrayLike, NDArray
 
-from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.foreign import Allowance, unzstd
 from ppc_attitude.science.kernel import kernel
 
 Bytes = NDArray[np.uint8]
@@ -77,11 +76,12 @@ def merge_blocks(blocks: Iterator[Block]) -> Iterator[Block]:
     pending: list[Block] = []
     size = 0
     for block in blocks:
-        if pending and size + len(block.data) > _BLOCK_BYTES:
+        more = 0 if pending and block.data is pending[-1].data else len(block.data)
+        if pending and more and size + more > _BLOCK_BYTES:
             yield _merge(pending)
             pending, size = [], 0
         pending.append(block)
-        size += len(block.data)
+        size += more
     if pending:
         yield _merge(pending)
 
@@ -89,10 +89,16 @@ def merge_blocks(blocks: Iterator[Block]) -> Iterator[Block]:
 def _merge(blocks: list[Block]) -> Block:
     if len(blocks) == 1:
         return blocks[0]
-    starts = np.cumsum([0, *(len(block.data) for block in blocks[:-1])])
-    offsets = [block.offset + start for block, start in zip(blocks, starts, strict=True)]
+    parts: list[Bytes] = []
+    offsets = []
+    start = end = 0
+    for block in blocks:
+        if not parts or block.data is not parts[-1]:  # blocks of one chunk share its bytes
+            parts.append(block.data)
+            start, end = end, end + len(block.data)
+        offsets.append(block.offset + start)
     return Block(
-        np.concatenate([block.data for block in blocks]),
+        np.concatenate(parts),
         np.concatenate([block.channel for block in blocks]),
         np.concatenate([block.time for block in blocks]),
         np.concatenate(offsets),
@@ -113,15 +119,15 @@ def block_of(channel: list[int], time: ArrayLike, payloads: list[bytes]) -> Bloc
     )
 
 
-def decompressed(block: Block) -> Block:
+def decompressed(block: Block, allowance: Allowance) -> Block:
     """Block of a bag whose messages were compressed one by one.
 
     Raises
     ------
     BagError
-        A message is no zstd frame.
+        A message is no zstd frame, or claims too much.
     """
-    payloads = [unzstd(payload) for payload in payloads_of(block)]
+    payloads = [unzstd(payload, allowance) for payload in payloads_of(block)]
     return block_of(block.channel.tolist(), block.time.tolist(), payloads)
 
 
@@ -130,24 +136,6 @@ def payloads_of(block: Block) -> list[bytes]:
     data = block.data.tobytes()
     ends = (block.offset + block.length).tolist()
     return [data[a:b] for a, b in zip(block.offset.tolist(), ends, strict=True)]
-
-
-def unzstd(data: bytes) -> bytes:
-    """Content of one zstd frame.
-
-    Raises
-    ------
-    BagError
-        The bytes are no complete zstd frame.
-    """
-    try:
-        stream = zstandard.ZstdDecompressor().decompressobj()
-        content: bytes = stream.decompress(data)
-    except zstandard.ZstdError as error:
-        raise BagError(f"damaged zstd data: {error}") from error
-    if not stream.eof:
-        raise BagError("damaged zstd data: the frame is incomplete")
-    return content
 
 
 def split_rows(block: Block) -> Iterator[tuple[int, Integers, Bytes]]:

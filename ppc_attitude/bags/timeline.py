@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import NANOSECONDS, seconds
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import ATTITUDE, PLANT, Topic
+from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
 Integers = NDArray[np.int64]
 
@@ -35,7 +35,8 @@ Integers = NDArray[np.int64]
 _LONGEST_DELAY = 3
 # A killed recorder leaves the last instants without some of their messages.
 _RAGGED_END = 3
-# More missing instants than this times the recorded ones are not filled in with NaN.
+# More missing instants than this times the messages of a topic, on average, are not filled in with
+# NaN: a bag with messages of one topic only would take fifty times its size.
 _LARGEST_FILL = 10
 
 
@@ -98,8 +99,11 @@ def align(
     _keep_last_epoch(series, warnings)
     for topic in series:
         series[topic] = _in_order(topic, series[topic], warnings)
-    recorded = [one.stamps for topic, one in series.items() if topic.source == PLANT]
-    stamps, unfilled = _complete(_union(recorded), rate, warnings)
+    recorded = [
+        one.stamps for topic, one in series.items() if topic.source == PLANT and not topic.late
+    ]
+    most = _LARGEST_FILL * sum(len(one.stamps) for one in series.values()) // len(series)
+    stamps, unfilled = _complete(_union(recorded), rate, most, warnings)
     if cut:
         stamps = _without_ragged_end(stamps, series, _RAGGED_END)
     elif end_ns is None or stamps[-1] < end_ns:
@@ -108,7 +112,7 @@ def align(
     for topic in list(series):
         column, absent, strays = _spread(series.pop(topic), stamps)
         columns[topic.column] = column
-        if absent + unfilled:
+        if absent + unfilled and not topic.late:
             missing[topic.name] = absent + unfilled
         if strays:
             warnings.append(f"{strays} messages of {topic.name} have no stamp of the plant's")
@@ -167,8 +171,10 @@ def _union(parts: list[Integers]) -> Integers:
     return np.unique(np.concatenate(parts))
 
 
-def _complete(stamps: Integers, rate: float | None, warnings: list[str]) -> tuple[Integers, int]:
-    """Fill the gaps of the plant's stamps; the second number is how many instants were not."""
+def _complete(
+    stamps: Integers, rate: float | None, most: int, warnings: list[str]
+) -> tuple[Integers, int]:
+    """Fill up to `most` gaps of the plant's stamps; the second number is how many are left."""
     steps = np.diff(stamps)
     if len(steps) == 0:
         return stamps, 0
@@ -177,7 +183,7 @@ def _complete(stamps: Integers, rate: float | None, warnings: list[str]) -> tupl
     total = int(lost.sum())
     if total == 0:
         return stamps, 0
-    if total > _LARGEST_FILL * len(stamps):
+    if total > most:
         warnings.append(
             f"{total} of {total + len(stamps)} instants are missing and left out of the record"
         )
@@ -204,7 +210,11 @@ def _on_grid(between: Integers, rate: float, stamps: Integers) -> Integers:
 def _without_ragged_end(stamps: Integers, series: dict[Topic, Series], most: int) -> Integers:
     """Drop up to `most` last instants that lack messages, and what the series have of them."""
     for _ in range(min(most, len(stamps) - 1)):
-        if all(one.stamps[-1] >= stamps[-1] for one in series.values() if len(one.stamps)):
+        if all(
+            one.stamps[-1] >= stamps[-1]
+            for topic, one in series.items()
+            if len(one.stamps) and not topic.late
+        ):
             break
         stamps = stamps[:-1]
     for topic, one in series.items():

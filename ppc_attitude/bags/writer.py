@@ -28,7 +28,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
-import numpy as np
 from rosbags.interfaces import (
     Connection,
     Qos,
@@ -41,13 +40,9 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import WriterError
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
-from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.folder import UNFINISHED, claim, write_unfinished
+from ppc_attitude.bags.marks import UNFINISHED, claim, write_unfinished
 from ppc_attitude.bags.storage import PLUGINS, KillSafeWriter
-from ppc_attitude.contract.cdr import Codec, encode_clock
-from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import BY_COLUMN, CLOCK_TOPIC
 
 FLUSH_PERIOD = 0.5  # [s]; at most a second may be lost, so twice as often
 
@@ -130,6 +125,18 @@ class BagWriter:
         self._closed = threading.Event()
         self._clock = threading.Thread(target=self._flush_regularly, name="bag", daemon=True)
         self._clock.start()
+
+    @staticmethod
+    def check_type(msgtype: str) -> None:
+        """See that messages of a type can be written.
+
+        Raises
+        ------
+        BagError
+            It is no ROS 2 Jazzy type.
+        """
+        if msgtype not in _TYPES.fielddefs:
+            raise BagError(f"{msgtype} is not in Jazzy")
 
     def add_topic(self, topic: str, msgtype: str, offered_qos: Sequence[Qos] = ()) -> None:
         """Announce a topic.
@@ -298,45 +305,3 @@ class BagWriter:
 
 def _reason(error: Exception) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
-
-
-def _present(samples: Array) -> list[bool]:
-    return [bool(row) for row in np.any(~np.isnan(samples), axis=1)]
-
-
-def write_run(
-    record: RunRecord, path: Path | str, *, storage: str = "mcap", namespace: str = ""
-) -> None:
-    """Write a run as the recorder would: every sample a message, received at its stamp.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run; a sample that is all NaN is a message that is not there.
-    path : Path or str
-        Folder of the bag; must not exist yet.
-    storage : {'mcap', 'sqlite3'}
-        Storage of the messages.
-    namespace : str
-        Put before every topic, such as ``/proposed``.
-
-    Raises
-    ------
-    BagError
-        The bag cannot be made or written.
-    """
-    facts = encode_custom_data(record.controller, record.parameters, record.metadata)
-    topics = [BY_COLUMN[column] for column in record.columns]
-    lanes = [
-        (f"{namespace}/{topic.name}", Codec(topic), samples, _present(samples))
-        for topic, samples in zip(topics, record.columns.values(), strict=True)
-    ]
-    with BagWriter(path, storage=storage, custom_data=facts) as writer:
-        writer.add_topic(CLOCK_TOPIC.name, CLOCK_TOPIC.msgtype, [offered_qos()])
-        for name, codec, _, _ in lanes:
-            writer.add_topic(name, codec.topic.msgtype, [offered_qos()])
-        for step, stamp in enumerate(record.stamps_ns.tolist()):
-            writer.write(CLOCK_TOPIC.name, stamp, encode_clock(stamp))
-            for name, codec, samples, present in lanes:
-                if present[step]:
-                    writer.write(name, stamp, codec.encode(stamp, tuple(samples[step].tolist())))

@@ -20,6 +20,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.distributions import (
     Attitudes,
     Direction,
@@ -104,6 +105,8 @@ class Campaign:
         The YAML as read, to be kept with the results.
     made_with : mapping of str to str
         Versions; a worker with others would give other numbers, and refuses.
+    required : Requirements
+        What every run is judged by.
     """
 
     scenario: Scenario
@@ -111,6 +114,7 @@ class Campaign:
     seed: int
     declaration: Mapping[str, Any] = field(default_factory=dict)
     made_with: Mapping[str, str] = field(default_factory=versions)
+    required: Requirements = PAPER
 
     def __post_init__(self) -> None:
         """See that it can be drawn from."""

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from ppc_attitude.campaign.declaration import Campaign, Pulse
 from ppc_attitude.campaign.distributions import Number, random_axes
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
-from ppc_attitude.science.attitude import attitude_error, rotation_angle
+from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.simulation.scenario import Scenario, unit_quaternion
+from ppc_attitude.simulation.scenario import Scenario
 
 _LARGEST_NOISE_SEED = 2**53
 _ELEMENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}

@@ -22,11 +22,11 @@ grouping of the runs gives the same counts to the last bit.
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import ATTITUDE_ENVELOPE
 
 QUANTITIES = ("attitude_error", "attitude_envelope", "attitude_fill")
-"""max_i |q_ev,i|, max_i ρ_q,i and max_i |q_ev,i|/ρ_q,i."""
+"""max_i |q_ev,i| of the pointing error, max_i ρ_q,i, and max_i |q_ev,i|/ρ_q,i of the law's own."""
 TIME_BINS = 240
 STEPS_PER_DECADE = 32
 EDGES = np.array([10.0 ** (k / STEPS_PER_DECADE) for k in range(-208, 41)])
@@ -50,8 +50,8 @@ def levels_of(record: RunRecord, errors: Array, starts: NDArray[np.intp]) -> Lev
     ----------
     record : RunRecord
         The run.
-    errors : ndarray, shape (n, 3)
-        Vector part of q_e.
+    errors : ndarray, shape (n, 4)
+        Pointing error x y z w.
     starts : ndarray of int, shape (bins,)
         First sample of each bin.
 
@@ -61,11 +61,12 @@ def levels_of(record: RunRecord, errors: Array, starts: NDArray[np.intp]) -> Lev
         `UNKNOWN` in bins that hold a sample that is not finite, or for an envelope that the run
         does not have.
     """
-    size = np.abs(errors).T
+    size = np.abs(errors[:, :3]).T
     values = [_largest(size)]
     if ATTITUDE_ENVELOPE.column in record:
         envelope = record[ATTITUDE_ENVELOPE.column].T
-        values += [_largest(envelope), _largest(size / envelope)]
+        own = np.abs(record[ATTITUDE_ERROR.column][:, :3]).T
+        values += [_largest(envelope), _largest(own / envelope)]
     levels = np.full((len(QUANTITIES), starts.size), UNKNOWN, np.uint8)
     for row, value in zip(levels, values, strict=False):
         peaks = np.maximum.reduceat(value, starts)

@@ -26,13 +26,14 @@ from ppc_attitude.analysis.drawing import (
     GREY,
     PAGE_WIDTH,
     RED,
+    judged_limit,
     legend,
     limit_lines,
     log_axis,
     panels,
     time_axis,
 )
-from ppc_attitude.analysis.metrics import SETTLED, TERMINAL_LIMIT
+from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.draw import DRAWN, VARYING
 from ppc_attitude.campaign.fan import Fan
 from ppc_attitude.contract.run_record import Array
@@ -44,7 +45,7 @@ _ERROR_FLOOR = 1e-6
 _SHOWN = 3  # variables that are drawn against each other
 
 
-def fan_figure(fan: Fan) -> Figure:
+def fan_figure(fan: Fan, required: Requirements = PAPER) -> Figure:
     """Draw the attitude error of all runs over time against the envelope, and the part it fills."""
     figure, ((top,), (bottom,)) = panels(2, width=PAGE_WIDTH, row_height=2.6, share_x=True)
     t = 0.5 * (fan.ends[:-1] + fan.ends[1:])
@@ -52,15 +53,22 @@ def fan_figure(fan: Fan) -> Figure:
     envelope = [fan.quantiles("attitude_envelope", share) for share in (0.05, 0.5, 0.95)]
     if np.isfinite(envelope[1]).any():
         top.plot(t, envelope[1], color=RED, linewidth=1.2, label="envelope, median")
-        for edge in (envelope[0], envelope[2]):
-            top.plot(t, edge, color=RED, linewidth=0.7, linestyle=(0, (3, 2)))
-    limit_lines(top, SETTLED, TERMINAL_LIMIT, label="settled, terminal")
+        for edge, label in ((envelope[0], "envelope, 5 % and 95 %"), (envelope[2], "_")):
+            top.plot(t, edge, color=RED, linewidth=0.7, linestyle=(0, (3, 2)), label=label)
+    end = float(fan.ends[-1])
+    for name, accuracy, start in (
+        ("settled", required.settled, required.settling_deadline),
+        ("terminal", required.terminal, end - required.terminal_window),
+    ):
+        if accuracy is not None:
+            label = f"{name} < {accuracy}"
+            judged_limit(top, t, t >= start, accuracy.component, label=label)
     log_axis(top, _ERROR_FLOOR)
-    top.set_ylabel(r"$\max_i|q_{ev,i}|$ [1]")
+    top.set_ylabel(r"pointing error $\max_i|q_{ev,i}|$ [1]")
     _bands(bottom, t, fan, "attitude_fill")
     limit_lines(bottom, 1.0, label="envelope")
     bottom.set_yscale("log")
-    bottom.set_ylabel(r"$\max_i|q_{ev,i}|/\rho_{q,i}$ [1]")
+    bottom.set_ylabel(r"own error / envelope $\max_i|q_{ev,i}|/\rho_{q,i}$ [1]")
     for axes in (top, bottom):
         time_axis(axes, fan.ends)
         legend(axes)

@@ -19,16 +19,16 @@ process that computed was lost (killed, out of memory) rather than that the runs
 """
 
 import contextlib
-import multiprocessing
 import os
-import signal
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from multiprocessing.connection import Connection
-from queue import SimpleQueue
+from multiprocessing import Pipe
+from queue import LifoQueue
 from typing import Any, Protocol
 
+from ppc_attitude.campaign import worker
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.rows import CampaignError, Outcome, run_chunk
+from ppc_attitude.processes.child import Child
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
 
@@ -63,38 +63,26 @@ class WorkerLostError(Exception):
     """The process that computed is gone."""
 
 
-def _serve(campaign: Campaign, connection: Connection) -> None:
-    """Compute chunks, in a process of its own, until the other end is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the starter's to deal with
-    with contextlib.suppress(EOFError, BrokenPipeError):
-        while True:
-            start, stop = connection.recv()
-            answer: list[Outcome] | Exception
-            try:
-                answer = run_chunk(campaign, start, stop)
-            except Exception as error:
-                answer = error
-            connection.send(answer)
-
-
 class _Worker:
     """One process and the only pipe to it, so that its end, even in mid-answer, is seen as such."""
 
     def __init__(self, campaign: Campaign) -> None:
-        context = multiprocessing.get_context("spawn")  # a fork would copy locks that are held
-        self._connection, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(campaign, other), daemon=True)
-        self._process.start()
-        other.close()
+        self._connection, other = Pipe()
+        with other:
+            pipe = other.fileno()
+            self._child = Child(worker.__name__, str(pipe), inherited=[pipe])
+        self._campaign: Campaign | None = campaign  # until it has been told
 
     def ask(self, start: int, stop: int) -> list[Outcome]:
         """Have a chunk computed and wait for it."""
         try:
+            if self._campaign is not None:
+                self._connection.send(self._campaign)
+                self._campaign = None
             self._connection.send((start, stop))
             answer = self._connection.recv()
         except (EOFError, OSError):
-            self._process.join()
-            raise WorkerLostError(f"exit code {self._process.exitcode}") from None
+            raise WorkerLostError(f"exit code {self._child.process.wait()}") from None
         if isinstance(answer, Exception):
             raise answer
         outcomes: list[Outcome] = answer
@@ -102,8 +90,7 @@ class _Worker:
 
     def kill(self) -> None:
         """End it, whatever it does."""
-        self._process.kill()
-        self._process.join()
+        self._child.kill()
 
 
 class LocalPool:
@@ -125,9 +112,9 @@ class LocalPool:
         self.slots = workers
         self._campaign = campaign
         self._closed = False
-        self._workers = [_Worker(campaign) for _ in range(workers)]
-        self._idle: SimpleQueue[int] = SimpleQueue()
-        for place in range(workers):
+        self._workers: list[_Worker | None] = [None] * workers  # each begins with its first chunk
+        self._idle: LifoQueue[int] = LifoQueue()  # who has begun goes on first
+        for place in reversed(range(workers)):
             self._idle.put(place)
         self._threads = ThreadPoolExecutor(workers)
 
@@ -138,10 +125,12 @@ class LocalPool:
     def _compute(self, start: int, stop: int) -> list[Outcome]:
         place = self._idle.get()
         try:
-            return self._workers[place].ask(start, stop)
+            worker = self._workers[place] = self._workers[place] or _Worker(self._campaign)
+            if self._closed:  # what began after the others had been killed
+                worker.kill()
+            return worker.ask(start, stop)
         except WorkerLostError:
-            if not self._closed:
-                self._workers[place] = _Worker(self._campaign)
+            self._workers[place] = None
             raise
         finally:
             self._idle.put(place)
@@ -157,11 +146,10 @@ class LocalPool:
         """End everything, now."""
         self._closed = True
         self._threads.shutdown(wait=False, cancel_futures=True)
-        for worker in self._workers:
-            worker.kill()
+        for each in self._workers:
+            if each is not None:
+                each.kill()
         self._threads.shutdown()
-        for worker in self._workers:  # one may have been started meanwhile
-            worker.kill()
 
 
 class ClusterPool:
@@ -183,10 +171,16 @@ class ClusterPool:
     def __init__(self, campaign: Campaign, address: str) -> None:
         try:
             import distributed
+            from distributed.comm.addressing import parse_address
+            from distributed.comm.registry import get_backend
         except ImportError:
             raise ConfigurationError(
                 "a Dask scheduler needs Dask: pip install 'ppc_attitude[campaign]'"
             ) from None
+        try:
+            get_backend(parse_address(address)[0])
+        except ValueError as error:
+            raise ConfigurationError(f"scheduler = {address}: {error}") from None
         self._killed: type[BaseException] = distributed.KilledWorker
         self._client: Any = None
         connect: Any = distributed.Client  # carries no types

@@ -22,7 +22,7 @@ from typing import Any
 
 import yaml
 
-from ppc_attitude.analysis.page import configuration, figures, pairs, table, write_page
+from ppc_attitude.analysis.page import collapsed, configuration, figures, pairs, table, write_page
 from ppc_attitude.analysis.verdict import number_text
 from ppc_attitude.campaign.campaign import Finished
 from ppc_attitude.campaign.declaration import Campaign
@@ -40,7 +40,13 @@ _FAILING = (
 
 
 def write_campaign_report(
-    campaign: Campaign, finished: Finished, again: Sequence[str], path: Path
+    campaign: Campaign,
+    finished: Finished,
+    again: Sequence[str],
+    path: Path,
+    *,
+    mission: str = "",
+    date: str = "",
 ) -> None:
     """Write the report.
 
@@ -54,15 +60,18 @@ def write_campaign_report(
         Command line that runs one index again when ``--only INDEX`` is appended.
     path : Path
         The HTML file; its folder is made if there is none, the file is replaced if there is one.
+    mission, date : str
+        Name of the mission, for the title; when the report is made.
     """
     summary = finished.summary
-    title = f"Attitude control campaign: {campaign.scenario.controller.name}"
-    drawn = {_FAN: fan_figure(finished.fan)}
+    title = f"{mission or 'Attitude control'}, campaign: {campaign.scenario.controller.name}"
+    drawn = [(_FAN, fan_figure(finished.fan, campaign.required))]
     failing = failing_figure(summary.passing, summary.failing)
     if failing is not None:
-        drawn[_FAILING] = failing
+        drawn.append((_FAILING, failing))
     body = [
         f"<h1>{escape(title)}</h1>",
+        f"<p>{escape(date)}</p>",
         _outcome(finished),
         _facts(campaign, finished),
         "<h2>Requirements</h2>",
@@ -73,10 +82,9 @@ def write_campaign_report(
         _worst(summary, again),
         "<h2>What varies</h2>",
         f"<pre>{escape(_yaml(campaign.declaration))}</pre>",
-        "<h2>Configuration</h2>",
-        configuration(campaign.scenario.parameters),
-        "<h2>Versions</h2>",
-        pairs(campaign.made_with.items()),
+        collapsed("Requirements file", pairs(_asked(campaign))),
+        collapsed("Configuration", configuration(campaign.scenario.parameters)),
+        collapsed("Versions", pairs(campaign.made_with.items())),
     ]
     write_page(path, title, body)
 
@@ -93,8 +101,8 @@ def _outcome(finished: Finished) -> str:
     fraction = finished.summary.fraction
     style = "met" if fraction.met == fraction.judged == finished.total else "failed"
     return (
-        f'<p class="{style}">{fraction.met} of {fraction.judged} runs meet every requirement: '
-        f"{share_text(fraction)}</p>"
+        f'<p class="{style}">{fraction.met} of {fraction.judged} runs meet every requirement that '
+        f"they are judged by: {share_text(fraction)}</p>"
     )
 
 
@@ -119,19 +127,20 @@ def _facts(campaign: Campaign, finished: Finished) -> str:
 
 def _requirements(summary: Summary) -> str:
     rows = [_requirement_row(name, tally) for name, tally in summary.requirements()]
-    rows.append(_row("every requirement", "", summary.fraction))
+    rows.append(_row("every requirement that is judged", "", summary.fraction, 0))
     note = "<p>A run is judged by the requirements that apply to it. 95 % Wilson intervals.</p>"
-    head = ["requirement", "limit", "met", "judged", "share (95 % interval)"]
+    head = ["requirement", "limit", "met", "judged", "not judged", "share (95 % interval)"]
     return note + table(head, rows)
 
 
 def _requirement_row(name: str, tally: Tally) -> str:
-    return _row(name, tally.limit_text, tally.fraction)
+    return _row(name, tally.limit_text, tally.fraction, tally.not_judged)
 
 
-def _row(name: str, limit: str, fraction: Fraction) -> str:
+def _row(name: str, limit: str, fraction: Fraction, not_judged: int) -> str:
     style = "met" if fraction.met == fraction.judged else "failed"
-    numbers = "".join(f'<td class="number">{each}</td>' for each in (fraction.met, fraction.judged))
+    counts = (fraction.met, fraction.judged, not_judged)
+    numbers = "".join(f'<td class="number">{each}</td>' for each in counts)
     return (
         f"<tr><th>{escape(name)}</th><td>{escape(limit)}</td>{numbers}"
         f'<td class="number"><span class="{style}">{share_text(fraction)}</span></td></tr>'
@@ -156,7 +165,11 @@ def _worst(summary: Summary, again: Sequence[str]) -> str:
 
 
 def _value(value: float) -> str:
-    return "not shown" if value == float("inf") else number_text(value)
+    return "never" if value == float("inf") else number_text(value)
+
+
+def _asked(campaign: Campaign) -> list[tuple[str, str]]:
+    return [(name, str(value)) for name, value in campaign.required.to_json().items()]
 
 
 def _yaml(declaration: Any) -> str:

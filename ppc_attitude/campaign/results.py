@@ -22,7 +22,7 @@ from typing import Any
 
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.fan import EDGES, QUANTITIES, Fan
-from ppc_attitude.campaign.rows import COLUMNS, Row
+from ppc_attitude.campaign.rows import Row, columns_of
 from ppc_attitude.science.errors import ConfigurationError
 
 RUNS_FILE, FAN_FILE = "runs.parquet", "error_over_time.parquet"
@@ -66,7 +66,10 @@ class Results:
         self._folder, self._fan = folder, fan
         self._metadata = {b"ppc_attitude": json.dumps(description(campaign)).encode()}
         self._schema = pyarrow.schema(
-            [(name, _arrow_type(pyarrow, kind)) for name, kind in COLUMNS.items()],
+            [
+                (name, _arrow_type(pyarrow, kind))
+                for name, kind in columns_of(campaign.required).items()
+            ],
             metadata=self._metadata,
         )
         self._rows: list[Row] = []
@@ -124,6 +127,7 @@ def description(campaign: Campaign) -> Mapping[str, Any]:
     return {
         "seed": campaign.seed,
         "campaign": campaign.declaration,
+        "required": campaign.required.to_json(),
         "parameters": campaign.scenario.parameters,
         "versions": campaign.made_with,
     }

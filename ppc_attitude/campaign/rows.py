@@ -22,66 +22,50 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.metrics import (
-    APPLIED,
-    ATTITUDE_OUTSIDE,
-    ERROR_AFTER_DEADLINE,
-    LOST,
-    RATE,
-    RATE_OUTSIDE,
-    RATE_OUTSIDE_AFTER_HIT,
-    RECOVERY,
-    SETTLED,
-    SETTLING_TIME,
-    TERMINAL_ERROR,
-    analyse,
-)
-from ppc_attitude.analysis.series import attitude_errors
+from ppc_attitude.analysis.metrics import analyse, names_of
+from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.analysis.verdict import Metrics, Verdict
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import DRAWN, draw, scenario_of, scenario_with
 from ppc_attitude.campaign.fan import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.versions import versions
-from ppc_attitude.simulation.closed_loop import record_of, run_samples, stamps_of
-from ppc_attitude.simulation.samples import new_samples
+from ppc_attitude.simulation.closed_loop import new_samples, record_of, run_samples, stamps_of
 
 Row: TypeAlias = dict[str, Any]
 
-KEYS: dict[str, str] = {
-    SETTLING_TIME: "settling_time",
-    ERROR_AFTER_DEADLINE: "error_after_deadline",
-    TERMINAL_ERROR: "terminal_error",
-    RATE: "rate",
-    APPLIED: "applied_torque",
-    ATTITUDE_OUTSIDE: "outside_attitude_envelope",
-    RATE_OUTSIDE: "outside_rate_envelope",
-    RATE_OUTSIDE_AFTER_HIT: "outside_rate_envelope_after_hit",
-    RECOVERY: "recovery",
-    LOST: "lost_messages",
-}
-"""Requirement to the key that its columns bear: `met_<key>`, `value_<key>`, `limit_<key>`."""
+METRICS = tuple(each.name for each in fields(Metrics) if each.type == float | None)
 
-METRICS = tuple(each.name for each in fields(Metrics) if each.name != "disturbances")
-COLUMNS: dict[str, type] = {
-    "index": int,
-    **{name: int if name == "noise_seed" else float for name in DRAWN},
-    **dict.fromkeys(METRICS, float),
-    "recovery_time_s": float,
-    "converged": bool,
-    "all_met": bool,
-    **{
-        f"{part}_{key}": kind
-        for key in KEYS.values()
-        for part, kind in (("met", bool), ("value", float), ("limit", str))
-    },
-    "error": str,
-}
-"""Every column of a row and its type; what does not apply to a run is None.
 
-`recovery_time_s` is that of the last sudden disturbance; `converged`: the attitude error stays
-settled over the last 20 s; `error`: why the run broke, in which case nothing was judged.
-"""
+def columns_of(required: Requirements) -> dict[str, type]:
+    """Every column of a row and its type; what does not apply to a run is None.
+
+    `recovery_time_s` is that of the last sudden disturbance; `met_<key>` is None where a
+    requirement is not judged, and `note_<key>` says why, or what else a reader must know;
+    `all_met`: no requirement was judged and missed; `error`: why the run broke, in which case
+    nothing was judged.
+    """
+    return {
+        "index": int,
+        **{name: int if name == "noise_seed" else float for name in DRAWN},
+        **dict.fromkeys(METRICS, float),
+        "recovery_time_s": float,
+        "converged": bool,
+        "all_met": bool,
+        **{
+            f"{part}_{key}": kind
+            for key in names_of(required)
+            for part, kind in (
+                ("met", bool),
+                ("value", float),
+                ("limit", str),
+                ("note", str),
+            )
+        },
+        "error": str,
+    }
+
 
 _DECISIVE = ("ppc_attitude", "numpy", "numba", "scipy")
 
@@ -97,7 +81,7 @@ class Outcome:
     Attributes
     ----------
     row : dict
-        A value for every key of `COLUMNS`.
+        A value for every key of `columns_of`.
     levels : ndarray of uint8, shape (len(QUANTITIES), bins)
         See `fan`.
     """
@@ -146,8 +130,8 @@ def run_one(campaign: Campaign, index: int, samples: Array | None = None) -> Out
         scenario = scenario_with(campaign, drawn)
         samples = run_samples(scenario, grid.stamps_ns, samples, campaign.timetable)
         record = record_of(scenario, grid.stamps_ns, samples)
-        verdict = analyse(record)
-        levels = levels_of(record, attitude_errors(record), grid.starts)
+        verdict = analyse(record, campaign.required)
+        levels = levels_of(record, pointing_errors(record).quaternions, grid.starts)
         return Outcome(_row(index, drawn, verdict), levels)
     except Exception as error:  # whatever it is, it must cost this run only
         return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
@@ -167,7 +151,8 @@ def run_chunk(campaign: Campaign, start: int, stop: int) -> list[Outcome]:
             f"a worker has other versions than this command and could give other numbers: "
             f"{difference}"
         )
-    samples = new_samples(grid_of(campaign.rate, campaign.duration).stamps_ns.size)
+    stamps_ns = grid_of(campaign.rate, campaign.duration).stamps_ns
+    samples = new_samples(campaign.scenario, stamps_ns.size)
     return [run_one(campaign, index, samples) for index in range(start, stop)]
 
 
@@ -185,32 +170,36 @@ def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
     stamps_ns = grid_of(campaign.rate, campaign.duration).stamps_ns
     record = record_of(scenario, stamps_ns, run_samples(scenario, stamps_ns))
     record = replace(record, source=f"campaign run {index}", metadata=campaign.made_with)
-    return record, analyse(record)
+    return record, analyse(record, campaign.required)
 
 
 def broken(
     campaign: Campaign, index: int, reason: str, drawn: Mapping[str, Any] | None = None
 ) -> Outcome:
     """Outcome of a run that gave no result."""
-    row = dict.fromkeys(COLUMNS) | {"index": index, "error": reason, **(drawn or {})}
+    row = dict.fromkeys(columns_of(campaign.required)) | {
+        "index": index,
+        "error": reason,
+        **(drawn or {}),
+    }
     bins = grid_of(campaign.rate, campaign.duration).starts.size
     return Outcome(row, np.full((len(QUANTITIES), bins), UNKNOWN, np.uint8))
 
 
 def _row(index: int, drawn: Mapping[str, Any], verdict: Verdict) -> Row:
     metrics = verdict.metrics
-    row = dict.fromkeys(COLUMNS) | {"index": index, **drawn}
+    row = dict.fromkeys(columns_of(verdict.required)) | {"index": index, **drawn}
     row |= {name: getattr(metrics, name) for name in METRICS}
     if metrics.disturbances:
         row["recovery_time_s"] = metrics.disturbances[-1].recovery_time_s
-    if metrics.terminal_error is not None:
-        row["converged"] = metrics.terminal_error < SETTLED
-    row["all_met"] = verdict.all_met
+    row["converged"], row["all_met"] = metrics.converged, verdict.all_met
     for each in verdict.requirements:
-        key = KEYS[each.name]
-        row[f"met_{key}"] = bool(each.met)
-        row[f"value_{key}"] = each.value
-        row[f"limit_{key}"] = each.limit_text
+        row |= {
+            f"met_{each.key}": each.met,
+            f"value_{each.key}": each.value,
+            f"limit_{each.key}": each.limit_text,
+            f"note_{each.key}": each.note,
+        }
     return row
 
 

@@ -19,8 +19,10 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from ppc_attitude.analysis.metrics import names_of
+from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.draw import VARYING
-from ppc_attitude.campaign.rows import KEYS, Row
+from ppc_attitude.campaign.rows import Row
 
 WORST = 5
 """Runs that are listed as the worst of each requirement."""
@@ -73,6 +75,7 @@ class Tally:
 
     met: int = 0
     judged: int = 0
+    not_judged: int = 0
     limits: dict[str, None] = field(default_factory=dict)  # as many as are told apart, and one
     worst: list[tuple[float, int]] = field(default_factory=list)  # heap of (value, −index)
 
@@ -82,7 +85,7 @@ class Tally:
         self.met += met
         if len(self.limits) <= _MOST_LIMITS:
             self.limits[limit] = None
-        # What a run could not show is the worst it can do.
+        # Never to recover is the worst that a run can do.
         entry = (math.inf if value is None else value, -index)
         if len(self.worst) < WORST:
             heapq.heappush(self.worst, entry)
@@ -108,7 +111,8 @@ class Tally:
 class Summary:
     """Accumulates rows in a memory that does not grow with their number."""
 
-    def __init__(self) -> None:
+    def __init__(self, required: Requirements = PAPER) -> None:
+        self._names = names_of(required)
         self.runs = 0
         self.all_met = 0
         self.broken = 0
@@ -125,8 +129,11 @@ class Summary:
             self.first_broken = self.first_broken or (row["index"], row["error"])
             return
         self.all_met += row["all_met"]
-        for name, key in KEYS.items():
-            if row[f"met_{key}"] is not None:
+        for key, name in self._names.items():
+            if row[f"met_{key}"] is None:
+                if row[f"note_{key}"]:
+                    self.tallies.setdefault(name, Tally()).not_judged += 1
+            else:
                 self.tallies.setdefault(name, Tally()).add(
                     row[f"met_{key}"], row[f"value_{key}"], row[f"limit_{key}"], row["index"]
                 )
@@ -136,12 +143,12 @@ class Summary:
 
     @property
     def fraction(self) -> Fraction:
-        """How many runs meet every requirement; one that broke does not."""
+        """How many runs miss no requirement that they are judged by; one that broke misses all."""
         return Fraction(self.all_met, self.runs)
 
     def requirements(self) -> list[tuple[str, Tally]]:
         """Every requirement that applied to some run, in the order of a verdict."""
-        return [(name, self.tallies[name]) for name in KEYS if name in self.tallies]
+        return [(name, self.tallies[name]) for name in self._names.values() if name in self.tallies]
 
     def to_json(self) -> dict[str, Any]:
         """All numbers of it."""
@@ -153,6 +160,7 @@ class Summary:
                     "name": name,
                     "limit": tally.limit_text,
                     **tally.fraction.to_json(),
+                    "not_judged": tally.not_judged,
                     "worst": [
                         {"index": index, "value": value if math.isfinite(value) else None}
                         for index, value in tally.worst_runs()

@@ -27,6 +27,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "analyse": (
         "ppc_attitude analyse bags/here",
         "ppc_attitude analyse bags/here --figures figures --report here.html",
+        "ppc_attitude analyse bags/here --requirements config/requirements.yaml",
         "ppc_attitude analyse bags/comparison --namespace /proposed --json",
     ),
     "compare": (
@@ -38,7 +39,20 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "ppc_attitude sweep --torque 0.8 --at 80 --pulse-durations 0.05 0.1 0.2",
         "ppc_attitude sweep --figure sweep.png --json",
     ),
-    "check": ("ppc_attitude check --config config/paper.yaml --json",),
+    "check": (
+        "ppc_attitude check --config config/paper.yaml --json",
+        "ppc_attitude check --config config/paper.yaml --config config/guaranteed.yaml",
+    ),
+    "design": (
+        "ppc_attitude design --config config/paper.yaml --output gains.yaml",
+        "ppc_attitude design --config config/paper.yaml --assume e_S=0.1 --assume eta=0.8",
+        "ppc_attitude design --attitude-noise 5e-5 --rate-noise 2e-5 --torque-noise 7e-4",
+        "ppc_attitude design --config config/paper.yaml --gains 1 15 0.2",
+    ),
+    "falsify": (
+        "ppc_attitude falsify --config config/paper.yaml --config config/guaranteed.yaml",
+        "ppc_attitude falsify --controller ppc --goal attitude_error --seconds 60 --out search",
+    ),
     "campaign": (
         "ppc_attitude campaign --campaign config/campaign.yaml --runs 1000 --seed 1",
         "ppc_attitude campaign --campaign config/campaign.yaml --only 17",
@@ -47,6 +61,11 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "inject": (
         "ROS_DOMAIN_ID=42 ppc_attitude inject 0.5 0.5 0.5",
         "ROS_DOMAIN_ID=42 ppc_attitude inject 0 -0.2 0 --at 60 --duration 0.5",
+    ),
+    "goto": (
+        "ROS_DOMAIN_ID=42 ppc_attitude goto --euler 0 0 90",
+        "ROS_DOMAIN_ID=42 ppc_attitude goto --quaternion 0 0 0 1 --frame nadir --at 60",
+        "ROS_DOMAIN_ID=42 ppc_attitude goto --vectors 0 0 1 1 0 0 1 0 0 0 0 1",
     ),
     "latency": (
         "ppc_attitude latency --config config/paper.yaml --rate 250 --duration 20",

@@ -23,9 +23,11 @@ from importlib import import_module
 from typing import NoReturn
 
 from ppc_attitude import __version__
-from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, RunError, UsageError
+from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError, UsageError
 from ppc_attitude.command_line.examples import epilog
 from ppc_attitude.command_line.stopping import end_at_once, ignore, interrupt
+from ppc_attitude.command_line.streams import give_up_output, prepare_streams
+from ppc_attitude.processes.child import forget_current_folder, take_signals
 
 COMMANDS = (
     "run",
@@ -34,9 +36,12 @@ COMMANDS = (
     "compare",
     "sweep",
     "check",
+    "design",
+    "falsify",
     "campaign",
     "replay",
     "inject",
+    "goto",
     "watch",
     "latency",
     "recover",
@@ -121,10 +126,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(f"error: this needs {error.name}, which is not installed", file=sys.stderr)
         return BAD_INPUT
+    except BrokenPipeError:
+        raise
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
-        return BAD_INPUT
+        return BAD_INPUT if error.filename else BROKEN
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return BROKEN
@@ -133,16 +140,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run() -> None:
     """Run as an executable, quiet when the reader of a pipe has gone."""
     end_at_once()
+    take_signals()
+    forget_current_folder()
+    prepare_streams()
     try:
-        code = main()
+        code = _ended()
         sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):
+            print(f"error: {error.strerror}", file=sys.stderr)
+        give_up_output()
         code = BROKEN
     except KeyboardInterrupt:  # the second, while the first was being told
         code = BROKEN
     ignore()
     sys.exit(code)
+
+
+def _ended() -> int:
+    try:
+        return main()
+    except SystemExit as end:  # argparse has said what there was to say
+        return int(end.code or DONE)
 
 
 if __name__ == "__main__":

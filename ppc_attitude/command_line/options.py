@@ -16,13 +16,18 @@
 
 import argparse
 import json
+from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
+from typing import TextIO
 
+from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.paths import new_file, new_folder
+from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
-from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.scenario import Overrides, Scenario, load
 
 PAPER_DURATION = 120.0  # [s] what a scenario without a duration of its own runs
@@ -41,13 +46,62 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--duration", metavar="S", type=positive, help="simulated time [s]; the plant's `duration`"
     )
-    parser.add_argument("--controller", choices=tuple(CONTROLLERS), help="the control law")
+    parser.add_argument(
+        "--controller", choices=tuple(CONTROLLERS.components), help="the control law"
+    )
+
+
+def add_requirements_option(parser: argparse.ArgumentParser) -> None:
+    """Add --requirements."""
+    parser.add_argument(
+        "--requirements",
+        metavar="FILE",
+        type=Path,
+        action="append",
+        default=[],
+        help="what the run is judged by, over config/requirements.yaml; later files win",
+    )
+
+
+def required_of(arguments: argparse.Namespace) -> Requirements:
+    """Requirements from the files given.
+
+    Raises
+    ------
+    ConfigurationError
+        A file or value is wrong.
+    """
+    return load_requirements(arguments.requirements)
 
 
 def add_report_option(parser: argparse.ArgumentParser) -> None:
-    """Add --report."""
+    """Add --report and --mission."""
     parser.add_argument(
         "--report", metavar="FILE.html", type=new_file, help="write a self-contained HTML report"
+    )
+    parser.add_argument("--mission", metavar="NAME", default="", help="title of the report")
+
+
+def write_report_of(
+    arguments: argparse.Namespace, judged: Sequence[tuple[RunRecord, Verdict]], output: TextIO
+) -> None:
+    """Write the report that was asked for, and say so."""
+    if arguments.report:
+        from ppc_attitude.analysis.report import write_report
+
+        now = f"{datetime.now():%Y-%m-%d %H:%M}"
+        write_report(judged, arguments.report, mission=arguments.mission, date=now)
+        print(f"report: {arguments.report}", file=output)
+
+
+def add_figures_options(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add --figures and --figure-format."""
+    parser.add_argument("--figures", metavar="DIR", type=new_folder, help=f"draw {what} there")
+    parser.add_argument(
+        "--figure-format",
+        choices=("png", "svg", "pdf"),
+        action="append",
+        help="of the figures; may be given several times; default png",
     )
 
 
@@ -86,7 +140,7 @@ def scenario_of(arguments: argparse.Namespace, extra: Overrides | None = None) -
 
 
 def exit_code(verdict: Verdict) -> int:
-    """0 if every requirement is met, else 1."""
+    """1 if a requirement is not met, else 0; one that is not judged alone fails nothing."""
     return DONE if verdict.all_met else REQUIREMENT_FAILED
 
 

@@ -21,16 +21,18 @@ from typing import Any
 
 import yaml
 
+from ppc_attitude.contract.declared import nodes_of
 from ppc_attitude.contract.topics import RECORDER
 from ppc_attitude.simulation.scenario import Scenario
 
 
 def parameter_file(scenario: Scenario) -> str:
     """Return the resolved parameters of every node; the recorder's say what it records."""
+    known = {name: scenario.parameters[name] for name in nodes_of(scenario.parameters)}
     return ros_parameters(
         {
             **scenario.parameters,
-            RECORDER: {**scenario.parameters[RECORDER], "run_info": run_info(scenario.parameters)},
+            RECORDER: {**scenario.parameters[RECORDER], "run_info": run_info(known)},
         }
     )
 

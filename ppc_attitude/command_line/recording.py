@@ -15,26 +15,35 @@
 """One run through the five nodes, recorded and read back: what `run` and `campaign` share."""
 
 import os
+import shutil
 import sys
-import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, TypeAlias
 
 from tqdm import tqdm
 
+from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import RunError
+from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.options import exit_code
+from ppc_attitude.command_line.security import secured
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
+from ppc_attitude.nodes.discovery import DOMAIN, reach
+from ppc_attitude.processes.telling import BAG
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
+
+Watch: TypeAlias = Callable[[Callable[[], bool]], None]
+"""Does something as long as what it is given, called again and again, returns true."""
 
 
 class Recording:
@@ -44,6 +53,8 @@ class Recording:
     ----------
     bag : Path or None
         Folder of the bag; default a new, dated one.
+    keys : Path, optional
+        Folder of the keys with which the nodes are secured; made if there is none.
 
     Raises
     ------
@@ -51,27 +62,47 @@ class Recording:
         The folder exists.
     """
 
-    def __init__(self, bag: Path | None) -> None:
+    def __init__(self, bag: Path | None, keys: Path | None = None) -> None:
         self.bag = bag or Path("bags") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
         if self.bag.exists():
             raise ConfigurationError(f"bag folder {self.bag} exists already and is not overwritten")
         if bag is None:
             self.bag = self.bag.absolute()
+        self.told = f"bag: {self.bag}"
+        """Where the bag is, for the user."""
+        self._keys = keys
         self._interrupted = False
 
-    def run(self, scenario: Scenario, lockstep: bool = True) -> RunRecord:
+    def run(
+        self, scenario: Scenario, lockstep: bool = True, watch: Watch | None = None
+    ) -> RunRecord:
         """Run a scenario and read what was recorded.
+
+        Parameters
+        ----------
+        scenario : Scenario
+            What is run.
+        lockstep : bool
+            False: free-running on the wall clock.
+        watch : callable, optional
+            Looks on while the nodes run.
 
         Raises
         ------
+        ConfigurationError
+            The environment lets no node find another, or names a domain or a peer that is none.
         RunError
             The run broke, or its bag cannot be read.
         """
+        environment = private_environment()
+        if self._keys:
+            environment = secured(environment, self._keys)
         scenario = scenario.awaiting_recorder().with_values(PLANT, lockstep=lockstep)
         scenario = scenario.with_values(RECORDER, bag=str(self.bag))
+        check_memory(scenario)  # the verdict is taken from the whole bag
         with nothing_begun():
             warm_up(scenario)
-        self._interrupted = _run_stack(scenario, self.bag)
+        self._run_stack(scenario, environment, watch)
         try:
             record = read_run(self.bag)
         except BagError as error:
@@ -82,51 +113,67 @@ class Recording:
             print(f"warning: {warning}", file=sys.stderr)
         return record
 
-    def complain(self, record: RunRecord) -> None:
-        """Say what the bag lacks, when everything else has been said.
+    def judge(self, record: RunRecord, verdict: Verdict, file: IO[str] | None = None) -> int:
+        """Say where the bag is and what it lacks, when everything else has been said.
+
+        Parameters
+        ----------
+        record : RunRecord
+            What is in the bag.
+        verdict : Verdict
+            What was found of it.
+        file : file, optional
+            Where to say it; default on standard output.
+
+        Returns
+        -------
+        int
+            Exit code.
 
         Raises
         ------
         RunError
             Messages are missing, or the user interrupted.
         """
+        print(self.told, file=file)
         if record.missing_messages:
             lost = ", ".join(f"{count} of {name}" for name, count in record.missing.items())
             raise RunError(f"the bag lacks messages: {lost}")
         if self._interrupted:
             raise RunError("interrupted before the end; the bag holds what was run until then")
+        return exit_code(verdict)
 
-
-def _run_stack(scenario: Scenario, bag: Path) -> bool:
-    """Run all processes to the end; True if the user interrupted."""
-    environment = private_environment()
-    print(
-        f"ROS domain {environment['ROS_DOMAIN_ID']}, "
-        f"discovery {environment['ROS_AUTOMATIC_DISCOVERY_RANGE'].lower()}",
-        file=sys.stderr,
-    )
-    duration = scenario.number(PLANT, "duration")
-    with (
-        stop_on_signals() as stop,
-        tempfile.TemporaryDirectory(prefix="ppc_attitude_") as folder,
-        _progress(duration) as show,
-    ):
-        stack = Stack.of(scenario, Path(folder), show, environment=environment)
-        try:
-            stack.start()
-            stack.wait(stop)
-        except StackError as error:
-            _end_after_failure(stack)
-            raise RunError(f"{error}\nbag: {bag}" if bag.exists() else str(error)) from None
-        try:
-            stack.stop()
-        except StackError as error:
-            if stop.is_set() and not stack.has_begun:
-                return True
-            raise RunError(f"{error}\nbag: {bag}") from None
-        if not stop.is_set():
-            show(duration)  # the plant tells the time ten times a second, not at its end
-        return stop.is_set()
+    def _run_stack(
+        self, scenario: Scenario, environment: Mapping[str, str], watch: Watch | None
+    ) -> None:
+        """Run all processes to the end, or until the user interrupts."""
+        print(f"ROS domain {environment[DOMAIN]}, discovery {reach(environment)}", file=sys.stderr)
+        duration = scenario.number(PLANT, "duration")
+        with stop_on_signals() as stop, _progress(duration) as show:
+            stack = Stack.of(scenario, show, environment=environment)
+            finished = False
+            try:
+                stack.start()
+                if watch:
+                    watch(lambda: stack.goes_on(stop))
+                else:
+                    stack.wait(stop)
+                stack.stop()
+                finished = not stop.is_set()
+            except StackError as error:
+                _end_after_failure(stack)
+                if error.refused:
+                    raise ConfigurationError(str(error)) from None
+                if stack.has_begun or not stop.is_set():
+                    where = f"\n{self.told}" if stack.has_begun else ""
+                    raise RunError(f"{error}{where}") from None
+            finally:
+                stack.kill()
+                self._interrupted = stop.is_set()
+                if not (finished or stack.has_begun) and (bag := stack.told()[RECORDER].get(BAG)):
+                    shutil.rmtree(bag, ignore_errors=True)  # it would only be in the next one's way
+            if finished:
+                show(duration)  # the plant tells the time ten times a second, not at its end
 
 
 def _end_after_failure(stack: Stack) -> None:

@@ -12,94 +12,69 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
 """Starting, watching and stopping the five processes of a run."""
 
-import contextlib
-import ctypes
 import os
-import re
 import signal
 import subprocess
-import sys
+import tempfile
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import IO
+from typing import Any
 
 from ppc_attitude.command_line.domains import choose_domain
+from ppc_attitude.command_line.errors import BAD_INPUT
 from ppc_attitude.command_line.parameter_file import parameter_file
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER, REFERENCE
+from ppc_attitude.contract.declared import nodes_of
+from ppc_attitude.contract.topics import ESTIMATOR, NODES, PLANT, RECORDER
+from ppc_attitude.nodes.discovery import DOMAIN, RANGE, check_discovery
+from ppc_attitude.processes.child import Child
+from ppc_attitude.processes.telling import AT, BROKEN, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = 20.0  # [s] how long a process may take to end after it was asked to
-_KILLED_AFTER = 5.0  # [s] how long the family of a killed process may take
 _STALLED_AFTER = 30.0  # [s] without a step after which a run in lock-step is given up
-_PROGRESS = re.compile(r"^t ([0-9.]+)$")
-_LOUD = re.compile(r"\[(WARN|ERROR|FATAL)\]|^error:|Traceback|Error: ")
+_GLANCE = 0.02  # [s] between two looks at the processes
 # The recorder goes last, when all others have sent their last message.
-_STOP_ORDER = ((PLANT,), (CONTROLLER, REFERENCE, INJECTOR), (RECORDER,))
-_STOP_BROKEN = ((PLANT, CONTROLLER, REFERENCE, INJECTOR), (RECORDER,))
-
-
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
-_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
-
-
-def _prepare_child(parent: int) -> None:
-    """Let the kernel ask this new process to end when its starter dies, however that happens.
-
-    Signals wait until it can take them (`nodes.running.StopRequest`), not amidst its imports.
-    """
-    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-    if _LIBC is not None:
-        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:  # it died before the kernel knew
-        os._exit(1)
+_ALL = (ESTIMATOR, *NODES)
+_OTHERS = tuple(name for name in _ALL if name not in (PLANT, RECORDER))
+_STOP_ORDER = ((PLANT,), _OTHERS, (RECORDER,))
+_STOP_BROKEN = ((PLANT, *_OTHERS), (RECORDER,))
 
 
 class StackError(Exception):
-    """The run broke; says which node and what happened."""
+    """The run broke; says which node and what happened.
 
+    Parameters
+    ----------
+    text : str
+        What to tell.
+    refused : bool
+        True if a node would not begin with what it was given.
+    """
 
-@dataclass
-class NodeProcess:
-    """One running executable."""
-
-    name: str
-    process: subprocess.Popen[str]
-    tail: deque[str] = field(default_factory=lambda: deque(maxlen=40))
-    reader: threading.Thread | None = None
-
-    def ended(self) -> str:
-        """How the process ended, in words."""
-        code = self.process.returncode
-        if code is not None and code < 0:
-            return f"was killed by {signal.Signals(-code).name}"
-        return f"ended with exit code {code}"
-
-
-def _is_paused(pid: int) -> bool:
-    try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
-    except OSError:
-        return False
-    return text.rpartition(")")[2].split()[0] == "T"
+    def __init__(self, text: str, refused: bool = False) -> None:
+        super().__init__(text)
+        self.refused = refused
 
 
 def private_environment() -> dict[str, str]:
     """Environment of the processes of a run: this host only, and a domain of their own.
 
     A range or domain that the user has set is kept.
+
+    Raises
+    ------
+    ConfigurationError
+        What the user has set is wrong.
     """
     environment = dict(os.environ)
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    if "ROS_DOMAIN_ID" not in environment:
-        environment["ROS_DOMAIN_ID"] = str(choose_domain())
-    environment["PYTHONUNBUFFERED"] = "1"
+    environment[RANGE] = environment.get(RANGE) or "LOCALHOST"
+    environment[DOMAIN] = environment.get(DOMAIN) or str(choose_domain())
+    check_discovery(environment)
     return environment
 
 
@@ -108,8 +83,10 @@ class Stack:
 
     Parameters
     ----------
-    arguments : mapping of str to sequence of str
-        Executable to its command-line arguments; the executables that are to run.
+    nodes : iterable of str
+        The executables that are to run.
+    parameters : str
+        Parameters of all of them, as a ROS parameter file.
     environment : mapping of str to str
         Environment of all of them.
     on_time : callable
@@ -118,24 +95,25 @@ class Stack:
 
     def __init__(
         self,
-        arguments: Mapping[str, Sequence[str]],
+        nodes: Iterable[str],
+        parameters: str,
         environment: Mapping[str, str],
         on_time: Callable[[float], None],
     ) -> None:
-        self._arguments = arguments
+        self._names = [name for name in _ALL if name in set(nodes)]
+        self._parameters = parameters
         self.environment = environment
         self._on_time = on_time
-        self._nodes: dict[str, NodeProcess] = {}
-        self.has_begun = False  # simulated time has advanced
+        self._nodes: dict[str, Child] = {}
+        self._time: float | None = None
         self._advanced = time.monotonic()
 
     @classmethod
     def of(
         cls,
         scenario: Scenario,
-        folder: Path,
         on_time: Callable[[float], None],
-        nodes: Iterable[str] = NODES,
+        nodes: Iterable[str] | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> "Stack":
         """Processes that run a scenario.
@@ -144,62 +122,41 @@ class Stack:
         ----------
         scenario : Scenario
             What they run; its kernels should be warm.
-        folder : Path
-            Where their parameters and, unless the environment says otherwise, their logs go.
         on_time : callable
             Called with simulated time [s] as the plant advances.
-        nodes : iterable of str
-            Which executables run.
+        nodes : iterable of str, optional
+            Which executables run; default all that the scenario needs.
         environment : mapping of str to str, optional
             Environment of all of them; default `private_environment`.
         """
-        path = folder / "run.yaml"
-        path.write_text(parameter_file(scenario), encoding="utf-8")
-        arguments = {name: ["--ros-args", "--params-file", str(path)] for name in nodes}
-        if PLANT in arguments:
-            arguments[PLANT].insert(0, "--progress")
         environment = private_environment() if environment is None else environment
-        return cls(arguments, {"ROS_LOG_DIR": str(folder), **environment}, on_time)
+        nodes = nodes_of(scenario.parameters) if nodes is None else nodes
+        return cls(nodes, parameter_file(scenario), environment, on_time)
+
+    @property
+    def has_begun(self) -> bool:
+        """True if simulated time has advanced."""
+        return self._time is not None
 
     def start(self) -> None:
         """Start every process."""
-        for name in NODES:
-            if name in self._arguments:
-                self._start(name)
-
-    def _start(self, name: str) -> None:
-        module = f"ppc_attitude.nodes.{name}"
-        process = subprocess.Popen(
-            [sys.executable, "-m", module, *self._arguments[name]],
-            env=dict(self.environment),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            # A Ctrl-C at the terminal is ours to pass on, in the order that loses nothing.
-            start_new_session=True,
-            preexec_fn=partial(_prepare_child, os.getpid()),
-        )
-        node = NodeProcess(name, process)
-        assert process.stdout is not None
-        node.reader = threading.Thread(
-            target=self._read, args=(node, process.stdout), name=name, daemon=True
-        )
-        self._nodes[name] = node
-        node.reader.start()
-
-    def _read(self, node: NodeProcess, stream: IO[str]) -> None:
-        for line in stream:
-            progress = _PROGRESS.match(line)
-            if progress:
-                self._advanced = time.monotonic()
-                self.has_begun = True
-                self._on_time(float(progress[1]))
-                continue
-            node.tail.append(line.rstrip("\n"))
-            if _LOUD.search(line):
-                print(f"{node.name}: {line}", end="", file=sys.stderr, flush=True)
+        # A file without a name: whatever ends this process, nothing stays behind.
+        with tempfile.TemporaryFile() as file:
+            file.write(self._parameters.encode())
+            file.flush()
+            # What they print is for the user to read: warnings and errors.
+            options = ["--ros-args", "--params-file", f"/dev/fd/{file.fileno()}"]
+            options += ["--log-level", "warn"]
+            if "ROS_LOG_DIR" not in self.environment:
+                options.append("--disable-external-lib-logs")
+            for name in self._names:
+                self._nodes[name] = Child(
+                    f"ppc_attitude.nodes.{name}",
+                    *options,
+                    environment=self.environment,
+                    inherited=[file.fileno()],
+                    stdout=2,  # ours is for results
+                )
 
     def wait(self, stop: threading.Event) -> None:
         """Wait until the plant has finished or a stop is asked for.
@@ -209,25 +166,46 @@ class Stack:
         StackError
             Another process ended first, the plant broke, or it waits in vain for a peer.
         """
-        self._advanced = time.monotonic()
-        while not stop.is_set():
-            self._look_for_stall()
-            for node in self._nodes.values():
-                if node.process.poll() is None:
-                    continue
-                if node.name == PLANT and node.process.returncode == 0:
-                    return
-                raise self._broken(node)
-            stop.wait(0.02)
+        while self.goes_on(stop, _GLANCE):
+            pass
+
+    def goes_on(self, stop: threading.Event, patience: float = 0.0) -> bool:
+        """Look at the processes; False if the run has ended, or is to be stopped.
+
+        Parameters
+        ----------
+        stop : threading.Event
+            The wish to stop.
+        patience : float
+            How long to wait for the plant to tell something [s].
+
+        Raises
+        ------
+        StackError
+            As `wait`.
+        """
+        plant = self._nodes[PLANT]
+        plant.listen(patience)
+        now: float | None = plant.told.get(TIME)
+        if now is not None and now != self._time:
+            self._time, self._advanced = now, time.monotonic()
+            plant.told.pop(WAITING, None)
+            self._on_time(now)
+        ended = {name: code for name, code in self.exit_codes().items() if code is not None}
+        finished = ended.get(PLANT) == 0
+        if broken := [name for name in ended if not (name == PLANT and finished)]:
+            raise self._broken(broken)
+        self._look_for_stall()
+        return not (finished or stop.is_set())
 
     def _look_for_stall(self) -> None:
         if time.monotonic() - self._advanced < _STALLED_AFTER:
             return
         paused = [name for name, node in self._nodes.items() if _is_paused(node.process.pid)]
-        waiting = [line for line in self._nodes[PLANT].tail if "waiting" in line][-1:]
-        reasons = [f"{name} is paused (SIGSTOP)" for name in paused] or waiting
-        if reasons:
-            raise StackError(f"no step for {_STALLED_AFTER:g} s: {', '.join(reasons)}")
+        reason = ", ".join(f"{name} is paused (SIGSTOP)" for name in paused)
+        reason = reason or self._nodes[PLANT].told.get(WAITING, "")
+        if reason:
+            raise StackError(f"no step for {_STALLED_AFTER:g} s: {reason}")
 
     def stop(self) -> None:
         """Ask every process to end, the recorder last; kill what does not.
@@ -237,38 +215,39 @@ class Stack:
         StackError
             A process had to be killed or ended with an error.
         """
-        problems: list[StackError] = []
+        hanging = []
         try:
             broken = any(node.process.poll() for node in self._nodes.values())
             for names in _STOP_BROKEN if broken else _STOP_ORDER:
-                nodes = [self._nodes[name] for name in names if name in self._nodes]
-                for node in nodes:
+                nodes = {name: self._nodes[name] for name in names if name in self._nodes}
+                for node in nodes.values():
                     if node.process.poll() is None:
                         node.process.send_signal(signal.SIGINT)
-                for node in nodes:
-                    problems += self._wait_for_end(node)
+                for name, node in nodes.items():
+                    try:
+                        node.process.wait(_PATIENCE)
+                    except subprocess.TimeoutExpired:
+                        hanging.append(name)
+                        node.kill()
         finally:
             self.kill()
-        if problems:
-            raise problems[0]
-
-    def _wait_for_end(self, node: NodeProcess) -> list[StackError]:
-        try:
-            node.process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            node.process.kill()
-            node.process.wait()
-            return [StackError(f"{node.name} did not end within {_PATIENCE:g} s and was killed")]
-        self._finish_reading(node)
-        return [self._broken(node)] if node.process.returncode != 0 else []
+        codes = self.exit_codes()
+        if failed := [name for name, code in codes.items() if code and name not in hanging]:
+            raise self._broken(failed)
+        if hanging:
+            late = ", ".join(hanging)
+            raise StackError(f"{late} did not end within {_PATIENCE:g} s and was killed")
 
     def kill(self) -> None:
         """Kill whatever still runs; nothing of the stack survives its starter."""
         for node in self._nodes.values():
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(node.process.pid, signal.SIGKILL)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                node.process.wait(_KILLED_AFTER)
+            node.kill()
+
+    def told(self) -> dict[str, dict[str, Any]]:
+        """What each process has told, by name of the fact (see `telling`)."""
+        for node in self._nodes.values():
+            node.listen()
+        return {name: node.told for name, node in self._nodes.items()}
 
     def exit_codes(self) -> dict[str, int | None]:
         """Exit code of each process; None while it runs."""
@@ -278,13 +257,32 @@ class Stack:
         """Process id of each node."""
         return {name: node.process.pid for name, node in self._nodes.items()}
 
-    def _finish_reading(self, node: NodeProcess) -> None:
-        if node.reader is not None:
-            node.reader.join(timeout=2.0)
+    def _broken(self, ended: Iterable[str]) -> StackError:
+        """Say how the node ended that ended first: what others met is a consequence."""
+        self.told()
+        name = min(ended, key=lambda each: _broke_at(self._nodes[each]))
+        node = self._nodes[name]
+        code = node.process.returncode
+        if code < 0:  # a process that was killed says nothing about it
+            return StackError(f"{name} was killed by {signal.Signals(-code).name}")
+        reason = node.told.get(BROKEN, "without saying why")
+        return StackError(f"{name} ended with exit code {code}: {reason}", code == BAD_INPUT)
 
-    def _broken(self, node: NodeProcess) -> StackError:
-        self._finish_reading(node)
-        if node.process.returncode < 0:  # a process that was killed says nothing about it
-            return StackError(f"{node.name} {node.ended()}")
-        reason = next((line for line in reversed(node.tail) if line.strip()), "without saying why")
-        return StackError(f"{node.name} {node.ended()}: {reason}")
+
+def _broke_at(node: Child) -> float:
+    """When a node that has ended broke, on the monotonic clock [s].
+
+    Who was killed could not tell, and did not fall for what others did.
+    """
+    if node.process.returncode < 0:
+        return 0.0
+    at: float = node.told.get(AT, time.monotonic())
+    return at
+
+
+def _is_paused(pid: int) -> bool:
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
+    except OSError:
+        return False
+    return text.rpartition(")")[2].split()[0] == "T"

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Ctrl-C: at once while nothing has begun, afterwards a wish that is granted in good order."""
+"""Being asked to end: granted at once while nothing has begun, afterwards in good order."""
 
 import os
 import signal
@@ -22,8 +22,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from ppc_attitude.command_line.errors import BROKEN
-
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from ppc_attitude.processes.child import ENDING
 
 
 def _end_at_once(number: int, frame: FrameType | None) -> None:
@@ -33,28 +32,28 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
 
 
 def end_at_once() -> None:
-    """Let SIGINT and SIGTERM simply end this process: nothing has begun yet."""
-    for number in _SIGNALS:
+    """Let a request to end simply end this process: nothing has begun yet."""
+    for number in ENDING:
         signal.signal(number, _end_at_once)
 
 
 def interrupt() -> None:
-    """Let SIGINT raise KeyboardInterrupt again, if it was to end this process at once."""
-    if signal.getsignal(signal.SIGINT) is _end_at_once:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    """Let a request to end raise KeyboardInterrupt, if it was to end this process at once."""
+    for number in ENDING:
+        if signal.getsignal(number) is _end_at_once:
+            signal.signal(number, signal.default_int_handler)
 
 
 def ignore() -> None:
     """Let no signal disturb the end of this process."""
-    for number in _SIGNALS:
+    for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
 def nothing_begun() -> Iterator[None]:
-    """Let SIGINT and SIGTERM end this process at once while the block runs."""
-    previous = {number: signal.signal(number, _end_at_once) for number in _SIGNALS}
+    """Let a request to end be granted at once while the block runs."""
+    previous = {number: signal.signal(number, _end_at_once) for number in ENDING}
     try:
         yield
     finally:
@@ -64,13 +63,13 @@ def nothing_begun() -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals() -> Iterator[threading.Event]:
-    """Event that SIGINT and SIGTERM set, so that a second Ctrl-C cannot break the orderly stop."""
+    """Event that a request to end sets, so that a second Ctrl-C cannot break the orderly stop."""
     stop = threading.Event()
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         stop.set()
 
-    previous = {number: signal.signal(number, on_signal) for number in _SIGNALS}
+    previous = {number: signal.signal(number, on_signal) for number in ENDING}
     try:
         yield stop
     finally:

@@ -23,21 +23,23 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from ppc_attitude.contract.cdr import seconds
+from ppc_attitude.contract.declared import (
+    ATTITUDE_ENVELOPE,
+    ATTITUDE_ERROR,
+    RATE_ENVELOPE,
+    RATE_ERROR,
+)
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
-    ATTITUDE_ENVELOPE,
-    ATTITUDE_ERROR,
     DISTURBANCE,
-    RATE_ENVELOPE,
-    RATE_ERROR,
     TORQUE_COMMAND,
     Topic,
 )
 from ppc_attitude.nodes.onlooker import Health, Snapshot
 from ppc_attitude.science.attitude import rotation_angle
+from ppc_attitude.science.stamps import seconds
 
 _AXES = "xyz"
 _LEVELS = ("OK", "WARN", "ERROR", "STALE")

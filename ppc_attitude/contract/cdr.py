@@ -14,9 +14,9 @@
 
 """CDR, the wire format of ROS messages, for the stamped messages of the contract.
 
-A stamped quaternion, vector or wrench is a time, a frame name and a few float64. Packing and
-unpacking that with `struct` costs a fiftieth of a generated message class, so the hot path of
-every node and the bag reader work on bytes, and this file is the one place that knows them.
+A stamped quaternion, vector or wrench is a time, a frame name and a few float64; an Imu has 37.
+Packing and unpacking that with `struct` costs a fiftieth of a generated message class, so the hot
+path of every node and the bag reader work on bytes, and this file is the one place that knows them.
 
 Layout after the 4-byte encapsulation header: int32 sec, uint32 nanosec, uint32 length of the
 frame name with its NUL, the name, padding to 8 (XCDR1) or 4 (XCDR2), then the float64 values.
@@ -25,17 +25,36 @@ frame name with its NUL, the name, padding to 8 (XCDR1) or 4 (XCDR2), then the f
 import math
 import struct
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.topics import CLOCK, QUATERNION, VECTOR, WRENCH, Topic
+from ppc_attitude.contract.topics import CLOCK, MSGTYPES, Topic
+from ppc_attitude.science.component import FIX, GYRO, MOTION, QUATERNION, VECTOR, WRENCH
+from ppc_attitude.science.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
-_DOUBLES = {QUATERNION: 4, VECTOR: 3, WRENCH: 6}
-_SKIPPED = {QUATERNION: 0, VECTOR: 0, WRENCH: 3}  # the force of a wrench is not ours
+LARGEST = 1e6
+"""No rate [rad/s] or torque [N·m] of a spacecraft is larger."""
+_DOUBLES = {
+    MSGTYPES[QUATERNION]: 4,
+    MSGTYPES[VECTOR]: 3,
+    MSGTYPES[WRENCH]: 6,
+    MSGTYPES[GYRO]: 37,
+}
+_SKIPPED = {MSGTYPES[WRENCH]: 3}  # the force of a wrench is not ours
 _MAX_FRAME_ID = 4096
+# Where the numbers of a form lie among an Imu's: orientation, its covariance (9), angular velocity,
+# its covariance, linear acceleration, its covariance. "o" is zero, "-" the −1 of REP 145: there is
+# no such quantity. A letter stands for a number of the form, in the order of the alphabet.
+_NONE = "-oooooooo"
+_NO_ACCELERATION = "ooo" + _NONE
+_IMU = {
+    GYRO: "oooo" + _NONE + "abc" + "dooodoood" + _NO_ACCELERATION,
+    FIX: "abcd" + "eooofooog" + "ooo" + _NONE + _NO_ACCELERATION,
+    MOTION: "abcd" + "efgfhigij" + "klm" + "npqprsqst" + _NO_ACCELERATION,
+}
 _OURS = b"\x00\x01"  # little-endian XCDR1
 # representation id -> (struct byte order, alignment of float64)
 _ENCAPSULATION = {
@@ -62,16 +81,6 @@ class Sample(NamedTuple):
     values: tuple[float, ...]
 
 
-def seconds(stamp_ns: int) -> float:
-    """Time of a stamp [s]: the one conversion that every time-dependent formula uses."""
-    return stamp_ns * 1e-9
-
-
-def stamp_of(step: int, rate: float) -> int:
-    """Stamp [ns] of a step of a loop that runs at `rate` [Hz]."""
-    return round(step * NANOSECONDS / rate)
-
-
 class Codec:
     """Encoder and decoder for one stamped topic.
 
@@ -83,25 +92,42 @@ class Codec:
 
     def __init__(self, topic: Topic) -> None:
         self.topic = topic
-        self._skipped = _SKIPPED[topic.msgtype]
+        self._skipped = _SKIPPED.get(topic.msgtype, 0)
         count = _DOUBLES[topic.msgtype]
         self._count = count
         name = topic.frame_id.encode() + b"\0"
         pad = -(12 + len(name)) % 8
         self._struct = struct.Struct(f"<4siII{len(name)}s{pad}x{count}d")
         self._name = name
-        self._zeros = (0.0,) * self._skipped
+        self._before = (0.0,) * self._skipped
+        layout = _IMU.get(topic.form, "")
+        letters = sorted(set(layout) - {"o", "-"})
+        order = {**{letter: k for k, letter in enumerate(letters)}, "o": -2, "-": -1}
+        # From a form's numbers, with 0 and −1 behind them, to those of the message, and back.
+        self._spread = itemgetter(*map(order.get, layout)) if layout else None
+        self._places = [layout.index(letter) for letter in letters]
+        self._behind = (0.0,) * (count - self._skipped - (len(layout) or topic.width))
         # How our own messages look, for the fast way of `decode`.
         self._frame = struct.pack("<I", len(name)) + name
         self._frame_end = 12 + len(self._frame)
-        self._numbers = struct.Struct(f"<{topic.width}d")
-        self._start = self._struct.size - self._numbers.size
+        self._width = len(layout) or topic.width  # numbers of the message that are ours
+        self._numbers = struct.Struct(f"<{self._width}d")
+        self._start = self._struct.size - 8 * (count - self._skipped)
 
     def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
         """Bytes of the message with this stamp and these numbers (of a wrench: the torque)."""
         sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+        if self._spread:
+            values = self._spread((*values, 0.0, -1.0))
         return self._struct.pack(
-            _LITTLE_ENDIAN, sec, nanosec, len(self._name), self._name, *self._zeros, *values
+            _LITTLE_ENDIAN,
+            sec,
+            nanosec,
+            len(self._name),
+            self._name,
+            *self._before,
+            *values,
+            *self._behind,
         )
 
     def decode(self, data: bytes) -> Sample:
@@ -118,8 +144,15 @@ class Codec:
             and data[:2] == _OURS
         ):
             values = self._numbers.unpack_from(data, self._start)
+            if self._places:
+                values = tuple(values[place] for place in self._places)
             return Sample(_stamp(data), self.topic.frame_id, values)
         return self._decode_general(data)
+
+    def has_force(self, data: bytes) -> bool:
+        """True if a wrench, which can be decoded, has a force."""
+        order, _, start = self._layout(data)
+        return any(struct.unpack_from(f"{order}{self._skipped}d", data, start))
 
     def decode_rows(
         self, rows: NDArray[np.uint8]
@@ -152,11 +185,13 @@ class Codec:
             # Rows with the encoding and the name length of the first have its layout.
             alike = (rows[:, :2] == rows[0, :2]).all(axis=1)
             alike &= (rows[:, 12:16] == rows[0, 12:16]).all(axis=1)
-            end = start + 8 * self._count
+            begin = start + 8 * self._skipped
+            end = begin + 8 * self._width
             stamps[:] = rows[:, 4:8].view(order + "i4")[:, 0]
             stamps *= NANOSECONDS
             stamps += rows[:, 8:12].view(order + "u4")[:, 0]
-            values[:] = rows[:, start:end].view(order + "f8")[:, self._skipped :]
+            numbers = rows[:, begin:end].view(order + "f8")
+            values[:] = numbers[:, self._places] if self._places else numbers
         for row in np.flatnonzero(~alike):
             try:
                 sample = self.decode(rows[row].tobytes())
@@ -168,8 +203,11 @@ class Codec:
     def _decode_general(self, data: bytes) -> Sample:
         order, length, start = self._layout(data)
         frame_id = data[_AFTER_STAMP + 4 : _AFTER_STAMP + 3 + length].decode(errors="replace")
-        values = struct.unpack_from(f"{order}{self._count}d", data, start)
-        return Sample(_stamp(data, order), frame_id, values[self._skipped :])
+        begin = start + 8 * self._skipped
+        values = struct.unpack_from(f"{order}{self._width}d", data, begin)
+        if self._places:
+            values = tuple(values[place] for place in self._places)
+        return Sample(_stamp(data, order), frame_id, values)
 
     def _layout(self, data: bytes) -> tuple[str, int, int]:
         """Byte order, length of the frame name with its NUL, offset of the first float64."""

@@ -15,12 +15,17 @@
 """The parameters of every node, each declared once: type, default, unit, range, description.
 
 The nodes declare these, the configuration loader checks against them, and the documentation's
-table is tested against them. The controller's own come with each law.
+table is tested against them. Those of a component come with it.
 """
+
+from collections.abc import Iterator, Mapping
+from functools import cache
 
 from ppc_attitude.contract.topics import (
     CONTROLLER,
     DISTURBANCE,
+    ESTIMATOR,
+    HOSTED,
     INJECTOR,
     MARKERS,
     PLANT,
@@ -28,11 +33,8 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
-from ppc_attitude.science.controllers.registry import CONTROLLERS, all_parameters
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter
-
-HALF_DEGREE = 0.008726646259971648  # 0.5°/s in rad/s
 
 WAIT_FOR_RECORDER = Parameter(
     "wait_for_recorder",
@@ -49,36 +51,6 @@ _PLANT = (
         low=1.0,
         high=10000.0,
         read_only=True,
-    ),
-    Parameter(
-        "inertia",
-        INERTIA.default,
-        "inertia J of the craft, row-major; symmetric positive definite",
-        "kg·m²",
-        length=9,
-    ),
-    Parameter(
-        "initial_attitude",
-        [0.1554, 0.4271, 0.4792, 0.7509],
-        "attitude at t = 0, x y z w, body to inertial; normalised if within 1e-3",
-        length=4,
-        read_only=True,
-    ),
-    Parameter(
-        "initial_angular_velocity",
-        [0.0, 0.0, 0.0],
-        "angular velocity at t = 0, body axes",
-        "rad/s",
-        length=3,
-        low=-100.0,
-        high=100.0,
-        read_only=True,
-    ),
-    Parameter(
-        "max_torque", MAX_TORQUE.default, "actuator limit per axis", "N·m", above=0.0, high=1e6
-    ),
-    Parameter(
-        "min_torque", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0, high=1e6
     ),
     Parameter(
         "lockstep",
@@ -118,56 +90,8 @@ _PLANT = (
         above=0.0,
         high=3600.0,
     ),
-    Parameter(
-        "attitude_noise",
-        0.0,
-        "standard deviation of the measured attitude, per axis",
-        "rad",
-        low=0.0,
-        high=1.0,
-    ),
-    Parameter(
-        "rate_noise",
-        0.0,
-        "standard deviation of the measured rate, per axis",
-        "rad/s",
-        low=0.0,
-        high=1.0,
-    ),
-    Parameter("seed", 0, "seed of the sensor noise", low=0, high=2**53, read_only=True),
-)
-_REFERENCE = (
-    Parameter(
-        "initial_attitude",
-        [0.2, -0.5, -0.5, -0.6782],
-        "desired attitude at t = 0, x y z w, desired frame to inertial; normalised if within 1e-3",
-        length=4,
-    ),
-    Parameter(
-        "amplitude",
-        [HALF_DEGREE] * 3,
-        "a of ω_d = a [cos(t/T1), sin(t/T2), −cos(t/T3)]; zeros: a fixed attitude",
-        "rad/s",
-        length=3,
-        low=-10.0,
-        high=10.0,
-    ),
-    Parameter("period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, above=0.0),
-    WAIT_FOR_RECORDER,
 )
 _INJECTOR = (
-    Parameter("environment", True, "the environment torque of the paper acts"),
-    Parameter("pulse_times", [], "start of each scheduled pulse", "s", low=0.0, high=1e8),
-    Parameter("pulse_durations", [], "duration of each scheduled pulse", "s", above=0.0, high=1e8),
-    Parameter(
-        "pulse_torques",
-        [],
-        "torque of each scheduled pulse, three values a pulse, body axes",
-        "N·m",
-        length=-3,
-        low=-1e6,
-        high=1e6,
-    ),
     Parameter(
         "injection_duration", 0.1, "how long an injected torque acts", "s", above=0.0, high=1e8
     ),
@@ -179,11 +103,6 @@ _INJECTOR = (
         above=0.0,
         high=1e6,
     ),
-    WAIT_FOR_RECORDER,
-)
-_CONTROLLER = (
-    Parameter("controller", "ppc", "the control law", choices=tuple(CONTROLLERS), read_only=True),
-    *all_parameters(),
     WAIT_FOR_RECORDER,
 )
 _RECORDER = (
@@ -218,11 +137,50 @@ _MARKERS = (
     ),
 )
 
-PARAMETERS: dict[str, tuple[Parameter, ...]] = {
+_OWN: dict[str, tuple[Parameter, ...]] = {
     PLANT: _PLANT,
-    REFERENCE: _REFERENCE,
-    CONTROLLER: _CONTROLLER,
+    REFERENCE: (WAIT_FOR_RECORDER,),
+    CONTROLLER: (WAIT_FOR_RECORDER,),
     INJECTOR: _INJECTOR,
+    ESTIMATOR: (WAIT_FOR_RECORDER,),
     RECORDER: _RECORDER,
     MARKERS: _MARKERS,
 }
+"""Parameters that a node has whatever components it runs."""
+
+
+@cache
+def _parameters_of(node: str) -> tuple[Parameter, ...]:
+    """Every parameter of a node: its own, and those of all components that it could run.
+
+    Raises
+    ------
+    ConfigurationError
+        Two components declare one name differently.
+    """
+    merged = {parameter.name: parameter for parameter in _OWN[node]}
+    for kind in HOSTED.get(node, ()):
+        for parameter in kind.parameters():
+            if merged.setdefault(parameter.name, parameter) != parameter:
+                raise ConfigurationError(
+                    f"{node}: two components declare the parameter {parameter.name} differently"
+                )
+    return tuple(merged.values())
+
+
+class _Tables(Mapping[str, tuple[Parameter, ...]]):
+    """Parameters by node; a node's components are loaded when it is asked for."""
+
+    def __getitem__(self, node: str) -> tuple[Parameter, ...]:
+        if node not in _OWN:
+            raise KeyError(node)
+        return _parameters_of(node)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_OWN)
+
+    def __len__(self) -> int:
+        return len(_OWN)
+
+
+PARAMETERS = _Tables()

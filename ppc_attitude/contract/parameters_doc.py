@@ -18,11 +18,12 @@ python -m ppc_attitude.contract.parameters_doc > docs/parameters.md
 """
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import CONTROLLER
-from ppc_attitude.science.controllers.registry import CONTROLLERS
+from ppc_attitude.contract.topics import HOSTED
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.kinds import all_components
 from ppc_attitude.science.parameter import Parameter
 
 _HEAD = """# Parameters
@@ -40,16 +41,16 @@ def page() -> str:
     parts = [_HEAD]
     for node, table in PARAMETERS.items():
         parts.append(f"## `{node}`\n")
-        if node == CONTROLLER:
-            parts.append("*used by* names the laws that read a parameter.\n")
-            parts.append(_table(table, with_laws=True))
-        else:
-            parts.append(_table(table, with_laws=False))
+        components = tuple(all_components(HOSTED.get(node, ())))
+        if len(components) > 1:
+            parts.append("*used by* names the components that read a parameter.\n")
+        parts.append(_table(table, components))
     return "\n".join(parts)
 
 
-def _table(parameters: Iterable[Parameter], with_laws: bool) -> str:
-    columns = (*_COLUMNS, "used by") if with_laws else _COLUMNS
+def _table(parameters: Iterable[Parameter], components: Sequence[Component]) -> str:
+    several = len(components) > 1
+    columns = (*_COLUMNS, "used by") if several else _COLUMNS
     rows = [columns, ("---",) * len(columns)]
     for parameter in parameters:
         row = (
@@ -59,14 +60,14 @@ def _table(parameters: Iterable[Parameter], with_laws: bool) -> str:
             parameter.allowed + (", *at start*" if parameter.read_only else ""),
             parameter.description,
         )
-        rows.append((*row, _laws(parameter)) if with_laws else row)
+        rows.append((*row, _users(parameter, components)) if several else row)
     lines = ("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
     return "\n".join(lines) + "\n"
 
 
-def _laws(parameter: Parameter) -> str:
-    laws = [name for name, law in CONTROLLERS.items() if parameter in law.parameters]
-    return ", ".join(laws) if 0 < len(laws) < len(CONTROLLERS) else "all"
+def _users(parameter: Parameter, components: Sequence[Component]) -> str:
+    users = [each.name for each in components if parameter in each.parameters]
+    return ", ".join(users) if 0 < len(users) < len(components) else "all"
 
 
 def _value(value: object) -> str:

@@ -20,12 +20,33 @@ consume it. So a figure never knows whether ROS was there.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+class Change(NamedTuple):
+    """A parameter that was changed in flight.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        The first instant [ns] that the new value acts on.
+    node : str
+        Whose parameter it is.
+    name : str
+        The parameter.
+    value : bool, int, float, str or list
+        Its new value.
+    """
+
+    stamp_ns: int
+    node: str
+    name: str
+    value: Any
 
 
 @dataclass(frozen=True)
@@ -46,7 +67,9 @@ class RunRecord:
     missing : mapping of str to int
         Topic name to number of instants without a message; only topics that lack some.
     parameters : mapping of str to mapping
-        Node name to its parameters, as the run had them.
+        Node name to its parameters, as the run began with them.
+    changes : tuple of Change
+        What of the parameters was changed during the run, in the order of the stamps.
     metadata : mapping of str to str
         Versions, seed, git revision.
     warnings : tuple of str
@@ -59,6 +82,7 @@ class RunRecord:
     columns: Mapping[str, Array]
     missing: Mapping[str, int] = field(default_factory=dict)
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    changes: tuple[Change, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 

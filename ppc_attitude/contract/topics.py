@@ -12,35 +12,73 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The one table of topics: names, types, frames and who publishes them.
+"""The table of topics: names, types, frames and who publishes them.
 
-Everything that names a topic (nodes, recorder, reader, in-process loop, documentation tests)
-takes it from here. A topic that carries one sample per step has a `column`: the name of its
-array in a `RunRecord`.
+Everything that names a topic takes it from here, or from `declared`, which adds what only some
+component declares. A topic that carries one sample per step has a `column`: the name of its array
+in a `RunRecord`. This file loads no component, so that the recorder stays light.
 """
 
 from dataclasses import dataclass
 
-QUATERNION = "geometry_msgs/msg/QuaternionStamped"
-VECTOR = "geometry_msgs/msg/Vector3Stamped"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
+from ppc_attitude.science import signals
+from ppc_attitude.science.component import (
+    BODY,
+    FIX,
+    GYRO,
+    INERTIAL,
+    MOTION,
+    QUATERNION,
+    VECTOR,
+    WRENCH,
+    Column,
+)
+from ppc_attitude.science.kinds import (
+    ACTUATORS,
+    CONTROLLERS,
+    DISTURBANCES,
+    ENVIRONMENTS,
+    ESTIMATORS,
+    PLANTS,
+    REFERENCES,
+    SENSORS,
+    Kind,
+)
+
+MSGTYPES = {
+    QUATERNION: "geometry_msgs/msg/QuaternionStamped",
+    VECTOR: "geometry_msgs/msg/Vector3Stamped",
+    WRENCH: "geometry_msgs/msg/WrenchStamped",
+    **dict.fromkeys((GYRO, FIX, MOTION), "sensor_msgs/msg/Imu"),
+}
 CLOCK = "rosgraph_msgs/msg/Clock"
+POSE = "geometry_msgs/msg/PoseStamped"
+TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 PARAMETER_EVENTS = "rcl_interfaces/msg/ParameterEvent"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
-
-INERTIAL, BODY, DESIRED = "inertial", "body", "desired"
 
 PLANT = "spacecraft_plant"
 REFERENCE = "reference_generator"
 CONTROLLER = "ppc_controller"
 INJECTOR = "disturbance_injector"
+ESTIMATOR = "attitude_estimator"
 RECORDER = "bag_recorder"
-NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
-SOURCES = (PLANT, REFERENCE, CONTROLLER, INJECTOR)  # of what a run consists of
 MARKERS = "attitude_markers"  # draws the run for RViz and Foxglove; no run needs it
+NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
+"""The nodes of every run; one whose controller is told an estimate has an estimator as well."""
+LATE = frozenset({"star_tracker/attitude", "estimator/innovation"})
+"""Topics with a message for some instants only, each with the stamp to which it belongs."""
+SOURCES = (PLANT, ESTIMATOR, REFERENCE, CONTROLLER, INJECTOR)  # of what a run consists of
 
-WIDTH = {QUATERNION: 4, VECTOR: 3, WRENCH: 3}  # numbers of one sample (of a wrench: the torque)
+HOSTED: dict[str, tuple[Kind, ...]] = {
+    PLANT: (PLANTS, SENSORS, ACTUATORS),
+    ESTIMATOR: (ESTIMATORS,),
+    REFERENCE: (REFERENCES,),
+    INJECTOR: (ENVIRONMENTS, DISTURBANCES),
+    CONTROLLER: (CONTROLLERS,),
+}
+"""Which kinds of component each node runs."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +101,12 @@ class Topic:
         Unit of the numbers.
     meaning : str
         What the numbers are.
+    width : int
+        How many numbers one sample has.
+    form : str
+        How they lie in the message (`science.component.Column`), where the type leaves a choice.
+    late : bool
+        True if it comes with some instants only, and has the stamp to which it belongs.
     """
 
     name: str
@@ -72,132 +116,39 @@ class Topic:
     column: str = ""
     unit: str = ""
     meaning: str = ""
-
-    @property
-    def width(self) -> int:
-        """How many numbers one sample has."""
-        return WIDTH[self.msgtype]
+    width: int = 0
+    form: str = ""
+    late: bool = False
 
 
-ATTITUDE = Topic(
-    "attitude", QUATERNION, INERTIAL, PLANT, "attitude", "1", "attitude, body to inertial, x y z w"
-)
-ANGULAR_VELOCITY = Topic(
-    "angular_velocity", VECTOR, BODY, PLANT, "angular_velocity", "rad/s", "angular velocity"
-)
-APPLIED_TORQUE = Topic(
-    "applied_torque",
-    WRENCH,
-    BODY,
-    PLANT,
-    "applied_torque",
-    "N·m",
-    "actuator torque that acts from the stamp on",
-)
-REFERENCE_ATTITUDE = Topic(
-    "reference/attitude",
-    QUATERNION,
-    INERTIAL,
-    REFERENCE,
-    "reference_attitude",
-    "1",
-    "desired attitude, desired frame to inertial, x y z w",
-)
-REFERENCE_RATE = Topic(
-    "reference/angular_velocity",
-    VECTOR,
-    DESIRED,
-    REFERENCE,
-    "reference_angular_velocity",
-    "rad/s",
-    "desired angular velocity",
-)
-REFERENCE_ACCELERATION = Topic(
-    "reference/angular_acceleration",
-    VECTOR,
-    DESIRED,
-    REFERENCE,
-    "reference_angular_acceleration",
-    "rad/s²",
-    "desired angular acceleration",
-)
-TORQUE_COMMAND = Topic(
-    "torque_command",
-    WRENCH,
-    BODY,
-    CONTROLLER,
-    "torque_command",
-    "N·m",
-    "commanded torque τ = sat(u)",
-)
-DISTURBANCE = Topic(
-    "disturbance/torque",
-    WRENCH,
-    BODY,
-    INJECTOR,
-    "disturbance_torque",
-    "N·m",
-    "all external torque",
-)
-INJECT = Topic("disturbance/inject", WRENCH, BODY, "", "", "N·m", "extra torque, from anyone")
-ATTITUDE_ERROR = Topic(
-    "control/attitude_error",
-    QUATERNION,
-    DESIRED,
-    CONTROLLER,
-    "attitude_error",
-    "1",
-    "attitude error q_e, x y z w",
-)
-ATTITUDE_ENVELOPE = Topic(
-    "control/attitude_envelope",
-    VECTOR,
-    BODY,
-    CONTROLLER,
-    "attitude_envelope",
-    "1",
-    "envelope ρ_q of the attitude error",
-)
-RATE_ERROR = Topic(
-    "control/rate_error", VECTOR, BODY, CONTROLLER, "rate_error", "rad/s", "rate error z2"
-)
-RATE_ENVELOPE = Topic(
-    "control/rate_envelope",
-    VECTOR,
-    BODY,
-    CONTROLLER,
-    "rate_envelope",
-    "rad/s",
-    "envelope ρ_ω of the rate error",
-)
-AUXILIARY_STATE = Topic(
-    "control/auxiliary_state",
-    VECTOR,
-    BODY,
-    CONTROLLER,
-    "auxiliary_state",
-    "1",
-    "anti-saturation state θ",
-)
-UNSATURATED_TORQUE = Topic(
-    "control/unsaturated_torque",
-    WRENCH,
-    BODY,
-    CONTROLLER,
-    "unsaturated_torque",
-    "N·m",
-    "torque u before saturation",
-)
-CLOCK_TOPIC = Topic("/clock", CLOCK, "", PLANT, "", "s", "simulated time")
-DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, "", "", "", "", "health of every node")
-PARAMETER_EVENTS_TOPIC = Topic(
-    "/parameter_events", PARAMETER_EVENTS, "", "", "", "", "changed parameters"
-)
-MARKERS_TOPIC = Topic(
-    "markers", MARKER_ARRAY, INERTIAL, MARKERS, "", "m", "craft, frames and torques as shapes"
-)
+def topic_of(column: Column, source: str) -> Topic:
+    """Topic that carries a column, published by a node."""
+    return Topic(
+        column.topic,
+        MSGTYPES[column.form],
+        column.frame,
+        source,
+        column.name,
+        column.unit,
+        column.meaning,
+        column.width - column.late,
+        column.form,
+        column.late,
+    )
 
-SAMPLED = (
+
+ATTITUDE = topic_of(signals.ATTITUDE, PLANT)
+ANGULAR_VELOCITY = topic_of(signals.ANGULAR_VELOCITY, PLANT)
+TRUE_ATTITUDE = topic_of(signals.TRUE_ATTITUDE, PLANT)
+TRUE_RATE = topic_of(signals.TRUE_RATE, PLANT)
+APPLIED_TORQUE = topic_of(signals.APPLIED_TORQUE, PLANT)
+REFERENCE_ATTITUDE = topic_of(signals.REFERENCE_ATTITUDE, REFERENCE)
+REFERENCE_RATE = topic_of(signals.REFERENCE_RATE, REFERENCE)
+REFERENCE_ACCELERATION = topic_of(signals.REFERENCE_ACCELERATION, REFERENCE)
+TORQUE_COMMAND = topic_of(signals.TORQUE_COMMAND, CONTROLLER)
+DISTURBANCE = topic_of(signals.DISTURBANCE, INJECTOR)
+
+STANDARD = (
     ATTITUDE,
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
@@ -206,16 +157,75 @@ SAMPLED = (
     REFERENCE_ACCELERATION,
     TORQUE_COMMAND,
     DISTURBANCE,
-    ATTITUDE_ERROR,
-    ATTITUDE_ENVELOPE,
-    RATE_ERROR,
-    RATE_ENVELOPE,
-    AUXILIARY_STATE,
-    UNSATURATED_TORQUE,
+    TRUE_ATTITUDE,
+    TRUE_RATE,
 )
-EVENTS = (INJECT, CLOCK_TOPIC, DIAGNOSTICS_TOPIC, PARAMETER_EVENTS_TOPIC)
-TOPICS = SAMPLED + EVENTS
-BY_NAME = {topic.name: topic for topic in TOPICS}
-BY_COLUMN = {topic.column: topic for topic in SAMPLED}
-# What only some controllers have; the rest is in every complete run.
-OPTIONAL = (ATTITUDE_ENVELOPE, RATE_ENVELOPE, AUXILIARY_STATE)
+"""What is between the nodes, whatever components they run."""
+
+INJECT = Topic(
+    "disturbance/inject",
+    MSGTYPES[WRENCH],
+    BODY,
+    "",
+    "",
+    "N·m",
+    "extra torque, from anyone",
+    width=3,
+)
+GOAL_POSE = Topic(
+    "goal_pose",
+    POSE,
+    "inertial, nadir, ground, sun or spin",
+    "",
+    "",
+    "1",
+    "attitude to go to, relative to its frame, from anyone; the position is ignored",
+)
+GOAL_TRAJECTORY = Topic(
+    "goal_trajectory",
+    TRAJECTORY,
+    INERTIAL,
+    "",
+    "",
+    "1",
+    "attitudes at given times, of the joint `body`, from anyone",
+)
+GUIDANCE_STATUS = Topic(
+    "guidance/status",
+    DIAGNOSTICS,
+    "",
+    REFERENCE,
+    "",
+    "",
+    "what becomes of each order; the stamp is that of the state from which it acts",
+)
+CLOCK_TOPIC = Topic("/clock", CLOCK, "", PLANT, "", "s", "simulated time")
+DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, "", "", "", "", "health of every node")
+PARAMETER_EVENTS_TOPIC = Topic(
+    "/parameter_events", PARAMETER_EVENTS, "", "", "", "", "changed parameters"
+)
+CHANGES_TOPIC = Topic(
+    "parameters/changed",
+    DIAGNOSTICS,
+    "",
+    "",
+    "",
+    "",
+    "parameters that changed, from the stamp on",
+)
+RECORDED_TOPIC = Topic(
+    "recorded_until", CLOCK, "", RECORDER, "", "s", "the recorder has every state until then"
+)
+MARKERS_TOPIC = Topic(
+    "markers", MARKER_ARRAY, INERTIAL, MARKERS, "", "m", "craft, frames and torques as shapes"
+)
+EVENTS = (
+    INJECT,
+    GOAL_POSE,
+    GOAL_TRAJECTORY,
+    GUIDANCE_STATUS,
+    CLOCK_TOPIC,
+    CHANGES_TOPIC,
+    DIAGNOSTICS_TOPIC,
+    PARAMETER_EVENTS_TOPIC,
+)

@@ -25,8 +25,6 @@ from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
-    BODY,
-    DESIRED,
     DISTURBANCE,
     MARKERS,
     MARKERS_TOPIC,
@@ -34,13 +32,14 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.latest import LatestSamples
 from ppc_attitude.nodes.marker_shapes import arrow, axes, box, transform
-from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.running import run_node
+from ppc_attitude.runtime.health import OK, STALE, Status
+from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.attitude import rotate
+from ppc_attitude.science.component import BODY, DESIRED
 from ppc_attitude.science.kernel import Quaternion, Vector, scale
 
 _TORQUES = (
@@ -81,7 +80,7 @@ class AttitudeMarkers(BaseNode):
         if state is None or state.stamp_ns == self._stamp:
             return
         if state.stamp_ns < self._stamp:
-            self.restart_report()
+            self.health.begin_again()
         self._stamp = state.stamp_ns
         x, y, z = self.parameters["position"]
         position = (x, y, z)
@@ -122,15 +121,15 @@ class AttitudeMarkers(BaseNode):
             self.refuse(topic.name, str(reason))
             return None
 
-    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+    def status(self) -> Status:
         """Waiting for states, or drawing."""
         details = {
             "pictures": self._drawn,
             "transforms": "no tf2_ros" if self._broadcaster is None else "on /tf",
         }
         if self.is_idle():
-            return STALE, f"waiting for {ATTITUDE.name}", details
-        return OK, "drawing", details
+            return Status(STALE, f"waiting for {ATTITUDE.name}", details)
+        return Status(OK, "drawing", details)
 
 
 def _quaternion(sample: Sample) -> Quaternion:

@@ -21,34 +21,54 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
+from rosgraph_msgs.msg import Clock
 
 from ppc_attitude.bags.custom_data import decode_custom_data, encode_custom_data
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
-from ppc_attitude.contract.cdr import header_stamp
-from ppc_attitude.contract.completeness import Completeness, promised
-from ppc_attitude.contract.topics import ATTITUDE, BY_NAME, CONTROLLER, RECORDER, TOPICS, Topic
+from ppc_attitude.contract.cdr import encode_clock, header_stamp
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    CONTROLLER,
+    EVENTS,
+    RECORDED_TOPIC,
+    RECORDER,
+    STANDARD,
+    Topic,
+)
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
-from ppc_attitude.nodes.health import OK, STALE
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.parameter_survey import ParameterSurvey
-from ppc_attitude.nodes.qos import published, recorded, relaxed
+from ppc_attitude.nodes.publisher_watch import publishing_nodes
+from ppc_attitude.nodes.qos import published, recorded
+from ppc_attitude.nodes.run_graph import RunGraph
 from ppc_attitude.nodes.running import run_node
+from ppc_attitude.processes.telling import BAG, tell, tell_broken
+from ppc_attitude.runtime.health import OK, STALE, Status
+from ppc_attitude.runtime.recording import Recording
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.signals import TRUTH
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
+_LOOK_EARLY, _LOOK = 0.1, 1.0  # [s] between two looks at the graph: before a run, and during it
+_TRUTH = {column.topic for column in TRUTH}
+
+_NOTHING: Mapping[str, Any] = {}
+
+Take = Callable[[bytes], None]
 
 
 class BagRecorder(BaseNode):
@@ -70,15 +90,25 @@ class BagRecorder(BaseNode):
             )
         except BagError as error:
             raise ConfigurationError(str(error)) from None
-        self._now = 0
-        self._count = 0
+        self._taken = 0
+        self._now = 0.0
+        self._looked = -_LOOK
+        self._topics: dict[str, Topic] = {}  # by full name
+        self._names: dict[tuple[str, str], str] = {}  # full name of each topic of each run
+        self._ears: dict[str, Any] = {}
         self._announced: set[str] = set()
-        self._completeness: dict[str, Completeness] = {}
-        for namespace in dict.fromkeys(_tidy(name) for name in self.parameters["namespaces"]):
-            self._completeness[namespace] = Completeness()
-            self._subscribe_all(namespace)
+        self._incompatible: set[str] = set()
+        self._shared: dict[str, str] = {}  # topic to the nodes that publish on it
+        self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
+        self._progress: dict[str, Any] = {}
+        for namespace in self.parameters["namespaces"]:
+            name = f"{_tidy(namespace)}{ATTITUDE.name}"
+            full = self.resolve_topic_name(name, only_expand=True)
+            self._follow(full.removesuffix(f"/{ATTITUDE.name}"))
+        self._graph = RunGraph(self, tuple(self._recordings), self._told())
         if not self._run_info:
-            self._survey = ParameterSurvey(self, tuple(self._completeness), self._learn)
+            self._survey = ParameterSurvey(self, self._graph, self._learn)
+        tell(BAG, str(self._path))
         self.get_logger().info(f"recording to {self._path}")
 
     def check(self, values: Mapping[str, Value]) -> None:
@@ -93,6 +123,22 @@ class BagRecorder(BaseNode):
                 reason = str(error).partition("\n")[0].rstrip(":")
                 raise ConfigurationError(f"namespaces: {namespace!r}: {reason}") from None
 
+    def _follow(self, home: str) -> None:
+        """Record the run in a namespace; the topics of the contract before anybody sends."""
+        if home in self._recordings:
+            return
+        self._recordings[home] = Recording(partial(self._write, home))
+        self._progress[home] = self.create_publisher(
+            Clock, f"{home}/{RECORDED_TOPIC.name}", published(RECORDED_TOPIC)
+        )
+        for topic in (*STANDARD, *EVENTS):
+            self._record_topic(home, topic)
+
+    def _told(self) -> dict[str, set[str]]:
+        """Nodes of each run, as far as the starter told."""
+        data = self._custom_data()
+        return {home: set(decode_custom_data(data, home).parameters) for home in self._recordings}
+
     def _learn(self, parameters: dict[str, dict[str, Any]]) -> None:
         """Write down what the other nodes say of themselves."""
         self._run_info["parameters"] = parameters
@@ -105,85 +151,94 @@ class BagRecorder(BaseNode):
         controller = str(parameters.get(CONTROLLER, {}).get("controller", "unknown"))
         return encode_custom_data(controller, parameters, metadata)
 
-    def _subscribe_all(self, namespace: str) -> None:
-        for topic in TOPICS:
-            absolute = topic.name.startswith("/")
-            if absolute and len(self._completeness) > 1:
-                continue  # one for all namespaces
-            name = topic.name if absolute else f"{namespace}{topic.name}"
-            full_name = self.resolve_topic_name(name)
-            receive = self._receiver(topic, full_name, self._completeness[namespace])
-            self._subscribe_to(topic, name, receive, recorded(topic))
-
-    def _subscribe_to(
-        self, topic: Topic, name: str, receive: Callable[[bytes], None], qos: QoSProfile
-    ) -> None:
-        """Take a topic; ask for less when a publisher cannot give so much, as a user's own may."""
-
-        def ask_for_less(event: object) -> None:
-            less = relaxed(qos)
-            if less is not None:
-                self.get_logger().info(f"{name}: a publisher offers less than ours do: taken as is")
-                self.destroy_subscription(subscription)
-                self._subscribe_to(topic, name, receive, less)
-
-        subscription = self.create_subscription(
+    def _record_topic(self, home: str, topic: Topic, reliable: bool = True) -> None:
+        name = self.resolve_topic_name(_full(home, topic.name))
+        if name in self._topics and reliable:
+            return
+        self._topics[name] = topic
+        self._names[home, topic.name] = name
+        old = self._ears.get(name)
+        self._ears[name] = self.create_subscription(
             message_class(topic.msgtype),
             name,
-            receive,
-            qos,
+            self._receiver(home, topic),
+            recorded(topic, reliable),
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=ask_for_less),
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=lambda event: self._incompatible.add(name)
+            ),
         )
+        if old is not None:
+            self.destroy_subscription(old)
 
-    def _receiver(
-        self, topic: Topic, name: str, completeness: Completeness
-    ) -> Callable[[bytes], None]:
-        def receive(data: bytes) -> None:
-            self._count += 1
-            self.wake_at = 0.0  # there may be more
-            stamp = header_stamp(data, topic.msgtype)
-            self._write(name, topic, self._now if stamp is None or stamp < 0 else stamp, data)
+    def _receiver(self, home: str, topic: Topic) -> Take:
+        recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
 
-        return self._sample_receiver(topic, name, completeness) if topic.column else receive
+        # Without a second argument what the executor has taken, which does not tell the number.
+        def receive_event(data: bytes, about: Mapping[str, Any] = _NOTHING) -> None:
+            recording.event(name, header_stamp(data, msgtype), data)
 
-    def _sample_receiver(
-        self, topic: Topic, name: str, completeness: Completeness
-    ) -> Callable[[bytes], None]:
-        leads = topic is ATTITUDE
-        last = b""
+        def receive(data: bytes, about: Mapping[str, Any] = _NOTHING) -> None:
+            number = about.get("publication_sequence_number")
+            recording.sample(name, header_stamp(data, msgtype), data, number, self._now)
 
-        def receive(data: bytes) -> None:
-            nonlocal last
-            self._count += 1
-            self.wake_at = 0.0  # there may be more
-            if data == last:
-                return  # a peer's repeated answer to a repeated state
-            last = data
-            stamp = header_stamp(data, topic.msgtype)
-            if stamp is None or stamp < 0:
-                stamp = self._now
-            else:
-                completeness.add(topic.name, stamp)
-                if leads:
-                    self._now = stamp
-            self._write(name, topic, stamp, data)
+        return receive if topic.column else receive_event
 
-        return receive
-
-    def _write(self, name: str, topic: Topic, time_ns: int, data: bytes) -> None:
+    def _write(self, home: str, name: str, time_ns: int, data: bytes) -> None:
         if self.failure:
             return
+        full = self._names[home, name]
         try:
-            if name not in self._announced:
-                self._announced.add(name)
-                self._writer.add_topic(name, topic.msgtype, [_offered(topic)])
-            self._writer.write(name, time_ns, data)
+            if full not in self._announced:
+                self._announced.add(full)
+                topic = self._topics[full]
+                self._writer.add_topic(full, topic.msgtype, [_offered(topic)])
+            self._writer.write(full, time_ns, data)
         except BagError as error:
-            self.fail(self._now, str(error))
+            self.fail(time_ns, str(error))
         else:
-            if topic is ATTITUDE:
+            if name == ATTITUDE.name:
                 self.report(time_ns)
+
+    def _look_around(self) -> None:
+        """Find what else the nodes of the run publish, and who publishes what is not his."""
+        runs = any(recording.now >= 0 for recording in self._recordings.values())
+        if self._now - self._looked < (_LOOK if runs else _LOOK_EARLY):
+            return
+        self._looked = self._now
+        for home, topic in self._graph.look():
+            if self._can_be_written(topic):
+                self._record_topic(home, topic)
+        for home, recording in self._recordings.items():
+            for name in recording.shared():
+                full = self._names[home, name]
+                self._shared[full] = publishing_nodes(self, full)
+        if runs:
+            for name in self._incompatible:
+                self._take_less(name)
+            self._incompatible.clear()
+
+    def _can_be_written(self, topic: Topic) -> bool:
+        try:
+            message_class(topic.msgtype)
+            BagWriter.check_type(topic.msgtype)
+        except (ImportError, AttributeError, BagError) as error:
+            self.complain(topic.name, f"{topic.name} is not recorded: {error}")
+            return False
+        return True
+
+    def _take_less(self, name: str) -> None:
+        """Read a topic at best effort if no publisher can do better, as a user's own may."""
+        ends = self.get_publishers_info_by_topic(name)
+        offered = [end.qos_profile.reliability == ReliabilityPolicy.RELIABLE for end in ends]
+        nodes = publishing_nodes(self, name)
+        if offered and not any(offered):
+            self.get_logger().info(f"{name}: {nodes} offers less than ours do: taken as is")
+            home = next(each for each in self._recordings if name.startswith(f"{each}/"))
+            self._record_topic(home, self._topics[name], reliable=False)
+        elif offered:
+            text = f"{name}: what is sent at best effort is not recorded; publishers: {nodes}"
+            self.get_logger().warning(text)
 
     def new_executor(self) -> Executor:
         """Return an executor that only looks at messages when it is asked to.
@@ -195,13 +250,19 @@ class BagRecorder(BaseNode):
 
     def _take_gathered(self) -> bool:
         """Take all that has arrived; False if there was nothing."""
-        before = self._count
-        for subscription in self.subscriptions:
+        self._now = time.monotonic()
+        before = self._taken
+        for subscription in tuple(self._ears.values()):
             with subscription.handle:
                 take = subscription.handle.take_message
-                while (taken := take(subscription.msg_type, subscription.raw)) is not None:
-                    subscription.callback(taken[0])
-        return self._count != before
+                while (taken := take(subscription.msg_type, True)) is not None:
+                    self._taken += 1
+                    subscription.callback(*taken)
+        for home, recording in self._recordings.items():
+            stamp = recording.progress()
+            if stamp is not None:
+                self._progress[home].publish(encode_clock(stamp))
+        return self._taken != before
 
     def drain(self, executor: Executor) -> None:
         """Take all that was sent before the stop: until nothing has come for a while."""
@@ -213,55 +274,62 @@ class BagRecorder(BaseNode):
 
     def close(self) -> None:
         """Finish the bag, and say whether it is complete."""
-        gaps = [gap for namespace in self._completeness for gap in self._gaps(namespace)]
+        gaps = [gap for home in self._recordings for gap in self._gaps(home)]
         try:
             if not self.failure:
                 self._writer.set_custom_data("ppc_attitude.gaps", json.dumps(gaps))
             self._writer.close()
         except BagError as error:
             if not self.failure:
-                self.fail(self._now, str(error))
+                self.fail(self.health.time_ns, str(error))
+        for home, recording in self._recordings.items():
+            for name, count in recording.surplus().items():
+                text = f"{count} messages of {self._names[home, name]} came beside the first ones"
+                self.get_logger().warning(f"{text} of their instants")
         if gaps:
             self.exit_code = EXIT_BROKEN
+            tell_broken(f"bag {self._path} is incomplete: {'; '.join(gaps)}")
             for gap in gaps:
                 self.get_logger().error(f"bag {self._path} is incomplete: {gap}")
+            self.failure = self.failure or f"bag {self._path} is incomplete: {gaps[0]}"
         elif not self.failure:
-            self.get_logger().info(f"closed {self._path}: {self._count} messages, none missing")
+            self.get_logger().info(f"closed {self._path}: {self._taken} messages, none missing")
+        super().close()
 
-    def _gaps(self, namespace: str) -> list[str]:
-        completeness = self._completeness[namespace]
-        parameters = decode_custom_data(self._custom_data(), namespace.rstrip("/")).parameters
-        seen = [BY_NAME[name] for name in completeness.seen()]
-        expected = [topic.name for topic in promised(parameters, seen)]
-        return [f"{namespace}{gap}" for gap in completeness.gaps(expected)]
+    def _gaps(self, home: str) -> list[str]:
+        recording = self._recordings[home]
+        told = self._told()[home]
+        standard = {topic.name for topic in STANDARD if topic.source in told} - _TRUTH
+        gaps = recording.gaps(sorted(standard | self._graph.promised[home]))
+        for name in recording.shared():
+            nodes = self._shared.get(self._names[home, name], "nodes that have ended")
+            gaps.append(f"{name} came from several nodes: {nodes}")
+        return [f"{home}/{gap}" if len(self._recordings) > 1 else gap for gap in gaps]
 
     def wake(self) -> float:
         """Take what comes in batches."""
         end = time.monotonic() + _LONGEST
         while self._take_gathered() and time.monotonic() < end:
             time.sleep(_BATCH)
+        self._look_around()
         return super().wake()
 
-    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+    def status(self) -> Status:
         """Waiting, or recording."""
-        details = {
-            "bag": self._path,
-            "storage": self.parameters["storage"],
-        }
+        details = {"bag": self._path, "storage": self.parameters["storage"]}
         if self.is_idle():
-            return STALE, f"waiting for {ATTITUDE.name}", details
-        return OK, "recording", details
+            return Status(STALE, f"waiting for {ATTITUDE.name}", details)
+        return Status(OK, "recording", details)
+
+
+def _full(home: str, name: str) -> str:
+    return name if name.startswith("/") else f"{home}/{name}"
 
 
 def _offered(topic: Topic) -> Any:
     profile = published(topic)
     reliable = profile.reliability == ReliabilityPolicy.RELIABLE
-    kept = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return offered_qos(
-        reliability="reliable" if reliable else "best_effort",
-        durability="transient_local" if kept else "volatile",
-        depth=profile.depth,
-    )
+    return offered_qos(reliability="reliable" if reliable else "best_effort", depth=profile.depth)
 
 
 def _tidy(namespace: str) -> str:

@@ -12,39 +12,42 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What all five nodes share: parameters, links, refusals, diagnostics."""
+"""What all nodes share: parameters, links, refusals, diagnostics."""
 
+import json
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from ppc_attitude.contract.cdr import NANOSECONDS, Codec, seconds
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
+    CHANGES_TOPIC,
     DIAGNOSTICS_TOPIC,
     PARAMETER_EVENTS_TOPIC,
     RECORDER,
     Topic,
 )
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.health import ERROR, OK, WARN, StepCounter, diagnostics
-from ppc_attitude.nodes.messages import Inbox, RefusedError, message_class
+from ppc_attitude.nodes.messages import Inbox, diagnostics, message_class, stamped
 from ppc_attitude.nodes.parameters import NodeParameters
+from ppc_attitude.nodes.publisher_watch import PublisherWatch
 from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.processes.telling import WAITING, tell, tell_broken
+from ppc_attitude.runtime.health import ERROR, OK, Health, Status
+from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.stamps import nanoseconds, seconds
 
 EXIT_OK, EXIT_CONFIGURATION, EXIT_BROKEN = 0, 2, 3
-_LOG_PERIOD = 1.0  # [s] the same complaint is logged at most this often
 _GRAPH_PERIOD = 0.01  # [s] between two looks for the recorder
 _SAY_WAITING = 5.0  # [s] between two messages about what a node waits for
 _IDLE_WAIT = 0.1  # [s] longest wait for a message before a node looks around
-_IDLE_DIAGNOSTICS = 2.0  # [s] of silence after which diagnostics follow the wall clock
 # [s] how long a stopping node waits for its last messages to arrive: a peer that was paused asks
 # for what it missed when it hears a heartbeat; without our profile those come every 3 s.
 _ACKNOWLEDGE = 8.0
@@ -66,30 +69,32 @@ class BaseNode(Node):
         self.failure = ""
         self.wake_at = 0.0  # on the monotonic clock [s]
         self.waits = bool(self.parameters.values.get(WAIT_FOR_RECORDER.name, False))
+        self.health = Health(time.monotonic())
         self._subscribe: list[Callable[[], None]] = []  # put off until the recorder listens
         self._born = time.monotonic()
-        self.refused: Counter[str] = Counter()
-        self._last_log: dict[str, float] = {}
+        self._incoming: list[str] = []
         self._outgoing: list[Any] = []
         self._diagnostics = self.create_publisher(
             DiagnosticArray, DIAGNOSTICS_TOPIC.name, published(DIAGNOSTICS_TOPIC)
         )
-        self._next_diagnostics_ns = 0
-        self._time_ns = 0  # the latest stamp that was reported
-        self._last_activity = time.monotonic()
-        self._step_counter = StepCounter()
-        self._reported_refusals = 0
+        self._changes = self.create_publisher(
+            DiagnosticArray, CHANGES_TOPIC.name, published(CHANGES_TOPIC)
+        )
+        self._watch = PublisherWatch(self)
 
     def check(self, values: Mapping[str, Value]) -> None:
         """Raise ConfigurationError if the parameters do not fit together."""
 
-    def status(self) -> tuple[bytes, str, dict[str, Any]]:
-        """Level, summary and details for `/diagnostics`."""
-        return OK, "running", {}
+    def status(self) -> Status:
+        """What is said on `/diagnostics`."""
+        return Status(OK, "running", {})
 
     def wake(self) -> float:
         """Do what is due by the wall clock; return the time [s] until the next call."""
-        self.report_if_idle()
+        now = time.monotonic()
+        if self.health.idle_report_is_due(now):
+            self._publish_diagnostics()
+        self._look_for_others(now)
         return _IDLE_WAIT
 
     def wake_now(self) -> None:
@@ -104,7 +109,24 @@ class BaseNode(Node):
         """Take what has already arrived, before the node ends."""
 
     def close(self) -> None:
-        """Release what the node holds, after the last message."""
+        """Release what the node holds, after the last message, and say why it ends."""
+        self._watch.close()
+        end = "what it was to do is done" if self.finished else "it was asked to"
+        self.get_logger().info(f"ends: {self.failure or end}")
+
+    def take_changes(self, stamp_ns: int) -> None:
+        """Take over the parameters that were set, from a stamp [ns] on, and tell it."""
+        self.tell_changes(stamp_ns, self.parameters.take_changes())
+
+    def tell_changes(self, stamp_ns: int, changes: Mapping[str, Value]) -> None:
+        """Tell what holds from a stamp [ns] on, as parameters, so that it is on record."""
+        said = DiagnosticStatus(
+            name=self.get_name(),
+            values=[KeyValue(key=key, value=json.dumps(value)) for key, value in changes.items()],
+        )
+        self._changes.publish(stamped(stamp_ns, said))
+        text = ", ".join(f"{name} = {value}" for name, value in changes.items())
+        self.get_logger().info(f"from t = {seconds(stamp_ns):.6f} s on: {text}")
 
     def sender(self, topic: Topic) -> Callable[[int, Sequence[float]], None]:
         """Return a function that publishes (stamp [ns], numbers) on a topic."""
@@ -112,13 +134,18 @@ class BaseNode(Node):
             message_class(topic.msgtype), topic.name, published(topic)
         )
         self._outgoing.append(publisher)
+        self._watch.add(topic, publisher.topic_name)
         # What `Publisher.publish` calls for bytes, without its look at the type of every message.
         publish, encode = publisher.handle.publish_raw, Codec(topic).encode
 
         def send(stamp_ns: int, values: Sequence[float]) -> None:
             publish(encode(stamp_ns, values))
 
-        return send
+        def send_late(stamp_ns: int, values: Sequence[float]) -> None:
+            if any(values):  # a row of zeros is no message
+                publish(encode(stamp_ns - nanoseconds(values[-1]), values[:-1]))
+
+        return send_late if topic.late else send
 
     def listen(
         self,
@@ -127,6 +154,7 @@ class BaseNode(Node):
         any_frame: bool = False,
     ) -> None:
         """Call `handle(stamp [ns], numbers)` for every message that passes the checks."""
+        self._incoming.append(self.resolve_topic_name(topic.name))
         read = Inbox(topic, any_frame).read
 
         def receive(data: bytes) -> None:
@@ -148,90 +176,83 @@ class BaseNode(Node):
 
     def await_recorder(self) -> float:
         """Begin to listen once the recorder does; return the time [s] until the next look."""
-        if self.is_recorded(RECORDER):
+        if self._is_recorded():
             self.waits = False
             for subscribe in self._subscribe:
                 subscribe()
             return 0.0
         self.say_waiting(self._born, lambda: f"waiting for {RECORDER} to listen")
-        self.report_if_idle()
+        BaseNode.wake(self)
         return _GRAPH_PERIOD
+
+    def _is_recorded(self) -> bool:
+        """True if a recorder listens to every topic that this node sends or reads."""
+        sent = [publisher.topic_name for publisher in self._outgoing]
+        return all(
+            any(end.node_name == RECORDER for end in self.get_subscriptions_info_by_topic(topic))
+            for topic in (*sent, *self._incoming, PARAMETER_EVENTS_TOPIC.name)
+        )
 
     def say_waiting(self, since: float, text: Callable[[], str]) -> None:
         """Log every few seconds what is waited for since a time [s] of the monotonic clock."""
-        if time.monotonic() - since >= _SAY_WAITING and self._may_log("waiting", _SAY_WAITING):
+        now = time.monotonic()
+        if now - since >= _SAY_WAITING and self.health.may_log("waiting", now, _SAY_WAITING):
+            tell(WAITING, text())
             self.get_logger().warning(text())
 
     def refuse(self, kind: str, reason: str) -> None:
         """Count a refusal and log it, at most once a second for each kind."""
-        self.refused[kind] += 1
+        self.health.refused[kind] += 1
         self.complain(kind, f"refused {reason}")
 
     def complain(self, kind: str, text: str) -> None:
         """Log a warning, at most once a second for each kind."""
-        if self._may_log(kind):
+        if self.health.may_log(kind, time.monotonic()):
             self.get_logger().warning(text)
 
     def mention(self, kind: str, text: str) -> None:
-        """Log what anyone may cause, at most once a second for each kind."""
-        if self._may_log(f"{kind} (accepted)"):
+        """Log an event that a user can trigger from outside, at most once a second."""
+        if self.health.may_log(f"{kind} (accepted)", time.monotonic()):
             self.get_logger().info(text)
-
-    def _may_log(self, kind: str, period: float = _LOG_PERIOD) -> bool:
-        now = time.monotonic()
-        due = now - self._last_log.get(kind, -period) >= period
-        if due:
-            self._last_log[kind] = now
-        return due
 
     def report(self, stamp_ns: int, at_once: bool = False) -> None:
         """Publish diagnostics once per simulated second, or at once."""
-        self._last_activity = time.monotonic()
-        self._step_counter.add(stamp_ns)
-        self._time_ns = stamp_ns
-        if at_once or stamp_ns >= self._next_diagnostics_ns:
+        if self.health.step(stamp_ns, time.monotonic()) or at_once:
             self._publish_diagnostics()
-            self._next_diagnostics_ns = stamp_ns + NANOSECONDS
 
     def fail(self, stamp_ns: int, reason: str) -> None:
         """End the node as a broken one, and say so in its last diagnostics."""
         self.get_logger().error(reason)
+        tell_broken(reason)
         self.exit_code, self.failure, self.finished = EXIT_BROKEN, reason, True
         self.report(stamp_ns, at_once=True)
         if self._diagnostics.get_subscription_count():
             self._diagnostics.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE))
 
-    def restart_report(self) -> None:
-        """Let the diagnostics begin again after time has gone back."""
-        self._next_diagnostics_ns = self._time_ns = 0
-        self._step_counter = StepCounter()
-
     def is_idle(self) -> bool:
         """True if no step has come for a while."""
-        return time.monotonic() - self._last_activity > 0.5 * _IDLE_DIAGNOSTICS
+        return self.health.is_idle(time.monotonic())
 
-    def report_if_idle(self) -> None:
-        """Publish diagnostics by the wall clock when no step has come for a while."""
-        if time.monotonic() - self._last_activity > _IDLE_DIAGNOSTICS:
-            self._last_activity = time.monotonic() - _IDLE_DIAGNOSTICS + 1.0
-            self._publish_diagnostics()
+    def _look_for_others(self, now: float) -> None:
+        """Fail if another node publishes what this one does; the one that came first goes on."""
+        others = self._watch.look(now)
+        if not others:
+            return
+        tell_broken(others)
+        self.exit_code = EXIT_BROKEN
+        if self._watch.came_second:
+            self.fail(self.health.time_ns, f"{others}; this node is the newer one and ends")
+        else:
+            self.complain("others", others)
 
     def _publish_diagnostics(self) -> None:
-        level, summary, details = self.status()
-        refusals = {f"refused {name}": count for name, count in sorted(self.refused.items())}
-        newly_refused = self.refused.total() - self._reported_refusals
-        self._reported_refusals += newly_refused
-        if level == OK and newly_refused:
-            level, summary = WARN, f"{summary}; refused {newly_refused} since the last report"
-        if self.failure:
-            level, summary = ERROR, self.failure
-        pace = {
-            "time [s]": seconds(self._time_ns),
-            "measured rate [Hz]": self._step_counter.rate(),
-        }
+        status = self.status()
+        if self._watch.found:
+            status = Status(ERROR, self._watch.found, status.details)
+        level, summary, details = self.health.report(status, self.failure)
         name = self.get_fully_qualified_name()
-        message = diagnostics(self._time_ns, name, level, summary, {**pace, **details, **refusals})
-        self._diagnostics.publish(message)
+        said = Status(level, summary, details)
+        self._diagnostics.publish(diagnostics(self.health.time_ns, name, "status", said))
 
     def flush(self, patience: float = _ACKNOWLEDGE) -> bool:
         """Wait until every peer has what this node has sent; False after `patience` [s]."""
@@ -242,11 +263,3 @@ class BaseNode(Node):
             if publisher.get_subscription_count()
         ]
         return all(waited)
-
-    def is_recorded(self, recorder: str) -> bool:
-        """True if a node of this name listens to every topic that this node sends."""
-        sent = [publisher.topic_name for publisher in self._outgoing]
-        return all(
-            any(end.node_name == recorder for end in self.get_subscriptions_info_by_topic(topic))
-            for topic in (*sent, PARAMETER_EVENTS_TOPIC.name)
-        )

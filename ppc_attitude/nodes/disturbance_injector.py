@@ -15,116 +15,126 @@
 """The disturbance injector: environment torque, scheduled pulses, and what anyone injects."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import parameter_value_to_python
 
-from ppc_attitude.contract.cdr import seconds
-from ppc_attitude.contract.topics import ATTITUDE, DISTURBANCE, INJECT, INJECTOR
-from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.health import OK, STALE
-from ppc_attitude.nodes.lockstep import StampGuard, Verdict
-from ppc_attitude.nodes.messages import RefusedError, out_of_order
+from ppc_attitude.contract.cdr import finite
+from ppc_attitude.contract.topics import INJECT, INJECTOR
+from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.science.disturbance import PULSE, external_torque
-from ppc_attitude.science.parameter import Value
-from ppc_attitude.simulation.scenario import pulse, pulses
+from ppc_attitude.runtime.injection import Injections
+from ppc_attitude.runtime.stamps import RefusedError, Values
+from ppc_attitude.science.disturbances.pulses import (
+    PULSE,
+    configuration_of,
+    pulse,
+    scheduled_pulses,
+)
+from ppc_attitude.science.stamps import nanoseconds
 
-_MAX_INJECTED = 1000  # pulses that may be pending or active at a time
+_LATEST = 1e8  # [s] as for a scheduled pulse; no stamp is far beyond
 
 
-class DisturbanceInjector(BaseNode):
-    """Answers every state with the external torque of the same instant."""
+class DisturbanceInjector(ComponentNode):
+    """Gives the external torque of every instant."""
 
     executable = INJECTOR
 
     def __init__(self) -> None:
         super().__init__()
-        self._guard = StampGuard()
-        self._stamp = -1
-        self._last: tuple[float, ...] = (0.0, 0.0, 0.0)
-        self._injected: list[Any] = []
-        # Torque and duration of what acts from the next state on.
-        self._beginning: list[tuple[tuple[float, ...], float]] = []
-        self._accepted = 0
-        self._apply_parameters()
-        self._send = self.sender(DISTURBANCE)
-        self.listen(ATTITUDE, self._on_state)
-        self.listen(INJECT, self._on_inject, any_frame=True)
+        self._injections = Injections(pulse)
+        self._injected = np.zeros(0, PULSE)
+        self.listen(INJECT, self._on_message, any_frame=True)
+        # The service of ROS whose request has named numbers and whose answer has words.
+        self.create_service(SetParametersAtomically, "~/inject", self._on_request)
 
-    def check(self, values: Mapping[str, Value]) -> None:
-        """See that times, durations and torques of the pulses are equally many."""
-        pulses(values)
+    def apply_parameters(self, stamp_ns: int) -> None:
+        """Take over parameters; what was injected goes on."""
+        super().apply_parameters(stamp_ns)
+        self._hold()
 
-    def _apply_parameters(self) -> None:
-        self._scheduled = pulses(self.parameters.values)
-        self._collect()
-        self.parameters.changed = False
+    def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
+        """Sum up what acts at an instant."""
+        changed = self._injections.at(stamp_ns)
+        if changed is not None:
+            self._injected = np.concatenate([np.zeros(0, PULSE), *changed])
+            self._hold()
+        return super().compute(stamp_ns, inputs)
 
-    def _collect(self) -> None:
-        """Put scheduled and injected pulses that have not ended into the kernel's array."""
-        self._collected = self._stamp  # until the next state none can end
-        self._injected = [item for item in self._injected if item["end_ns"][0] > self._stamp]
-        self._pulses = np.concatenate([self._scheduled, np.zeros(0, PULSE), *self._injected])
+    def _hold(self) -> None:
+        """Let scheduled and injected pulses act."""
+        scheduled = scheduled_pulses(self.parameters.values)
+        record, self._kept = configuration_of(np.concatenate([scheduled, self._injected]))
+        self.chain.parts[-1].hold(record)
 
-    def _on_state(self, stamp_ns: int, attitude: tuple[float, ...]) -> None:
-        verdict = self._guard.judge(stamp_ns)
-        if verdict is Verdict.REPEATED:
-            self._send(stamp_ns, self._last)
-            return
-        if verdict is Verdict.STALE:
-            raise out_of_order(ATTITUDE.name, stamp_ns)
-        if verdict is Verdict.RESTART:
-            self._injected.clear()
-            self.restart_report()
-        self._stamp = stamp_ns
-        if self.parameters.changed:
-            self._apply_parameters()
-        if self._beginning or verdict is Verdict.RESTART:
-            self._begin_injected(stamp_ns)
-        self._last = external_torque(
-            stamp_ns, seconds(stamp_ns), self.parameters["environment"], self._pulses
-        )
-        self._send(stamp_ns, self._last)
-        self.report(stamp_ns)
+    def arm(self) -> None:
+        """Forget what was injected before time began again."""
+        super().arm()
+        self._injections.begin_again()
 
-    def _begin_injected(self, stamp_ns: int) -> None:
-        self._injected += [pulse(stamp_ns, each[1], each[0]) for each in self._beginning]
-        self._beginning.clear()
-        self._collect()
-
-    def _on_inject(self, stamp_ns: int, torque: tuple[float, ...]) -> None:
+    def _inject(self, torque: Values, start_ns: int, duration: float) -> str:
         limit = self.parameters["max_injected_torque"]
-        if max(map(abs, torque)) > limit:
-            raise RefusedError(f"{INJECT.name}: {torque} N·m; allowed: up to {limit} N·m per axis")
-        if self._is_full() and self._stamp > self._collected:
-            self._collect()
-        if self._is_full():
-            raise RefusedError(f"{INJECT.name}: {_MAX_INJECTED} pulses are pending already")
-        self._accepted += 1
-        duration = self.parameters["injection_duration"]
-        if stamp_ns > self._stamp:
-            self._injected.append(pulse(stamp_ns, duration, torque))
-            self._collect()
-            when = f"from t = {seconds(stamp_ns):.3f} s on"
-        else:
-            self._beginning.append((torque, duration))
-            when = "from the next state on"
-        self.mention(INJECT.name, f"injected torque {torque} N·m acts {when}")
+        now = self.answers.next_ns
+        text = self._injections.accept(torque, start_ns, duration, limit, now)
+        self.mention(INJECT.name, f"injected torque {text}")
+        return text
 
-    def _is_full(self) -> bool:
-        return len(self._injected) + len(self._beginning) >= _MAX_INJECTED
+    def _on_message(self, stamp_ns: int, torque: Values) -> None:
+        try:
+            self._inject(torque, stamp_ns, self.parameters["injection_duration"])
+        except RefusedError as reason:
+            raise RefusedError(f"{INJECT.name}: {reason}") from None
 
-    def status(self) -> tuple[bytes, str, dict[str, Any]]:
-        """Waiting for states, or running."""
-        details = {
-            "injections accepted": self._accepted,
-            "injections pending or active": len(self._injected) + len(self._beginning),
+    def _on_request(self, request: Any, response: Any) -> Any:
+        """Answer the service: what acts from when to when, or why it is refused."""
+        try:
+            torque, start, duration = _asked(request.parameters)
+            duration = self.parameters["injection_duration"] if duration is None else duration
+            response.result.reason = self._inject(torque, nanoseconds(start), duration)
+            response.result.successful = True
+        except RefusedError as reason:
+            self.refuse("~/inject", f"~/inject: {reason}")
+            response.result.reason = str(reason)
+        return response
+
+    def details(self) -> dict[str, Any]:
+        """Numbers for `/diagnostics`."""
+        return {
+            **super().details(),
+            "injections accepted": self._injections.accepted,
+            "injections pending or active": self._injections.pending,
         }
-        if self.is_idle():
-            return STALE, f"waiting for {ATTITUDE.name}", details
-        return OK, "running", details
+
+
+def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None]:
+    """Torque [N·m], start [s] and duration [s] of a request; the last one may be left out."""
+    given = {each.name: parameter_value_to_python(each.value) for each in parameters}
+    unknown = sorted(set(given) - {"torque", "start", "duration"})
+    if unknown:
+        raise RefusedError(f"{unknown[0]} is unknown; allowed: torque, start, duration")
+    torque = given.get("torque")
+    if torque is None or isinstance(torque, str | int | float) or len(torque) != 3:
+        raise RefusedError(f"torque = {torque}; allowed: three numbers [N·m]")
+    numbers = tuple(map(float, torque))
+    if not finite(numbers):
+        raise RefusedError(f"torque = {numbers} N·m must be finite")
+    start = _seconds("start", given.get("start", 0.0), lowest=0.0)
+    if "duration" not in given:
+        return numbers, start, None
+    return numbers, start, _seconds("duration", given["duration"], lowest=1e-9)
+
+
+def _seconds(name: str, value: Any, lowest: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise RefusedError(f"{name} = {value!r}; allowed: a number [s]")
+    if not lowest <= value <= _LATEST:
+        raise RefusedError(f"{name} = {value:g} s; allowed: {lowest:g} to {_LATEST:g}")
+    return float(value)
 
 
 def main() -> int:

@@ -14,27 +14,29 @@
 
 """What `ros2 run` executes: one function for each node.
 
-Importing a node takes seconds on a slow machine. Ctrl-C and SIGTERM wait until the node can end by
-itself (`running.StopRequest`), so that no start ends in a traceback.
+Importing a node takes seconds on a slow machine. Until it is imported a request to end is granted
+at once, then it is the node's to deal with (`running.StopRequest`): no start ends in a traceback.
 """
 
-import signal
 from functools import partial
 from importlib import import_module
 
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, MARKERS, PLANT, RECORDER, REFERENCE
+from ppc_attitude.processes.child import end_at_once, forget_current_folder
 
 
 def _run(node: str) -> int:
     """Run a node and return its exit code."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    end_at_once()
+    forget_current_folder()
     code: int = import_module(f"ppc_attitude.nodes.{node}").main()
     return code
 
 
-spacecraft_plant = partial(_run, PLANT)
-reference_generator = partial(_run, REFERENCE)
-ppc_controller = partial(_run, CONTROLLER)
-disturbance_injector = partial(_run, INJECTOR)
-bag_recorder = partial(_run, RECORDER)
-attitude_markers = partial(_run, MARKERS)
+# Names as they stand: whoever knows them imports NumPy, and that takes its time too.
+spacecraft_plant = partial(_run, "spacecraft_plant")
+reference_generator = partial(_run, "reference_generator")
+ppc_controller = partial(_run, "ppc_controller")
+disturbance_injector = partial(_run, "disturbance_injector")
+bag_recorder = partial(_run, "bag_recorder")
+attitude_estimator = partial(_run, "attitude_estimator")
+attitude_markers = partial(_run, "attitude_markers")

@@ -14,6 +14,7 @@
 
 """From a state to the torque that answers it, as anyone on the graph can measure it."""
 
+import os
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -24,11 +25,13 @@ import rclpy.utilities
 from numpy.typing import NDArray
 from rclpy.signals import SignalHandlerOptions
 
-from ppc_attitude.contract.cdr import header_stamp, seconds
+from ppc_attitude.contract.cdr import header_stamp
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
+from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import recorded
+from ppc_attitude.science.stamps import seconds
 
 _LOOK = 0.05  # [s]
 
@@ -77,6 +80,7 @@ def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
 
         return receive
 
+    check_discovery(os.environ)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("latency_probe", namespace=namespace)
     executor = new_executor()
@@ -91,7 +95,9 @@ def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
             )
         executor.add_node(node)
         while goes_on(len(arrivals)):
-            executor.spin_once(timeout_sec=_LOOK)
+            end = time.monotonic() + _LOOK
+            while (left := end - time.monotonic()) > 0.0:
+                executor.spin_once(timeout_sec=left)
     finally:
         executor.shutdown()  # or it keeps the node in the graph
         node.destroy_node()

@@ -20,10 +20,10 @@ from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
-from ppc_attitude.contract.cdr import NANOSECONDS
-from ppc_attitude.contract.topics import INERTIAL
 from ppc_attitude.science import kernel
 from ppc_attitude.science.attitude import rotate
+from ppc_attitude.science.component import INERTIAL
+from ppc_attitude.science.stamps import NANOSECONDS
 
 LONGEST = 2.0  # [m] of an arrow, whatever the torque
 _SHORTEST = 1e-3  # [m] shorter arrows are taken away: a viewer cannot draw them

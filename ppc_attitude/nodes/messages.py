@@ -22,21 +22,18 @@ import math
 from importlib import import_module
 from typing import Any
 
-from ppc_attitude.contract.cdr import CdrError, Codec, Sample, finite, seconds
-from ppc_attitude.contract.topics import QUATERNION, Topic
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from ppc_attitude.contract.cdr import LARGEST as LARGEST
+from ppc_attitude.contract.cdr import CdrError, Codec, Sample, finite
+from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, Topic
+from ppc_attitude.runtime.health import Status
+from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.component import FIX, QUATERNION, WRENCH
+from ppc_attitude.science.stamps import NANOSECONDS
 
 _UNIT_TOLERANCE = 1e-3
 _OWN_TOLERANCE = 1e-12
-LARGEST = 1e6  # no rate [rad/s] or torque [N·m] of a spacecraft is larger
-
-
-class RefusedError(ValueError):
-    """A message must not be used; says why."""
-
-
-def out_of_order(name: str, stamp_ns: int) -> RefusedError:
-    """Refusal of a message whose stamp [ns] does not follow those before."""
-    return RefusedError(f"{name}: stamp {seconds(stamp_ns):.6f} s is out of order")
 
 
 def message_class(msgtype: str) -> Any:
@@ -58,9 +55,13 @@ class Inbox:
 
     def __init__(self, topic: Topic, any_frame: bool = False) -> None:
         self._topic = topic
-        self._decode = Codec(topic).decode
+        self._codec = Codec(topic)
+        self._decode = self._codec.decode
         self._frames = {topic.frame_id, ""} if any_frame else {topic.frame_id}
-        self._is_attitude = topic.msgtype == QUATERNION
+        self._is_attitude = topic.msgtype == MSGTYPES[QUATERNION]
+        self._may_be_unknown = topic.name == ATTITUDE.name  # a zero quaternion: no estimate yet
+        self._is_fix = topic.form == FIX
+        self._is_torque = topic.msgtype == MSGTYPES[WRENCH]
 
     def read(self, data: bytes) -> Sample:
         """Checked sample; a quaternion is normalised.
@@ -69,13 +70,15 @@ class Inbox:
         ------
         RefusedError
             Not a message of the type, another frame, a number that is not finite or absurdly
-            large, a quaternion that is not a unit one, a negative stamp.
+            large, a quaternion that is not a unit one, a negative stamp, a force without a torque.
         """
         try:
             sample = self._decode(data)
         except CdrError as error:
             raise RefusedError(f"{self._topic.name}: {error}") from None
         stamp_ns, frame_id, values = sample
+        if self._is_torque and not any(values) and self._codec.has_force(data):
+            raise RefusedError(f"{self._topic.name}: a force without a torque; forces are not used")
         if frame_id in self._frames and stamp_ns >= 0 and self._is_ordinary(values):
             return sample
         return self._judge(sample)
@@ -87,10 +90,10 @@ class Inbox:
         """
         if self._is_attitude:
             x, y, z, w = values
-            # Normalising a quaternion of our own again would change its last bits.
             return abs(x * x + y * y + z * z + w * w - 1.0) <= _OWN_TOLERANCE
-        x, y, z = values
-        return abs(x) + abs(y) + abs(z) <= LARGEST
+        if self._is_fix:
+            return False
+        return sum(map(abs, values)) <= LARGEST
 
     def _judge(self, sample: Sample) -> Sample:
         stamp_ns, frame_id, values = sample
@@ -102,8 +105,16 @@ class Inbox:
             raise RefusedError(f"{self._topic.name}: negative stamp {stamp_ns} ns")
         if not finite(values):
             raise RefusedError(f"{self._topic.name}: {values} is not finite")
+        if self._may_be_unknown and not any(values):
+            return sample
         if self._is_attitude:
             return Sample(stamp_ns, frame_id, self._unit(values))
+        if self._is_fix and any(values[:4]):
+            if min(values[4:]) <= 0.0:
+                raise RefusedError(
+                    f"{self._topic.name}: variances {values[4:]} rad²; allowed: > 0 of a fix"
+                )
+            return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
         if max(map(abs, values)) > LARGEST:
             raise RefusedError(
                 f"{self._topic.name}: {values} {self._topic.unit}; allowed: magnitudes up to "
@@ -113,9 +124,35 @@ class Inbox:
 
     def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:
         length = math.hypot(*values)
+        if abs(length - 1.0) <= _OWN_TOLERANCE:
+            return values  # of our own: normalising it again would change its last bits
         if abs(length - 1.0) > _UNIT_TOLERANCE:
             raise RefusedError(
                 f"{self._topic.name}: quaternion {values} has norm {length:.6g}; allowed: 1 "
                 f"within {_UNIT_TOLERANCE:g}"
             )
         return tuple(value / length for value in values)
+
+
+def diagnostics(stamp_ns: int, node: str, what: str, status: Status) -> DiagnosticArray:
+    """Message with one status of a node, given by its fully qualified name, at a stamp [ns]."""
+    said = DiagnosticStatus(
+        level=status.level,
+        # Like diagnostic_updater's, but with the namespace: several craft, one /diagnostics.
+        name=f"{node.lstrip('/')}: {what}",
+        message=status.summary,
+        hardware_id=node,
+        values=[KeyValue(key=key, value=_text(value)) for key, value in status.details.items()],
+    )
+    return stamped(stamp_ns, said)
+
+
+def stamped(stamp_ns: int, said: DiagnosticStatus) -> DiagnosticArray:
+    """Message with one status at a stamp [ns]."""
+    message = DiagnosticArray(status=[said])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+    return message
+
+
+def _text(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

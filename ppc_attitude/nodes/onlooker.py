@@ -14,6 +14,7 @@
 
 """What a running stack says right now: latest samples and health, for those who only look on."""
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,23 +27,26 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.cdr import Sample
+from ppc_attitude.contract.declared import (
+    ATTITUDE_ENVELOPE,
+    ATTITUDE_ERROR,
+    RATE_ENVELOPE,
+    RATE_ERROR,
+)
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
-    ATTITUDE_ENVELOPE,
-    ATTITUDE_ERROR,
     DIAGNOSTICS_TOPIC,
     DISTURBANCE,
-    RATE_ENVELOPE,
-    RATE_ERROR,
     TORQUE_COMMAND,
 )
+from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.latest import LatestSamples
-from ppc_attitude.nodes.messages import RefusedError
 from ppc_attitude.nodes.namespaces import absolute_namespace
 from ppc_attitude.nodes.qos import subscribed
+from ppc_attitude.runtime.stamps import RefusedError
 
 WATCHED = (
     ATTITUDE,
@@ -136,6 +140,7 @@ def looking_on(namespace: str) -> Iterator[Onlooker]:
         The namespace cannot be one.
     """
     home = absolute_namespace(namespace)
+    check_discovery(os.environ)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = Node("watch", namespace=home)

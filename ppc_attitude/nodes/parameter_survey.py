@@ -12,31 +12,33 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a recorder that nobody told anything asks the other nodes: their parameters."""
+"""What a recorder that nobody told anything asks the nodes of its runs: their parameters."""
 
-from collections.abc import Callable, Iterable
+from array import array
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
-from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import RECORDER
+from ppc_attitude.nodes.run_graph import RunGraph
 
 _PERIOD = 1.0  # [s] between two looks for nodes that have not answered
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 class ParameterSurvey:
-    """Ask every other node of some namespaces for its parameters, whenever it appears.
+    """Ask every node of some runs for its parameters, when it appears.
 
     Parameters
     ----------
     node : Node
         Who asks.
-    namespaces : iterable of str
-        Prefixes of the nodes' names.
+    graph : RunGraph
+        Knows the nodes.
     on_answer : callable
         Called with all answers so far, node name to parameters, after each answer.
     """
@@ -44,47 +46,43 @@ class ParameterSurvey:
     def __init__(
         self,
         node: Node,
-        namespaces: Iterable[str],
+        graph: RunGraph,
         on_answer: Callable[[dict[str, dict[str, Any]]], None],
     ) -> None:
+        self._node = node
+        self._graph = graph
         self._on_answer = on_answer
         self._answers: dict[str, dict[str, Any]] = {}
-        self._asked: set[str] = set()
-        self._clients = {
-            f"{namespace}{name}": node.create_client(
-                GetParameters, f"{namespace}{name}/get_parameters"
-            )
-            for namespace in namespaces
-            for name in PARAMETERS
-            if name != RECORDER
-        }
-        self._timer = node.create_timer(_PERIOD, self._ask)
+        self._asked: dict[str, Any] = {}
+        node.create_timer(_PERIOD, self._ask)
 
     def _ask(self) -> None:
-        for name, client in self._clients.items():
-            if name not in self._asked and client.service_is_ready():
-                self._asked.add(name)
-                table = PARAMETERS[name.rpartition("/")[2]]
-                names = [parameter.name for parameter in table]
-                future = client.call_async(GetParameters.Request(names=names))
-                future.add_done_callback(self._receiver(name, names))
-        if self._asked == set(self._clients):
-            self._timer.cancel()
+        for home, name in self._graph.nodes:
+            full = f"{home}/{name}"
+            if full not in self._asked:
+                client = self._node.create_client(ListParameters, f"{full}/list_parameters")
+                self._asked[full] = client
+            client = self._asked[full]
+            if client is not None and client.service_is_ready():
+                self._asked[full] = None
+                future = client.call_async(ListParameters.Request())
+                future.add_done_callback(partial(self._on_names, full))
 
-    def _receiver(self, name: str, names: list[str]) -> Callable[[Future], None]:
-        def receive(future: Future) -> None:
-            response = future.result()
-            if response is None or len(response.values) != len(names):
-                self._asked.discard(name)
-                return
-            values = map(parameter_value_to_python, response.values)
-            self._answers[name] = {
-                key: _plain(value) for key, value in zip(names, values, strict=True)
-            }
+    def _on_names(self, full: str, future: Future) -> None:
+        listed = future.result()
+        names = [] if listed is None else listed.result.names
+        names = [name for name in names if not name.startswith(_OF_ROS)]
+        client = self._node.create_client(GetParameters, f"{full}/get_parameters")
+        request = GetParameters.Request(names=names)
+        client.call_async(request).add_done_callback(partial(self._on_values, full, names))
+
+    def _on_values(self, full: str, names: list[str], future: Future) -> None:
+        response = future.result()
+        if response is not None and len(response.values) == len(names):
+            values = [_plain(parameter_value_to_python(each)) for each in response.values]
+            self._answers[full] = dict(zip(names, values, strict=True))
             self._on_answer(self._answers)
-
-        return receive
 
 
 def _plain(value: Any) -> Any:
-    return list(value) if hasattr(value, "tolist") or isinstance(value, tuple) else value
+    return list(value) if isinstance(value, array | tuple) else value

@@ -14,6 +14,7 @@
 
 """ROS parameters from the one table: declared with descriptors, checked at start and when set."""
 
+import re
 from array import array
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -33,6 +34,8 @@ from ppc_attitude.science.parameter import Parameter, Value, resolved
 
 # Declared by rclpy itself; the rest of a parameter file's names must be ours.
 _OF_ROS = ("use_sim_time", "start_type_description_service")
+
+_EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
 Check = Callable[[Mapping[str, Value]], None]
 
@@ -71,11 +74,18 @@ class NodeParameters:
         for parameter in self._table.values():
             _declare(node, parameter, self.values[parameter.name])
         self.changed = False
+        self._taken = self.values
         node.add_on_set_parameters_callback(self._on_set)
 
     def __getitem__(self, name: str) -> Any:
         """Value of a parameter."""
         return self.values[name]
+
+    def take_changes(self) -> dict[str, Value]:
+        """Values that have changed since the node took them over the last time; it does so now."""
+        changes = {name: value for name, value in self.values.items() if value != self._taken[name]}
+        self._taken, self.changed = self.values, False
+        return changes
 
     def _on_set(self, parameters: list[RosParameter]) -> SetParametersResult:
         proposed = dict(self.values)
@@ -95,6 +105,12 @@ class NodeParameters:
 
 
 def _plain(value: Any) -> Any:
+    """Value as Python has it; a number with an exponent may come as text.
+
+    `ros2 param load` reads files as YAML 1.1, for which 3e-05 is no number.
+    """
+    if isinstance(value, str) and _EXPONENT.fullmatch(value):
+        return float(value)
     return list(value) if isinstance(value, array | tuple) else value
 
 
@@ -102,10 +118,16 @@ def _declare(node: Node, parameter: Parameter, value: Any) -> None:
     if value != []:
         node.declare_parameter(parameter.name, value, descriptor(parameter), ignore_override=True)
         return
-    # rclpy takes an empty list for bytes: declare another, then set the value with its type.
-    node.declare_parameter(parameter.name, [0.0], descriptor(parameter), ignore_override=True)
-    kind = RosParameter.Type.DOUBLE_ARRAY
+    # rclpy takes an empty list for bytes: declare another, then set the value with its type. Only
+    # then may it become read-only.
+    described = descriptor(parameter)
+    described.read_only = False
+    node.declare_parameter(parameter.name, [0.0], described, ignore_override=True)
+    kind = (
+        RosParameter.Type.STRING_ARRAY if parameter.of_strings else RosParameter.Type.DOUBLE_ARRAY
+    )
     node.set_parameters([RosParameter(parameter.name, kind, value)])
+    node.set_descriptor(parameter.name, descriptor(parameter))
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -24,63 +24,53 @@ from rclpy.qos import (
 
 from ppc_attitude.contract.topics import (
     CLOCK_TOPIC,
+    GUIDANCE_STATUS,
     PARAMETER_EVENTS_TOPIC,
+    RECORDED_TOPIC,
     Topic,
 )
 
-# Publishers keep ten seconds of a 100 Hz run for a recorder that is discovered late or lags; the
-# plant in lock-step never runs further ahead of it (`_ACKNOWLEDGED_EVERY`).
+# Publishers keep so many messages for a recorder that lags; the plant in lock-step never runs
+# further ahead of it (`runtime.pace`). Who joins late gets none of them.
 _KEPT = 5000
 # A peer that lags on a busy machine still answers so many states, so the record has no gap.
 _BACKLOG = 100
+_KEPT_EVENTS = (GUIDANCE_STATUS,)  # of which who comes late gets the last ones
 
 
 def published(topic: Topic) -> QoSProfile:
     """QoS that our publisher of a topic offers."""
-    if topic is CLOCK_TOPIC:
-        return QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
     if topic.column:
         return QoSProfile(
             depth=_KEPT,
             history=HistoryPolicy.KEEP_LAST,
             reliability=ReliabilityPolicy.RELIABLE,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )
-    return QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+    depth = 1 if topic in (CLOCK_TOPIC, RECORDED_TOPIC) else 10
+    kept = DurabilityPolicy.TRANSIENT_LOCAL if topic in _KEPT_EVENTS else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 
 
 def subscribed(topic: Topic) -> QoSProfile:
-    """QoS with which a peer reads a topic: only what is sent from now on."""
-    return QoSProfile(
-        depth=_BACKLOG,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.VOLATILE,
-    )
+    """QoS with which a peer reads a topic: all that is sent from now on."""
+    return QoSProfile(depth=_BACKLOG, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def recorded(topic: Topic) -> QoSProfile:
-    """QoS with which the recorder reads a topic: all that its publisher still has."""
+def recorded(topic: Topic, reliable: bool = True) -> QoSProfile:
+    """QoS with which the recorder reads a topic.
+
+    Parameters
+    ----------
+    topic : Topic
+        What to read.
+    reliable : bool
+        False for a topic whose publishers are all best effort.
+    """
     if topic is PARAMETER_EVENTS_TOPIC:
         return qos_profile_parameter_events
-    if topic.column:
-        return QoSProfile(
-            depth=10 * _KEPT,
-            reliability=ReliabilityPolicy.RELIABLE,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL,
-        )
-    # Anyone may publish these, with whatever reliability; best effort matches all of them.
-    reliability = (
-        ReliabilityPolicy.BEST_EFFORT if topic is CLOCK_TOPIC else ReliabilityPolicy.RELIABLE
+    # Of a clock the latest is enough; its reader must not hold up anybody.
+    best_effort = topic is CLOCK_TOPIC or not reliable
+    return QoSProfile(
+        depth=10 * _KEPT if topic.column else _KEPT,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
     )
-    return QoSProfile(depth=_KEPT, reliability=reliability)
-
-
-def relaxed(profile: QoSProfile) -> QoSProfile | None:
-    """QoS that asks a publisher for less: nothing kept, then best effort; None after that."""
-    if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        reliability = ReliabilityPolicy.RELIABLE
-    elif profile.reliability == ReliabilityPolicy.RELIABLE:
-        reliability = ReliabilityPolicy.BEST_EFFORT
-    else:
-        return None
-    return QoSProfile(depth=profile.depth, reliability=reliability)

@@ -12,73 +12,49 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The reference generator: answers every state with the desired motion of the same instant."""
+"""The reference generator: the desired motion of every instant."""
 
 import sys
 from collections.abc import Mapping
-from typing import Any
 
-from ppc_attitude.contract.cdr import seconds
-from ppc_attitude.contract.topics import (
-    ATTITUDE,
-    REFERENCE,
-    REFERENCE_ACCELERATION,
-    REFERENCE_ATTITUDE,
-    REFERENCE_RATE,
-)
-from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.health import OK, STALE
-from ppc_attitude.nodes.lockstep import StampGuard, Verdict
-from ppc_attitude.nodes.messages import out_of_order
+from ppc_attitude.contract.topics import REFERENCE
+from ppc_attitude.nodes.component_node import ComponentNode
+from ppc_attitude.nodes.guidance_desk import GuidanceDesk
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.science.kernel import one
-from ppc_attitude.science.parameter import Value
-from ppc_attitude.science.reference import motion_at, new_cursor
-from ppc_attitude.simulation.scenario import reference_record
+from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.science.references import goal
 
 
-class ReferenceGenerator(BaseNode):
-    """Desired attitude, rate and acceleration: functions of the stamp alone."""
+class ReferenceGenerator(ComponentNode):
+    """Desired attitude, rate and acceleration; in mode `goal` it takes goals in flight."""
 
     executable = REFERENCE
 
     def __init__(self) -> None:
         super().__init__()
-        self._apply_parameters()
-        self._guard = StampGuard()
-        self._send_attitude = self.sender(REFERENCE_ATTITUDE)
-        self._send_rate = self.sender(REFERENCE_RATE)
-        self._send_acceleration = self.sender(REFERENCE_ACCELERATION)
-        self.listen(ATTITUDE, self._on_state)
+        (part,) = self.chain.parts
+        self._desk = GuidanceDesk(self, part) if part.component is goal.COMPONENT else None
 
-    def check(self, values: Mapping[str, Value]) -> None:
-        """See that the initial attitude is a unit quaternion."""
-        reference_record(values)
+    def apply_parameters(self, stamp_ns: int) -> None:
+        """Take over parameters; the goals that were given in flight stay."""
+        super().apply_parameters(stamp_ns)
+        if self._desk:
+            self._desk.configure()
 
-    def _apply_parameters(self) -> None:
-        self._reference = one(reference_record(self.parameters.values))
-        self._cursor = one(new_cursor())
-        self.parameters.changed = False
+    def arm(self) -> None:
+        """Forget the past, and the goals that were given in flight."""
+        super().arm()
+        if self._desk:
+            self._desk.begin_again()
 
-    def _on_state(self, stamp_ns: int, attitude: tuple[float, ...]) -> None:
-        if self.parameters.changed:
-            self._apply_parameters()
-        verdict = self._guard.judge(stamp_ns)
-        if verdict is Verdict.STALE:
-            raise out_of_order(ATTITUDE.name, stamp_ns)
-        if verdict is Verdict.RESTART:
-            self.restart_report()
-        q_d, omega_d, acceleration_d = motion_at(seconds(stamp_ns), self._reference, self._cursor)
-        self._send_attitude(stamp_ns, q_d)
-        self._send_rate(stamp_ns, omega_d)
-        self._send_acceleration(stamp_ns, acceleration_d)
-        self.report(stamp_ns)
-
-    def status(self) -> tuple[bytes, str, dict[str, Any]]:
-        """Waiting for states, or running."""
-        if self.is_idle():
-            return STALE, f"waiting for {ATTITUDE.name}", {}
-        return OK, "running", {}
+    def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
+        """Desired motion of an instant, with the goals that have come."""
+        if self._desk:
+            self._desk.before(stamp_ns)
+        given = super().compute(stamp_ns, inputs)
+        if self._desk:
+            self._desk.after(stamp_ns)
+        return given
 
 
 def main() -> int:

@@ -24,26 +24,30 @@ from types import FrameType
 
 import rclpy
 import rclpy.utilities
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.nodes.base import EXIT_BROKEN, EXIT_CONFIGURATION, EXIT_OK, BaseNode
 from ppc_attitude.nodes.transport import tune_transport
+from ppc_attitude.processes.child import ENDING, take_signals
+from ppc_attitude.processes.telling import tell_broken
 from ppc_attitude.science.errors import ConfigurationError
+
+RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
 class StopRequest:
-    """Remember SIGINT and SIGTERM, so that a node ends between two messages and not inside one."""
+    """Remember that an end is asked for: a node ends between two messages, not inside one."""
 
     def __init__(self) -> None:
         self.requested = False
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        for number in numbers:
+        for number in ENDING:
             signal.signal(number, self._on_signal)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)  # a stack blocks them until now
+        take_signals()
 
     def forget(self) -> None:
-        """Ignore both from now on: an interpreter that ends would die of them."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        """Ignore that from now on: an interpreter that ends would die of them."""
+        for number in ENDING:
             signal.signal(number, signal.SIG_IGN)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -59,28 +63,30 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
         Exit code: 0 done, 2 bad configuration, 3 the node broke.
     """
     stop = StopRequest()
-    tune_transport()
     given = list(arguments or sys.argv)
     try:
+        tune_transport()
         if strange := rclpy.utilities.remove_ros_args(given)[1:]:
             raise ConfigurationError(f"argument {strange[0]}: what is for ROS follows --ros-args")
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
-        print(f"error: {error}", file=sys.stderr)
-        return EXIT_CONFIGURATION
+        return _refused(error)
     node = None
     try:
         if stop.requested:
             return EXIT_OK
-        node = make()
+        try:
+            node = make()
+        except RCLError as error:  # such as security that the middleware does not have
+            return _refused(error)
         # rclpy's first line looks for its caller in every module, 30 ms: now, not amid the steps.
         node.get_logger().info("ready")
         _spin(node, stop)
         return node.exit_code
     except ConfigurationError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return EXIT_CONFIGURATION
-    except Exception:
+        return _refused(error)
+    except Exception as error:
+        tell_broken(f"{type(error).__name__}: {error}")
         traceback.print_exc()
         return EXIT_BROKEN
     finally:
@@ -88,6 +94,13 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
             node.destroy_node()
         rclpy.utilities.try_shutdown()
         stop.forget()
+
+
+def _refused(error: Exception) -> int:
+    reason = " ".join(str(error).split())
+    tell_broken(reason)
+    print(f"error: {reason}", file=sys.stderr)
+    return EXIT_CONFIGURATION
 
 
 def _spin(node: BaseNode, stop: StopRequest) -> None:

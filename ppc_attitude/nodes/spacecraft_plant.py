@@ -12,301 +12,222 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The plant: integrates the rigid body, publishes its state, and owns simulated time."""
+"""The plant: moves the craft, publishes its state, and owns simulated time."""
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from ppc_attitude.contract.cdr import encode_clock, seconds, stamp_of
+from ppc_attitude.contract.cdr import decode_clock, encode_clock
+from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of, gives
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
-from ppc_attitude.contract.topics import (
-    ANGULAR_VELOCITY,
-    APPLIED_TORQUE,
-    ATTITUDE,
-    CLOCK_TOPIC,
-    DISTURBANCE,
-    PLANT,
-    TORQUE_COMMAND,
-)
+from ppc_attitude.contract.topics import CLOCK_TOPIC, PLANT, RECORDED_TOPIC, TRUE_RATE
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.health import ERROR, OK, STALE, WARN
-from ppc_attitude.nodes.messages import LARGEST, RefusedError, out_of_order
-from ppc_attitude.nodes.qos import published
-from ppc_attitude.nodes.rival import RivalWatch
+from ppc_attitude.nodes.messages import LARGEST
+from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.science.kernel import Vector, one
+from ppc_attitude.processes.telling import TIME, tell
+from ppc_attitude.runtime.chain import Chain
+from ppc_attitude.runtime.health import Status
+from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
+from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.parameter import Value
-from ppc_attitude.science.spacecraft import advance, sensed
-from ppc_attitude.simulation.scenario import initial_state, nanoseconds, plant_record
+from ppc_attitude.science.stamps import nanoseconds, seconds
+from ppc_attitude.simulation.scenario import check_components
 
-_ZERO: Vector = (0.0, 0.0, 0.0)
-_REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated after this
-_REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of catching up
 _PROGRESS_PERIOD = 0.1  # [s]
-_ACKNOWLEDGED_EVERY = 2500  # steps; publishers remember twice as many (`qos`)
-_LAG_PATIENCE = 15.0  # [s] how long lock-step waits for a subscriber that lags
 
 
 class SpacecraftPlant(BaseNode):
-    """Rigid body and actuator; free-running on the wall clock, or in lock-step with its inputs."""
+    """The craft's body, sensors and actuators; free-running, or in lock-step with its inputs."""
 
     executable = PLANT
 
-    def __init__(self, progress: bool = False) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        values = self.parameters
-        self._lockstep = bool(values["lockstep"])
-        self._rate = float(values["rate"])
-        self._last_step = round(values["duration"] * self._rate) if values["duration"] else None
-        self._progress = _PROGRESS_PERIOD if progress else None
-        self._inputs = {TORQUE_COMMAND.name: _ZERO, DISTURBANCE.name: _ZERO}
-        self._input_stamps = dict.fromkeys(self._inputs, -1)
-        self._apply_parameters()
+        values: Mapping[str, Any] = self.parameters.values
+        self._told_at = 0.0
+        motion, acting = _split(values)
+        self._motion, self._acting = Chain(motion, values), Chain(acting, values)
+        given = {column for part in self._motion.parts for column in part.component.outputs}
+        acted = {column for part in self._acting.parts for column in part.component.outputs}
+        inputs = dict.fromkeys((*self._acting.inputs, *self._motion.inputs))
+        topics = [BY_COLUMN[column.name] for column in inputs if column not in given | acted]
+        self._columns = {topic.name: topic.column for topic in topics}
 
-        self._clock_publisher = self.create_publisher(
-            Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC)
+        clock = self.create_publisher(Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC))
+        self._publish_clock = clock.handle.publish_raw
+        self._senders: dict[str, Callable[[int, Values], None]] = {}
+        self._select_columns()
+        rate, duration = float(values["rate"]), values["duration"]
+        rules = Rules(
+            rate=rate,
+            last_step=round(duration * rate) if duration else None,
+            inputs={topic.name: (0.0,) * topic.width for topic in topics},
+            wait_for=tuple(values["wait_for"]),
+            waits=bool(values[WAIT_FOR_RECORDER.name]),
         )
-        self._send_attitude = self.sender(ATTITUDE)
-        self._send_rate = self.sender(ANGULAR_VELOCITY)
-        self._send_applied = self.sender(APPLIED_TORQUE)
-        for topic in (TORQUE_COMMAND, DISTURBANCE):
+        kind = Lockstep if values["lockstep"] else FreeRunning
+        self.pace = kind(self, rules, time.monotonic())
+        self._set_pace()
+        for topic in topics:
             self.listen(topic, self._receiver(topic.name))
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self._rival = RivalWatch(self, ATTITUDE)
-        self._begin()
+        self.create_subscription(
+            Clock, RECORDED_TOPIC.name, self._on_recorded, subscribed(RECORDED_TOPIC), raw=True
+        )
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """See that inertia, torque limits and initial attitude are possible."""
-        plant_record(values)
+        """See that the selected components can run with the parameters."""
+        check_components(PLANT, values)
 
     def _apply_parameters(self) -> None:
-        self._plant = one(plant_record(self.parameters.values))
-        self._wait_for = tuple(self.parameters["wait_for"])
-        self._timeout_ns = nanoseconds(self.parameters["command_timeout"])
-        self.parameters.changed = False
+        self.take_changes(self._stamp)
+        values: Mapping[str, Any] = self.parameters.values
+        motion, acting = _split(values)
+        self._motion.configure(motion, values)
+        self._acting.configure(acting, values)
+        self._select_columns()
+        self._set_pace()
 
-    def _begin(self) -> None:
-        """Set the initial state at time zero."""
-        self._step = 0
+    def _select_columns(self) -> None:
+        """Publish what the parameters put on record: the truth, where what is told may differ."""
+        recorded = columns_of(PLANT, self.parameters.values)
+        first = [column for column in gives(PLANT) if column in recorded]  # others wait for these
+        acted = [column for part in self._acting.parts for column in part.component.outputs]
+        columns = dict.fromkeys((*first, *recorded))
+        self._state_columns = [column.name for column in columns if column not in acted]
+        self._acted_columns = [column.name for column in columns if column in acted]
+        for column in columns:
+            if column.name not in self._senders:
+                self._senders[column.name] = self.sender(BY_COLUMN[column.name])
+
+    def _set_pace(self) -> None:
+        self.pace.rules.factor = self.parameters["real_time_factor"]
+        self.pace.rules.timeout_ns = nanoseconds(self.parameters["command_timeout"])
+
+    # What `runtime.pace` moves.
+
+    def begin(self) -> None:
+        """Take the initial state at time zero."""
+        self._motion.forget()
+        self._acting.forget()
         self._stamp = 0
-        self._q, self._omega = initial_state(self.parameters.values)
-        for name in self._inputs:
-            self._inputs[name] = _ZERO
-            self._input_stamps[name] = -1
-        self._held = _ZERO  # free-running: what acts since the latest state
-        self._overruns = 0
-        self._late_commands = 0
-        self._timed_out: set[str] = set()  # free-running: inputs that are missing
-        self._started = False  # the present state has been published
-        self._waiting_since = self._last_sent = time.monotonic()
-        self._repeat_after = _REPEAT_FIRST
-        self._origin = time.monotonic()
-        self._shown = 0.0
-        self.restart_report()
+        zeros = {column.name: (0.0,) * column.width for column in self._motion.inputs}
+        self._state = self._motion.step(0, zeros)
+        self.health.begin_again()
 
-    def _receiver(self, name: str) -> Any:
-        def receive(stamp_ns: int, values: tuple[float, ...]) -> None:
-            if stamp_ns > self._stamp:
-                raise RefusedError(
-                    f"{name}: stamp {seconds(stamp_ns):.6f} s is in the future of "
-                    f"{seconds(self._stamp):.6f} s"
-                )
-            if stamp_ns <= self._input_stamps[name]:
-                if stamp_ns < self._input_stamps[name]:
-                    raise out_of_order(name, stamp_ns)
-                return  # a peer's repeated answer
-            if self._lockstep and stamp_ns < self._stamp:
-                return  # an answer to an earlier state, sent before its peer saw this one
-            awaited = self._awaits_first_answer()
-            self._inputs[name] = (values[0], values[1], values[2])
-            self._input_stamps[name] = stamp_ns
-            if self._lockstep:
-                self._step_if_complete()
-            elif awaited:
-                self._origin = time.monotonic()  # time begins with the last first answer
+    def act(self, stamp_ns: int, inputs: Mapping[str, Values]) -> None:
+        """Hold the inputs from a stamp [ns] on."""
+        given = {self._columns[name]: values for name, values in inputs.items()}
+        self._acted = self._acting.step(stamp_ns, {**self._state, **given})
+        self._acted_at = stamp_ns
+
+    def move_to(self, stamp_ns: int) -> None:
+        """Reach the next stamp [ns]."""
+        self._state = self._motion.step(stamp_ns, self._acted)
+        self._stamp = stamp_ns
+        rate = self._state[TRUE_RATE.column]
+        if not sum(map(abs, rate)) <= LARGEST:  # NaN is not either
+            raise _DivergedError(f"angular velocity {rate} rad/s at {seconds(stamp_ns)} s")
+        if self.parameters.changed:
+            self._apply_parameters()
+
+    def show(self) -> None:
+        """Publish the present state."""
+        self._publish_clock(encode_clock(self._stamp))
+        for name in self._state_columns:
+            self._senders[name](self._stamp, self._state[name])
+
+    def tell_acted(self) -> None:
+        """Publish what acted last."""
+        for name in self._acted_columns:
+            self._senders[name](self._acted_at, self._acted[name])
+        self.report(self._stamp)
+        if time.monotonic() - self._told_at > _PROGRESS_PERIOD:
+            self._told_at = time.monotonic()
+            tell(TIME, seconds(self._stamp))
+
+    def is_published(self, name: str) -> bool:
+        """True if anybody publishes an input."""
+        return self.count_publishers(name) > 0
+
+    def announce(self, text: str, warning: bool) -> None:
+        """Log that something has changed, and report it."""
+        # Two lines of source: rclpy ties a severity to each.
+        if warning:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
+        self.report(self._stamp, at_once=True)
+
+    # What comes from outside.
+
+    def _receiver(self, name: str) -> Callable[[int, Values], None]:
+        def receive(stamp_ns: int, values: Values) -> None:
+            if not self.finished and self._moved(self.pace.take, name, stamp_ns, values):
                 self.wake_now()
 
         return receive
 
-    def _publish_state(self) -> None:
-        self._clock_publisher.handle.publish_raw(encode_clock(self._stamp))
-        q, omega = sensed(self._plant, self._q, self._omega, self._step)
-        self._send_attitude(self._stamp, q)
-        self._send_rate(self._stamp, omega)
-        self._rival.sent(self._stamp)
-        self._started = True
+    def _on_recorded(self, data: bytes) -> None:
+        if isinstance(self.pace, Lockstep):
+            self._moved(self.pace.record, decode_clock(data))
 
-    def _advance(self, command: Vector, disturbance: Vector) -> None:
-        """Hold both torques until the next stamp, publish what acted and the new state."""
-        stamp, following = self._stamp, stamp_of(self._step + 1, self._rate)
-        applied, q, omega = advance(
-            self._plant, self._q, self._omega, command, disturbance, seconds(following - stamp)
-        )
-        if self._step == self._last_step:
-            self._send_applied(stamp, applied)
-            self.finished = True
-            return
-        self._step += 1
-        self._stamp, self._q, self._omega = following, q, omega
-        if not sum(map(abs, self._omega)) <= LARGEST:  # NaN is not either
-            reason = f"diverged: angular velocity {self._omega} rad/s at {seconds(stamp)} s"
-            self.fail(self._stamp, reason)
-            return
-        if self.parameters.changed:
-            self._apply_parameters()
-        self._waiting_since = self._last_sent = time.monotonic()
-        self._repeat_after = _REPEAT_FIRST
-        if not self._lockstep or self._ahead() <= 0.0:
-            self._publish_state()
-        else:
-            self._started = False
-            self.wake_now()
-        self._send_applied(stamp, applied)
-        self.report(self._stamp)
-        self._show_progress()
-        if self._lockstep and self._step % _ACKNOWLEDGED_EVERY == 0:
-            self._let_subscribers_follow()
-
-    def _let_subscribers_follow(self) -> None:
-        """Wait for a recorder that lags, before the publishers' memory overflows."""
-        if not self.flush(_LAG_PATIENCE):
-            self.complain("lag", "a subscriber does not keep up: it may lose messages")
-
-    def _step_if_complete(self) -> None:
-        if all(self._input_stamps[name] == self._stamp for name in self._wait_for):
-            self._advance(self._inputs[TORQUE_COMMAND.name], self._inputs[DISTURBANCE.name])
-
-    def _ahead(self) -> float:
-        """Seconds by which simulated time is ahead of the pace that is asked for."""
-        factor = self.parameters["real_time_factor"] if self._lockstep else 1.0
-        if factor == 0.0:
-            return 0.0
-        return seconds(self._stamp) / factor - (time.monotonic() - self._origin)
+    def _moved(self, move: Callable[..., Any], *values: Any) -> Any:
+        """Let the pace do something at the present time; see whether the craft goes on."""
+        try:
+            result = move(*values, time.monotonic())
+        except _DivergedError as reason:
+            self.fail(self._stamp, f"diverged: {reason}")
+            return None
+        self.finished = self.finished or self.pace.finished
+        return result
 
     def wake(self) -> float:
         """Step when it is time (free-running), or repeat a state that is unanswered (lock-step)."""
-        self.report_if_idle()
-        self._look_for_rival()
-        return self._wake_lockstep() if self._lockstep else self._wake_free()
-
-    def _wake_free(self) -> float:
-        if not self._started:
-            self._publish_state()
-            self._origin = self._last_sent = time.monotonic()
-        if self._awaits_first_answer():
-            return self._repeat_unanswered()
-        # The present state was published at origin + stamp; the next one is due a period later.
-        due = self._origin + seconds(stamp_of(self._step + 1, self._rate))
-        late = time.monotonic() - due
-        if late < 0.0:
-            return min(-late, 0.1)
-        if late > _REBASE:
-            self.complain("pause", f"paused for {late:.2f} s: simulated time goes on from now")
-            self._origin += late
-            self._overruns += 1
-        elif late > 1.0 / self._rate:
-            self._overruns += 1
-            self.complain("overrun", f"step {self._step} is {1e3 * late:.1f} ms late")
-        if self._input_stamps[TORQUE_COMMAND.name] < self._stamp:
-            self._late_commands += 1
-        self._advance(self._held, self._input_or_zero(DISTURBANCE.name))
-        # The command for this new state is still to come: what arrived last acts, a sample late.
-        self._held = self._input_or_zero(TORQUE_COMMAND.name)
-        return 0.0
-
-    def _awaits_first_answer(self) -> bool:
-        if self._step or not self.parameters[WAIT_FOR_RECORDER.name]:
-            return False
-        return any(self._input_stamps[name] < 0 for name in self._wait_for)
-
-    def _look_for_rival(self) -> None:
-        rival = self._rival.look()
-        if rival and self._rival.came_second:
-            self.fail(self._stamp, f"{rival}; this plant is the newer one and ends")
-        elif rival:
-            self.complain("rival", rival)
-
-    def _input_or_zero(self, name: str) -> Vector:
-        """Return the latest torque of an input, or zero when it is older than the time-out."""
-        stamp = self._input_stamps[name]
-        expected = stamp >= 0 or name == TORQUE_COMMAND.name  # an injector need not be there
-        timed_out = expected and self._stamp - max(stamp, 0) > self._timeout_ns
-        if timed_out != (name in self._timed_out):
-            self._timed_out ^= {name}
-            when = f"t = {seconds(self._stamp):.3f} s"
-            if timed_out:
-                timeout = self.parameters["command_timeout"]
-                self.get_logger().warning(f"no {name} for {timeout} s: zero torque from {when}")
-            else:
-                self.get_logger().info(f"{name} is back at {when}")
-            self.report(self._stamp, at_once=True)
-        return _ZERO if timed_out else self._inputs[name]
-
-    def _wake_lockstep(self) -> float:
-        ahead = self._ahead()
-        if ahead > 0.0:
-            return min(ahead, 0.1)
-        if not self._started:
-            self._publish_state()
-            self._last_sent = time.monotonic()
-        return self._repeat_unanswered()
-
-    def _repeat_unanswered(self) -> float:
-        now = time.monotonic()
-        if now - self._last_sent >= self._repeat_after:
-            self._publish_state()
-            self._last_sent = now
-            self._repeat_after = min(2.0 * self._repeat_after, _REPEAT_MOST)
-        self.say_waiting(self._waiting_since, self._waiting_text)
-        return 0.1
-
-    def _waiting_text(self) -> str:
-        missing = [name for name in self._wait_for if self._input_stamps[name] != self._stamp]
-        absent = [name for name in missing if not self.count_publishers(name)]
-        text = f"waiting at t = {seconds(self._stamp):.3f} s for {', '.join(missing)}"
-        return f"{text}; nobody publishes {', '.join(absent)}" if absent else text
+        longest = super().wake()
+        if self.finished:
+            return longest
+        if isinstance(self.pace, Lockstep):
+            self.say_waiting(self.pace.waiting_since, self.pace.waiting)
+            if self.pace.waits_for_recorder and not self.is_published(RECORDED_TOPIC.name):
+                self._moved(self.pace.forget_recorder)
+        wait = self._moved(self.pace.wake)
+        return longest if wait is None else float(wait)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        self._begin()
+        self.pace.begin(time.monotonic())
         self.wake_now()
         self.get_logger().info("reset: time begins again at zero")
         response.success = True
         response.message = "time begins again at zero"
         return response
 
-    def _show_progress(self) -> None:
-        if self._progress and time.monotonic() - self._shown > self._progress:
-            self._shown = time.monotonic()
-            print(f"t {seconds(self._stamp):.3f}", flush=True)
-
-    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+    def status(self) -> Status:
         """Waiting, zero torque for lack of commands, or running."""
-        details = {
-            "steps": self._step,
-            "rate [Hz]": self._rate,
-            "mode": "lock-step" if self._lockstep else "free-running",
-            "overruns": self._overruns,
-            "late commands": self._late_commands,
-        }
-        if self._rival.found:
-            return ERROR, self._rival.found, details
-        if self._lockstep and time.monotonic() - self._waiting_since > 1.0:
-            return STALE, self._waiting_text(), details
-        if self._timed_out:
-            return WARN, f"no {', '.join(sorted(self._timed_out))}: zero torque", details
-        return OK, "running", details
+        return self.pace.report(time.monotonic())
+
+
+class _DivergedError(Exception):
+    """The motion is no motion of a craft any more."""
+
+
+def _split(values: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:
+    """Components that give the state of an instant, and those that act from it on."""
+    components = components_of(PLANT, values)
+    acting = ACTUATORS.selected(values)
+    return [each for each in components if each is not acting], [acting]
 
 
 def main() -> int:
-    """Run the executable `spacecraft_plant`; ``--progress`` prints simulated time on stdout."""
-    progress = "--progress" in sys.argv
-    arguments = [argument for argument in sys.argv if argument != "--progress"]
-    return run_node(lambda: SpacecraftPlant(progress), arguments)
+    """Run the executable `spacecraft_plant`."""
+    return run_node(SpacecraftPlant)
 
 
 if __name__ == "__main__":

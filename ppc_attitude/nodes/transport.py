@@ -27,13 +27,20 @@ from pathlib import Path
 
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from ppc_attitude.nodes.discovery import (
+    LOCALHOST_ONLY,
+    MIDDLEWARE,
+    PROFILES,
+    RANGE,
+    TRANSPORTS,
+    check_discovery,
+    chosen_by_user,
+    keeps_to_this_host,
+)
+
 ANYWHERE = Path(__file__).parent / "fast_dds.xml"
 THIS_HOST = Path(__file__).parent / "fast_dds_this_host.xml"
-_PROFILE = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
-_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-# ROS asks these first, or adds what they say to the range.
-_OTHERS = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
+_NO_OTHER = "SKIP_DEFAULT_XML_FILE"  # Fast DDS would read a file in the current folder as well
 
 
 def tune_transport(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -41,14 +48,21 @@ def tune_transport(environment: MutableMapping[str, str] = os.environ) -> None:
 
     With the range LOCALHOST, ROS would choose the transports, shared memory among them; a profile
     that knows no interface but loopback keeps to this host as well, and leaves the choice to us.
+
+    Raises
+    ------
+    ConfigurationError
+        The environment names a range, a domain or a peer that is none.
     """
-    if not get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
+    check_discovery(environment)
+    middleware = get_rmw_implementation_identifier()
+    if chosen_by_user({**environment, MIDDLEWARE: middleware}):
         return
-    if any(name in environment for name in (*_PROFILE, _TRANSPORTS)):
-        return
-    if environment.get(_RANGE) == "LOCALHOST" and not any(map(environment.get, _OTHERS)):
-        environment[_RANGE] = "SYSTEM_DEFAULT"
-        environment[_PROFILE[0]] = str(THIS_HOST)
+    environment[_NO_OTHER] = "1"
+    if keeps_to_this_host(environment):
+        environment.pop(LOCALHOST_ONLY, None)
+        environment[RANGE] = "SYSTEM_DEFAULT"
+        environment[PROFILES[0]] = str(THIS_HOST)
     else:
-        environment[_TRANSPORTS] = "UDPv4"
-        environment[_PROFILE[0]] = str(ANYWHERE)
+        environment[TRANSPORTS] = "UDPv4"
+        environment[PROFILES[0]] = str(ANYWHERE)

@@ -15,17 +15,51 @@
 """Attitude algebra: Hamilton quaternions, scalar last, body to inertial (eq. 1 of the paper)."""
 
 import math
+from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
+    Matrix,
     Quaternion,
     Vector,
     add,
     cross,
     dot,
     kernel,
+    quaternion,
     scale,
+    store_quaternion,
     subtract,
 )
+
+UNIT_TOLERANCE = 1e-3
+
+
+def unit_quaternion(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Check that a quaternion x y z w is a unit one up to rounding, and normalise it.
+
+    Parameters
+    ----------
+    name : str
+        What to call it in an error.
+    values : array_like
+        Four numbers.
+
+    Raises
+    ------
+    ConfigurationError
+        The norm differs from 1 by more than 1e-3.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    length = float(np.linalg.norm(array))
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+        raise ConfigurationError(
+            f"{name} = {array.tolist()} has norm {length:.6g}; allowed: 1 within {UNIT_TOLERANCE:g}"
+        )
+    return np.asarray(array / length)
 
 
 @kernel
@@ -139,3 +173,51 @@ def rotation_angle(q: Quaternion) -> float:
     """Angle [rad] of the rotation, 0 to π, the short way."""
     vector_part = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
     return 2.0 * math.atan2(vector_part, abs(q[3]))
+
+
+@kernel
+def exponential(phi: Vector) -> Quaternion:
+    """Quaternion of a rotation vector φ [rad]: exp(φ) = [φ sin(|φ|/2)/|φ|, cos(|φ|/2)]."""
+    square = dot(phi, phi)
+    if square < 1e-8:
+        # The series is exact to rounding here, and it has no 0/0.
+        s = 0.5 - square / 48.0
+        return (s * phi[0], s * phi[1], s * phi[2], 1.0 - square / 8.0)
+    angle = math.sqrt(square)
+    s = math.sin(0.5 * angle) / angle
+    return (s * phi[0], s * phi[1], s * phi[2], math.cos(0.5 * angle))
+
+
+@kernel
+def logarithm(q: Quaternion) -> Vector:
+    """Rotation vector [rad] of a unit quaternion, the short way: the inverse of `exponential`."""
+    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    w = abs(q[3])
+    s = 2.0 * math.atan2(length, w) / length if length > 0.0 else 2.0
+    if q[3] < 0.0:
+        s = -s
+    return (s * q[0], s * q[1], s * q[2])
+
+
+@kernel
+def rotation_matrix(q: Quaternion) -> Matrix:
+    """R(q), rows: R(q) a = `rotate`(q, a)."""
+    x, y, z, w = q
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+
+
+@kernel
+def attitude_errors(attitudes: Any, references: Any, errors: Any, angles: Any) -> None:
+    """Errors, shape (4, n), and their angles [rad], shape (n,), of attitudes, shape (4, n).
+
+    Where one of two attitudes is not finite or all zero, the error and its angle are NaN.
+    """
+    for k in range(len(angles)):
+        q_s, q_d = quaternion(attitudes[:, k]), quaternion(references[:, k])
+        q_e = attitude_error(q_s, q_d)  # NaN from 0/0: kernels follow NumPy's error model
+        store_quaternion(errors[:, k], q_e)
+        angles[k] = rotation_angle(q_e)

@@ -31,8 +31,8 @@ import numpy as np
 
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
-from ppc_attitude.science.disturbance import ENVIRONMENT_BOUND
 from ppc_attitude.science.envelope_plan import table_can_be_followed
+from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.performance import Envelope
 
 RATE_LIMIT = math.radians(3.0)  # [rad/s] the paper's limit of ‖ω_s‖

@@ -16,7 +16,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, TypeAlias
 
@@ -49,6 +49,8 @@ class Parameter:
         True if it only has effect at start.
     above : float
         Numbers must be strictly larger than this.
+    switch : mapping of bool to str
+        Choices that true and false stand for.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     read_only: bool = False
     above: float = -math.inf
+    switch: Mapping[bool, str] = field(default_factory=dict)
 
     @property
     def is_list(self) -> bool:
@@ -81,6 +84,7 @@ class Parameter:
             parts.append("true or false")
         elif self.choices:
             parts.append(("any of " if self.is_list else "one of ") + ", ".join(self.choices))
+            parts.extend(f"{str(on).lower()} for {name}" for on, name in self.switch.items())
         elif self.of_strings:
             parts.append("text")
         else:
@@ -128,6 +132,7 @@ class Parameter:
                 return value
             raise self._refusal(value)
         if isinstance(prototype, str):
+            value = self.switch.get(value, value) if isinstance(value, bool) else value
             if isinstance(value, str) and (not self.choices or value in self.choices):
                 return value
             raise self._refusal(value)

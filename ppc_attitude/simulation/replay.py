@@ -12,32 +12,61 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Replay: the recorded inputs of a run through the control kernel once more."""
+"""Replay: the recorded inputs of a run through the steps of its components once more."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import groupby
+from operator import itemgetter
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import seconds
-from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    CONTROLLER,
-    REFERENCE_ACCELERATION,
-    REFERENCE_ATTITUDE,
-    REFERENCE_RATE,
-    TORQUE_COMMAND,
-)
-from ppc_attitude.science.controllers.registry import CONTROLLERS
-from ppc_attitude.science.controllers.runner import LawRunner
+from ppc_attitude.contract.declared import BY_COLUMN, is_told_the_truth
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import CONTROLLER, HOSTED, PLANT
+from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, PLANTS, SENSORS, Kind
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.signals import TOLD, TORQUE_COMMAND, TRUTH
+from ppc_attitude.science.stamps import seconds
+from ppc_attitude.simulation.diagram import play
 from ppc_attitude.simulation.scenario import scenario
 
-_INPUTS = (ATTITUDE, ANGULAR_VELOCITY, REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
+
+@dataclass(frozen=True)
+class Difference:
+    """What the replay of one component found.
+
+    Attributes
+    ----------
+    component : str
+        Its name.
+    column : str
+        The column that differs most, in its unit; the component's first one if none does.
+    largest : float
+        Largest |recorded − computed| of a number of that column.
+    at : float
+        When that was [s].
+    steps : int
+        Instants that were computed again.
+    skipped : int
+        Instants without a recorded input or output.
+    """
+
+    component: str
+    column: str
+    largest: float
+    at: float
+    steps: int
+    skipped: int
+
+    @property
+    def unit(self) -> str:
+        """Unit of the difference."""
+        return BY_COLUMN[self.column].unit
 
 
 @dataclass(frozen=True)
@@ -46,60 +75,145 @@ class Replay:
 
     Attributes
     ----------
-    steps : int
-        Instants that were computed again.
-    skipped : int
-        Instants without a recorded input or command.
-    largest_difference : float
-        Largest |recorded − computed| torque command on an axis [N·m].
-    at : float
-        When that was [s].
+    law : Difference
+        Of the control law, in its torque command.
+    others : tuple of Difference
+        Of every other component whose inputs and outputs are on record.
     """
 
-    steps: int
-    skipped: int
-    largest_difference: float
-    at: float
+    law: Difference
+    others: tuple[Difference, ...]
 
 
 def replay(record: RunRecord) -> Replay:
-    """Feed the recorded inputs to the run's control law and compare the torque commands.
+    """Feed the recorded inputs to the run's components and compare what they give.
 
     Raises
     ------
     ConfigurationError
         The record names no known law, has no parameters for it, or lacks an input.
     """
-    if record.controller not in CONTROLLERS:
+    if record.controller not in CONTROLLERS.components:
         raise ConfigurationError(
             f"{record.source}: controller {record.controller!r} is not one of "
-            f"{', '.join(CONTROLLERS)}: it cannot be replayed"
+            f"{', '.join(CONTROLLERS.components)}: it cannot be replayed"
         )
     if CONTROLLER not in record.parameters:
         raise ConfigurationError(f"{record.source}: the parameters of {CONTROLLER} are not in it")
-    needed = (*_INPUTS, TORQUE_COMMAND)
-    absent = [topic.name for topic in needed if topic.column not in record]
+    law = CONTROLLERS.components[record.controller]
+    absent = [c.topic for c in (*law.inputs, TORQUE_COMMAND) if c.name not in record]
     if absent:
         raise ConfigurationError(f"{record.source}: no messages of {', '.join(absent)}")
-    values = scenario({CONTROLLER: record.parameters[CONTROLLER]}).parameters[CONTROLLER]
-    complete = np.all([np.isfinite(record[topic.column]).all(axis=1) for topic in needed], axis=0)
-    rows = np.flatnonzero(complete)
-    if rows.size == 0:
+    return Replay(
+        _replayed(record, CONTROLLER, CONTROLLERS, law, (TORQUE_COMMAND,)),
+        tuple(
+            _replayed(record, node, kind, component, _prompt(component.outputs))
+            for node, kind, component in _replayable(record)
+        ),
+    )
+
+
+def _replayable(record: RunRecord) -> list[tuple[str, Kind, Component]]:
+    """Components of a run, besides the law, whose inputs and outputs are all on record.
+
+    A late column is on record at the instant to which it belongs. Nobody knows from there when it
+    arrived, so a component that reads one cannot be replayed, and one that gives one is compared
+    in its other columns. A plant that runs free holds what has arrived by then, which the stamps do
+    not tell: only its sensors are replayed.
+    """
+    free = not record.parameters.get(PLANT, {}).get("lockstep", False)
+    columns = _columns(record)
+    found = []
+    for node, kinds in HOSTED.items():
+        for kind in kinds:
+            component = kind.selected(record.parameters.get(node, {}))
+            if node not in record.parameters or component is None or kind is CONTROLLERS:
+                continue
+            late = any(each.late for each in component.inputs)
+            used = (*component.inputs, *component.outputs)
+            if free and kind in (PLANTS, ACTUATORS):
+                continue
+            if not late and all(each.name in columns for each in used):
+                found.append((node, kind, component))
+    return found
+
+
+def _prompt(columns: Sequence[Column]) -> tuple[Column, ...]:
+    """Columns that have a sample at the instant at which they are given."""
+    return tuple(column for column in columns if not column.late)
+
+
+def _columns(record: RunRecord) -> Mapping[str, Array]:
+    """Columns of a record; where sensing is exact, what was told is the truth."""
+    columns = dict(record.columns)
+    if is_told_the_truth(record.parameters.get(PLANT, {})):
+        for truth, told in zip(TRUTH, TOLD, strict=True):
+            if told.name in columns:
+                columns.setdefault(truth.name, columns[told.name])
+    return columns
+
+
+def _replayed(
+    record: RunRecord,
+    node: str,
+    kind: Kind,
+    component: Component,
+    compared: Sequence[Column],
+) -> Difference:
+    """Run one component over the instants that have all it reads and all that is compared."""
+    columns = _columns(record)
+    read = _table(columns, component.inputs, record.stamps_ns.size)
+    if kind is PLANTS:
+        # A plant reads what was given at the instant before.
+        read = np.hstack([np.zeros((len(read), 1)), read[:, :-1]])
+    recorded = _table(columns, compared, record.stamps_ns.size)
+    complete = np.isfinite(read).all(axis=0) & np.isfinite(recorded).all(axis=0)
+    if not complete.any():
         raise ConfigurationError(f"{record.source}: no instant has all inputs and a command")
-    largest, at = _largest_difference(record, rows, values)
-    return Replay(int(rows.size), int(complete.size - rows.size), largest, at)
+    stamps = record.stamps_ns[complete]
+    computed = _computed(record, node, kind, component, stamps, read[:, complete], compared)
+    difference = np.abs(recorded[:, complete] - computed)
+    row, k = np.unravel_index(int(np.argmax(difference)), difference.shape)
+    return Difference(
+        component.name,
+        [column.name for column in compared for _ in range(column.width)][row],
+        float(difference[row, k]),
+        seconds(int(stamps[k])),
+        int(stamps.size),
+        int(complete.size - stamps.size),
+    )
 
 
-def _largest_difference(
-    record: RunRecord, rows: NDArray[np.intp], values: Mapping[str, Any]
-) -> tuple[float, float]:
-    law = LawRunner(CONTROLLERS[record.controller], values)
-    largest, at = 0.0, seconds(int(record.stamps_ns[rows[0]]))
-    for row in rows:
-        t = seconds(int(record.stamps_ns[row]))
-        law.step(t, {topic.column: record[topic.column][row].tolist() for topic in _INPUTS})
-        recorded = record[TORQUE_COMMAND.column][row]
-        difference = float(np.max(np.abs(recorded - law.given(TORQUE_COMMAND.column))))
-        if difference > largest:
-            largest, at = difference, t
-    return largest, at
+def _computed(
+    record: RunRecord,
+    node: str,
+    kind: Kind,
+    component: Component,
+    stamps: NDArray[np.int64],
+    read: Array,
+    compared: Sequence[Column],
+) -> Array:
+    """Run a component over the stamps, with the parameters that it had at each."""
+    values = dict(record.parameters[node])
+    part = Part(component, scenario({node: values}).parameters[node])
+    # The state of an instant comes from before it: the motion takes a change over at the next.
+    side: Literal["left", "right"] = "right" if kind in (PLANTS, SENSORS) else "left"
+    own = [change for change in record.changes if change.node == node]
+    starts = np.searchsorted(stamps, [change.stamp_ns for change in own], side).tolist()
+    pieces, begin = [], 0
+    # What changed at one instant fits together only as a whole.
+    for start, group in groupby(zip(starts, own, strict=True), itemgetter(0)):
+        pieces.append(play(part, stamps[begin:start], read[:, begin:start], compared))
+        begin = start
+        values.update({change.name: change.value for _, change in group})
+        part.configure(scenario({node: values}).parameters[node])
+    pieces.append(play(part, stamps[begin:], read[:, begin:], compared))
+    return np.concatenate(pieces, axis=1)
+
+
+def _table(
+    columns: Mapping[str, Array], wanted: Sequence[Column], size: int
+) -> NDArray[np.float64]:
+    """Return a row for each number of the wanted columns, a column for each instant."""
+    rows: list[Any] = [columns[column.name].T for column in wanted]
+    return np.ascontiguousarray(np.vstack(rows)) if rows else np.zeros((0, size))

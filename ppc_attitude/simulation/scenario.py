@@ -15,33 +15,24 @@
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
-from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import NANOSECONDS
+from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE, SOURCES
+from ppc_attitude.contract.topics import CONTROLLER, SOURCES
 from ppc_attitude.contract.yaml_file import read
-from ppc_attitude.science.controllers.interface import Controller
-from ppc_attitude.science.controllers.registry import CONTROLLERS
-from ppc_attitude.science.disturbance import PULSE
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Quaternion, Vector
 from ppc_attitude.science.parameter import Value, resolved
-from ppc_attitude.science.reference import REFERENCE as REFERENCE_RECORD
-from ppc_attitude.science.spacecraft import PLANT as PLANT_RECORD
-from ppc_attitude.science.spacecraft import inertia_matrix
 
 # ROS's own parameters may stand in a file; they are not ours to check.
 _OF_ROS = ("use_sim_time", "start_type_description_service")
-_QUATERNION_TOLERANCE = 1e-3
 
 Overrides = Mapping[str, Mapping[str, Any]]
 
@@ -70,9 +61,9 @@ class Scenario:
     parameters: Mapping[str, dict[str, Value]]
 
     @property
-    def controller(self) -> Controller:
+    def controller(self) -> Component:
         """The selected control law."""
-        return CONTROLLERS[str(self.parameters[CONTROLLER]["controller"])]
+        return components_of(CONTROLLER, self.parameters[CONTROLLER])[0]
 
     def number(self, node: str, name: str) -> float:
         """Value of a parameter that is a number."""
@@ -176,20 +167,25 @@ def scenario(given: Overrides) -> Scenario:
 
 
 def _checked(node: str, given: Mapping[str, Any]) -> dict[str, Value]:
-    """Complete parameters of a node, which fit together."""
+    """Complete parameters of a node, with which the components that they select can run."""
     values = resolved(PARAMETERS[node], given, node)
-    if node in _CHECKS:
-        _CHECKS[node](values)
+    check_components(node, values)
     return values
 
 
-def _check_controller(values: Mapping[str, Value]) -> None:
-    """See that every law can run with the parameters, whichever is selected."""
+def check_components(node: str, values: Mapping[str, Value]) -> None:
+    """See that the components that a node's parameters select can run with them; no others.
+
+    Raises
+    ------
+    ConfigurationError
+        A value is infeasible, or does not fit another.
+    """
     try:
-        for law in CONTROLLERS.values():
-            law.configure(values)
+        for component in components_of(node, values):
+            component.configure(values)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{CONTROLLER}: {error}") from None
+        raise ConfigurationError(f"{node}: {error}") from None
 
 
 def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Scenario:
@@ -204,109 +200,3 @@ def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Sce
     for node, values in (overrides or {}).items():
         given.setdefault(node, {}).update(values)
     return scenario(given)
-
-
-def unit_quaternion(name: str, values: Any) -> NDArray[np.float64]:
-    """Check that a quaternion x y z w is a unit one up to rounding, and normalise it.
-
-    Raises
-    ------
-    ConfigurationError
-        The norm differs from 1 by more than 1e-3.
-    """
-    array = np.asarray(values, dtype=np.float64)
-    length = float(np.linalg.norm(array))
-    if not abs(length - 1.0) <= _QUATERNION_TOLERANCE:
-        raise ConfigurationError(
-            f"{name} = {array.tolist()} has norm {length:.6g}; allowed: 1 within "
-            f"{_QUATERNION_TOLERANCE:g}"
-        )
-    return np.asarray(array / length)
-
-
-def plant_record(values: Mapping[str, Any]) -> Any:
-    """Record of dtype `PLANT` from the plant's parameters.
-
-    Raises
-    ------
-    ConfigurationError
-        Impossible inertia, initial attitude, or torque limits that leave no torque.
-    """
-    record = np.zeros((), PLANT_RECORD)[()]
-    inertia = inertia_matrix(f"{PLANT}: inertia", values["inertia"])
-    record["inertia"] = inertia
-    record["inertia_inverse"] = np.linalg.inv(inertia)
-    for name in ("max_torque", "min_torque", "attitude_noise", "rate_noise", "seed"):
-        record[name] = values[name]
-    if values["min_torque"] >= values["max_torque"]:
-        raise ConfigurationError(
-            f"{PLANT}: min_torque = {values['min_torque']} N·m must be smaller than max_torque = "
-            f"{values['max_torque']} N·m"
-        )
-    unit_quaternion(f"{PLANT}: initial_attitude", values["initial_attitude"])
-    return record
-
-
-def initial_state(values: Mapping[str, Any]) -> tuple[Quaternion, Vector]:
-    """Attitude x y z w and angular velocity [rad/s] at t = 0."""
-    attitude = unit_quaternion("initial_attitude", values["initial_attitude"])
-    x, y, z, w = map(float, attitude)
-    rate_x, rate_y, rate_z = map(float, values["initial_angular_velocity"])
-    return (x, y, z, w), (rate_x, rate_y, rate_z)
-
-
-def reference_record(values: Mapping[str, Any]) -> Any:
-    """Record of dtype `REFERENCE` from the reference generator's parameters.
-
-    Raises
-    ------
-    ConfigurationError
-        The initial attitude is not a unit quaternion.
-    """
-    record = np.zeros((), REFERENCE_RECORD)[()]
-    name = f"{REFERENCE}: initial_attitude"
-    record["initial_attitude"] = unit_quaternion(name, values["initial_attitude"])
-    record["amplitude"] = values["amplitude"]
-    record["period_constant"] = values["period_constant"]
-    return record
-
-
-def nanoseconds(time: float) -> int:
-    """Whole nanoseconds of a time [s]."""
-    return round(time * NANOSECONDS)
-
-
-def pulse(start_ns: int, duration: float, torque: Sequence[float]) -> Any:
-    """One pulse (array of dtype `PULSE`, length 1) from `start_ns` on, for `duration` [s]."""
-    return np.array([(start_ns, start_ns + nanoseconds(duration), tuple(torque))], PULSE)
-
-
-def pulses(values: Mapping[str, Any]) -> NDArray[Any]:
-    """Scheduled pulses, array of dtype `PULSE`, from the injector's parameters.
-
-    Raises
-    ------
-    ConfigurationError
-        Times, durations and torques are not equally many.
-    """
-    times, durations = values["pulse_times"], values["pulse_durations"]
-    torques = values["pulse_torques"]
-    if not len(times) == len(durations) == len(torques) // 3:
-        raise ConfigurationError(
-            f"{INJECTOR}: pulse_times has {len(times)} values, pulse_durations {len(durations)}, "
-            f"pulse_torques {len(torques)}; allowed: n, n and 3 n"
-        )
-    parts = [
-        pulse(nanoseconds(time), duration, torques[3 * i : 3 * i + 3])
-        for i, (time, duration) in enumerate(zip(times, durations, strict=True))
-    ]
-    return np.concatenate(parts) if parts else np.zeros(0, PULSE)
-
-
-# What a node's parameters must make together; raises where they cannot.
-_CHECKS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
-    PLANT: plant_record,
-    REFERENCE: reference_record,
-    INJECTOR: pulses,
-    CONTROLLER: _check_controller,
-}

@@ -20,8 +20,15 @@ from pathlib import Path
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line.options import add_report_option, exit_code, print_json
-from ppc_attitude.command_line.paths import new_folder
+from ppc_attitude.command_line.options import (
+    add_figures_options,
+    add_report_option,
+    add_requirements_option,
+    exit_code,
+    print_json,
+    required_of,
+    write_report_of,
+)
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -29,20 +36,22 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "analyse",
         help="judge a recorded run",
-        description="Verdict on every requirement of the paper, from the bag alone.",
+        description="Verdict on every requirement, the paper's or one's own, from the bag alone.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
     parser.add_argument("--namespace", metavar="NS", help="of the stack, if the bag has several")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--figures", metavar="DIR", type=new_folder, help="draw every figure there")
+    add_figures_options(parser, "every figure")
+    add_requirements_option(parser)
     add_report_option(parser)
     parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Read, judge, print, draw."""
+    required = required_of(arguments)
     record = read_run(arguments.bag, arguments.namespace)
-    verdict = analyse(record)
+    verdict = analyse(record, required)
     for warning in record.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     if arguments.json:
@@ -52,11 +61,8 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.figures:
         from ppc_attitude.analysis.figures import save_figures
 
-        for path in save_figures(record, arguments.figures):
+        formats = arguments.figure_format or ["png"]
+        for path in save_figures(record, arguments.figures, required, formats):
             print(f"figure: {path}", file=sys.stderr)
-    if arguments.report:
-        from ppc_attitude.analysis.report import write_report
-
-        write_report([(record, verdict)], arguments.report)
-        print(f"report: {arguments.report}", file=sys.stderr)
+    write_report_of(arguments, [(record, verdict)], sys.stderr)
     return exit_code(verdict)

@@ -20,6 +20,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -31,23 +32,29 @@ from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
 from ppc_attitude.campaign.draw import VARYING, draw
 from ppc_attitude.campaign.draw import scenario_of as scenario_of_run
+from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text, write_campaign_report
 from ppc_attitude.campaign.rows import CampaignError, rerun
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
+from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_report_option,
+    add_requirements_option,
     add_scenario_options,
     exit_code,
     print_json,
+    required_of,
     scenario_of,
+    write_report_of,
 )
 from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.shipped import shipped_config
-from ppc_attitude.command_line.stopping import stop_on_signals
+from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import warm_up
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -84,6 +91,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_bag_option(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_requirements_option(parser)
     add_report_option(parser)
     parser.set_defaults(execute=execute)
 
@@ -93,9 +101,18 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.only is None and (arguments.record or arguments.bag):
         raise ConfigurationError("--record and --bag are for one run: --only INDEX")
     file = arguments.campaign or shipped_config("campaign.yaml")
-    campaign = load_campaign(file, scenario_of(arguments), arguments.seed)
-    if arguments.only is not None:
+    campaign = replace(
+        load_campaign(file, scenario_of(arguments), arguments.seed),
+        required=required_of(arguments),
+    )
+    alone = arguments.only is not None
+    check_memory(
+        campaign.scenario, 1 if alone else min(arguments.workers or cores(), arguments.runs)
+    )
+    if alone:
         return _execute_one(arguments, campaign)
+    with nothing_begun():
+        warm_up(campaign.scenario)
     start = time.monotonic()
     with _progress() as show, stop_on_signals() as stop:
         try:
@@ -122,11 +139,9 @@ def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
         return exit_code(verdict)
     recording = Recording(arguments.bag)
     record = recording.run(scenario_of_run(campaign, arguments.only))
-    verdict = analyse(record)
+    verdict = analyse(record, campaign.required)
     _tell_one(arguments, campaign, record, verdict)
-    print(f"bag: {recording.bag}", file=sys.stderr if arguments.json else sys.stdout)
-    recording.complain(record)
-    return exit_code(verdict)
+    return recording.judge(record, verdict, sys.stderr if arguments.json else sys.stdout)
 
 
 def _tell_one(
@@ -138,11 +153,7 @@ def _tell_one(
     else:
         print(verdict_table(verdict))
         print("drawn: " + ", ".join(f"{n} {v:.6g}" for n in VARYING if (v := drawn[n]) is not None))
-    if arguments.report:
-        from ppc_attitude.analysis.report import write_report
-
-        write_report([(record, verdict)], arguments.report)
-        print(f"report: {arguments.report}", file=sys.stderr)
+    write_report_of(arguments, [(record, verdict)], sys.stderr)
 
 
 def _tell(
@@ -150,7 +161,9 @@ def _tell(
 ) -> None:
     summary = finished.summary
     if arguments.report:
-        write_campaign_report(campaign, finished, _again(arguments), arguments.report)
+        title, now = arguments.mission, f"{datetime.now():%Y-%m-%d %H:%M}"
+        again = _again(arguments)
+        write_campaign_report(campaign, finished, again, arguments.report, mission=title, date=now)
         print(f"report: {arguments.report}", file=sys.stderr)
     if arguments.json:
         print_json(
@@ -166,7 +179,7 @@ def _tell(
         )
         return
     rows = [(name, share_text(tally.fraction)) for name, tally in summary.requirements()]
-    rows.append(("every requirement", share_text(summary.fraction)))
+    rows.append(("every requirement judged", share_text(summary.fraction)))
     width = max(len(name) for name, _ in rows)
     print(
         f"{summary.runs} runs of {campaign.duration:g} s in {seconds:.1f} s, seed {campaign.seed}"
@@ -205,6 +218,8 @@ def _again(arguments: argparse.Namespace) -> list[str]:
     words = ["ppc_attitude", "campaign"]
     for path in arguments.config:
         words += ["--config", str(path)]
+    for path in arguments.requirements:
+        words += ["--requirements", str(path)]
     for option in ("duration", "controller", "campaign", "seed"):
         value = getattr(arguments, option)
         if value is not None:

@@ -12,27 +12,41 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ppc_attitude check`: feasibility and the conditions on the parameters, each with its value."""
+"""`ppc_attitude check`: feasibility and the conditions on the parameters, each with its value.
+
+The page has a section for each selected component that has something to say: the law's conditions
+or its certificate, the slews and goals of the reference, and the noise of the sensors.
+"""
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
-from ppc_attitude.command_line.options import add_scenario_options, print_json, scenario_of
-from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
+from ppc_attitude.command_line.guarantee_view import Judgement
+from ppc_attitude.command_line.options import (
+    add_scenario_options,
+    positive,
+    print_json,
+    scenario_of,
+)
+from ppc_attitude.command_line.paragraphs import paragraph
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
-from ppc_attitude.science.controllers.interface import Advice
+from ppc_attitude.science.component import Advice
+from ppc_attitude.science.controllers import momentum_tube
+from ppc_attitude.science.estimators.steady_state import FLOOR, noise_floors
+from ppc_attitude.science.guidance.slew import slew_torque
+from ppc_attitude.science.kinds import ESTIMATORS, REFERENCES
+from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import first_step
+from ppc_attitude.simulation.flight_plan import Told, goals_told
 from ppc_attitude.simulation.scenario import Scenario
 
-_EXAMPLES = """examples:
-  ppc_attitude check --config config/paper.yaml
-  ppc_attitude check --config config/paper.yaml --config config/any_start.yaml --json
-
-exit codes: 0 every necessary condition holds; 1 one does not; 2 infeasible or wrong configuration
-"""
+_KNOWN_RATES = (0.0, 1.0)  # [deg/s] at the start
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -40,11 +54,24 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "check",
         help="feasibility and conditions of a configuration",
-        description="Feasibility of both envelopes, the conditions S1 to S5, and the start.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Feasibility of both envelopes, the conditions S1 to S5, and the start; of the "
+        "momentum-tube law its certificate, proved anew.",
     )
     add_scenario_options(parser)
+    parser.add_argument(
+        "--known-reference",
+        action="store_true",
+        help="momentum_tube: also what holds for the paper's own reference; takes half a minute",
+    )
+    parser.add_argument(
+        "--hit",
+        nargs=2,
+        type=positive,
+        action="append",
+        default=[],
+        metavar=("TORQUE", "SECONDS"),
+        help="momentum_tube: also when a settled craft has recovered from it [N·m], [s]",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(execute=execute)
 
@@ -52,54 +79,134 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Check and print."""
     scenario = scenario_of(arguments)
+    guarantee = None
+    if scenario.controller.name == momentum_tube.COMPONENT.name:
+        guarantee = Judgement(scenario, arguments.config)
     law = first_step(scenario)
-    q_e, advice = law.given("attitude_error"), law.advice
-    conditions = certificate(
-        scenario.parameters[CONTROLLER],
-        q_e[3],
-        largest_desired_rate(scenario.parameters[REFERENCE]["amplitude"]),
+    q_e = law.outputs[0]["attitude_error"].tolist()
+    conditions = (
+        *(() if guarantee else _law_conditions(scenario, q_e[3])),
+        *_slew_conditions(scenario),
+        *_noise_conditions(scenario),
     )
+    goals = goals_told(scenario)
+    known: list[str] = []
+    hits: list[str] = []
+    if guarantee:
+        known = guarantee.of_reference(_KNOWN_RATES) if arguments.known_reference else []
+        hits = [guarantee.of_hit(torque, duration) for torque, duration in arguments.hit]
     if arguments.json:
-        print_json(
-            {
-                "controller": scenario.controller.name,
-                "conditions": [{**asdict(each), "holds": each.holds} for each in conditions],
-                "start": {
-                    "attitude_error": q_e,
-                    "plan": advice.text,
-                    "warning": advice.warning,
-                },
+        page = _json(scenario, conditions, q_e, law.advice, goals)
+        if guarantee:
+            page |= {
+                "guaranteed": guarantee.holds,
+                "doubts": guarantee.doubts,
+                "broken_assumptions": guarantee.broken,
+                "known_reference": known,
+                "hits": hits,
+                **guarantee.certificate.to_json(),
             }
-        )
+        print_json(page)
     else:
-        _print(scenario, conditions, q_e, advice)
-    necessary = all(each.holds for each in conditions if each.necessary)
-    return DONE if necessary else REQUIREMENT_FAILED
+        _print(scenario, conditions, q_e, [law.advice, *(told.advice for told in goals)])
+        for line in [*guarantee.lines(), *known, *hits] if guarantee else []:
+            print(line)
+    holds = all(each.holds for each in conditions if each.necessary)
+    return DONE if holds and (not guarantee or guarantee.holds) else REQUIREMENT_FAILED
+
+
+def _law_conditions(scenario: Scenario, q_e0: float) -> tuple[Condition, ...]:
+    """Conditions on the law for the reference that it follows."""
+    reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
+    rate = (
+        float(reference[goal.MAX_RATE.name])
+        if REFERENCES.selected(reference) is goal.COMPONENT
+        else largest_desired_rate(reference["amplitude"])
+    )
+    return certificate(scenario.parameters[CONTROLLER], q_e0, rate)
+
+
+def _slew_conditions(scenario: Scenario) -> tuple[Condition, ...]:
+    """The torque of a slew against the share of the actuator that it may take."""
+    reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
+    if REFERENCES.selected(reference) is not goal.COMPONENT:
+        return ()
+    plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    rate, acceleration, share = (
+        float(reference[each.name])
+        for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
+    )
+    return (
+        Condition(
+            "slew torque",
+            slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration),
+            share * float(plant["max_torque"]),
+            "≤",
+            "N·m",
+            False,
+            "max‖J e‖ A + max‖ω × J ω‖ leaves the law its margin (guidance.torque_share)",
+        ),
+    )
+
+
+def _noise_conditions(scenario: Scenario) -> tuple[Condition, ...]:
+    """How wide noise lets the ends of the envelopes be; nothing without an estimator."""
+    estimator: Mapping[str, Any] = scenario.parameters[ESTIMATOR]
+    controller: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+    bounded = {column.bound for column in scenario.controller.outputs}
+    if ESTIMATORS.selected(estimator) is None:
+        return ()
+    found = noise_floors(estimator, controller, scenario.number(PLANT, "rate"))
+    return tuple(
+        Condition(
+            f"{prefix}.terminal",
+            float(controller[f"{prefix}.terminal"]),
+            FLOOR * max(sigmas),
+            "≥",
+            unit,
+            False,
+            f"{FLOOR:g}σ of what the estimator leaves: below it, noise alone leaves the envelope",
+        )
+        for prefix, sigmas, unit in (
+            ("attitude_envelope", found.attitude, ""),
+            ("rate_envelope", found.rate, "rad/s"),
+        )
+        if prefix in bounded
+    )
+
+
+def _json(
+    scenario: Scenario,
+    conditions: tuple[Condition, ...],
+    q_e: list[float],
+    start: Advice,
+    goals: list[Told],
+) -> dict[str, Any]:
+    return {
+        "controller": scenario.controller.name,
+        "conditions": [{**asdict(each), "holds": each.holds} for each in conditions],
+        "start": {"attitude_error": q_e, "plan": start.text, "warning": start.warning},
+        "goals": [
+            {"time": told.time, "told": told.advice.text, "warning": told.advice.warning}
+            for told in goals
+        ],
+    }
 
 
 def _print(
-    scenario: Scenario, conditions: tuple[Condition, ...], q_e: list[float], advice: Advice
+    scenario: Scenario, conditions: tuple[Condition, ...], q_e: list[float], advices: list[Advice]
 ) -> None:
-    rows = [("condition", "value", "limit", "", "meaning")]
-    rows += [
-        (
-            each.name,
-            f"{each.value:.6g}",
-            f"{each.relation} {each.limit:.6g} {each.unit}".rstrip(),
-            _verdict(each),
-            each.meaning,
-        )
-        for each in conditions
-    ]
-    widths = [max(len(row[k]) for row in rows) for k in range(4)]
-    for row in rows:
-        cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=False)]
-        print("  ".join([*cells, row[4]]))
-    rate = scenario.parameters[PLANT]["rate"]
-    print(f"\ninitial attitude error x y z w: {np.array2string(np.asarray(q_e), precision=5)}")
-    print(f"rate {rate:g} Hz, controller {scenario.controller.name}")
-    if advice.text:
-        print(f"{'warning: ' if advice.warning else ''}{advice.text}")
+    rate = scenario.number(PLANT, "rate")
+    print(f"controller {scenario.controller.name}, {rate:g} Hz")
+    for each in conditions:
+        limit = f"{each.relation} {each.limit:.6g} {each.unit}".rstrip()
+        print(f"\n{each.name}  {each.value:.6g} {limit}  {_verdict(each)}")
+        print(paragraph(each.meaning, "    "))
+    error = ", ".join(f"{number:.5f}" for number in q_e)
+    print(f"\ninitial attitude error x y z w: {error}")
+    for advice in advices:
+        if advice.text:
+            print(paragraph(f"{'warning: ' if advice.warning else ''}{advice.text}"))
 
 
 def _verdict(condition: Condition) -> str:

@@ -15,15 +15,21 @@
 """`ppc_attitude compare`: several runs side by side."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from ppc_attitude.analysis.comparison import save_comparison
 from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.report import run_labels, write_report
+from ppc_attitude.analysis.report import run_labels
 from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE, UsageError
-from ppc_attitude.command_line.options import add_report_option
-from ppc_attitude.command_line.paths import new_folder
+from ppc_attitude.command_line.options import (
+    add_figures_options,
+    add_report_option,
+    add_requirements_option,
+    required_of,
+    write_report_of,
+)
 
 _MOST = 6
 
@@ -42,24 +48,23 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         nargs="+",
         help="folders of bags, with two to six runs in all",
     )
-    parser.add_argument(
-        "--figures", metavar="DIR", type=new_folder, help="draw the comparisons there"
-    )
+    add_figures_options(parser, "the comparisons")
+    add_requirements_option(parser)
     add_report_option(parser)
     parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Read all, print every verdict, draw."""
+    required = required_of(arguments)
     records = [record for bag in arguments.bags for record in read_runs(bag)]
     if not 2 <= len(records) <= _MOST:
         raise UsageError(f"{len(records)} runs given; allowed: 2 to {_MOST}")
-    judged = [(record, analyse(record)) for record in records]
+    judged = [(record, analyse(record, required)) for record in records]
     print("\n\n".join(verdict_table(verdict) for _, verdict in judged))
     if arguments.figures:
-        for path in save_comparison(records, run_labels(records), arguments.figures):
+        labels, formats = run_labels(records), arguments.figure_format or ["png"]
+        for path in save_comparison(records, labels, arguments.figures, required, formats):
             print(f"figure: {path}")
-    if arguments.report:
-        write_report(judged, arguments.report)
-        print(f"report: {arguments.report}")
+    write_report_of(arguments, judged, sys.stdout)
     return DONE

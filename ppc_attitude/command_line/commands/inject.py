@@ -27,8 +27,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "inject",
         help="inject a torque into a running stack",
         description=(
-            "Publishes on disturbance/inject, in the domain that ROS_DOMAIN_ID names. What acted "
-            "is on disturbance/torque."
+            "Asks the injector, in the domain that ROS_DOMAIN_ID names, and prints its answer: "
+            "from when until when the torque acts. What acted is on disturbance/torque."
         ),
     )
     for axis in "xyz":
@@ -52,14 +52,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Inject and say what was sent."""
-    from ppc_attitude.nodes.inject import inject
+    """Inject and say what the injector answered."""
+    from ppc_attitude.nodes.inject import NoAnswerError, inject
 
     torque = (arguments.x, arguments.y, arguments.z)
-    problem = inject(torque, arguments.at or 0.0, arguments.duration, arguments.namespace)
-    if problem:
-        print(f"error: {problem}", file=sys.stderr)
+    try:
+        print(inject(torque, arguments.at or 0.0, arguments.duration, arguments.namespace))
+    except NoAnswerError as error:
+        print(f"error: {error}", file=sys.stderr)
         return BROKEN
-    when = "now" if arguments.at is None else f"at t = {arguments.at:g} s"
-    print(f"injected {torque} N·m {when}")
     return DONE

@@ -16,21 +16,28 @@
 
 import argparse
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import yaml
 
-from ppc_attitude.command_line.errors import BROKEN, DONE, RunError
-from ppc_attitude.command_line.options import PAPER_DURATION, positive
-from ppc_attitude.command_line.paths import new_folder
+from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.command_line.errors import DONE, RunError
+from ppc_attitude.command_line.options import (
+    PAPER_DURATION,
+    add_bag_option,
+    add_scenario_options,
+    positive,
+    scenario_of,
+)
+from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stack import private_environment
 from ppc_attitude.contract.topics import ATTITUDE, PLANT
+from ppc_attitude.simulation.scenario import Overrides
+
+if TYPE_CHECKING:
+    from ppc_attitude.nodes.latency_probe import Latencies
 
 _FIRST_STATE = 15.0  # [s] how long a live graph may take to show a state
 
@@ -45,16 +52,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
             "already, and prints deadline misses and percentiles of the latency."
         ),
     )
-    parser.add_argument(
-        "--config", metavar="FILE", type=Path, action="append", default=[], help="as for `run`"
-    )
+    add_scenario_options(parser)
     parser.add_argument("--rate", metavar="HZ", type=positive, help="the plant's `rate`")
-    parser.add_argument(
-        "--duration", metavar="S", type=positive, default=PAPER_DURATION, help="[s]; default 120"
-    )
-    parser.add_argument(
-        "--bag", metavar="DIR", type=new_folder, help="as for `run`; default: none kept"
-    )
+    add_bag_option(parser)
     parser.add_argument(
         "--live", action="store_true", help="listen to the running graph instead of starting one"
     )
@@ -64,57 +64,42 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Measure and print."""
-    return _live(arguments) if arguments.live else _started(arguments)
+    from ppc_attitude.nodes.latency_probe import measure  # before a run: it takes its time
+
+    if arguments.live:
+        _print(measure(_live(arguments.duration or PAPER_DURATION), arguments.namespace))
+        return DONE
+    overrides: Overrides = {PLANT: {"rate": arguments.rate}} if arguments.rate else {}
+    scenario = scenario_of(arguments, overrides)
+    os.environ.update(private_environment())  # for the node that looks on
+    recording = Recording(arguments.bag)
+    record = recording.run(
+        scenario,
+        lockstep=False,
+        watch=lambda goes_on: _print(measure(lambda states: goes_on())),
+    )
+    verdict = analyse(record)
+    print(verdict_table(verdict))
+    return recording.judge(record, verdict)
 
 
-def _live(arguments: argparse.Namespace) -> int:
+def _live(duration: float) -> Callable[[int], bool]:
+    """Return what ends a measurement a time [s] after its first state."""
     begin = time.monotonic()
-    first = [0.0]
+    first: list[float] = []
 
     def goes_on(states: int) -> bool:
         now = time.monotonic()
-        if not states:
-            if now - begin > _FIRST_STATE:
-                raise RunError(f"no message on {ATTITUDE.name} within {_FIRST_STATE:g} s")
-            return True
-        first[0] = first[0] or now
-        return bool(now - first[0] < arguments.duration)
+        if states and not first:
+            first.append(now)
+        elif not states and now - begin > _FIRST_STATE:
+            raise RunError(f"no message on {ATTITUDE.name} within {_FIRST_STATE:g} s")
+        return not first or now - first[0] < duration
 
-    _measure_and_print(goes_on, arguments.namespace)
-    return DONE
+    return goes_on
 
 
-def _started(arguments: argparse.Namespace) -> int:
-    os.environ.update(private_environment())
-    with tempfile.TemporaryDirectory(prefix="ppc_attitude_latency_") as folder:
-        command = [sys.executable, "-m", "ppc_attitude.command_line.main", "run", "--realtime"]
-        for path in arguments.config:
-            command += ["--config", str(path)]
-        if arguments.rate:
-            overlay = Path(folder) / "rate.yaml"
-            values = {f"/**/{PLANT}": {"ros__parameters": {"rate": arguments.rate}}}
-            overlay.write_text(yaml.safe_dump(values), encoding="utf-8")
-            command += ["--config", str(overlay)]
-        bag = arguments.bag or Path(folder) / "bag"
-        command += ["--duration", str(arguments.duration), "--bag", str(bag)]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        try:
-            _measure_and_print(lambda states: process.poll() is None, "")
-            said, _ = process.communicate()
-            print(said if arguments.bag else said.replace(str(bag), "not kept"), end="")
-            if process.returncode == BROKEN and not arguments.bag:
-                print("bag: not kept", file=sys.stderr)  # what broke has named the temporary one
-            return process.returncode
-        finally:
-            if process.poll() is None:
-                process.terminate()
-                process.wait()
-
-
-def _measure_and_print(goes_on: Callable[[int], bool], namespace: str) -> None:
-    from ppc_attitude.nodes.latency_probe import measure
-
-    result = measure(goes_on, namespace)
+def _print(result: "Latencies") -> None:
     if not result.answered.size:
         print(f"states {result.states}, none answered")
         return

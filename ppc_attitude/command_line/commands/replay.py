@@ -28,8 +28,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     """Add the command."""
     parser = subparsers.add_parser(
         "replay",
-        help="feed a bag's recorded inputs to the control kernel",
-        description="Reports the largest torque difference; exit code 0 if there is none.",
+        help="feed a bag's recorded inputs to the components once more",
+        description="Reports the largest difference of each; exit code 0 if there is none.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -39,11 +39,23 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Replay and report."""
     result = replay(read_run(arguments.bag))
+    found = (result.law, *result.others)
     if arguments.json:
-        print_json({"bag": str(arguments.bag), **asdict(result)})
-    else:
-        print(
-            f"{result.steps} steps replayed, {result.skipped} skipped: largest torque difference "
-            f"{result.largest_difference:.3g} N·m at t = {result.at:.3f} s"
+        law = asdict(result.law)
+        print_json(
+            {
+                "bag": str(arguments.bag),
+                "steps": law["steps"],
+                "skipped": law["skipped"],
+                "largest_difference": law["largest"],
+                "at": law["at"],
+                "components": [asdict(each) for each in found],
+            }
         )
-    return DONE if result.largest_difference == 0.0 else REQUIREMENT_FAILED
+    else:
+        for each in found:
+            print(
+                f"{each.component}: {each.steps} steps replayed, {each.skipped} skipped, largest "
+                f"difference of {each.column} {each.largest:.3g} {each.unit} at t = {each.at:.3f} s"
+            )
+    return REQUIREMENT_FAILED if any(each.largest for each in found) else DONE

@@ -15,16 +15,21 @@
 """`ppc_attitude run`: the five nodes as processes, recorded and judged."""
 
 import argparse
+import sys
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_report_option,
+    add_requirements_option,
     add_scenario_options,
-    exit_code,
+    required_of,
     scenario_of,
+    write_report_of,
 )
+from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.contract.run_record import RunRecord
 
@@ -46,28 +51,36 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         action="store_true",
         help="free-running on the wall clock instead of lock-step",
     )
+    parser.add_argument(
+        "--secure",
+        metavar="KEYS",
+        type=new_folder,
+        help="authenticate and encrypt all messages (SROS 2) with the keys in this folder; without "
+        "keys there, they are made",
+    )
+    add_requirements_option(parser)
     add_report_option(parser)
     parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run, record, judge."""
-    recording = Recording(arguments.bag)
+    required = required_of(arguments)
+    recording = Recording(arguments.bag, arguments.secure)
     record = recording.run(scenario_of(arguments), lockstep=not arguments.realtime)
     try:
-        return _judge(arguments, recording, record)
+        return _judge(arguments, recording, record, required)
     except KeyboardInterrupt:
-        raise RunError(f"interrupted; the run had ended\nbag: {recording.bag}") from None
+        raise RunError(f"interrupted; the run had ended\n{recording.told}") from None
 
 
-def _judge(arguments: argparse.Namespace, recording: Recording, record: RunRecord) -> int:
-    verdict = analyse(record)
+def _judge(
+    arguments: argparse.Namespace,
+    recording: Recording,
+    record: RunRecord,
+    required: Requirements,
+) -> int:
+    verdict = analyse(record, required)
     print(verdict_table(verdict))
-    if arguments.report:
-        from ppc_attitude.analysis.report import write_report
-
-        write_report([(record, verdict)], arguments.report)
-        print(f"report: {arguments.report}")
-    print(f"bag: {recording.bag}")
-    recording.complain(record)
-    return exit_code(verdict)
+    write_report_of(arguments, [(record, verdict)], sys.stdout)
+    return recording.judge(record, verdict)

@@ -15,19 +15,30 @@
 """`ppc_attitude simulate`: the closed loop in process, without ROS."""
 
 import argparse
+import sys
 from dataclasses import replace
 
+import numpy as np
+
 from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.command_line.errors import RunError
+from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_report_option,
+    add_requirements_option,
     add_scenario_options,
     exit_code,
     print_json,
+    required_of,
     scenario_of,
+    write_report_of,
 )
+from ppc_attitude.contract.cdr import LARGEST
+from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.flight_plan import goals_told
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -38,6 +49,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="The same loop as `run`, with the same kernels, in one process.",
     )
     add_scenario_options(parser)
+    add_requirements_option(parser)
     add_report_option(parser)
     parser.add_argument("--json", action="store_true", help="print the verdict as JSON")
     parser.set_defaults(execute=execute)
@@ -45,18 +57,28 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Simulate, judge, print."""
-    scenario = scenario_of(arguments)
+    scenario, required = scenario_of(arguments), required_of(arguments)
+    check_memory(scenario)
     record = simulate(scenario, scenario.number(PLANT, "duration"))
+    _see_that_it_is_bounded(record)
     record = replace(record, metadata=versions())
-    verdict = analyse(record)
+    verdict = analyse(record, required)
+    for told in goals_told(scenario):
+        if told.advice.warning:
+            print(f"warning: at t = {told.time:.3f} s {told.advice.text}", file=sys.stderr)
     if arguments.json:
         print_json(verdict.to_json())
     else:
         print(verdict_table(verdict))
-    if arguments.report:
-        from ppc_attitude.analysis.report import write_report
-
-        write_report([(record, verdict)], arguments.report)
-        if not arguments.json:
-            print(f"report: {arguments.report}")
+    output = sys.stderr if arguments.json else sys.stdout
+    write_report_of(arguments, [(record, verdict)], output)
     return exit_code(verdict)
+
+
+def _see_that_it_is_bounded(record: RunRecord) -> None:
+    """Raise RunError, as the plant of `run` ends, where a rate is beyond what a craft can have."""
+    omega = record.columns.get("truth_angular_velocity", record["angular_velocity"])
+    lost = np.flatnonzero(~(np.abs(omega).sum(axis=1) <= LARGEST))  # NaN is not either
+    if lost.size:
+        rate, t = tuple(omega[lost[0]].tolist()), record.t[lost[0] - 1]
+        raise RunError(f"diverged: angular velocity {rate} rad/s at {t:g} s")

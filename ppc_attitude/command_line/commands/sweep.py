@@ -21,6 +21,7 @@ from ppc_attitude.analysis.comparison import save_sweep
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.verdict import Metrics
 from ppc_attitude.command_line.errors import DONE
+from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_scenario_options,
     positive,
@@ -65,6 +66,7 @@ def execute(arguments: argparse.Namespace) -> int:
     """Simulate every duration, print a table, draw."""
     scenario = scenario_of(arguments)
     length = arguments.duration or arguments.at + _AFTER
+    check_memory(scenario.with_values(PLANT, duration=length))
     rows = [
         (duration, _metrics(scenario, arguments, duration, length))
         for duration in sorted(arguments.pulse_durations)

@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters that several laws share."""
+"""What laws with envelopes share: parameters, and the columns of the envelopes."""
 
 import math
 from collections.abc import Mapping
 from typing import Any
 
+from ppc_attitude.science.component import BODY, VECTOR, Column
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import Envelope, EnvelopeTable, solve_envelope
 
@@ -63,10 +64,27 @@ ATTITUDE_TABLE = EnvelopeTable(1.0, 1e-4, 0.05, 60.0, 5e-3)
 # Table II has no solution (r = 1.76e5, at most e/2); this is the nearest table that has one.
 RATE_TABLE = EnvelopeTable(0.08, 3e-5, 0.5, 40.0, 3e-5)
 
-ATTITUDE_ENVELOPE = envelope_parameters(
+ATTITUDE_PARAMETERS = envelope_parameters(
     "attitude_envelope", "attitude envelope", "", ATTITUDE_TABLE
 )
-RATE_ENVELOPE = envelope_parameters("rate_envelope", "rate envelope", "rad/s", RATE_TABLE)
+RATE_PARAMETERS = envelope_parameters("rate_envelope", "rate envelope", "rad/s", RATE_TABLE)
+
+ATTITUDE_ENVELOPE = Column(
+    "attitude_envelope",
+    "control/attitude_envelope",
+    VECTOR,
+    BODY,
+    "1",
+    "envelope ρ_q of the attitude error",
+)
+RATE_ENVELOPE = Column(
+    "rate_envelope",
+    "control/rate_envelope",
+    VECTOR,
+    BODY,
+    "rad/s",
+    "envelope ρ_ω of the rate error",
+)
 
 
 def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:

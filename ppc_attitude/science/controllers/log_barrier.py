@@ -27,8 +27,10 @@ import numpy as np
 
 from ppc_attitude.science.attitude import jacobian, jacobian_inverse_scaled, jacobian_transposed
 from ppc_attitude.science.barrier import log_barrier_force
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
+    ATTITUDE_PARAMETERS,
     D_M,
     INERTIA,
     MAX_TORQUE,
@@ -36,11 +38,12 @@ from ppc_attitude.science.controllers.common import (
     envelope_of,
 )
 from ppc_attitude.science.controllers.interface import (
-    Controller,
+    INPUTS,
+    OUTPUTS,
     error_state,
-    step_signature,
     store_command,
 )
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Vector,
     add,
@@ -56,14 +59,13 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import SHAPE, nominal
-from ppc_attitude.science.spacecraft import inertia_matrix
 
 _OWN = (
     Parameter("log_barrier.K1", 0.15, "attitude gain K1", "1/s", above=0.0),
     Parameter("log_barrier.K2", 3.0, "rate gain K2", "N·m·s/rad", above=0.0),
     Parameter("log_barrier.k_b", 1e-3, "barrier gain k_b", "N·m", above=0.0),
 )
-PARAMETERS = (INERTIA, MAX_TORQUE, D_M, MU, *_OWN, *ATTITUDE_ENVELOPE)
+PARAMETERS = (INERTIA, MAX_TORQUE, D_M, MU, *_OWN, *ATTITUDE_PARAMETERS)
 CONFIGURATION = np.dtype(
     [
         ("K1", np.float64),
@@ -78,7 +80,6 @@ CONFIGURATION = np.dtype(
     align=True,
 )
 MEMORY = np.dtype([("started", np.float64), ("start", np.float64)], align=True)
-_SIGNATURE = step_signature(MEMORY, CONFIGURATION)
 # F_e⁻¹ is singular at q_e0 = 0; a reconstruction keeps that, but never divides by zero.
 _SMALLEST_SCALAR = 1e-6
 
@@ -178,18 +179,13 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store(command.attitude_envelope, (rho, rho, rho))
 
 
-CONTROLLER = Controller(
+COMPONENT = Component(
     name="log_barrier",
     parameters=PARAMETERS,
     configure=configure,
-    memory=MEMORY,
+    configuration=CONFIGURATION,
+    state=MEMORY,
+    inputs=INPUTS,
+    outputs=(*OUTPUTS, ATTITUDE_ENVELOPE),
     step=step,
-    signature=_SIGNATURE,
-    columns=(
-        "torque_command",
-        "unsaturated_torque",
-        "attitude_error",
-        "attitude_envelope",
-        "rate_error",
-    ),
 )

@@ -28,21 +28,23 @@ import numpy as np
 
 from ppc_attitude.science.attitude import jacobian_transposed
 from ppc_attitude.science.barrier import barrier_gain
+from ppc_attitude.science.component import BODY, VECTOR, Advice, Column, Component
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
+    ATTITUDE_PARAMETERS,
     D_M,
     INERTIA,
     MAX_TORQUE,
     MU,
     RATE_ENVELOPE,
+    RATE_PARAMETERS,
     envelope_of,
     is_diagonal,
 )
 from ppc_attitude.science.controllers.interface import (
-    Advice,
-    Controller,
+    INPUTS,
+    OUTPUTS,
     error_state,
-    step_signature,
     store_command,
 )
 from ppc_attitude.science.envelope_plan import (
@@ -53,6 +55,7 @@ from ppc_attitude.science.envelope_plan import (
     plan_text,
     revise_plan,
 )
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Matrix,
     Vector,
@@ -75,7 +78,6 @@ from ppc_attitude.science.performance import (
     widened_attitude_envelope,
     widened_rate_envelope,
 )
-from ppc_attitude.science.spacecraft import inertia_matrix
 from ppc_attitude.science.virtual_control import virtual_control
 
 GAINS = (
@@ -115,8 +117,8 @@ PARAMETERS = (
         "form of the virtual control: the paper's, or direction-preserving",
         choices=("componentwise", "norm"),
     ),
-    *ATTITUDE_ENVELOPE,
-    *RATE_ENVELOPE,
+    *ATTITUDE_PARAMETERS,
+    *RATE_PARAMETERS,
 )
 _SYMBOLS = tuple(parameter.name for parameter in (*GAINS, D_M, MU))
 
@@ -147,7 +149,14 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-_SIGNATURE = step_signature(MEMORY, CONFIGURATION)
+AUXILIARY_STATE = Column(
+    "auxiliary_state",
+    "control/auxiliary_state",
+    VECTOR,
+    BODY,
+    "1",
+    "anti-saturation state θ",
+)
 # δ of the auxiliary system: the smallest |θ| that divides; the paper divides by zero at θ = 0.
 _DELTA = 1e-3
 
@@ -380,18 +389,20 @@ def advice(memory: Any) -> Advice:
     return Advice(plan_text(memory["plan"]), warning=not is_feasible(memory["plan"]))
 
 
-def plans(memory: Any) -> int:
+def advices(memory: Any) -> int:
     """How many envelope plans there have been."""
     return int(memory["plan"]["count"])
 
 
-CONTROLLER = Controller(
+COMPONENT = Component(
     name="ppc",
     parameters=PARAMETERS,
     configure=configure,
-    memory=MEMORY,
+    configuration=CONFIGURATION,
+    state=MEMORY,
+    inputs=INPUTS,
+    outputs=(*OUTPUTS, ATTITUDE_ENVELOPE, RATE_ENVELOPE, AUXILIARY_STATE),
     step=step,
-    signature=_SIGNATURE,
     advice=advice,
-    plans=plans,
+    advices=advices,
 )

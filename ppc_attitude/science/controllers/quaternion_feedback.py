@@ -24,13 +24,15 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import (
-    Controller,
+    INPUTS,
+    OUTPUTS,
     error_state,
-    step_signature,
     store_command,
 )
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Vector,
     add,
@@ -46,7 +48,6 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.spacecraft import inertia_matrix
 from ppc_attitude.science.virtual_control import sign
 
 _OWN = (
@@ -85,7 +86,6 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-_SIGNATURE = step_signature(MEMORY, CONFIGURATION)
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -143,12 +143,13 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store_command(command, q_e, omega_e, u, torque)
 
 
-CONTROLLER = Controller(
+COMPONENT = Component(
     name="quaternion_feedback",
     parameters=PARAMETERS,
     configure=configure,
-    memory=MEMORY,
+    configuration=CONFIGURATION,
+    state=MEMORY,
+    inputs=INPUTS,
+    outputs=OUTPUTS,
     step=step,
-    signature=_SIGNATURE,
-    columns=("torque_command", "unsaturated_torque", "attitude_error", "rate_error"),
 )

@@ -1,0 +1,80 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Which errors of a record have an envelope: errors and bounds that its columns declare."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.analysis.series import finite, has
+from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR, BOUNDS, BY_COLUMN
+from ppc_attitude.contract.run_record import Array, RunRecord
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """An error and what bounds the magnitude of its first three numbers.
+
+    Attributes
+    ----------
+    error, bound : str
+        Columns of the record.
+    """
+
+    error: str
+    bound: str
+
+    @property
+    def name(self) -> str:
+        """The error in words."""
+        return self.error.replace("_", " ")
+
+    @property
+    def title(self) -> str:
+        """What the error is, for an axis."""
+        return BY_COLUMN[self.error].meaning.partition(",")[0]
+
+    @property
+    def unit(self) -> str:
+        """Unit of both."""
+        return BY_COLUMN[self.error].unit
+
+    @property
+    def jumps(self) -> bool:
+        """True if a sudden torque throws the error out at once: a rate, but no angle."""
+        return self.unit not in ("1", "rad")
+
+    def outside(self, record: RunRecord) -> NDArray[np.bool_]:
+        """Instants, finite in both, with a component beyond its bound, shape (n,)."""
+        bound = record[self.bound]
+        return beyond(record[self.error][:, : bound.shape[1]], bound)
+
+
+def beyond(error: Array, bound: Array) -> NDArray[np.bool_]:
+    """Rows, finite in both, with a component beyond its bound, shape (n,)."""
+    outside = np.logical_or.reduce(np.abs(error).T > bound.T)
+    return np.asarray(outside & finite(error) & finite(bound))
+
+
+ATTITUDE = Envelope(ATTITUDE_ERROR.column, ATTITUDE_ENVELOPE.column)
+ENVELOPES = tuple(Envelope(error, bound) for error, bound in BOUNDS.items())
+"""Every one that some law declares."""
+
+
+def envelopes_of(record: RunRecord) -> tuple[Envelope, ...]:
+    """Envelopes of which the record has both columns."""
+    return tuple(each for each in ENVELOPES if has(record, each.error) and has(record, each.bound))

@@ -1,0 +1,113 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Is a filter as good as it says? Its errors against its own σ, its innovations, its refusals.
+
+One run cannot show that a filter is wrong: errors correlate over minutes through the gyro's
+bias, so a correct filter is outside its 3σ for more than 1 % of one run in five. A run shows that
+it is right, or is not judged; many runs together decide.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ppc_attitude.analysis.series import elapsed, has
+from ppc_attitude.analysis.truth import knowledge_errors
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import ATTITUDE, ESTIMATOR, TRUE_ATTITUDE
+from ppc_attitude.science.attitude import conjugate, logarithm, product
+from ppc_attitude.science.sensors.star_tracker import MOUNTING
+
+SETTLED = 10.0
+"""From here on the filter's own σ is judged [s]."""
+OUTSIDE_LIMIT = 0.01
+"""Share of the instants that an axis may be outside 3σ."""
+_ESTIMATE, _FIX, _INNOVATION = "estimate", "star_fix", "innovation"
+_VARIANCES = [4, 7, 9]  # of the attitude, among the numbers of an estimate
+
+
+class FilterHealth(NamedTuple):
+    """What a record says of its filter; None where it says nothing.
+
+    Attributes
+    ----------
+    outside : float or None
+        Largest share of the instants from `SETTLED` on with an axis outside 3σ.
+    nis_offset, nis_limit : float or None
+        |mean NIS − 3| of the fixes that were used, and three standard deviations of that mean.
+    refused, refused_limit : float or None
+        Good fixes that were refused, and how many may be.
+    """
+
+    outside: float | None
+    nis_offset: float | None
+    nis_limit: float | None
+    refused: float | None
+    refused_limit: float | None
+
+
+def filter_health(record: RunRecord) -> FilterHealth | None:
+    """Judge the filter of a run; None if it had none.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+    """
+    if not has(record, _ESTIMATE) or not has(record, _INNOVATION):
+        return None
+    settings = record.parameters.get(ESTIMATOR, {})
+    gate = settings.get("gate")
+    nis = np.square(record[_INNOVATION]).sum(axis=1)
+    told = np.isfinite(nis)
+    if gate is None or not told.any():
+        return FilterHealth(_outside(record), None, None, None, None)
+    used = told & (nis <= gate)
+    count = int(used.sum())
+    refused = None
+    if has(record, TRUE_ATTITUDE.column) and has(record, _FIX):
+        rows = np.flatnonzero(told & ~used)
+        refused = float(sum(_is_good(record, settings, row) for row in rows.tolist()))
+    return FilterHealth(
+        _outside(record),
+        abs(float(nis[used].mean()) - 3.0) if count else None,
+        3.0 * math.sqrt(6.0 / count) if count else None,
+        refused,
+        max(1.0, 1e-3 * float(told.sum())),
+    )
+
+
+def _outside(record: RunRecord) -> float | None:
+    """Largest share outside 3σ of any axis."""
+    late = elapsed(record) >= SETTLED
+    if not late.any() or not has(record, TRUE_ATTITUDE.column) or not has(record, ATTITUDE.column):
+        return None
+    # A rotation vector of a small angle is twice the vector part of its quaternion.
+    errors = 2.0 * np.abs(knowledge_errors(record).quaternions[late, :3])
+    sigma = np.sqrt(np.maximum(record[_ESTIMATE][late][:, _VARIANCES], 0.0))
+    known = np.isfinite(errors).all(axis=1) & (sigma > 0.0).all(axis=1)
+    if not known.any():
+        return None
+    return float((errors[known] > 3.0 * sigma[known]).mean(axis=0).max())
+
+
+def _is_good(record: RunRecord, settings: Any, row: int) -> bool:
+    """True if a fix is within the gate of the truth, by the tracker's own variances."""
+    x, y, z, w = (float(each) for each in settings[MOUNTING.name])
+    true = product(tuple(record[TRUE_ATTITUDE.column][row]), (x, y, z, w))
+    fix = record[_FIX][row]
+    error = logarithm(product(conjugate(true), tuple(fix[:4])))
+    return bool(np.sum(np.square(error) / fix[4:7]) <= settings["gate"])

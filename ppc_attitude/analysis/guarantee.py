@@ -1,0 +1,92 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Whether a recorded run kept what its certificate promises, and when the promise was suspended."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppc_attitude.analysis.envelopes import beyond
+from ppc_attitude.analysis.series import has
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import CONTROLLER, DISTURBANCE, REFERENCE_RATE
+from ppc_attitude.science.controllers.tube_parameters import (
+    CERTIFICATE,
+    PARAMETERS,
+    PREFIX,
+    digest_of,
+)
+
+# The law sees a torque at the next sample, and begins anew with the one after it.
+_SEEN_AFTER = 2
+
+
+@dataclass(frozen=True)
+class Held:
+    """What became of a certificate during a run.
+
+    Attributes
+    ----------
+    outside : ndarray of bool, shape (n,)
+        Instants outside the promised bounds although the assumptions held.
+    reason : str
+        Why nothing is promised; empty if something is.
+    note : str
+        Why the promise was suspended, and for how long; empty if it was not.
+    """
+
+    outside: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    reason: str
+    note: str
+
+
+def certificate_held(record: RunRecord) -> Held | None:
+    """Compare a run with its certificate; None if its law has none."""
+    values = record.parameters.get(CONTROLLER, {})
+    digest = values.get(CERTIFICATE.name)
+    if values.get("controller") != "momentum_tube" or not digest:
+        return None
+    nothing = np.zeros(record.stamps_ns.size, dtype=np.bool_)
+    if not all(each.name in values for each in PARAMETERS):
+        return Held(nothing, "the record lacks parameters of the law", "")
+    if digest != digest_of(values):
+        return Held(nothing, "the certificate is for other numbers", "")
+    pairs = (("momentum_error", "momentum_tube"), ("turn", "turn_envelope"))
+    if not all(has(record, each) for pair in pairs for each in pair):
+        return Held(nothing, "the record lacks the law's telemetry", "")
+    outside = np.logical_or.reduce([beyond(record[a], record[b]) for a, b in pairs])
+    suspended, causes = nothing.copy(), []
+    for cause, broken in _assumptions(record).items():
+        if broken.any():
+            causes.append(f"{cause} at {np.count_nonzero(broken)} instants")
+            for late in range(_SEEN_AFTER + 1):
+                suspended[late:] |= broken[: broken.size - late]
+    return Held(outside & ~suspended, "", "suspended: " + ", ".join(causes) if causes else "")
+
+
+def _assumptions(record: RunRecord) -> dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Instants at which an assumption that a record shows is broken, by what broke it."""
+    values = record.parameters[CONTROLLER]
+    found = {}
+    if has(record, DISTURBANCE.column):
+        torque = np.abs(record[DISTURBANCE.column]).max(axis=1)
+        found["a torque beyond the assumed one"] = torque > values[f"{PREFIX}assumed.d"]
+    if has(record, REFERENCE_RATE.column):
+        rate = np.linalg.norm(record[REFERENCE_RATE.column], axis=1)
+        found["a faster reference"] = rate > values[f"{PREFIX}assumed.W"]
+    gaps = np.diff(record.stamps_ns, prepend=record.stamps_ns[0])
+    found["a late sample"] = gaps > 1e9 * values[PREFIX + "h"] + 1.0
+    return found

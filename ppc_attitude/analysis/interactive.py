@@ -1,0 +1,124 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What makes a page's figures zoomable and replays an attitude, carried by the page itself."""
+
+import base64
+import json
+import re
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.metrics import torque_limit
+from ppc_attitude.analysis.series import has
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.topics import APPLIED_TORQUE, REFERENCE_ATTITUDE
+
+_FRAMES = 1500  # of a replay
+_WEB = files(__package__) / "web"
+
+
+def script() -> str:
+    """Everything that runs in a page: uPlot (MIT licence), and what draws with it."""
+    library = _text("uPlot.js") + f"\n/*\n{_text('uPlot.LICENSE')}*/\n"
+    return f"<script>{library}{_text('report.js')}</script>"
+
+
+def style() -> str:
+    """Style sheet of uPlot."""
+    return _text("uPlot.css")
+
+
+def _text(name: str) -> str:
+    return (_WEB / name).read_text(encoding="utf-8")
+
+
+def plotted(figure: Figure) -> str:
+    """Lines of a figure as data for the page; close looks are left out, since one can zoom."""
+    whole = figure.axes[0].get_xlim()
+    return _data([_panel(axes) for axes in figure.axes if axes.get_xlim() == whole])
+
+
+def replay(run: Measured) -> str:
+    """Replay of a run's true attitude over the reference, with the applied torque."""
+    if run.pointing is None:
+        return ""
+    step = -(-run.t.size // _FRAMES)
+    columns = {"attitude": run.truth.attitude, "reference": REFERENCE_ATTITUDE.column}
+    if has(run.record, APPLIED_TORQUE.column):
+        columns["torque"] = APPLIED_TORQUE.column
+    content = _data(
+        {
+            "t": _packed(run.t[::step]),
+            "columns": {
+                name: _packed(np.nan_to_num(run.record[column][::step]))
+                for name, column in columns.items()
+            },
+            "torque_limit": torque_limit(run.record, run.required),
+        }
+    )
+    return (
+        f'<div class="replay"><p>Solid: the craft and its axes; dashed: the reference; black: the '
+        f"applied torque. Drag to look from elsewhere.</p>{content}</div>"
+    )
+
+
+def _panel(axes: Axes) -> dict[str, Any]:
+    return {
+        "label": _plain(axes.get_ylabel()),
+        "scale": axes.get_yscale(),
+        "lines": [_line(axes, each) for each in axes.get_lines() if _is_line(axes, each)],
+    }
+
+
+def _is_line(axes: Axes, line: Line2D) -> bool:
+    """Whether it is a line over time: no mark of a hit, no entry of a legend alone."""
+    across = line.get_transform() == axes.get_yaxis_transform()
+    return across or (len(np.asarray(line.get_xdata())) > 1 and line.get_marker() != "v")
+
+
+def _line(axes: Axes, line: Line2D) -> dict[str, Any]:
+    x, y = (np.asarray(each, dtype=np.float64) for each in line.get_data())
+    if line.get_transform() == axes.get_yaxis_transform():  # a limit, all the way across
+        x = np.array(axes.get_xlim())
+    label = str(line.get_label())
+    return {
+        "x": _packed(x),
+        "y": _packed(y),
+        "label": "" if label.startswith("_") else _plain(label),
+        "colour": to_hex(line.get_color()),
+        "dashed": line.get_linestyle() != "-",
+    }
+
+
+def _plain(text: str) -> str:
+    """Text without the marks of mathematics."""
+    return re.sub(r"[${}\\]", "", text).replace("\n", " ")
+
+
+def _packed(values: Array) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+
+
+def _data(content: Any) -> str:
+    text = json.dumps(content, ensure_ascii=False).replace("<", "\\u003c")
+    return f'<script type="application/json">{text}</script>'

@@ -1,0 +1,249 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The numbers of a run, from its record: what they are taken over, and what the record lacks."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, beyond, envelopes_of
+from ppc_attitude.analysis.pulses import Pulse, find_pulses
+from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
+from ppc_attitude.analysis.series import AnalysisError, elapsed, has, step, topic_of, vectors
+from ppc_attitude.analysis.truth import (
+    EXACT,
+    Errors,
+    control_errors,
+    knowledge_errors,
+    pointing_errors,
+    truth_of,
+)
+from ppc_attitude.analysis.verdict import Disturbance, ErrorSize, Metrics, Span
+from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE, REFERENCE_ATTITUDE
+
+Mask = NDArray[np.bool_]
+_FIELDS = frozenset(each.name for each in fields(Metrics))
+
+
+def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
+    """Find the sudden disturbances of a run, by start; none where none is recorded.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no instant.
+    """
+    t = elapsed(record)
+    if not has(record, DISTURBANCE.column):
+        return ()
+    return find_pulses(t, vectors(record, DISTURBANCE.column))
+
+
+class Measured:
+    """The numbers of one run, for a judgement by what is required."""
+
+    def __init__(self, record: RunRecord, required: Requirements) -> None:
+        self.record, self.required = record, required
+        self.t = elapsed(record)
+        self.h, self.end = step(self.t), float(self.t[-1])
+        self.whole = (0.0, self.end)
+        self.truth = truth = truth_of(record)
+        self.pointing = known(pointing_errors, record)
+        exact = truth.attitude == ATTITUDE.column
+        self.control = self.pointing if exact else known(control_errors, record)
+        self.rate = None
+        if has(record, truth.angular_velocity):
+            self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
+        self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
+        self.lacks_rate = self.lacks(truth.angular_velocity)
+        pulses = pulses_of(record)
+        self.first_hit = pulses[0].start_s if pulses else np.inf
+        self.calm = self.t < self.first_hit
+        self.calm_span = (0.0, min(self.first_hit, self.end))
+        early = "nothing"
+        if any(not each.jumps for each in envelopes_of(record)):
+            early = "the envelope"
+        self.hits = tuple(
+            Disturbance(
+                pulse.start_s,
+                pulse.duration_s,
+                pulse.torque,
+                self._recovery(pulse, pulses),
+                "recovery" if pulse.start_s >= required.settling_deadline else early,
+            )
+            for pulse in pulses
+        )
+        self.recoveries = tuple(
+            (hit.start_s, min(hit.start_s + required.recovery, self.end))
+            for hit in self.hits
+            if hit.start_s + required.recovery >= required.settling_deadline
+        )
+        self.from_deadline = self.t >= required.settling_deadline
+        self.settled = self.from_deadline.copy()
+        for hit in self.hits:
+            since = _since(self.t, hit.start_s)
+            self.settled &= ~((since >= 0.0) & (since <= required.recovery))
+        last_hit = max((hit.start_s for hit in self.hits), default=0.0)
+        # As at the start, the scheme has the deadline after a hit to reach the terminal accuracy.
+        self.terminal_from = round(
+            last_hit + required.settling_deadline + required.terminal_window, 9
+        )
+        self.last_span = (max(self.end - required.terminal_window, 0.0), self.end)
+        self.last = self.t >= np.round(self.end - required.terminal_window, 9)
+
+    def lacks(self, *columns: str) -> str:
+        """Why something cannot be judged: the topics that the record lacks; empty if none."""
+        lacking = [f"'{topic_of(each)}'" for each in columns if not has(self.record, each)]
+        return f"the record has no sample of {' and '.join(lacking)}" if lacking else ""
+
+    def size(self, accuracy: Accuracy) -> Array:
+        """Pointing error in the unit of a limit, shape (n,); NaN where it is not known."""
+        if self.pointing is None:
+            return np.full(self.t.size, np.nan)
+        return accuracy.size(self.pointing.quaternions, self.pointing.angles)
+
+    def _recovery(self, pulse: Pulse, pulses: tuple[Pulse, ...]) -> float | None:
+        """`Disturbance.recovery_time_s` of one pulse."""
+        error, limit = self.size(self.required.settled), self.required.settled.limit
+        after = np.flatnonzero(window(self.t, pulse, pulses) & np.isfinite(error))
+        if after.size == 0 or error[after[-1]] >= limit:
+            return None
+        above = after[error[after] >= limit]
+        return float(_since(self.t, pulse.start_s)[above[-1]]) if above.size else 0.0
+
+    @cached_property
+    def metrics(self) -> Metrics:
+        """Everything that is measured."""
+        deadline = (self.required.settling_deadline, self.end)
+        outside = {f"time_outside_{each.bound}_s": each for each in ENVELOPES}
+        sizes = None if self.pointing is None else self.pointing.sizes
+        size, limit = self.size(self.required.settled), self.required.settled.limit
+        unsettled = np.flatnonzero(self.calm & (size >= limit))
+        settling = float(self.t[unsettled[-1]]) if unsettled.size else 0.0
+        norm = None if self.rate is None else np.linalg.norm(self.rate, axis=1)
+        axis = None if self.rate is None else component_size(self.rate)
+        taken: dict[str, tuple[float | None, Span]] = {
+            "settling_time_s": (
+                settling if np.isfinite(size[self.calm]).any() else None,
+                self.calm_span,
+            ),
+            "error_after_settling_deadline": (largest(sizes, self.settled), deadline),
+            "terminal_error": (
+                largest(sizes, self.last) if self.end >= self.required.terminal_window else None,
+                self.last_span,
+            ),
+            "max_rate_deg_s": (largest(norm, self.calm), self.calm_span),
+            "max_rate_axis_deg_s": (largest(axis, self.calm), self.calm_span),
+            "max_applied_torque": (self.largest_of(APPLIED_TORQUE.column), self.whole),
+            **{
+                name: (self._time_outside(each), self.whole)
+                for name, each in outside.items()
+                if name in _FIELDS
+            },
+            "time_pointing_outside_attitude_envelope_s": (self._pointing_outside(), self.whole),
+            "error_from_deadline_with_recoveries": (largest(sizes, self.from_deadline), deadline),
+            "max_rate_whole_run_deg_s": (largest(norm), self.whole),
+            "max_rate_axis_whole_run_deg_s": (largest(axis), self.whole),
+        }
+        values: dict[str, Any] = {name: value for name, (value, _) in taken.items()}
+        spans = {name: span for name, (value, span) in taken.items() if value is not None}
+        worst = largest(size, self.last) if values["terminal_error"] is not None else None
+        calm = size[self.calm & np.isfinite(size)]
+        return Metrics(
+            **values,
+            settled=bool(calm[-1] < limit) if calm.size else None,
+            converged=None if worst is None else worst < limit,
+            further={
+                name: self._time_outside(each)
+                for name, each in outside.items()
+                if name not in _FIELDS and each in envelopes_of(self.record)
+            },
+            disturbances=self.hits,
+            spans=spans,
+        )
+
+    def largest_of(self, column: str) -> float | None:
+        """Largest magnitude of a number of a column; None if the record has none."""
+        return largest(np.abs(self.record[column])) if has(self.record, column) else None
+
+    def _time_outside(self, envelope: Envelope) -> float | None:
+        has_both = envelope in envelopes_of(self.record)
+        return self.time(envelope.outside(self.record)) if has_both else None
+
+    def _pointing_outside(self) -> float | None:
+        """Time of the true attitude error beyond the law's envelope; its own may be inside [s]."""
+        if self.pointing is None or not has(self.record, ATTITUDE_ENVELOPE.column):
+            return None
+        return self.time(
+            beyond(self.pointing.quaternions[:, :3], self.record[ATTITUDE_ENVELOPE.column])
+        )
+
+    def time(self, outside: Mask) -> float:
+        """Time outside [s]: the samples outside, h each."""
+        return round(int(np.count_nonzero(outside)) * self.h, 9)
+
+    def error_sizes(self) -> Iterator[ErrorSize]:
+        """Pointing, control and knowledge over the last part of the run."""
+        for name, meaning, errors in (
+            ("pointing", "truth against reference", self.pointing),
+            ("control", "told against reference", self.control),
+            ("knowledge", "truth against told", known(knowledge_errors, self.record)),
+        ):
+            angles = np.empty(0) if errors is None else np.rad2deg(errors.angles[self.last])
+            angles = angles[np.isfinite(angles)]
+            most = rms = None
+            if angles.size:
+                most, rms = float(angles.max()), float(np.sqrt(np.mean(angles**2)))
+            elif name == "knowledge" and truth_of(self.record).standing == EXACT:
+                most = rms = 0.0
+            yield ErrorSize(name, meaning, most, rms, self.last_span)
+
+
+def known(errors_of: Any, record: RunRecord) -> Errors | None:
+    """Errors of a kind; None if the record lacks a column for them."""
+    try:
+        errors: Errors = errors_of(record)
+    except AnalysisError:
+        return None
+    return errors
+
+
+def _since(t: Array, start: float) -> Array:
+    """Time since an instant [s], in whole nanoseconds: 90 s − 80 s is 10 s."""
+    return np.asarray(np.round(t - start, 9))
+
+
+def window(t: Array, hit: Pulse | Disturbance, hits: tuple[Pulse | Disturbance, ...]) -> Mask:
+    """Instants from the start of a hit to that of the next, shape (n,)."""
+    following = min((each.start_s for each in hits if each.start_s > hit.start_s), default=np.inf)
+    return np.asarray((t >= hit.start_s) & (t < following))
+
+
+def largest(values: Array | None, where: Mask | slice = slice(None)) -> float | None:
+    """Largest finite number of those picked; None if there is none."""
+    if values is None:
+        return None
+    picked = values[where]
+    if picked.size and np.isfinite(most := picked.max()):
+        return float(most)
+    finite = picked[np.isfinite(picked)]
+    return float(finite.max()) if finite.size else None

@@ -1,0 +1,186 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a run is asked for: limits and deadlines, the paper's unless a file says otherwise."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.yaml_file import read
+from ppc_attitude.science.errors import ConfigurationError
+
+ACTUATOR = "actuator"
+DEGREES = "deg"
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """A limit on an attitude error.
+
+    Attributes
+    ----------
+    limit : float
+        What the error must stay below.
+    unit : str
+        Empty if max_i |q_ev,i| is meant, ``deg`` if the angle of the rotation is.
+    """
+
+    limit: float
+    unit: str = ""
+
+    def size(self, errors: Array, angles: Array) -> Array:
+        """Size of errors x y z w, shape (n, 4), of these angles [rad], in the limit's unit."""
+        if self.unit == DEGREES:
+            return np.asarray(np.rad2deg(angles))
+        return component_size(errors)
+
+    @property
+    def component(self) -> float:
+        """The limit on max_i |q_ev,i|; of an angle: what it cannot exceed within the angle."""
+        return math.sin(math.radians(self.limit) / 2.0) if self.unit == DEGREES else self.limit
+
+    def __str__(self) -> str:
+        """As in a requirements file."""
+        return f"{self.limit:g} {self.unit}".rstrip()
+
+
+def component_size(rows: Array) -> Array:
+    """Largest magnitude of the first three numbers of each row, shape (n,)."""
+    return np.asarray(np.maximum.reduce(np.abs(rows[:, :3]).T))
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What a run is judged by; the defaults are the paper's [1].
+
+    Attributes
+    ----------
+    settled : Accuracy
+        The attitude has settled while its error is below.
+    settling_deadline : float
+        When it must have settled, and how long after a hit the terminal accuracy may take [s].
+    terminal : Accuracy or None
+        What the error must stay below at the end.
+    terminal_window : float
+        How long the end is [s].
+    rate : float or None
+        What ‖ω_s‖ may reach before the first sudden disturbance [deg/s].
+    torque : float, "actuator" or None
+        What the applied torque may reach on an axis [N·m]; ``actuator``: the plant's own limit.
+    recovery : float
+        How long the recovery from a sudden disturbance may take [s].
+    outside_after_hit : float or None
+        How long a sudden disturbance may put a rate error outside its envelope [s].
+    knowledge : Accuracy or None
+        How far what the controller is told may be from the truth.
+    limits : mapping of str to float
+        Column of the record (``wheel_momentum``) to what each of its numbers may reach.
+    """
+
+    settled: Accuracy = Accuracy(5e-3)
+    settling_deadline: float = 60.0
+    terminal: Accuracy | None = Accuracy(5e-4)
+    terminal_window: float = 20.0
+    rate: float | None = 3.0
+    torque: float | str | None = ACTUATOR
+    recovery: float = 10.0
+    outside_after_hit: float | None = 0.5
+    knowledge: Accuracy | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """As in a requirements file."""
+        return {each.name: _plain(getattr(self, each.name)) for each in fields(self)}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Accuracy):
+        return str(value) if value.unit else value.limit
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+PAPER = Requirements()
+_NAMES = tuple(each.name for each in fields(Requirements))
+_ACCURACIES = ("settled", "terminal", "knowledge")
+_OPTIONAL = ("terminal", "rate", "torque", "outside_after_hit", "knowledge")
+
+
+def load_requirements(paths: Iterable[Path]) -> Requirements:
+    """Read requirements from files; what no file names is the paper's, and later files win.
+
+    Raises
+    ------
+    ConfigurationError
+        A file cannot be read, or a name or value is not allowed; the message names all three.
+    """
+    required = PAPER
+    for path in paths:
+        content = read(path, "requirements file")
+        if content is None:
+            continue
+        if not isinstance(content, Mapping):
+            raise ConfigurationError(f"requirements file {path}: it must be `name: value` lines")
+        try:
+            given = {name: _checked(name, value) for name, value in content.items()}
+        except ConfigurationError as error:
+            raise ConfigurationError(f"requirements file {path}: {error}") from None
+        if "limits" in given:
+            given["limits"] = {**required.limits, **given["limits"]}
+        required = replace(required, **given)
+    return required
+
+
+def _checked(name: Any, value: Any) -> Any:
+    if name not in _NAMES:
+        close = get_close_matches(str(name), _NAMES, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"allowed: {', '.join(_NAMES)}"
+        raise ConfigurationError(f"there is no requirement {name}; {hint}")
+    if value is None and name in _OPTIONAL:
+        return None
+    if name == "torque" and value == ACTUATOR:
+        return value
+    if name == "limits":
+        if not isinstance(value, Mapping):
+            raise ConfigurationError(f"limits = {value!r}; allowed: a mapping of column to number")
+        return {str(column): _positive(f"limits: {column}", each) for column, each in value.items()}
+    if name in _ACCURACIES:
+        return _accuracy(name, value)
+    return _positive(name, value)
+
+
+def _accuracy(name: str, value: Any) -> Accuracy:
+    text = str(value).strip()
+    if text.endswith(DEGREES):
+        return Accuracy(_positive(name, text.removesuffix(DEGREES), 180.0, " deg"), DEGREES)
+    return Accuracy(_positive(name, value, 1.0, ", or an angle such as `0.1 deg`"))
+
+
+def _positive(name: str, value: Any, high: float = math.inf, also: str = "") -> float:
+    """Number from YAML, which reads ``5e-3``, without a point, as text."""
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (0.0 < number <= high and math.isfinite(number)):
+        most = f", ≤ {high:g}" if math.isfinite(high) else ""
+        none = "; null asks for nothing" if name in _OPTIONAL else ""
+        raise ConfigurationError(f"{name} = {value!r}; allowed: a number > 0{most}{also}{none}")
+    return number

@@ -1,0 +1,161 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The three attitude errors of a run, kept apart.
+
+- *control*: what the controller was told against the reference;
+- *knowledge*: the truth against what the controller was told;
+- *pointing*: the truth against the reference, which is what a run is judged by.
+
+A record has the truth as columns of its own where the controller may be told something else.
+Without them, `attitude` is taken for the truth, and `truth_of` says whether that is known.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ppc_attitude.analysis.requirements import component_size
+from ppc_attitude.analysis.series import has, lacking, vectors
+from ppc_attitude.contract.declared import is_told_the_truth
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    PLANT,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+    TRUE_ATTITUDE,
+    TRUE_RATE,
+)
+from ppc_attitude.science.attitude import attitude_errors, to_body
+
+RECORDED, EXACT, UNKNOWN = "recorded", "exact", "unknown"
+STANDING = {
+    RECORDED: "judged by the recorded truth",
+    EXACT: "judged by `attitude`, which is the truth: sensing is exact",
+    UNKNOWN: "judged by `attitude`: no truth is recorded, and nothing says that sensing is exact",
+}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one kind.
+
+    Attributes
+    ----------
+    quaternions : ndarray, shape (n, 4)
+        q⁻¹ ⊗ q' at each instant, x y z w; NaN where it is not known.
+    angles : ndarray, shape (n,)
+        Their angles [rad].
+    """
+
+    quaternions: Array
+    angles: Array
+
+    @cached_property
+    def sizes(self) -> Array:
+        """max_i |q_ev,i| at each instant, shape (n,)."""
+        return component_size(self.quaternions)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Where the truth of a record is.
+
+    Attributes
+    ----------
+    attitude, angular_velocity : str
+        Columns.
+    standing : str
+        A key of `STANDING`.
+    """
+
+    attitude: str
+    angular_velocity: str
+    standing: str
+
+
+def truth_of(record: RunRecord) -> Truth:
+    """Find the truth of a record, or what stands for it."""
+    rate = TRUE_RATE if has(record, TRUE_RATE.column) else ANGULAR_VELOCITY
+    if has(record, TRUE_ATTITUDE.column):
+        return Truth(TRUE_ATTITUDE.column, rate.column, RECORDED)
+    plant = record.parameters.get(PLANT, {})
+    exact = bool(plant) and is_told_the_truth(plant)
+    return Truth(ATTITUDE.column, rate.column, EXACT if exact else UNKNOWN)
+
+
+def pointing_errors(record: RunRecord) -> Errors:
+    """Truth against reference.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no attitude, or no reference.
+    """
+    return errors_between(record, truth_of(record).attitude, REFERENCE_ATTITUDE.column)
+
+
+def control_errors(record: RunRecord) -> Errors:
+    """What the controller was told against the reference; raises as `pointing_errors`."""
+    return errors_between(record, ATTITUDE.column, REFERENCE_ATTITUDE.column)
+
+
+def knowledge_errors(record: RunRecord) -> Errors:
+    """Truth against what the controller was told.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no truth of its own, or no told attitude.
+    """
+    return errors_between(record, TRUE_ATTITUDE.column, ATTITUDE.column)
+
+
+def errors_between(record: RunRecord, column: str, base: str) -> Errors:
+    """base⁻¹ ⊗ column, by the kernel of the control laws.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no sample of a column.
+    """
+    for each in (column, base):
+        if not has(record, each):
+            raise lacking(record, each)
+    # By component, as the loop gives them: then nothing is copied.
+    attitudes, bases = (np.ascontiguousarray(record[each].T) for each in (column, base))
+    quaternions, angles = np.empty_like(attitudes), np.empty(attitudes.shape[1])
+    attitude_errors(attitudes, bases, quaternions, angles)
+    return Errors(quaternions.T, angles)
+
+
+def reference_rates_in_body(record: RunRecord) -> Array:
+    """Desired angular velocity in body axes, C_e ω_d [rad/s], shape (n, 3); NaN where not known.
+
+    Raises
+    ------
+    AnalysisError
+        If the run lacks the attitude, the reference's attitude or its rate.
+    """
+    errors, rates = pointing_errors(record).quaternions, vectors(record, REFERENCE_RATE.column)
+    return np.array(
+        [
+            to_body(tuple(rate), (x, y, z), w)
+            for rate, (x, y, z, w) in zip(rates.tolist(), errors.tolist(), strict=True)
+        ]
+    )

@@ -1,0 +1,65 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parameters that were changed in flight, as the nodes tell them on `parameters/changed`."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from rosbags.typesys import Stores, get_typestore
+
+from ppc_attitude.bags.errors import all_printable
+from ppc_attitude.contract.run_record import Change
+from ppc_attitude.contract.topics import CHANGES_TOPIC
+from ppc_attitude.contract.yaml_file import parsed_json
+from ppc_attitude.science.stamps import NANOSECONDS
+
+_TYPES = get_typestore(Stores.ROS2_JAZZY)
+MOST = 10_000
+"""So many messages of changes are read at the most."""
+
+
+def changes_of(messages: Iterable[bytes]) -> tuple[tuple[Change, ...], int]:
+    """Decode messages of `parameters/changed`.
+
+    Parameters
+    ----------
+    messages : iterable of bytes
+        As they were recorded.
+
+    Returns
+    -------
+    changes : tuple of Change
+        In the order of their stamps.
+    unreadable : int
+        How many messages are none.
+    """
+    found: list[Change] = []
+    unreadable = 0
+    for data in messages:
+        try:
+            found += _changes(data)
+        except Exception:  # rosbags raises many types for bytes that are no message
+            unreadable += 1
+    return tuple(sorted(found, key=lambda change: change.stamp_ns)), unreadable
+
+
+def _changes(data: bytes) -> list[Change]:
+    message: Any = _TYPES.deserialize_cdr(data, CHANGES_TOPIC.msgtype)
+    stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+    return [
+        Change(stamp_ns, *all_printable([status.name, pair.key, parsed_json(pair.value)]))
+        for status in message.status
+        for pair in status.values
+    ]

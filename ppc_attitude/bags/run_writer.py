@@ -1,0 +1,68 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A run that is in memory, written as the recorder would."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ppc_attitude.bags.custom_data import encode_custom_data
+from ppc_attitude.bags.writer import BagWriter, offered_qos
+from ppc_attitude.contract.cdr import Codec, encode_clock
+from ppc_attitude.contract.declared import BY_COLUMN
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import CLOCK_TOPIC
+
+
+def _present(samples: Array) -> list[bool]:
+    return [bool(row) for row in np.any(~np.isnan(samples), axis=1)]
+
+
+def write_run(
+    record: RunRecord, path: Path | str, *, storage: str = "mcap", namespace: str = ""
+) -> None:
+    """Write a run as the recorder would: every sample a message, received at its stamp.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run; a sample that is all NaN is a message that is not there.
+    path : Path or str
+        Folder of the bag; must not exist yet.
+    storage : {'mcap', 'sqlite3'}
+        Storage of the messages.
+    namespace : str
+        Put before every topic, such as ``/proposed``.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be made or written.
+    """
+    facts = encode_custom_data(record.controller, record.parameters, record.metadata)
+    topics = [BY_COLUMN[column] for column in record.columns]
+    lanes = [
+        (f"{namespace}/{topic.name}", Codec(topic), samples, _present(samples))
+        for topic, samples in zip(topics, record.columns.values(), strict=True)
+    ]
+    with BagWriter(path, storage=storage, custom_data=facts) as writer:
+        writer.add_topic(CLOCK_TOPIC.name, CLOCK_TOPIC.msgtype, [offered_qos()])
+        for name, codec, _, _ in lanes:
+            writer.add_topic(name, codec.topic.msgtype, [offered_qos()])
+        for step, stamp in enumerate(record.stamps_ns.tolist()):
+            writer.write(CLOCK_TOPIC.name, stamp, encode_clock(stamp))
+            for name, codec, samples, present in lanes:
+                if present[step]:
+                    writer.write(name, stamp, codec.encode(stamp, tuple(samples[step].tolist())))

@@ -1,0 +1,40 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What a process of a campaign runs: chunks that are asked for through a pipe."""
+
+import contextlib
+import sys
+from multiprocessing.connection import Connection
+
+from ppc_attitude.campaign.rows import Outcome, run_chunk
+
+
+def serve(connection: Connection) -> None:
+    """Take the campaign, then compute chunks until the other end is closed."""
+    with contextlib.suppress(EOFError, OSError):
+        campaign = connection.recv()
+        while True:
+            start, stop = connection.recv()
+            answer: list[Outcome] | Exception
+            try:
+                answer = run_chunk(campaign, start, stop)
+            except Exception as error:
+                answer = error
+            connection.send(answer)
+
+
+if __name__ == "__main__":
+    serve(Connection(int(sys.argv[1])))

@@ -1,0 +1,211 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""`ppc_attitude design`: gains with a certificate, or the inequality that stands in the way."""
+
+import argparse
+import json
+import math
+
+from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.guarantee_view import certificate_path, promise_lines
+from ppc_attitude.command_line.options import add_scenario_options, positive, scenario_of
+from ppc_attitude.command_line.paths import new_file
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.controllers import tube_parameters
+from ppc_attitude.science.controllers.tube_parameters import ASSUMED, PREFIX, digest_of
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, parameters_of
+from ppc_attitude.science.guarantee.certificate import Certificate, certify
+from ppc_attitude.science.guarantee.design import (
+    Design,
+    InfeasibleError,
+    Wishes,
+    design,
+    designed,
+    nearest,
+)
+from ppc_attitude.science.guarantee.surroundings import assumptions_from
+from ppc_attitude.science.parameter import resolved
+from ppc_attitude.simulation.scenario import Scenario
+
+_UNITS = {"max_torque": "N·m", "Omega": "rad/s", "d": "N·m", "W": "rad/s", "dead_band": "N·m"}
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "design",
+        help="gains of the momentum-tube law with a certificate",
+        description="From craft, actuator, disturbance and reference of a configuration, and what "
+        "is wished, to a parameter file whose guarantee is proved by interval arithmetic.",
+    )
+    add_scenario_options(parser)
+    parser.add_argument(
+        "--assume",
+        metavar="NAME=VALUE",
+        type=_assumption,
+        action="append",
+        default=[],
+        help=f"an assumption in place of the configuration's: {', '.join((*ASSUMED, 'e_A'))}",
+    )
+    parser.add_argument(
+        "--accuracy", type=positive, default=5e-3, help="settled means every |q_ev,i| is below this"
+    )
+    parser.add_argument(
+        "--rate", type=float, default=1.0, help="rate at the start for which to be fast [deg/s]"
+    )
+    parser.add_argument("--time", type=positive, default=math.inf, help="longest settling time [s]")
+    parser.add_argument(
+        "--torque-noise", type=positive, default=math.inf, help="largest RMS torque noise [N·m]"
+    )
+    parser.add_argument("--attitude-noise", type=float, default=0.0, help="deviation [rad]")
+    parser.add_argument("--rate-noise", type=float, default=0.0, help="deviation [rad/s]")
+    parser.add_argument(
+        "--gains", nargs=3, type=positive, metavar=("K", "KAPPA", "ELL"), help="no search: these"
+    )
+    parser.add_argument("--output", metavar="FILE.yaml", type=new_file, help="parameter file")
+    parser.set_defaults(execute=execute)
+
+
+def _assumption(text: str) -> tuple[str, float]:
+    name, equals, value = text.partition("=")
+    if not equals or name not in (*ASSUMED, "e_A"):
+        raise argparse.ArgumentTypeError(
+            f"{text}: allowed is NAME=VALUE with a NAME of {', '.join((*ASSUMED, 'e_A'))}"
+        )
+    return name, float(value)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Search, prove, write and print."""
+    scenario = scenario_of(arguments)
+    assumed = _assumptions(scenario, dict(arguments.assume))
+    h = 1.0 / scenario.number(PLANT, "rate")
+    wishes = Wishes(
+        accuracy=arguments.accuracy,
+        rate=math.radians(arguments.rate),
+        time=arguments.time,
+        torque_noise=arguments.torque_noise,
+        attitude_noise=arguments.attitude_noise,
+        rate_noise=arguments.rate_noise,
+    )
+    try:
+        found = (
+            designed(assumed, wishes, h, *arguments.gains)
+            if arguments.gains
+            else design(assumed, wishes, h)
+        )
+    except InfeasibleError as error:
+        print(error)
+        for line in _helps(nearest(assumed, h)):
+            print(line)
+        return REQUIREMENT_FAILED
+    except ValueError as error:
+        if isinstance(error, ConfigurationError):
+            raise
+        print(error)
+        return REQUIREMENT_FAILED
+    values = _values(assumed, found.law)
+    certificate = certify(values, wishes.accuracy)
+    if not certificate.holds:
+        failing = [each.name for each in certificate.inequalities if not each.holds]
+        print(f"the search found numbers that cannot be proved: {', '.join(failing)}")
+        return BAD_INPUT
+    _tell(found, certificate)
+    if arguments.output:
+        arguments.output.write_text(_file(values, certificate), encoding="utf-8")
+        path = certificate_path(arguments.output)
+        text = json.dumps(certificate.to_json(), ensure_ascii=False, indent=1)
+        path.write_text(text + "\n", encoding="utf-8")
+        print(f"{arguments.output}, {path}")
+    return DONE
+
+
+def _assumptions(scenario: Scenario, given: dict[str, float]) -> Assumptions:
+    """Assumptions from configuration and options, each within the range of its parameter."""
+    node = scenario.parameters
+    assumed = assumptions_from(
+        node[PLANT], node[REFERENCE], node[INJECTOR], node[CONTROLLER], given
+    )
+    table = {each.name: each for each in tube_parameters.PARAMETERS}
+    for name in ASSUMED:
+        table[f"{PREFIX}assumed.{name}"].checked(getattr(assumed, name))
+    table[PREFIX + "e_A"].checked(assumed.e_A)
+    return assumed
+
+
+def _values(assumed: Assumptions, law: Law) -> dict[str, object]:
+    given = parameters_of(assumed, law)
+    values = resolved(tube_parameters.PARAMETERS, given, CONTROLLER)
+    values[tube_parameters.CERTIFICATE.name] = digest_of(values)
+    return dict(values)
+
+
+def _helps(values: dict[str, float]) -> list[str]:
+    if not values:
+        return ["no single number helps: change several"]
+    lines = ["feasible, each alone, the others as they are:"]
+    for name, value in values.items():
+        if name == "h":
+            lines.append(f"  a rate of {1.0 / value:.4g} Hz")
+        else:
+            lines.append(f"  {name} = {value:.4g} {_UNITS.get(name, '')}".rstrip())
+    return lines
+
+
+def _tell(found: Design, certificate: Certificate) -> None:
+    law = found.law
+    print(f"k = {law.k:g} 1/s, kappa = {law.kappa:g} 1/s, ell = {law.ell:g}")
+    for line in promise_lines(certificate):
+        print(line)
+    if found.torque_noise > 0.0:
+        print(f"torque noise of the worst axis: about {found.torque_noise:.3g} N·m RMS")
+    least = min(certificate.inequalities, key=lambda each: each.room)
+    print(f"{len(certificate.inequalities)} inequalities hold; the closest is {least.name}")
+
+
+def _file(values: dict[str, object], certificate: Certificate) -> str:
+    """Parameter file with what it promises at its top."""
+    lines = ["# The momentum-tube law with a certificate: `ppc_attitude design` wrote this file."]
+    lines += [f"# {line}" for line in promise_lines(certificate)]
+    lines.append("# `ppc_attitude check` proves it again; a changed number voids the certificate.")
+    lines += [f"/**/{CONTROLLER}:", "  ros__parameters:", "    controller: momentum_tube"]
+    own = [each for each in values if each.startswith(PREFIX)]
+    groups = (
+        (4, "", ["inertia", "max_torque"]),
+        (6, PREFIX, [each for each in own if not each.startswith(f"{PREFIX}assumed.")]),
+        (8, f"{PREFIX}assumed.", [each for each in own if each.startswith(f"{PREFIX}assumed.")]),
+    )
+    units = {each.name: each.unit for each in tube_parameters.PARAMETERS}
+    for indent, prefix, names in groups:
+        if prefix:
+            lines.append(f"{' ' * (indent - 2)}{prefix.rstrip('.').rpartition('.')[2]}:")
+        for name in names:
+            unit = f"  # [{units[name]}]" if units[name] else ""
+            short = name.removeprefix(prefix)
+            lines.append(f"{' ' * indent}{short}: {_yaml(values[name])}{unit}")
+    return "\n".join(lines) + "\n"
+
+
+def _yaml(value: object) -> str:
+    """Write a number so that YAML 1.1 and 1.2 read a float."""
+    if isinstance(value, list):
+        return f"[{', '.join(_yaml(each) for each in value)}]"
+    if not isinstance(value, float):
+        return f'"{value}"'
+    text = repr(value)
+    mantissa, exponent, power = text.partition("e")
+    return f"{mantissa}{'' if '.' in mantissa else '.0'}{exponent}{power}"

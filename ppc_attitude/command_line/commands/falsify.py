@@ -1,0 +1,168 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""`ppc_attitude falsify`: an adversary looks for the worst start, disturbance and craft."""
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import yaml
+from tqdm import tqdm
+
+from ppc_attitude.campaign.pools import cores
+from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.options import (
+    add_scenario_options,
+    positive,
+    print_json,
+    scenario_of,
+)
+from ppc_attitude.command_line.paths import new_folder
+from ppc_attitude.command_line.stopping import stop_on_signals
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.falsify.goals import goal_of
+from ppc_attitude.falsify.search import Found, Search
+from ppc_attitude.falsify.space import Space
+from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
+from ppc_attitude.science.errors import ConfigurationError
+
+WORST = "worst.yaml"
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "falsify",
+        help="an adversary that looks for the worst case of a law",
+        description="Optimises start, disturbance, inertia and actuator within bounds by CMA-ES "
+        "over runs in process, and writes the worst case as a parameter file. The same command "
+        "continues an earlier search in its folder.",
+    )
+    add_scenario_options(parser)
+    parser.add_argument(
+        "--goal",
+        default="settling",
+        help="what to make large: settling, terminal, rate, or a column that has a bound, such as "
+        "attitude_error or momentum_error; default settling",
+    )
+    parser.add_argument("--accuracy", type=positive, default=5e-3, help="settled: below this")
+    parser.add_argument(
+        "--after", type=float, default=0.0, help="judge bounds and rate from here on [s]"
+    )
+    parser.add_argument("--start-rate", type=float, default=1.0, help="largest ‖ω_s‖ [deg/s]")
+    parser.add_argument(
+        "--disturbance", type=float, default=ENVIRONMENT_BOUND, help="bound per axis [N·m]"
+    )
+    parser.add_argument(
+        "--pieces", type=int, default=40, help="pieces of the disturbance; 0: as configured"
+    )
+    parser.add_argument("--inertia-error", type=float, default=0.0, help="e_S, e.g. 0.1")
+    parser.add_argument("--strength", type=float, default=1.0, help="least actuator share η")
+    parser.add_argument("--runs", type=int, default=1000, help="runs in all; default 1000")
+    parser.add_argument("--seconds", type=positive, default=math.inf, help="time for this session")
+    parser.add_argument("--seed", type=int, default=0, help="default 0")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on this Dask cluster")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=new_folder,
+        default=Path("falsified"),
+        help="folder of the search; default falsified",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(execute=execute)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Search, write the worst case, and print."""
+    scenario = scenario_of(arguments)
+    space = Space(
+        base=scenario,
+        rate=math.radians(arguments.start_rate),
+        disturbance=arguments.disturbance,
+        pieces=arguments.pieces,
+        e_S=arguments.inertia_error,
+        eta=arguments.strength,
+        duration=scenario.number(PLANT, "duration"),
+    )
+    goal = goal_of(arguments.goal, scenario.controller, arguments.accuracy, arguments.after)
+    search = Search(space, goal, arguments.out, arguments.seed)
+    found: Found | None = None
+    with (
+        _executor(arguments.scheduler) as executor,
+        stop_on_signals() as stop,
+        tqdm(total=arguments.runs, unit=" runs", file=sys.stderr) as bar,
+    ):
+        for found in search.run(arguments.runs, arguments.seconds, executor, stop):
+            bar.update(found.runs - bar.n)
+            bar.set_postfix_str(f"{found.value:.5g} {goal.unit}")
+    if found is None:
+        raise ConfigurationError("runs and seconds leave no time for one generation")
+    worst = arguments.out / WORST
+    worst.write_text(_file(space, goal.name, found), encoding="utf-8")
+    broken = found.value > goal.limit
+    if arguments.json:
+        print_json(
+            {
+                "controller": scenario.controller.name,
+                "goal": goal.name,
+                "runs": found.runs,
+                "largest": found.value if math.isfinite(found.value) else None,
+                "limit": goal.limit if math.isfinite(goal.limit) else None,
+                "passes_limit": broken,
+                "worst": str(worst),
+            }
+        )
+    else:
+        limit = f", limit {goal.limit:g}" if math.isfinite(goal.limit) else ""
+        print(f"largest {goal.name} of {found.runs} runs: {found.value:.6g} {goal.unit}{limit}")
+        print(f"worst case: {worst}")
+    return REQUIREMENT_FAILED if broken else DONE
+
+
+def _file(space: Space, goal: str, found: Found) -> str:
+    """Overlay of the worst case."""
+    nodes = {
+        f"/**/{node}": {"ros__parameters": values} for node, values in space.choice(found.x).items()
+    }
+    head = f"# Overlay: the worst case of {found.runs} runs, {goal} = {found.value:.6g}.\n"
+    return head + yaml.safe_dump(nodes, default_flow_style=None, sort_keys=False)
+
+
+@contextmanager
+def _executor(scheduler: str | None) -> Iterator[Executor]:
+    """Threads of this process, whose compiled loops run side by side; or a Dask cluster."""
+    if scheduler is None:
+        with ThreadPoolExecutor(cores()) as threads:
+            yield threads
+        return
+    try:
+        import distributed
+    except ImportError:
+        raise ConfigurationError(
+            "a Dask scheduler needs Dask: pip install 'ppc_attitude[campaign]'"
+        ) from None
+    connect: Any = distributed.Client  # carries no types
+    try:
+        with connect(scheduler, timeout=30.0, set_as_default=False) as client:
+            yield client.get_executor()
+    except OSError as error:
+        raise ConfigurationError(f"scheduler = {scheduler}: no answer ({error})") from None

@@ -1,0 +1,93 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`ppc_attitude goto`: an attitude for a running stack to turn to."""
+
+import argparse
+import math
+import sys
+
+from ppc_attitude.command_line.errors import BROKEN, DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.options import positive
+from ppc_attitude.science.attitude import unit_quaternion
+from ppc_attitude.science.guidance.attitudes import from_euler, from_vectors
+from ppc_attitude.science.guidance.frames import FRAME_NAMES
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "goto",
+        help="turn a running stack to an attitude",
+        description=(
+            "Publishes on goal_pose, in the domain that ROS_DOMAIN_ID names, and prints what "
+            "guidance/status says of it. The stack's reference generator has mode: goal. "
+            "Exit codes: 0 followed; 1 refused, or followed with a warning; 2 bad input; 3 nobody "
+            "answered."
+        ),
+    )
+    attitude = parser.add_mutually_exclusive_group(required=True)
+    attitude.add_argument(
+        "--quaternion", metavar=("X", "Y", "Z", "W"), nargs=4, type=float, help="attitude"
+    )
+    attitude.add_argument(
+        "--euler",
+        metavar=("ROLL", "PITCH", "YAW"),
+        nargs=3,
+        type=float,
+        help="turns about the fixed axes x, y, z, in this order [deg]",
+    )
+    attitude.add_argument(
+        "--vectors",
+        metavar="N",
+        nargs=12,
+        type=float,
+        help=(
+            "a body axis, the direction that it shall point along, a second body axis, and the "
+            "direction that it shall be nearest to: three numbers each"
+        ),
+    )
+    parser.add_argument(
+        "--frame", choices=FRAME_NAMES, default=FRAME_NAMES[0], help="what it is relative to"
+    )
+    parser.add_argument(
+        "--at",
+        metavar="T",
+        type=positive,
+        help="simulated time [s] at which the turn begins; default now",
+    )
+    parser.add_argument(
+        "--namespace", metavar="NS", default="", help="namespace of the stack; default none"
+    )
+    parser.set_defaults(execute=execute)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Send the goal and print the answer."""
+    from ppc_attitude.nodes.goto import NoAnswerError, go_to
+
+    if arguments.quaternion:
+        attitude = unit_quaternion("--quaternion", arguments.quaternion).tolist()
+    elif arguments.euler:
+        attitude = from_euler(*map(math.radians, arguments.euler))
+    else:
+        n = arguments.vectors
+        attitude = from_vectors(n[:3], n[3:6], n[6:9], n[9:])
+    try:
+        answer = go_to(attitude, arguments.frame, arguments.at or 0.0, arguments.namespace)
+    except NoAnswerError as reason:
+        print(f"error: {reason}", file=sys.stderr)
+        return BROKEN
+    print(answer.text)
+    return DONE if answer.followed else REQUIREMENT_FAILED

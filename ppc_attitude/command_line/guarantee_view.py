@@ -1,0 +1,196 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""How a certificate is told: its file beside the configuration, its promises, its inequalities."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.guarantee.arithmetic import balls
+from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
+from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.certificate import ACCURACY, Certificate, certify, differences
+from ppc_attitude.science.guarantee.envelope import Envelope
+from ppc_attitude.science.guarantee.known_reference import KnownReference
+from ppc_attitude.science.guarantee.surroundings import broken_assumptions
+from ppc_attitude.science.references import paper
+from ppc_attitude.simulation.scenario import Scenario
+
+
+def certificate_path(configuration: Path) -> Path:
+    """Where the certificate of a parameter file lies."""
+    return configuration.with_suffix(".certificate.json")
+
+
+def stored_certificate(configurations: Sequence[Path]) -> dict[str, Any] | None:
+    """Read the certificate beside the last parameter file that has one.
+
+    Raises
+    ------
+    ValueError
+        It is no JSON object; names the file.
+    """
+    for path in map(certificate_path, reversed(configurations)):
+        if path.is_file():
+            try:
+                content = json.loads(path.read_text(encoding="utf-8"))
+            except ValueError as error:
+                raise ValueError(f"certificate {path} is not JSON: {error}") from None
+            if not isinstance(content, dict):
+                raise ValueError(f"certificate {path} is not a JSON object")
+            return content
+    return None
+
+
+def promise_lines(certificate: Certificate) -> list[str]:
+    """Say what is guaranteed, one line a rate."""
+    lines = [
+        f"guaranteed: |q_ev,i| < {certificate.accuracy:g} from t = {promise.time:.2f} s on, "
+        f"for every attitude and every start with ‖ω_s‖ ≤ {promise.rate:g} deg/s"
+        for promise in certificate.promises
+    ]
+    if certificate.promises:
+        lines.append(f"guaranteed: |q_ev,i| ≤ {certificate.terminal_error:.2g} in the end")
+    return lines
+
+
+class Judgement:
+    """What a scenario's certificate says, proved anew.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With the momentum-tube law.
+    configurations : sequence of Path
+        Its parameter files, beside one of which the stored certificate may lie.
+
+    Raises
+    ------
+    ValueError
+        Nothing can be evaluated, or the stored certificate cannot be read.
+    """
+
+    def __init__(self, scenario: Scenario, configurations: Sequence[Path]) -> None:
+        self._scenario = scenario
+        values = scenario.parameters[CONTROLLER]
+        stored = stored_certificate(configurations)
+        accuracy = float(stored.get("accuracy", ACCURACY)) if stored else ACCURACY
+        self.certificate = certify(values, accuracy)
+        self.broken = list(
+            broken_assumptions(
+                assumptions_of(values),
+                law_of(values).h,
+                scenario.parameters[PLANT],
+                scenario.parameters[REFERENCE],
+                scenario.parameters[INJECTOR],
+                scenario.number(PLANT, "duration"),
+            )
+        )
+        self.doubts = differences(stored, self.certificate) if stored else []
+        digest = values[CERTIFICATE.name]
+        if digest and digest != self.certificate.digest:
+            self.doubts.append(f"{CERTIFICATE.name} is the digest of other numbers")
+
+    def of_hit(self, torque: float, duration: float) -> str:
+        """Say when a settled craft has recovered from a hit.
+
+        Raises
+        ------
+        ValueError
+            Nothing is promised of it.
+        """
+        if not self.holds:
+            raise ConfigurationError("nothing is guaranteed, so nothing is after a hit")
+        values = self._scenario.parameters[CONTROLLER]
+        assumed, law, arithmetic = assumptions_of(values), law_of(values), balls()
+        envelope = Envelope(assumed, law, bounds_of(assumed, law, arithmetic), arithmetic)
+        time = envelope.recovery(torque, duration, self.certificate.accuracy)
+        return (
+            f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time:.2f} s after the "
+            f"start of a hit of {torque:g} N·m on any axes for {duration:g} s"
+        )
+
+    def of_reference(self, rates: Sequence[float]) -> list[str]:
+        """Say what is guaranteed for the scenario's own reference, from t = 0.
+
+        Raises
+        ------
+        ConfigurationError
+            The certificate does not hold, or the reference is not the paper's.
+        """
+        if not self.holds:
+            raise ConfigurationError("nothing is guaranteed, so nothing is for this reference")
+        reference = self._scenario.parameters[REFERENCE]
+        if reference["mode"] != paper.COMPONENT.name:
+            raise ConfigurationError(
+                f"mode = {reference['mode']}; only the paper's reference is known beforehand"
+            )
+        values = self._scenario.parameters[CONTROLLER]
+        record = paper.configure(reference)
+
+        def rate_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.array([paper.desired_rate(t, record) for t in times])
+
+        known = KnownReference(assumptions_of(values), law_of(values), rate_at)
+        accuracy = self.certificate.accuracy
+        return [
+            f"guaranteed for this reference: |q_ev,i| < {accuracy:g} from "
+            f"t = {known.time(math.radians(rate), accuracy):.2f} s on, for every attitude and "
+            f"every ‖ω_s(0)‖ ≤ {rate:g} deg/s"
+            for rate in rates
+        ]
+
+    @property
+    def holds(self) -> bool:
+        """True if everything is proved and the scenario keeps the assumptions."""
+        return self.certificate.holds and not self.broken and not self.doubts
+
+    def lines(self) -> list[str]:
+        """Inequalities, then what is guaranteed or why nothing is."""
+        rows = [("inequality", "left", "right", "unit", "room", "", "meaning")]
+        rows += [
+            (
+                each.name,
+                f"{each.left[1]:.6g}",
+                f"{each.right[0]:.6g}",
+                each.unit,
+                f"{100.0 * each.room:.3g} %",
+                "proved" if each.holds else "FAILS",
+                each.meaning,
+            )
+            for each in self.certificate.inequalities
+        ]
+        widths = [max(len(row[k]) for row in rows) for k in range(6)]
+        lines = [
+            "  ".join([*(f"{c:<{w}}" for c, w in zip(row, widths, strict=False)), row[6]])
+            for row in rows
+        ]
+        reasons = [f"the certificate does not apply: {each}" for each in self.doubts]
+        reasons += [f"assumption not kept: {each}" for each in self.broken]
+        if not self.certificate.holds:
+            failing = (each.name for each in self.certificate.inequalities if not each.holds)
+            reasons.append(f"not proved: {', '.join(failing)}")
+        if reasons:
+            return [*lines, "", "nothing is guaranteed:", *(f"  {each}" for each in reasons)]
+        return [*lines, "", *promise_lines(self.certificate)]

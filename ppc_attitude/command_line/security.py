@@ -1,0 +1,64 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""SROS 2: keys for a run, and the environment in which nothing is said or believed without them."""
+
+import shutil
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+from ppc_attitude.command_line.errors import UsageError
+
+_ENCLAVE = "ppc_attitude"
+
+
+def secured(environment: Mapping[str, str], keys: Path) -> dict[str, str]:
+    """Environment of nodes that authenticate and encrypt; keys are made if there are none.
+
+    Parameters
+    ----------
+    environment : mapping of str to str
+        Environment without.
+    keys : Path
+        Folder of the keys, an SROS 2 keystore.
+
+    Raises
+    ------
+    UsageError
+        The keys cannot be made; says why.
+    """
+    if not (keys / "enclaves").is_dir():
+        _make("create_keystore", str(keys))
+    if not (keys / "enclaves" / _ENCLAVE).is_dir():
+        _make("create_enclave", str(keys), f"/{_ENCLAVE}")
+    return {
+        **environment,
+        "ROS_SECURITY_KEYSTORE": str(keys.absolute()),
+        "ROS_SECURITY_ENABLE": "true",
+        "ROS_SECURITY_STRATEGY": "Enforce",
+        "ROS_SECURITY_ENCLAVE_OVERRIDE": f"/{_ENCLAVE}",
+    }
+
+
+def _make(*words: str) -> None:
+    program = shutil.which("ros2")
+    if program is None:
+        raise UsageError("--secure: `ros2 security`, which makes keys, is not installed (sros2)")
+    done = subprocess.run(
+        [program, "security", *words], capture_output=True, text=True, errors="replace", check=False
+    )
+    if done.returncode:
+        raise UsageError(f"--secure: ros2 security {words[0]}: {done.stderr or done.stdout}")

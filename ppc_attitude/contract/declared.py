@@ -1,0 +1,117 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Every topic and column of the contract: the standard ones, and those that components declare."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from ppc_attitude.contract.topics import (
+    CONTROLLER,
+    ESTIMATOR,
+    EVENTS,
+    HOSTED,
+    NODES,
+    PLANT,
+    STANDARD,
+    Topic,
+    topic_of,
+)
+from ppc_attitude.science.component import Column, Component
+from ppc_attitude.science.kinds import CONTROLLERS, SENSORS, all_components
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
+
+
+def _all_topics() -> Iterator[Topic]:
+    """Yield the topic of every declared column that goes on record, standard ones first."""
+    yield from STANDARD
+    for node, kinds in HOSTED.items():
+        for component in all_components(kinds):
+            for column in component.outputs:
+                if column != ENVIRONMENT_TORQUE:
+                    yield topic_of(column, node)
+
+
+def _merged() -> dict[str, Topic]:
+    found: dict[str, Topic] = {}
+    for topic in _all_topics():
+        known = found.setdefault(topic.column, topic)
+        same = (known.name, known.form, known.frame_id, known.unit, known.width) == (
+            (topic.name, topic.form, topic.frame_id, topic.unit, topic.width)
+        )
+        if not same:
+            raise AssertionError(f"two components declare the column {topic.column} differently")
+    return found
+
+
+BY_COLUMN = _merged()
+SAMPLED = tuple(BY_COLUMN.values())
+TOPICS = SAMPLED + EVENTS
+BY_NAME = {topic.name: topic for topic in TOPICS}
+ATTITUDE_ERROR = BY_COLUMN["attitude_error"]
+ATTITUDE_ENVELOPE = BY_COLUMN["attitude_envelope"]
+RATE_ERROR = BY_COLUMN["rate_error"]
+RATE_ENVELOPE = BY_COLUMN["rate_envelope"]
+AUXILIARY_STATE = BY_COLUMN["auxiliary_state"]
+UNSATURATED_TORQUE = BY_COLUMN["unsaturated_torque"]
+BOUNDS = {
+    column.name: column.bound
+    for component in all_components()
+    for column in component.outputs
+    if column.bound
+}
+"""Column to the column that bounds it, where a law has such an envelope."""
+
+
+def components_of(node: str, values: Mapping[str, Any]) -> tuple[Component, ...]:
+    """Components that a node runs with its parameters, in their order within an instant."""
+    chosen = [kind.selected(values) for kind in HOSTED.get(node, ())]
+    return tuple(component for component in chosen if component is not None)
+
+
+def nodes_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """Nodes that a run with these parameters has."""
+    has_estimator = bool(components_of(ESTIMATOR, parameters.get(ESTIMATOR, {})))
+    return (ESTIMATOR, *NODES) if has_estimator else NODES
+
+
+def columns_of(node: str, values: Mapping[str, Any]) -> tuple[Column, ...]:
+    """Columns that a node puts on record at each instant."""
+    columns = [column for each in components_of(node, values) for column in each.outputs]
+    hidden = {ENVIRONMENT_TORQUE}
+    if SENSORS in HOSTED.get(node, ()) and is_told_the_truth(values):
+        hidden.update(TRUTH)
+    return tuple(column for column in columns if column not in hidden)
+
+
+def gives(node: str) -> tuple[Column, ...]:
+    """Columns that a node gives at each instant whatever components it runs."""
+    columns = [column for kind in HOSTED.get(node, ()) for column in kind.gives]
+    told = TOLD if node == PLANT else ()
+    return (*told, *(each for each in columns if each not in {ENVIRONMENT_TORQUE, *TRUTH}))
+
+
+def is_told_the_truth(values: Mapping[str, Any]) -> bool:
+    """True if the plant's sensors, by its parameters, give nothing but the truth."""
+    sensors = SENSORS.selected(values)
+    if sensors is None:
+        return False
+    defaults = {parameter.name: parameter.default for parameter in sensors.parameters}
+    return sensors.exact({**defaults, **values})
+
+
+def law_of(parameters: Mapping[str, Mapping[str, Any]]) -> Component | None:
+    """Control law by the parameters of a run's nodes; None if nobody knows it."""
+    name = parameters.get(CONTROLLER, {}).get(CONTROLLERS.selector)
+    return CONTROLLERS.components.get(str(name))

@@ -1,0 +1,116 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What the adversary makes as large as it can."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.errors import ConfigurationError
+
+_LAST = 20_000_000_000  # [ns] over which the error in the end is judged
+
+
+@dataclass(frozen=True)
+class Goal:
+    """One quantity of a run.
+
+    Attributes
+    ----------
+    name : str
+        ``settling``, ``terminal``, ``rate``, or a column that has a bound.
+    accuracy : float
+        Settled means |q_ev,i| below this.
+    after : float
+        Instants before this are not judged [s].
+    """
+
+    name: str
+    accuracy: float = 5e-3
+    after: float = 0.0
+
+    @property
+    def unit(self) -> str:
+        """Unit of the value."""
+        return {"settling": "s", "terminal": "", "rate": "deg/s"}.get(self.name, "of its bound")
+
+    @property
+    def limit(self) -> float:
+        """What no run should pass; infinite where there is no such number."""
+        return {"settling": np.inf, "terminal": self.accuracy, "rate": 3.0}.get(self.name, 1.0)
+
+    def value(self, record: RunRecord, law: Component) -> float:
+        """Value of a run; a run that is not finite is worst of all."""
+        late = record.t >= self.after
+        if self.name in _OF_RUN:
+            value = _OF_RUN[self.name](self, record)
+        else:
+            column = next(each for each in law.outputs if each.name == self.name)
+            bound = record[column.bound][late]
+            error = np.abs(record[column.name][late][:, : bound.shape[1]])
+            value = float(np.max(error / bound))
+        return value if np.isfinite(value) else np.inf
+
+
+def _settling(goal: Goal, record: RunRecord) -> float:
+    """Last instant outside the accuracy; of a run that ends so, the end and how far out it is."""
+    error = _error(record)
+    outside = np.flatnonzero(error >= goal.accuracy)
+    if not outside.size:
+        return 0.0
+    time = float(record.t[outside[-1]])
+    return time + float(error[-1]) if outside[-1] == error.size - 1 else time
+
+
+def _terminal(goal: Goal, record: RunRecord) -> float:
+    last = record.stamps_ns >= record.stamps_ns[-1] - _LAST
+    return float(_error(record)[last].max())
+
+
+def _rate(goal: Goal, record: RunRecord) -> float:
+    rates = np.linalg.norm(record["angular_velocity"][record.t >= goal.after], axis=1)
+    return float(np.degrees(rates.max()))
+
+
+def _error(record: RunRecord) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.asarray(np.abs(record["attitude_error"][:, :3]).max(axis=1))
+
+
+_OF_RUN: dict[str, Callable[[Goal, RunRecord], float]] = {
+    "settling": _settling,
+    "terminal": _terminal,
+    "rate": _rate,
+}
+
+
+def goal_of(name: str, law: Component, accuracy: float, after: float) -> Goal:
+    """Goal by its name.
+
+    Raises
+    ------
+    ConfigurationError
+        The law has no such column, or the column no bound.
+    """
+    given = {each.name for each in law.outputs}
+    bounded = [each.name for each in law.outputs if each.bound in given]
+    if name not in (*_OF_RUN, *bounded):
+        raise ConfigurationError(
+            f"goal = {name}; allowed for {law.name}: {', '.join((*_OF_RUN, *bounded))}"
+        )
+    return Goal(name, accuracy, after)

@@ -1,0 +1,186 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The search: CMA-ES asks, runs in process answer, and a file of the answers can be continued."""
+
+import hashlib
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.falsify.goals import Goal
+from ppc_attitude.falsify.space import Space
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import simulate
+
+Vector = NDArray[np.float64]
+HISTORY = "history.jsonl"
+_WIDTH = 0.5  # deviation of the first generation, of numbers of the order of one
+# A generation that finds nothing new for so long begins a new search elsewhere.
+_STALE = 40
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search has found so far.
+
+    Attributes
+    ----------
+    runs : int
+        How many runs were evaluated.
+    value : float
+        Largest value of the goal.
+    x : ndarray
+        The choice that gave it.
+    """
+
+    runs: int
+    value: float
+    x: Vector
+
+
+class Search:
+    """A search that writes down every answer, so that it can go on after any interruption.
+
+    The optimiser's questions follow from its seed and the answers: to continue, it is asked anew
+    and given the answers of the file.
+
+    Parameters
+    ----------
+    space : Space
+        What may be chosen.
+    goal : Goal
+        What is to be large.
+    folder : Path
+        Where the answers are, or will be.
+    seed : int
+        Of the optimiser.
+
+    Raises
+    ------
+    ConfigurationError
+        `cma` is not installed, or the folder holds another search.
+    """
+
+    def __init__(self, space: Space, goal: Goal, folder: Path, seed: int) -> None:
+        try:
+            import cma
+        except ImportError:
+            raise ConfigurationError(
+                "the adversary needs CMA-ES: pip install 'ppc_attitude[guarantee]'"
+            ) from None
+        self._cma: Any = cma
+        self._space, self._goal, self._seed = space, goal, seed
+        self._file = folder / HISTORY
+        folder.mkdir(parents=True, exist_ok=True)
+        identity = json.dumps([space.to_json(), asdict(goal), seed], sort_keys=True)
+        self._digest = hashlib.sha256(identity.encode()).hexdigest()
+        self._answers = self._read()
+
+    def _read(self) -> list[list[float]]:
+        """Answers of earlier sessions; of a last line that was cut, none."""
+        if not self._file.exists():
+            self._file.write_text(json.dumps({"search": self._digest}) + "\n", encoding="utf-8")
+            return []
+        whole, _, _ = self._file.read_text(encoding="utf-8").rpartition("\n")
+        lines = whole.split("\n")
+        try:
+            known = json.loads(lines[0])["search"]
+            answers = [[float(each) for each in json.loads(line)] for line in lines[1:]]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigurationError(f"{self._file} is no history of a search: {error}") from None
+        if known != self._digest:
+            raise ConfigurationError(
+                f"{self._file} belongs to another search: choose another folder, or the same "
+                "configuration, goal, bounds and seed"
+            )
+        self._file.write_text(whole + "\n", encoding="utf-8")
+        return answers
+
+    def run(
+        self, runs: int, seconds: float, executor: Executor, stop: threading.Event
+    ) -> Iterator[Found]:
+        """Search until so many runs, or so much time, and yield after each generation.
+
+        Parameters
+        ----------
+        runs : int
+            How many runs in all, those of earlier sessions included.
+        seconds : float
+            How long this session may last [s].
+        executor : Executor
+            Who computes.
+        stop : threading.Event
+            Ends the search after the present generation.
+        """
+        end = time.monotonic() + seconds
+        best = Found(0, -np.inf, np.zeros(self._space.size))
+        value = partial(evaluated, self._space, self._goal)
+        answers = iter(self._answers)
+        with self._file.open("a", encoding="utf-8") as file:
+            for questions, tell in self._generations():
+                given = next(answers, None)
+                if given is None:
+                    if best.runs >= runs or stop.is_set() or time.monotonic() > end:
+                        return
+                    given = list(executor.map(value, questions))
+                    file.write(json.dumps(given) + "\n")
+                    file.flush()
+                if len(given) != len(questions):
+                    raise ConfigurationError(f"{self._file} has a generation of another size")
+                tell(given)
+                top = int(np.argmax(given))
+                best = replace(best, runs=best.runs + len(given))
+                if given[top] > best.value:
+                    best = replace(best, value=given[top], x=questions[top])
+                yield best
+
+    def _generations(self) -> Iterator[tuple[list[Vector], Callable[[list[float]], None]]]:
+        """Yield questions and who takes their answers, with a new start when one search ends."""
+        stream = np.random.default_rng(self._seed)
+        while True:
+            strategy = self._cma.CMAEvolutionStrategy(
+                stream.standard_normal(self._space.size),
+                _WIDTH,
+                {
+                    "seed": int(stream.integers(1, 2**31)),
+                    "verbose": -9,
+                    "tolflatfitness": _STALE,
+                    "tolstagnation": _STALE,
+                },
+            )
+            while not strategy.stop():
+                questions = strategy.ask()
+
+                def tell(given: list[float], asked: Any = questions, to: Any = strategy) -> None:
+                    # CMA-ES makes small; a run that was not finite is as bad as can be.
+                    to.tell(asked, [-min(each, 1e9) for each in given])
+
+                yield questions, tell
+
+
+def evaluated(space: Space, goal: Goal, x: Vector) -> float:
+    """Value of the goal for one choice."""
+    scenario = space.scenario(x)
+    return goal.value(simulate(scenario, space.duration), scenario.controller)

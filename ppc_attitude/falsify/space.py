@@ -1,0 +1,154 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What the adversary may choose, as a vector of numbers: start, disturbance, craft."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.simulation.scenario import Scenario
+
+Vector = NDArray[np.float64]
+_START = 7  # numbers of the start: a quaternion of any length, and a rate
+_CRAFT = 7  # numbers of the craft: six of a symmetric matrix, and the actuator's strength
+
+
+@dataclass(frozen=True)
+class Space:
+    """Bounds of what the adversary may choose about a scenario.
+
+    Attributes
+    ----------
+    base : Scenario
+        What it leaves as it is.
+    rate : float
+        Largest ‖ω_s‖ at the start [rad/s].
+    disturbance : float
+        Bound of the torque that stands in place of the environment's, per axis [N·m].
+    pieces : int
+        Into how many pieces of constant torque it is cut; 0: the environment acts as configured.
+    e_S : float
+        Largest relative error of the inertia, about any axis.
+    eta : float
+        Least share of its torque limit that the actuator has.
+    duration : float
+        Length of a run [s].
+    """
+
+    base: Scenario
+    rate: float
+    disturbance: float
+    pieces: int
+    e_S: float
+    eta: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        """Refuse bounds that are none."""
+        for name, value, low, high in (
+            ("rate", self.rate, 0.0, 100.0),
+            ("disturbance", self.disturbance, 0.0, math.inf),
+            ("pieces", self.pieces, 0, 10_000),
+            ("e_S", self.e_S, 0.0, 0.5),
+            ("eta", self.eta, 1e-3, 1.0),
+            ("duration", self.duration, 1e-3, 1e8),
+        ):
+            if not low <= value <= high:
+                raise ConfigurationError(f"{name} = {value:g}; allowed: {low:g} to {high:g}")
+
+    @property
+    def size(self) -> int:
+        """How many numbers a choice has."""
+        return _START + 3 * self.pieces + _CRAFT
+
+    @cached_property
+    def _inertia(self) -> Vector:
+        return np.array(self.base.parameters[PLANT]["inertia"], dtype=np.float64).reshape(3, 3)
+
+    def choice(self, x: Vector) -> dict[str, dict[str, Any]]:
+        """Return the parameters of each node that a choice changes.
+
+        Parameters
+        ----------
+        x : ndarray, shape (size,)
+            Any numbers; of the order of one.
+        """
+        turn, rate = x[:4], x[4:_START]
+        length = float(np.linalg.norm(turn))
+        attitude = turn / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
+        strength = 1.0 - (1.0 - self.eta) * min(abs(float(x[-1])), 1.0)
+        changed: dict[str, dict[str, Any]] = {
+            PLANT: {
+                "duration": self.duration,
+                "initial_attitude": attitude.tolist(),
+                "initial_angular_velocity": (self.rate * _in_ball(rate)).tolist(),
+                "inertia": self._changed_inertia(x[-_CRAFT:-1]).ravel().tolist(),
+                "max_torque": strength * self.base.number(PLANT, "max_torque"),
+            }
+        }
+        if self.pieces:
+            torques = self.disturbance * np.clip(x[_START:-_CRAFT], -1.0, 1.0)
+            length = self.duration / self.pieces
+            changed[INJECTOR] = {
+                "environment": False,
+                "pulse_times": [k * length for k in range(self.pieces)],
+                "pulse_durations": [length] * self.pieces,
+                "pulse_torques": torques.tolist(),
+            }
+        return changed
+
+    def scenario(self, x: Vector) -> Scenario:
+        """Return the scenario of a choice."""
+        result = self.base
+        for node, values in self.choice(x).items():
+            result = result.with_values(node, **values)
+        return result
+
+    def _changed_inertia(self, numbers: Vector) -> Vector:
+        """J = Ĵ^½ (I + S) Ĵ^½ with ‖S‖ ≤ e_S; less of S where no rigid body has it."""
+        if self.e_S == 0.0:
+            return self._inertia
+        x, y, z, yz, zx, xy = numbers
+        S = np.array([[x, xy, zx], [xy, y, yz], [zx, yz, z]])
+        S *= self.e_S / max(1.0, float(np.abs(np.linalg.eigvalsh(S)).max()))
+        moments, axes = np.linalg.eigh(self._inertia)
+        root = axes * np.sqrt(moments) @ axes.T
+        for _ in range(20):
+            inertia = root @ (np.eye(3) + S) @ root
+            inertia = 0.5 * (inertia + inertia.T)
+            try:
+                return inertia_matrix("inertia", inertia)
+            except ConfigurationError:
+                S *= 0.5
+        return self._inertia
+
+    def to_json(self) -> Mapping[str, Any]:
+        """Say what the space is, for a file that is to be continued in the same one."""
+        numbers = ("rate", "disturbance", "pieces", "e_S", "eta", "duration")
+        return {"parameters": self.base.parameters} | {n: getattr(self, n) for n in numbers}
+
+
+def _in_ball(x: Vector) -> Vector:
+    """Shorten a vector that is longer than one."""
+    return x / max(1.0, float(np.linalg.norm(x)))

@@ -1,0 +1,86 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The estimator: attitude, rate and gyro bias from what the sensors measure."""
+
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from ppc_attitude.contract.topics import ESTIMATOR, Topic
+from ppc_attitude.nodes.component_node import ComponentNode
+from ppc_attitude.nodes.running import run_node
+from ppc_attitude.runtime.fixes import Fixes, Slots
+from ppc_attitude.runtime.health import STALE, WARN, Status
+from ppc_attitude.runtime.stamps import Values
+
+Completed = Iterator[tuple[int, Values, Values]]
+
+
+class AttitudeEstimator(ComponentNode):
+    """Runs the selected filter; an instant is complete when the fix is there that is due."""
+
+    executable = ESTIMATOR
+
+    def __init__(self) -> None:
+        self._fixes: Fixes | None = None
+        super().__init__()
+
+    def _receiver(self, topic: Topic) -> Callable[[int, Values], None]:
+        if not any(each.late for each in self._topics):
+            return super()._receiver(topic)
+        if self._fixes is None:
+            (late,) = (each for each in self._topics if each.late)
+            rate, latency = (
+                float(str(self.parameters[f"star_tracker.{name}"])) for name in ("rate", "latency")
+            )
+            slots = Slots(rate, latency, bool(self.parameters["initial_fix"]))
+            self._fixes = Fixes(slots, late.width)
+        take = self._fixes.fix if topic.late else self._fixes.sample
+
+        def receive(stamp_ns: int, values: Values) -> None:
+            self._answer_all(take(stamp_ns, values))
+
+        return receive
+
+    def _answer_all(self, completed: Completed) -> None:
+        sample, fix = sorted(self._topics, key=lambda topic: topic.late)
+        for stamp, measured, row in completed:
+            self._on_instant(stamp, {sample.column: measured, fix.column: row})
+
+    def details(self) -> dict[str, Any]:
+        """Numbers for `/diagnostics`."""
+        lost = self._fixes.lost if self._fixes else 0
+        return {**super().details(), "fixes that never came": lost}
+
+    def status(self) -> Status:
+        """What the filter says of itself, or what every component node says."""
+        status = super().status()
+        if status.level == STALE and self._fixes and self._fixes.waits_for_fix:
+            late = ", ".join(topic.name for topic in self._topics if topic.late)
+            return Status(STALE, f"waiting for {late}", status.details)
+        for part in self.chain.parts:
+            if status.level != STALE and part.advice.text:
+                level = WARN if part.advice.warning else status.level
+                status = Status(level, part.advice.text, status.details)
+        return status
+
+
+def main() -> int:
+    """Run the executable `attitude_estimator`."""
+    return run_node(AttitudeEstimator)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,133 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A node that runs components: it collects their inputs by stamp, steps, publishes the outputs."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of
+from ppc_attitude.contract.topics import ATTITUDE, Topic
+from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.runtime.answers import Answers
+from ppc_attitude.runtime.chain import Chain
+from ppc_attitude.runtime.health import OK, STALE, WARN, Status
+from ppc_attitude.runtime.stamps import Instant, Values
+from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.stamps import seconds
+from ppc_attitude.simulation.scenario import check_components
+
+
+class ComponentNode(BaseNode):
+    """Answers each state with what its components give at that instant.
+
+    Components that read nothing are functions of time alone: their answers go one instant ahead.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        values = self.parameters.values
+        self.chain = Chain(components_of(self.executable, values), values)
+        self._announced = [part.advices for part in self.chain.parts]
+        self._topics = [BY_COLUMN[column.name] for column in self.chain.inputs] or [ATTITUDE]
+        self._instant = Instant(topic.column for topic in self._topics)
+        self.answers = Answers(self._answer, not self.chain.inputs, self._begin_again)
+        self._senders = {
+            column.name: self.sender(BY_COLUMN[column.name])
+            for column in columns_of(self.executable, values)
+        }
+        self._steps = 0
+        for topic in self._topics:
+            self.listen(topic, self._receiver(topic))
+
+    def check(self, values: Mapping[str, Value]) -> None:
+        """See that the selected components can run with the parameters."""
+        check_components(self.executable, values)
+
+    def apply_parameters(self, stamp_ns: int) -> None:
+        """Take over parameters that have changed, from a stamp [ns] on."""
+        self.take_changes(stamp_ns)
+        values = self.parameters.values
+        self.chain.configure(components_of(self.executable, values), values)
+        if not self.chain.inputs:
+            self.chain.forget()  # what depends on time alone has no past
+
+    def arm(self) -> None:
+        """Forget the past: the next step begins anew."""
+        self.chain.forget()
+        self._announced = [0] * len(self.chain.parts)
+
+    def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
+        """Run the components at an instant; the numbers of all columns by name."""
+        return self.chain.step(stamp_ns, inputs)
+
+    def _receiver(self, topic: Topic) -> Callable[[int, Values], None]:
+        column = topic.column
+
+        def receive(stamp_ns: int, values: Values) -> None:
+            parts = self._instant.add(column, stamp_ns, values)
+            if parts is not None:
+                self._on_instant(stamp_ns, parts)
+
+        return receive
+
+    def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
+        name = self._topics[0].name
+        for stamp, given in self.answers.to(name, stamp_ns, parts, time.monotonic()).items():
+            for column, send in self._senders.items():
+                send(stamp, given[column])
+        self._announce()
+        self.report(stamp_ns)
+
+    def _answer(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
+        if self.parameters.changed:
+            self.apply_parameters(stamp_ns)
+        self._steps += 1
+        return self.compute(stamp_ns, inputs)
+
+    def _begin_again(self, stamp_ns: int) -> None:
+        text = f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed"
+        self.mention("restart", text)
+        self.arm()
+        self.health.begin_again()
+
+    def _announce(self) -> None:
+        for place, part in enumerate(self.chain.parts):
+            if part.advices != self._announced[place]:
+                self._announced[place] = part.advices
+                # Two lines of source: rclpy ties a severity to each.
+                if part.advice.warning:
+                    self.get_logger().warning(part.advice.text)
+                else:
+                    self.get_logger().info(part.advice.text)
+
+    def details(self) -> dict[str, Any]:
+        """Numbers for `/diagnostics`."""
+        return {"steps": self._steps, "instants incomplete": self._instant.dropped}
+
+    def status(self) -> Status:
+        """Waiting for inputs, outside an envelope, or running."""
+        fill = {}
+        for part in self.chain.parts:
+            fill.update(part.fill())
+        margins = {f"{name} margin": 1.0 - value for name, value in fill.items()}
+        details = {**self.details(), **margins}
+        if self.is_idle():
+            missing = ", ".join(BY_COLUMN[column].name for column in self._instant.missing())
+            return Status(STALE, f"waiting for {missing}", details)
+        outside = [name for name, value in fill.items() if value > 1.0]
+        if outside:
+            return Status(WARN, f"outside: {', '.join(outside)}", details)
+        return Status(OK, "running", details)

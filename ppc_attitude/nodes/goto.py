@@ -1,0 +1,115 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One goal: a short-lived node that publishes on `goal_pose` and waits for the answer."""
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import rclpy
+import rclpy.utilities
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+
+from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
+from ppc_attitude.nodes.discovery import check_discovery
+from ppc_attitude.nodes.namespaces import absolute_namespace
+from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
+
+_PATIENCE = 10.0  # [s] how long the reference generator may take to be found and to answer
+
+
+class Answer(NamedTuple):
+    """What the reference generator said of a goal; nothing if it did not answer."""
+
+    text: str
+    followed: bool
+
+
+class NoAnswerError(Exception):
+    """The stack did not answer; says what was waited for."""
+
+
+def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> Answer:
+    """Send a goal and wait for what becomes of it.
+
+    Parameters
+    ----------
+    attitude : four floats
+        x y z w, relative to the frame.
+    frame : str
+        Name of the frame.
+    at : float
+        Simulated time [s] at which the goal begins; 0: now. A later goal is not waited for.
+    namespace : str
+        Namespace of the stack.
+
+    Raises
+    ------
+    NoAnswerError
+        Nobody listens, or nobody answers.
+    """
+    home = absolute_namespace(namespace)
+    check_discovery(os.environ)
+    rclpy.init()
+    node = Node("goto", namespace=home)
+    try:
+        return _go_to(node, attitude, frame, at)
+    finally:
+        node.destroy_node()
+        rclpy.utilities.try_shutdown()
+
+
+def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answer:
+    heard: list[DiagnosticStatus] = []
+
+    def hear(message: Any) -> None:
+        heard.extend(message.status)
+
+    node.create_subscription(
+        DiagnosticArray, GUIDANCE_STATUS.name, hear, subscribed(GUIDANCE_STATUS)
+    )
+    publisher = node.create_publisher(PoseStamped, GOAL_POSE.name, published(GOAL_POSE))
+    goal = PoseStamped()
+    goal.header.frame_id = frame
+    goal.header.stamp.sec, goal.header.stamp.nanosec = divmod(nanoseconds(at), NANOSECONDS)
+    turn = goal.pose.orientation
+    turn.x, turn.y, turn.z, turn.w = map(float, attitude)
+    _wait(
+        node,
+        lambda: (
+            publisher.get_subscription_count() > 0
+            and node.count_publishers(GUIDANCE_STATUS.name) > 0
+        ),
+        f"nobody listens on {node.resolve_topic_name(GOAL_POSE.name)}: is a stack running in this "
+        "domain, with mode: goal?",
+    )
+    publisher.publish(goal)
+    if at > 0.0:
+        _wait(node, publisher.wait_for_all_acked, "the goal was not taken")
+        return Answer(f"goal sent, to begin at t = {at:g} s", followed=True)
+    _wait(node, lambda: bool(heard), f"no answer on {GUIDANCE_STATUS.name}")
+    return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)
+
+
+def _wait(node: Node, condition: Callable[[], bool], complaint: str) -> None:
+    end = time.monotonic() + _PATIENCE
+    while not condition():
+        if time.monotonic() > end:
+            raise NoAnswerError(f"{complaint} (waited {_PATIENCE:g} s)")
+        rclpy.spin_once(node, timeout_sec=0.05)

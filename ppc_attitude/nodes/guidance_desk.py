@@ -1,0 +1,185 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where the reference generator takes goals: two topics and a service in, one topic out."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, Quaternion
+from numpy.typing import NDArray
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from ppc_attitude.contract.topics import GOAL_POSE, GOAL_TRAJECTORY, GUIDANCE_STATUS
+from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.nodes.messages import diagnostics
+from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.runtime.health import OK, WARN, Status
+from ppc_attitude.science.component import INERTIAL
+from ppc_attitude.science.guidance.order_book import Make, OrderBook
+from ppc_attitude.science.guidance.orders import (
+    goal_order,
+    hold_order,
+    profile_order,
+    schedule_of,
+    scheduled_orders,
+)
+from ppc_attitude.science.guidance.trajectory import points
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references.goal import configuration_of, facts
+from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
+
+_BODY = "body"  # the joint of a trajectory
+_LATEST = 1e8  # [s] as for a scheduled goal; no stamp is far beyond
+
+
+class GuidanceDesk:
+    """Orders from messages and a service to the reference, and word of what becomes of them.
+
+    Parameters
+    ----------
+    node : BaseNode
+        Whose topics and service they are.
+    part : Part
+        The reference `goal`.
+    """
+
+    def __init__(self, node: BaseNode, part: Part) -> None:
+        self._node = node
+        self._part = part
+        self._profiles: list[NDArray[Any]] = []  # orders refer to them by address
+        self._orders = scheduled_orders(node.parameters.values)
+        self._book = OrderBook(self._orders)
+        self._told = 0
+        self._stamp = 0  # the latest instant [ns]
+        self._publisher = node.create_publisher(
+            DiagnosticArray, GUIDANCE_STATUS.name, published(GUIDANCE_STATUS)
+        )
+        self._listen(PoseStamped, GOAL_POSE, self._on_pose)
+        self._listen(MultiDOFJointTrajectory, GOAL_TRAJECTORY, self._on_trajectory)
+        node.create_service(Trigger, "~/hold", self._on_hold)
+
+    def _listen(self, kind: Any, topic: Any, handle: Callable[[Any], None]) -> None:
+        def receive(message: Any) -> None:
+            try:
+                handle(message)
+            except ValueError as reason:
+                self._node.refuse(topic.name, f"{topic.name}: {reason}")
+                self._say(self._stamp, WARN, f"refused {topic.name}: {reason}", {})
+
+        self._node.create_subscription(kind, topic.name, receive, subscribed(topic))
+
+    def before(self, stamp_ns: int) -> None:
+        """Let the orders act that have come, before the step of an instant [ns]."""
+        self._stamp = stamp_ns
+        orders = self._book.at(stamp_ns)
+        if orders is None:
+            return
+        self._orders = orders
+        self.configure()
+        if self._book.given:
+            self._node.tell_changes(stamp_ns, schedule_of(orders))
+
+    def configure(self) -> None:
+        """Let the reference fly with the node's present parameters and all orders."""
+        record, self._orders = configuration_of(self._node.parameters.values, self._orders)
+        self._part.hold(record)
+
+    def after(self, stamp_ns: int) -> None:
+        """Tell what became of the orders of an instant [ns], after its step."""
+        if self._part.advices == self._told:
+            return
+        self._told = self._part.advices
+        advice = self._part.advice
+        self._say(stamp_ns, WARN if advice.warning else OK, advice.text, facts(self._part.state[0]))
+
+    def begin_again(self) -> None:
+        """Forget all orders in flight: time has begun again."""
+        self._book.begin_again()
+        self._profiles.clear()
+        self._told = 0
+
+    def _say(self, stamp_ns: int, level: bytes, text: str, details: Mapping[str, Any]) -> None:
+        name = self._node.get_fully_qualified_name()
+        status = Status(level, text, details)
+        self._publisher.publish(diagnostics(stamp_ns, name, "guidance", status))
+
+    def _accept(self, kind: str, make: Make, stamp_ns: int) -> str:
+        make(stamp_ns)  # what is wrong with it is told at once
+        when = self._book.accept(make, stamp_ns)
+        self._node.mention(kind, f"{kind}: acts {when}")
+        return when
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        attitude = _numbers(message.pose.orientation)
+        frame = message.header.frame_id or INERTIAL
+
+        def make(stamp_ns: int) -> NDArray[Any]:
+            return goal_order(stamp_ns, frame, attitude)
+
+        self._accept(GOAL_POSE.name, make, _stamp_of(message.header.stamp))
+
+    def _on_trajectory(self, message: MultiDOFJointTrajectory) -> None:
+        if list(message.joint_names) != [_BODY]:
+            raise ValueError(f"joint_names = {list(message.joint_names)}; allowed: ['{_BODY}']")
+        if message.header.frame_id not in {INERTIAL, ""}:
+            raise ValueError(f"frame_id = {message.header.frame_id!r}; allowed: '{INERTIAL}'")
+        stamp = _stamp_of(message.header.stamp)
+        attitudes, rates, accelerations, offsets = [], [], [], []
+        for i, point in enumerate(message.points):
+            if len(point.transforms) != 1:
+                raise ValueError(f"point {i} has {len(point.transforms)} transforms; allowed: 1")
+            attitudes.append(_numbers(point.transforms[0].rotation))
+            rates.append(_angular(point.velocities))
+            accelerations.append(_angular(point.accelerations))
+            offsets.append(point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec)
+
+        def make(stamp_ns: int) -> NDArray[Any]:
+            begin = seconds(stamp or stamp_ns)
+            times = [begin + offset for offset in offsets]
+            profile = np.array([points(times, attitudes, rates, accelerations)])
+            self._profiles.append(profile)
+            return profile_order(stamp_ns, profile)
+
+        self._accept(GOAL_TRAJECTORY.name, make, stamp)
+
+    def _on_hold(self, request: Any, response: Any) -> Any:
+        """Answer the service: brake, and stay where that ends."""
+        try:
+            response.message = f"holds {self._accept('~/hold', hold_order, 0)}"
+            response.success = True
+        except ValueError as reason:
+            response.message = str(reason)
+        return response
+
+
+def _numbers(q: Quaternion) -> list[float]:
+    return [q.x, q.y, q.z, q.w]
+
+
+def _angular(twists: Any) -> list[float] | None:
+    """Angular part of the only twist; None if there is none."""
+    if len(twists) > 1:
+        raise ValueError(f"a point has {len(twists)} twists; allowed: up to 1")
+    return [twists[0].angular.x, twists[0].angular.y, twists[0].angular.z] if twists else None
+
+
+def _stamp_of(stamp: Any) -> int:
+    stamp_ns: int = stamp.sec * NANOSECONDS + stamp.nanosec
+    if not 0 <= stamp_ns <= nanoseconds(_LATEST):
+        raise ValueError(f"stamp = {seconds(stamp_ns):g} s; allowed: 0 to {_LATEST:g}")
+    return stamp_ns

@@ -1,0 +1,113 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Does another node publish what this one does? Seen in the graph, proved by what it sends."""
+
+import time
+from typing import Any
+
+from rclpy.node import Node
+
+from ppc_attitude.contract.topics import Topic
+from ppc_attitude.nodes.messages import Inbox, message_class
+from ppc_attitude.nodes.qos import subscribed
+from ppc_attitude.runtime.publishers import Publishers
+from ppc_attitude.runtime.stamps import RefusedError
+
+_LOOK_EVERY = 1.0  # [s]
+_NEW = 10.0  # [s] a node that is older than this never gives way
+
+
+def publishing_nodes(node: Node, topic: str) -> str:
+    """Full names of the nodes that publish on a topic, as far as the graph knows them."""
+    ends = node.get_publishers_info_by_topic(topic)
+    return ", ".join(sorted(f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends))
+
+
+class PublisherWatch:
+    """Look once a second for others that publish on the topics of a node.
+
+    Parameters
+    ----------
+    node : Node
+        Who publishes.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._since = self._looked = time.monotonic()
+        self._topics: dict[str, Topic] = {}
+        # Its subscriptions are read here, by hand: an executor does not tell a message's number.
+        self._ear: Node | None = None
+        self._heard: dict[str, tuple[Any, Inbox, Publishers]] = {}
+        self.found = ""
+
+    def add(self, topic: Topic, name: str) -> None:
+        """Watch a topic, given with its full name."""
+        self._topics[name] = topic
+
+    @property
+    def came_second(self) -> bool:
+        """True if it is this node that has to give way."""
+        return time.monotonic() - self._since < _NEW
+
+    def look(self, now: float) -> str:
+        """Look if it is time; return who else publishes what this node does, if anybody."""
+        if now - self._looked < _LOOK_EVERY:
+            return ""
+        self._looked = now
+        for name, topic in self._topics.items():
+            if name not in self._heard and self._node.count_publishers(name) > 1:
+                self._listen(name, topic)
+        for name, (subscription, inbox, publishers) in self._heard.items():
+            _take(subscription, inbox, publishers, now)
+            if publishers.lasts(now):
+                nodes = publishing_nodes(self._node, name)
+                self.found = f"another node publishes {self._topics[name].name}: {nodes}"
+                return self.found
+        self.found = ""
+        return ""
+
+    def _listen(self, name: str, topic: Topic) -> None:
+        if self._ear is None:
+            self._ear = Node(
+                f"_{self._node.get_name()}_ear",
+                namespace=self._node.get_namespace(),
+                context=self._node.context,
+                use_global_arguments=False,
+                enable_rosout=False,
+                start_parameter_services=False,
+            )
+        subscription = self._ear.create_subscription(
+            message_class(topic.msgtype), name, lambda data: None, subscribed(topic), raw=True
+        )
+        self._heard[name] = subscription, Inbox(topic), Publishers()
+
+    def close(self) -> None:
+        """Stop listening."""
+        if self._ear is not None:
+            self._ear.destroy_node()
+            self._ear = None
+
+
+def _take(subscription: Any, inbox: Inbox, publishers: Publishers, now: float) -> None:
+    """Let what has gathered be judged."""
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            data, about = taken
+            try:
+                stamp_ns = inbox.read(data).stamp_ns
+            except RefusedError:
+                stamp_ns = -1  # every peer refuses it as well
+            publishers.hear(about["publication_sequence_number"], stamp_ns, now)

@@ -1,0 +1,170 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""A process of our own: a module of this package, run by this Python, gone with its starter."""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+_START = str(Path(__file__).resolve().with_name("start.py"))
+# An empty entry of these means the current folder: for programs, modules and libraries.
+_SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
+_KILLED_AFTER = 5.0  # [s] how long a process may take to end when it was killed
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) + (
+    # To who was started by nohup, a terminal that closes is nothing.
+    (signal.SIGHUP,) if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN else ()
+)
+"""By these a process is asked to end, and does so in good order."""
+
+
+class Child:
+    """A module of this package as a process of its own.
+
+    It is run as ``python -m`` would, without the current folder on its path (see `start.py`).
+    A request to end is granted at once until the module does otherwise; the kernel sends SIGTERM
+    when the starting thread has ended. A Ctrl-C at the terminal does not reach the process: its
+    starter ends it, in order.
+
+    Parameters
+    ----------
+    module : str
+        Full name of the module.
+    *arguments : str
+        Its command line.
+    environment : mapping of str to str
+        Its environment.
+    inherited : sequence of int
+        File descriptors that it shares with this process.
+    stdout : int, optional
+        File descriptor to which it prints; default that of this process.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        *arguments: str,
+        environment: Mapping[str, str] = os.environ,
+        inherited: Sequence[int] = (),
+        stdout: int | None = None,
+    ) -> None:
+        self.told: dict[str, Any] = {}
+        """What it has told, by name of the fact (see `telling`): the latest of each."""
+        self._unread = b""
+        self._pipe, theirs = os.pipe()
+        try:
+            with _signals_held():
+                self.process = subprocess.Popen(
+                    [sys.executable, _START, str(os.getpid()), str(theirs), module, *arguments],
+                    env=without_empty_entries(environment),
+                    stdin=subprocess.DEVNULL,
+                    stdout=stdout,
+                    pass_fds=(*inherited, theirs),
+                    start_new_session=True,
+                )
+        except BaseException:
+            os.close(self._pipe)
+            raise
+        finally:
+            os.close(theirs)
+
+    def listen(self, patience: float = 0.0) -> None:
+        """Take in what it has told; wait some time [s] if there is nothing."""
+        while select.select([self._pipe], [], [], patience)[0]:
+            data = os.read(self._pipe, 65536)
+            if not data:  # it is about to end
+                time.sleep(patience)
+                return
+            *lines, self._unread = (self._unread + data).split(b"\n")
+            for line in lines:
+                self.told.update(json.loads(line))
+            patience = 0.0
+
+    def kill(self) -> None:
+        """Kill it and all that it has started."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(_KILLED_AFTER)
+
+    def __del__(self) -> None:
+        """Close the pipe."""
+        os.close(self._pipe)
+
+
+def take_signals() -> None:
+    """Let the signals in that have waited since this process was started."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+
+
+def end_at_once() -> None:
+    """Let a request to end simply end this process: it has not begun anything.
+
+    Python would raise KeyboardInterrupt amidst an import, and a start can take long.
+    """
+    for number in ENDING:
+        signal.signal(number, lambda number, frame: os._exit(0))
+    take_signals()
+
+
+def without_empty_entries(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return an environment in which no search path names the current folder by an empty entry."""
+    safe = dict(environment)
+    for name in _SEARCHED:
+        if name in safe:
+            safe[name] = os.pathsep.join(filter(None, safe[name].split(os.pathsep)))
+            if not safe[name]:
+                del safe[name]
+    return safe
+
+
+def forget_current_folder() -> None:
+    """Take the current folder from the search paths of this process, unless somebody named it.
+
+    Python puts it before the standard library, for ``-m`` or an empty entry of PYTHONPATH.
+    """
+    safe = without_empty_entries(os.environ)
+    for name in _SEARCHED:
+        if name in safe:
+            os.environ[name] = safe[name]
+        else:
+            os.environ.pop(name, None)
+    library = str(Path(os.__file__).parent)
+    if library in sys.path:
+        first = sys.path.index(library)
+        entries = safe.get("PYTHONPATH", "").split(os.pathsep)
+        named = {str(Path(each).absolute()) for each in entries if each}
+        sys.path[:first] = [
+            each for each in sys.path[:first] if each in named or each.endswith(".zip")
+        ]
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Block signals: a process inherits that, and there is no moment in which it has none."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,64 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The script that every process we start begins with: ``start.py PARENT PIPE MODULE ARGUMENT…``.
+
+It does what ``python -m MODULE ARGUMENT…`` does, without the folder in which the user stands on the
+path: a `yaml.py` there would be executed. Python has an option for this from 3.11 on; -I, which
+3.10 has, would drop the PYTHONPATH too, and ROS needs that.
+"""
+
+import ctypes
+import os
+import runpy
+import signal
+import sys
+from importlib import import_module
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def _end_with(parent: int) -> None:
+    """Let the kernel send this process SIGTERM when its starter ends, however that happens."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it ended before the kernel knew
+        os._exit(1)
+
+
+def _main() -> None:
+    parent, pipe, *sys.argv[:] = sys.argv[1:]
+    _end_with(int(parent))
+    # Python has put the folder of this script first on the path, unless it was told not to.
+    here = Path(__file__).resolve().parent
+    sys.path[:] = [folder for folder in sys.path if folder != str(here)]
+    # The package that this script belongs to, whatever else is installed or on the path.
+    root = str(here.parent.parent)
+    sys.path.insert(0, root)
+    telling = import_module("ppc_attitude.processes.telling")
+    child = import_module("ppc_attitude.processes.child")
+    sys.path.remove(root)
+    telling.tell_through(int(pipe))
+    child.end_at_once()
+    try:
+        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    except Exception as error:
+        telling.tell_broken(f"{type(error).__name__}: {error}")
+        raise
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,90 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a node answers to the instants that come: each once, and a repeated one with the same."""
+
+from collections.abc import Callable, Mapping
+from typing import Generic, TypeVar
+
+from ppc_attitude.runtime.stamps import StampGuard, Values, Verdict, out_of_order
+from ppc_attitude.science.stamps import NANOSECONDS
+
+Output = TypeVar("Output")
+Inputs = Mapping[str, Values]
+
+
+class Answers(Generic[Output]):
+    """Answers to the instants of a run, in the order in which they come.
+
+    What depends on time alone is sent one instant ahead, so that nobody has to wait for it. That
+    takes a period of whole nanoseconds that divides a second: only then every stamp is known
+    before its state comes. A stamp that was foreseen and never comes harms nobody, for all others
+    wait for the stamps of states.
+
+    Parameters
+    ----------
+    compute : callable
+        From a stamp [ns] and the inputs of that instant to the answer.
+    ahead : bool
+        Whether the answer depends on time alone, so that it can be computed before the state comes.
+    begin_again : callable
+        Called with the stamp [ns] when time has begun again.
+    """
+
+    def __init__(
+        self,
+        compute: Callable[[int, Inputs], Output],
+        ahead: bool,
+        begin_again: Callable[[int], None],
+    ) -> None:
+        self._compute = compute
+        self._ahead = ahead
+        self._begin_again = begin_again
+        self._guard = StampGuard()
+        self._period = 0
+        self._sent: dict[int, Output] = {}
+
+    def to(self, name: str, stamp_ns: int, inputs: Inputs, now: float) -> dict[int, Output]:
+        """Answers by stamp [ns] that have to be sent for an instant that came at a time [s].
+
+        Raises
+        ------
+        RefusedError
+            The stamp is out of order; `name` says of what.
+        """
+        last = self._guard.last
+        verdict = self._guard.judge(stamp_ns, now)
+        if verdict is Verdict.REPEATED:
+            return self._sent
+        if verdict is Verdict.STALE:
+            raise out_of_order(name, stamp_ns)
+        step = stamp_ns - last if verdict is Verdict.NEW and last is not None else 0
+        if verdict is Verdict.RESTART:
+            self._period = 0
+            self._sent = {}
+            self._begin_again(stamp_ns)
+        elif step:
+            self._period = min(self._period or step, step)
+        stamps = [stamp_ns]
+        # After a step that is longer than others some states were lost, and the rhythm with them.
+        if self._ahead and step and step == self._period and NANOSECONDS % step == 0:
+            stamps.append(stamp_ns + step)
+        new = {each: self._compute(each, inputs) for each in stamps if each not in self._sent}
+        self._sent = {each: new[each] if each in new else self._sent[each] for each in stamps}
+        return new
+
+    @property
+    def next_ns(self) -> int | None:
+        """The first stamp [ns] that has not been answered; None as long as nobody can know it."""
+        return max(self._sent) + self._period if self._period else None

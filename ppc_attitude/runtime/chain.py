@@ -1,0 +1,99 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The components that one node runs at each instant, one after the other."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.science.component import Column, Component
+from ppc_attitude.science.part import Part
+
+
+class Chain:
+    """Components in their order within an instant; each reads what those before it give.
+
+    Parameters
+    ----------
+    components : sequence of Component
+        Which, in their order.
+    values : mapping of str to value
+        The parameters of the node.
+
+    Attributes
+    ----------
+    inputs : tuple of Column
+        What none of them gives: it comes from other nodes.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is infeasible.
+    """
+
+    def __init__(self, components: Sequence[Component], values: Mapping[str, Any]) -> None:
+        self.parts: list[Part] = []
+        self.configure(components, values)
+
+    def configure(self, components: Sequence[Component], values: Mapping[str, Any]) -> None:
+        """Take other parameters from the next instant on; who goes on keeps its memory.
+
+        Raises
+        ------
+        ConfigurationError
+            A parameter is infeasible.
+        """
+        known = {part.component.name: part for part in self.parts}
+        self.parts = []
+        for component in components:
+            part = known.get(component.name)
+            if part is not None and part.component is component:
+                part.configure(values)
+            else:
+                part = Part(component, values)
+            self.parts.append(part)
+        given = [column for part in self.parts for column in part.component.outputs]
+        needed = [column for part in self.parts for column in part.component.inputs]
+        self.inputs: tuple[Column, ...] = tuple(
+            column for column in dict.fromkeys(needed) if column not in given
+        )
+
+    def forget(self) -> None:
+        """Begin anew, as at the first step."""
+        for part in self.parts:
+            part.forget()
+
+    def step(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
+        """Run every component once.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            The instant [ns].
+        inputs : mapping of str to tuple
+            The numbers of the columns in `inputs`.
+
+        Returns
+        -------
+        dict of str to tuple
+            The inputs, and all columns that the components give.
+        """
+        signals = dict(inputs)
+        for part in self.parts:
+            component = part.component
+            part.step(stamp_ns, [x for column in component.inputs for x in signals[column.name]])
+            for column in component.outputs:
+                signals[column.name] = tuple(part.given(column.name))
+        return signals

@@ -1,0 +1,125 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""When an instant of the estimator is complete: its gyro sample is there, and the fix that is due.
+
+Every slot has one message, with or without a fix, so nobody has to guess whether one still comes.
+"""
+
+import math
+from collections.abc import Iterator
+
+from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.science.stamps import NANOSECONDS
+
+_ROUNDING = 1000  # [ns] stamps and latencies are rounded; no step is so short
+
+
+class Slots:
+    """Which fix arrives when.
+
+    Parameters
+    ----------
+    rate : float
+        Fixes per second [Hz]; the first one is valid at stamp zero.
+    latency : float
+        From validity to arrival [s]; it arrives with the first instant from then on.
+    initial : bool
+        True if the first one comes at once.
+    """
+
+    def __init__(self, rate: float, latency: float, initial: bool) -> None:
+        self._period = NANOSECONDS / rate
+        self._latency = round(latency * NANOSECONDS) - _ROUNDING
+        self._initial = initial
+
+    def due(self, last_ns: int | None, stamp_ns: int) -> int | None:
+        """Validity [ns] of the fix that arrives with a stamp [ns]; None if none does.
+
+        Parameters
+        ----------
+        last_ns : int or None
+            The stamp before; None if nobody knows it.
+        stamp_ns : int
+            The stamp.
+        """
+        if stamp_ns == 0 and self._initial:
+            return 0
+        slot = math.floor((stamp_ns - self._latency) / self._period)
+        known = slot == 0 and self._initial
+        if slot < 0 or known or (last_ns is None and stamp_ns > 0):
+            return None
+        came_before = last_ns is not None and slot * self._period + self._latency <= last_ns
+        return None if came_before else round(slot * self._period)
+
+
+class Fixes:
+    """Join gyro samples and fixes to instants, in the order of the samples.
+
+    Parameters
+    ----------
+    slots : Slots
+        Which fix arrives when.
+    width : int
+        How many numbers a fix has.
+    depth : int
+        How many samples may wait for a fix; then it counts as lost.
+    """
+
+    def __init__(self, slots: Slots, width: int, depth: int = 100) -> None:
+        self._slots = slots
+        self._none = (0.0,) * (width + 1)
+        self._depth = depth
+        self._last: int | None = None
+        self._samples: dict[int, Values] = {}
+        self._fixes: dict[int, Values] = {}
+        self.lost = 0
+
+    def sample(self, stamp_ns: int, values: Values) -> Iterator[tuple[int, Values, Values]]:
+        """Take a sample; yield what is complete: stamp [ns], sample, fix with its age [s]."""
+        if self._last is not None and stamp_ns < self._last:  # time has begun again
+            self._samples.clear()
+            self._fixes = {valid: fix for valid, fix in self._fixes.items() if valid <= stamp_ns}
+            self._last = None
+        self._samples[stamp_ns] = values
+        yield from self._complete()
+
+    def fix(self, valid_ns: int, values: Values) -> Iterator[tuple[int, Values, Values]]:
+        """Take the message of a slot; yield what is complete."""
+        self._fixes[valid_ns] = values
+        while len(self._fixes) > self._depth:
+            del self._fixes[next(iter(self._fixes))]
+        yield from self._complete()
+
+    @property
+    def waits_for_fix(self) -> bool:
+        """True if a sample waits for its fix."""
+        return bool(self._samples)
+
+    def _complete(self) -> Iterator[tuple[int, Values, Values]]:
+        while self._samples:
+            stamp = next(iter(self._samples))
+            if stamp == self._last:
+                yield stamp, self._samples.pop(stamp), self._none
+                continue
+            valid = self._slots.due(self._last, stamp)
+            row = self._none
+            if valid is not None and valid in self._fixes:
+                row = (*self._fixes.pop(valid), (stamp - valid) * 1e-9)
+            elif valid is not None:
+                if len(self._samples) <= self._depth:
+                    return
+                self.lost += 1
+            self._last = stamp
+            yield stamp, self._samples.pop(stamp), row

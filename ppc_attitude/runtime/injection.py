@@ -1,0 +1,117 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Torques that anyone injects: accepted or refused, and acting from a stamp on that can be told."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.stamps import seconds
+
+_MOST = 1000  # pulses that may be pending or active at a time
+
+Pulse = Any  # array of one record with `start_ns` and `end_ns` [ns]
+
+
+class Injections:
+    """Pulses that are injected into a run.
+
+    Parameters
+    ----------
+    pulse : callable
+        From start [ns], duration [s] and torque [N·m] to the record of a pulse.
+    """
+
+    def __init__(self, pulse: Callable[[int, float, Sequence[float]], Pulse]) -> None:
+        self._pulse = pulse
+        self._pulses: list[Pulse] = []
+        # Torque [N·m] and duration [s] of what acts from the next instant on.
+        self._beginning: list[tuple[tuple[float, ...], float]] = []
+        self._changed = False
+        self._stamp = -1  # the latest instant [ns] that was asked for
+        self.accepted = 0
+
+    def accept(
+        self,
+        torque: tuple[float, ...],
+        start_ns: int,
+        duration: float,
+        limit: float,
+        next_ns: int | None,
+    ) -> str:
+        """Take a torque.
+
+        Parameters
+        ----------
+        torque : tuple of float
+            Torque [N·m], body axes.
+        start_ns : int
+            When it begins [ns]; what is past begins now.
+        duration : float
+            How long it acts [s].
+        limit : float
+            Largest torque that is allowed, per axis [N·m].
+        next_ns : int or None
+            First stamp [ns] whose torque has not been sent, as far as that is known: "now".
+
+        Returns
+        -------
+        str
+            From when to when it acts, in words.
+
+        Raises
+        ------
+        RefusedError
+            The torque is too large, or too many pulses are pending.
+        """
+        if max(map(abs, torque)) > limit:
+            raise RefusedError(f"{torque} N·m; allowed: up to {limit} N·m per axis")
+        self._pulses = [each for each in self._pulses if each["end_ns"][0] > self._stamp]
+        if self.pending >= _MOST:
+            raise RefusedError(f"{_MOST} pulses are pending already")
+        self.accepted += 1
+        begin = next_ns
+        if start_ns > max(self._stamp, 0):
+            begin = start_ns
+            self._pulses.append(self._pulse(start_ns, duration, torque))
+            self._changed = True
+        else:
+            self._beginning.append((torque, duration))
+        if begin is None:
+            return f"{torque} N·m acts from the next state on for {duration:g} s"
+        end = seconds(begin) + duration
+        return f"{torque} N·m acts from t = {seconds(begin):.6f} s to {end:.6f} s"
+
+    def at(self, stamp_ns: int) -> list[Pulse] | None:
+        """Let begin what waits for the next instant [ns]; the pulses, if they have changed."""
+        self._stamp = stamp_ns
+        if self._beginning:
+            self._pulses += [self._pulse(stamp_ns, each[1], each[0]) for each in self._beginning]
+            self._beginning.clear()
+        elif not self._changed:
+            return None
+        self._changed = False
+        return self._pulses
+
+    def begin_again(self) -> None:
+        """Forget what was injected before time began again."""
+        self._pulses.clear()
+        self._changed = True
+        self._stamp = -1
+
+    @property
+    def pending(self) -> int:
+        """How many pulses act or will act."""
+        return len(self._pulses) + len(self._beginning)

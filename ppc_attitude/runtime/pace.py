@@ -1,0 +1,372 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The pace of the plant: when it steps, what it holds, what it repeats, and when it gives zero.
+
+`Lockstep` steps when what it waits for has come with the stamp of the present state,
+`FreeRunning` on the wall clock. Neither knows what a craft is or how messages travel: they move a
+`Craft`, which computes and publishes.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from ppc_attitude.runtime.health import OK, STALE, WARN, Status
+from ppc_attitude.runtime.stamps import RefusedError, Values, out_of_order
+from ppc_attitude.science.stamps import seconds, stamp_of, step_of
+
+_REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated after this
+_REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of catching up
+_LOOK = 0.1  # [s] longest time between two looks at the clock
+_LAG = 2500  # steps that lock-step may be ahead of a recorder; publishers remember twice as many
+_LONG = 1.0  # [s] lock-step that has waited longer says so
+
+
+class Craft(Protocol):
+    """What is paced."""
+
+    def begin(self) -> None:
+        """Take the initial state at time zero."""
+
+    def act(self, stamp_ns: int, inputs: Mapping[str, Values]) -> None:
+        """Hold the inputs from a stamp [ns] on."""
+
+    def move_to(self, stamp_ns: int) -> None:
+        """Reach the next stamp [ns]."""
+
+    def show(self) -> None:
+        """Publish the present state."""
+
+    def tell_acted(self) -> None:
+        """Publish what acted last."""
+
+    def is_published(self, name: str) -> bool:
+        """True if anybody publishes an input."""
+
+    def complain(self, kind: str, text: str) -> None:
+        """Warn the user, but not each time that this is called."""
+
+    def announce(self, text: str, warning: bool) -> None:
+        """Tell the user that something has changed."""
+
+
+@dataclass
+class Rules:
+    """How a plant is paced.
+
+    Attributes
+    ----------
+    rate : float
+        Steps per second of simulated time [Hz].
+    last_step : int or None
+        Step at which the plant ends; None: never.
+    inputs : mapping of str to tuple
+        Name and zero of each input; the first one is the command, without which nothing goes on.
+    wait_for : tuple of str
+        Inputs that lock-step waits for; free-running they are waited for at the beginning.
+    waits : bool
+        Free-running: time begins with the first answer.
+    factor : float
+        Lock-step: simulated seconds per second; 0: as fast as possible.
+    timeout_ns : int
+        Free-running: an input that is older than this is zero.
+    """
+
+    rate: float
+    last_step: int | None
+    inputs: Mapping[str, Values]
+    wait_for: tuple[str, ...]
+    waits: bool
+    factor: float = 0.0
+    timeout_ns: int = 0
+
+    @property
+    def command(self) -> str:
+        """Name of the input that must come."""
+        return next(iter(self.inputs))
+
+
+class _Input:
+    """Latest values of one input, and those that came for the instant to come."""
+
+    def __init__(self, zero: Values) -> None:
+        self.values = zero
+        self.stamp = -1
+        self._next: tuple[int, Values] | None = None
+
+    def take(self, stamp_ns: int, values: Values) -> None:
+        self.stamp, self.values = stamp_ns, values
+
+    def keep(self, stamp_ns: int, values: Values) -> None:
+        self._next = stamp_ns, values
+
+    def reach(self, stamp_ns: int) -> None:
+        """Let an instant [ns] come."""
+        if self._next is not None:
+            if self._next[0] == stamp_ns:
+                self.take(*self._next)
+            self._next = None
+
+
+class Pace(ABC):
+    """What both ways share: the present instant, and the inputs that have come for it.
+
+    Parameters
+    ----------
+    craft : Craft
+        What is paced.
+    rules : Rules
+        How; what does not concern the rate may change at any time.
+    now : float
+        Time of the wall clock [s], as in every other call.
+    """
+
+    mode = ""
+
+    def __init__(self, craft: Craft, rules: Rules, now: float) -> None:
+        self.craft = craft
+        self.rules = rules
+        self.begin(now)
+
+    def begin(self, now: float) -> None:
+        """Begin at time zero."""
+        self.step = self.stamp = 0
+        self.following = stamp_of(1, self.rules.rate)
+        self.finished = False
+        self.overruns = self.late_commands = 0
+        self.inputs = {name: _Input(zero) for name, zero in self.rules.inputs.items()}
+        self.waiting_since = self._sent_at = self._origin = now
+        self._repeat_after = _REPEAT_FIRST
+        self._shown = False  # the present state has been published
+        self.craft.begin()
+
+    def take(self, name: str, stamp_ns: int, values: Values, now: float) -> bool:
+        """Take a message of an input; True if `wake` has to be called.
+
+        Raises
+        ------
+        RefusedError
+            The stamp is out of order, or beyond the next instant.
+        """
+        given = self.inputs[name]
+        if stamp_ns > self.stamp:
+            if stamp_ns != self.following:
+                raise RefusedError(
+                    f"{name}: stamp {seconds(stamp_ns):.6f} s is in the future of "
+                    f"{seconds(self.stamp):.6f} s"
+                )
+            given.keep(stamp_ns, values)
+            return False
+        if stamp_ns < given.stamp:
+            raise out_of_order(name, stamp_ns)
+        # One of the same stamp is a peer's repeated answer.
+        return stamp_ns > given.stamp and self._taken(given, stamp_ns, values, now)
+
+    @abstractmethod
+    def wake(self, now: float) -> float:
+        """Do what is due; return the time [s] until the next call."""
+
+    @abstractmethod
+    def _taken(self, given: _Input, stamp_ns: int, values: Values, now: float) -> bool:
+        """Take what is not of the future; True if `wake` has to be called."""
+
+    @abstractmethod
+    def status(self, now: float) -> tuple[bytes, str]:
+        """Level and summary of how it goes."""
+
+    def _show(self, now: float) -> None:
+        self.craft.show()
+        self._shown = True
+        self._sent_at = now
+
+    def _advance(self, inputs: Mapping[str, Values], show: bool, now: float) -> None:
+        """Hold inputs until the next stamp; publish what acted, and the new state if asked to."""
+        self.craft.act(self.stamp, inputs)
+        self.finished = self.step == self.rules.last_step
+        if not self.finished:
+            self.step += 1
+            self.stamp, self.following = self.following, stamp_of(self.step + 1, self.rules.rate)
+            for given in self.inputs.values():
+                given.reach(self.stamp)
+            self.craft.move_to(self.stamp)
+            self.waiting_since = now
+            self._repeat_after = _REPEAT_FIRST
+            self._shown = False
+            if show:
+                self._show(now)
+        self.craft.tell_acted()
+
+    def _repeat(self, now: float) -> float:
+        """Repeat a state that stays unanswered."""
+        if now - self._sent_at >= self._repeat_after:
+            self._show(now)
+            self._repeat_after = min(2.0 * self._repeat_after, _REPEAT_MOST)
+        return _LOOK
+
+    def report(self, now: float) -> Status:
+        """How it goes, with numbers."""
+        details = {
+            "steps": self.step,
+            "rate [Hz]": self.rules.rate,
+            "mode": self.mode,
+            "overruns": self.overruns,
+            "late commands": self.late_commands,
+        }
+        return Status(*self.status(now), details)
+
+
+class Lockstep(Pace):
+    """Step when every input that is waited for has come, and no recorder lags."""
+
+    mode = "lock-step"
+
+    def begin(self, now: float) -> None:
+        """Begin at time zero."""
+        self._recorded: int | None = None
+        super().begin(now)
+
+    def record(self, stamp_ns: int, now: float) -> None:
+        """Learn up to which stamp [ns] all has been recorded: the run waits for who records it."""
+        self._recorded = step_of(stamp_ns, self.rules.rate)
+        self._go(now)
+
+    def forget_recorder(self, now: float) -> None:
+        """Wait for no recorder any more."""
+        self._recorded = None
+        self._go(now)
+
+    @property
+    def waits_for_recorder(self) -> bool:
+        """True if only a recorder is waited for."""
+        return self._lags() and not self._missing()
+
+    def _lags(self) -> bool:
+        return self._recorded is not None and self.step - self._recorded > _LAG
+
+    def _missing(self) -> list[str]:
+        """Which inputs have not come for the present instant."""
+        return [name for name in self.rules.wait_for if self.inputs[name].stamp != self.stamp]
+
+    def _taken(self, given: _Input, stamp_ns: int, values: Values, now: float) -> bool:
+        if stamp_ns == self.stamp:  # else it was sent before its peer saw this state
+            given.take(stamp_ns, values)
+            self._go(now)
+        return not self._shown
+
+    def _go(self, now: float) -> None:
+        while self._shown and not (self.finished or self._missing() or self._lags()):
+            values = {name: given.values for name, given in self.inputs.items()}
+            self._advance(values, show=self._ahead(now, self.following) <= 0.0, now=now)
+
+    def _ahead(self, now: float, stamp_ns: int) -> float:
+        """Seconds by which a stamp [ns] is ahead of the pace that is asked for."""
+        factor = self.rules.factor
+        return seconds(stamp_ns) / factor - (now - self._origin) if factor else 0.0
+
+    def wake(self, now: float) -> float:
+        """Publish a state that was too early, or repeat one that is unanswered."""
+        ahead = self._ahead(now, self.stamp)
+        if ahead > 0.0:
+            return min(ahead, _LOOK)
+        if not self._shown:
+            self._show(now)
+            self._go(now)
+        return self._repeat(now) if self._shown else 0.0
+
+    def waiting(self) -> str:
+        """What is waited for, in words."""
+        missing = self._missing()
+        text = f"waiting at t = {seconds(self.stamp):.3f} s for "
+        if not missing:
+            return f"{text}the recorder to follow"
+        absent = [name for name in missing if not self.craft.is_published(name)]
+        text += ", ".join(missing)
+        return f"{text}; nobody publishes {', '.join(absent)}" if absent else text
+
+    def status(self, now: float) -> tuple[bytes, str]:
+        """Running, or waiting."""
+        waits = now - self.waiting_since > _LONG
+        return (STALE, self.waiting()) if waits else (OK, "running")
+
+
+class FreeRunning(Pace):
+    """Step on the wall clock and hold what came last; zero for what has not come for too long."""
+
+    mode = "free-running"
+
+    def begin(self, now: float) -> None:
+        """Begin at time zero."""
+        self._held = self.rules.inputs[self.rules.command]  # acts since the latest state
+        self._timed_out: set[str] = set()
+        super().begin(now)
+
+    def _taken(self, given: _Input, stamp_ns: int, values: Values, now: float) -> bool:
+        awaited = self._awaits_first_answer()
+        given.take(stamp_ns, values)
+        if awaited:
+            self._origin = now  # time begins with the last first answer
+        return awaited
+
+    def _awaits_first_answer(self) -> bool:
+        if self.step or not self.rules.waits:
+            return False
+        return any(self.inputs[name].stamp < 0 for name in self.rules.wait_for)
+
+    def wake(self, now: float) -> float:
+        """Step when it is time."""
+        if not self._shown:
+            self._show(now)
+            self._origin = now
+        if self._awaits_first_answer():
+            return self._repeat(now)
+        # The present state was published at origin + stamp; the next one is due a period later.
+        late = now - self._origin - seconds(self.following)
+        if late < 0.0:
+            return min(-late, _LOOK)
+        if late > _REBASE:
+            text = f"paused for {late:.2f} s: simulated time goes on from now"
+            self.craft.complain("pause", text)
+            self._origin += late
+            self.overruns += 1
+        elif late > 1.0 / self.rules.rate:
+            self.overruns += 1
+            self.craft.complain("overrun", f"step {self.step} is {1e3 * late:.1f} ms late")
+        command = self.rules.command
+        self.late_commands += self.inputs[command].stamp < self.stamp
+        values = {name: self._fresh(name) for name in self.inputs if name != command}
+        self._advance({command: self._held, **values}, show=True, now=now)
+        # The command for this new state is still to come: what arrived last acts, a sample late.
+        self._held = self._fresh(command)
+        return 0.0
+
+    def _fresh(self, name: str) -> Values:
+        """Latest values of an input, or zero when they are older than the time-out."""
+        stamp = self.inputs[name].stamp
+        expected = stamp >= 0 or name == self.rules.command  # the others need not be there
+        timed_out = expected and self.stamp - max(stamp, 0) > self.rules.timeout_ns
+        if timed_out != (name in self._timed_out):
+            self._timed_out ^= {name}
+            when = f"t = {seconds(self.stamp):.3f} s"
+            timeout = seconds(self.rules.timeout_ns)
+            text = f"no {name} for {timeout:g} s: zero torque from" if timed_out else None
+            self.craft.announce(f"{text or f'{name} is back at'} {when}", warning=timed_out)
+        return self.rules.inputs[name] if timed_out else self.inputs[name].values
+
+    def status(self, now: float) -> tuple[bytes, str]:
+        """Running, or zero torque for lack of an input."""
+        if self._timed_out:
+            return WARN, f"no {', '.join(sorted(self._timed_out))}: zero torque"
+        return OK, "running"

@@ -1,0 +1,142 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Keeping step by stamps: which stamp is new, and when the messages of one instant are complete.
+
+No handshake and no clock: every peer answers a state with messages of the same stamp, and a
+repeated state with the same answer. The plant repeats a state that stays unanswered, so a peer
+that is late, restarts or lost a message is served by the same mechanism as every other.
+"""
+
+from collections.abc import Iterable
+from enum import Enum
+
+from ppc_attitude.science.stamps import NANOSECONDS, seconds
+
+Values = tuple[float, ...]
+
+
+class RefusedError(ValueError):
+    """A message must not be used; says why."""
+
+
+def out_of_order(name: str, stamp_ns: int) -> RefusedError:
+    """Refusal of a message whose stamp [ns] does not follow those before."""
+    return RefusedError(f"{name}: stamp {seconds(stamp_ns):.6f} s is out of order")
+
+
+class Verdict(Enum):
+    """What a stamp is, compared with those before."""
+
+    NEW = "new"
+    REPEATED = "repeated"
+    STALE = "stale"
+    RESTART = "restart"
+
+
+class StampGuard:
+    """Judge the stamps of one stream.
+
+    A stamp that goes back, or leaps ahead by more than `LARGEST_STEP`, is refused as out of order,
+    unless time has begun again: at stamp zero, or when `CONFIRMATIONS` messages in a row agree on
+    the other time. A plant in lock-step cannot go on without an answer: that it repeats a state
+    counts as agreement too, but not the copies of a flood.
+    """
+
+    CONFIRMATIONS = 3
+    LARGEST_STEP = 10 * NANOSECONDS
+    LATEST_START = 86_400 * NANOSECONDS  # a first stamp after this needs confirmation as well
+    SOONEST_REPEAT = 0.1  # [s] no plant repeats a state sooner
+
+    def __init__(self) -> None:
+        self.last: int | None = None
+        self._candidate: int | None = None
+        self._confirmed = 0
+        self._confirmed_at = 0.0
+
+    def judge(self, stamp_ns: int, now: float) -> Verdict:
+        """Classify a stamp [ns] that came at a time [s], and remember it unless it is stale."""
+        if stamp_ns == self.last:
+            return Verdict.REPEATED
+        if self._goes_on(stamp_ns):
+            return self._accept(stamp_ns, Verdict.NEW)
+        self._weigh(stamp_ns, now)
+        if stamp_ns == 0 or self._confirmed >= self.CONFIRMATIONS:
+            return self._accept(stamp_ns, Verdict.RESTART)
+        return Verdict.STALE
+
+    def _weigh(self, stamp_ns: int, now: float) -> None:
+        """Count how many stamps in a row agree on another time."""
+        if stamp_ns == self._candidate and now - self._confirmed_at < self.SOONEST_REPEAT:
+            return
+        candidate = self._candidate
+        agrees = candidate is not None and 0 <= stamp_ns - candidate <= self.LARGEST_STEP
+        self._confirmed = self._confirmed + 1 if agrees else 1
+        self._candidate = stamp_ns
+        self._confirmed_at = now
+
+    def _goes_on(self, stamp_ns: int) -> bool:
+        if self.last is None:
+            return stamp_ns <= self.LATEST_START
+        return 0 < stamp_ns - self.last <= self.LARGEST_STEP
+
+    def _accept(self, stamp_ns: int, verdict: Verdict) -> Verdict:
+        self.last = stamp_ns
+        self._candidate = None
+        self._confirmed = 0
+        return verdict
+
+
+class Instant:
+    """Collect the messages of one instant.
+
+    Parameters
+    ----------
+    names : iterable of str
+        What an instant consists of.
+    depth : int
+        How many incomplete instants are kept; a source may run this far ahead of another.
+    """
+
+    def __init__(self, names: Iterable[str], depth: int = 100) -> None:
+        self._names = tuple(names)
+        self._depth = depth
+        self._parts: dict[int, dict[str, Values]] = {}
+        self.dropped = 0
+
+    def add(self, name: str, stamp_ns: int, values: Values) -> dict[str, Values] | None:
+        """Add one message; return the instant's messages once all are there."""
+        parts = self._parts.setdefault(stamp_ns, {})
+        parts[name] = values
+        if len(parts) == len(self._names):
+            self._forget_until(stamp_ns)
+            return parts
+        if len(self._parts) > self._depth:
+            # dicts keep insertion order: the first is the one that has waited longest.
+            del self._parts[next(iter(self._parts))]
+            self.dropped += 1
+        return None
+
+    def missing(self) -> tuple[str, ...]:
+        """What no incomplete instant has; all names if there is none, or if they do not pair."""
+        present = set().union(*self._parts.values())
+        return tuple(name for name in self._names if name not in present) or self._names
+
+    def _forget_until(self, stamp_ns: int) -> None:
+        """Drop a complete instant and what began to arrive before it: no topic goes back."""
+        for stamp in list(self._parts):
+            del self._parts[stamp]
+            if stamp == stamp_ns:
+                return
+            self.dropped += 1

@@ -1,0 +1,94 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The paper's actuator: it saturates, has a dead zone, and is otherwise ideal."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.component import NOTHING, Component
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import Vector, kernel, store, vector
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
+
+MAX_TORQUE = Parameter("max_torque", 0.05, "actuator limit per axis", "N·m", above=0.0, high=1e6)
+MIN_TORQUE = Parameter(
+    "min_torque", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0, high=1e6
+)
+CONFIGURATION = np.dtype(
+    [
+        ("max_torque", np.float64),  # [N·m] per axis
+        ("min_torque", np.float64),  # [N·m] below this the actuator gives nothing
+    ],
+    align=True,
+)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The limits leave no torque.
+    """
+    if values["min_torque"] >= values["max_torque"]:
+        raise ConfigurationError(
+            f"min_torque = {values['min_torque']} N·m must be smaller than max_torque = "
+            f"{values['max_torque']} N·m"
+        )
+    record = np.zeros((), CONFIGURATION)[()]
+    record["max_torque"] = values["max_torque"]
+    record["min_torque"] = values["min_torque"]
+    return record
+
+
+@kernel
+def _axis_torque(command: float, max_torque: float, min_torque: float) -> float:
+    if abs(command) < min_torque:
+        return 0.0
+    return min(max(command, -max_torque), max_torque)
+
+
+@kernel
+def actuator(command: Vector, max_torque: float, min_torque: float) -> Vector:
+    """Torque [N·m] the actuator gives: saturation at max_torque, nothing below min_torque."""
+    return (
+        _axis_torque(command[0], max_torque, min_torque),
+        _axis_torque(command[1], max_torque, min_torque),
+        _axis_torque(command[2], max_torque, min_torque),
+    )
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Give the torque that the actuator makes of the command."""
+    command = vector(inputs.torque_command)
+    torque = actuator(command, configuration.max_torque, configuration.min_torque)
+    store(outputs.applied_torque, torque)
+
+
+COMPONENT = Component(
+    name="ideal",
+    parameters=(MAX_TORQUE, MIN_TORQUE),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=NOTHING,
+    inputs=(TORQUE_COMMAND,),
+    outputs=(APPLIED_TORQUE,),
+    step=step,
+)

@@ -1,0 +1,205 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What every part of the craft declares, whatever its kind: plant, sensors, law, and the others.
+
+A part is a `Component`: parameters, a configuration built from them, what it remembers, the columns
+it reads, the columns it gives, and one step. Loop, nodes, recorder, reader, replay, campaign and
+figures take everything from these declarations; none of them lists fields.
+
+This file and `kinds` import neither kernels nor Numba, so that who only needs names stays light.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ppc_attitude.science.parameter import Parameter
+
+INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tracker"
+QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
+GYRO, FIX, MOTION = "gyro", "fix", "motion"
+_WIDTHS = {
+    QUATERNION: (4,),
+    VECTOR: (1, 2, 3),
+    WRENCH: (3,),
+    GYRO: (4,),
+    FIX: (7,),
+    MOTION: (19,),
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One quantity that a component gives at each instant.
+
+    Attributes
+    ----------
+    name : str
+        Name of its array in a `RunRecord` and of its field in a step's records.
+    topic : str
+        Relative name of the topic that carries it.
+    form : str
+        How it goes over the wire: ``quaternion`` (x y z w), ``vector`` (up to three numbers),
+        ``wrench`` (a torque), ``gyro`` (a rate and the variance of each of its numbers), ``fix``
+        (x y z w and the variances about three axes) or ``motion`` (x y z w, the upper triangle of
+        its covariance, a rate, the upper triangle of its covariance).
+    frame : str
+        Frame in which the numbers are expressed.
+    unit : str
+        Unit of the numbers; "1" where they have none.
+    meaning : str
+        What the numbers are.
+    width : int
+        How many numbers; by default as many as the form has.
+    bound : str
+        Name of the column that bounds the magnitude of its first numbers, where there is one.
+    late : bool
+        True if it comes with some instants only and belongs to an earlier one: then one number more
+        is its age [s], its message has the stamp to which it belongs, and a row of zeros is no
+        message.
+    """
+
+    name: str
+    topic: str
+    form: str
+    frame: str
+    unit: str
+    meaning: str
+    width: int = 0
+    bound: str = ""
+    late: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a form that nobody knows."""
+        if self.form not in _WIDTHS:
+            raise ValueError(
+                f"column {self.name}: form = {self.form!r}; allowed: {', '.join(_WIDTHS)}"
+            )
+        if not self.width:
+            object.__setattr__(self, "width", _WIDTHS[self.form][-1] + self.late)
+        if self.width - self.late not in _WIDTHS[self.form]:
+            raise ValueError(
+                f"column {self.name}: width = {self.width}; allowed for a {self.form}: "
+                f"{', '.join(map(str, _WIDTHS[self.form]))}"
+            )
+
+
+def output_record(columns: tuple[Column, ...]) -> np.dtype[Any]:
+    """Record of what a step fills: one field for each column."""
+    return np.dtype([(each.name, np.float64, (each.width,)) for each in columns], align=True)
+
+
+def input_record(columns: tuple[Column, ...]) -> np.dtype[Any]:
+    """Record of what a step reads: its instant [ns] and [s], then one field for each column."""
+    instant = [("stamp_ns", np.int64), ("t", np.float64)]
+    fields = [(each.name, np.float64, (each.width,)) for each in columns]
+    return np.dtype([*instant, *fields], align=True)
+
+
+class Advice(NamedTuple):
+    """What a component has to say to its user.
+
+    Attributes
+    ----------
+    text : str
+        The advice.
+    warning : bool
+        True if the user should act.
+    """
+
+    text: str
+    warning: bool
+
+
+NOTHING = np.dtype([("nothing", np.float64)])
+"""State or configuration of a component that has none."""
+
+
+def no_configuration(values: Mapping[str, Any]) -> Any:
+    """Build the record of a component that needs none."""
+    return np.zeros((), NOTHING)[()]
+
+
+def _no_advice(state: Any) -> Advice:
+    return Advice("", warning=False)
+
+
+def _no_advices(state: Any) -> int:
+    return 0
+
+
+def _never(values: Mapping[str, Any]) -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Component:
+    """A part of the craft, or of what surrounds and steers it.
+
+    Attributes
+    ----------
+    name : str
+        Value of the parameter that selects it among those of its kind.
+    parameters : tuple of Parameter
+        What it can be configured with.
+    configure : callable
+        From the checked parameter values of its node to the record that the step reads; or to a
+        tuple of that record and the arrays whose addresses are in it. Raises ConfigurationError.
+    configuration : numpy.dtype
+        What `configure` makes.
+    state : numpy.dtype
+        What it remembers between steps; all zero before the first.
+    inputs : tuple of Column
+        What it reads at each instant; nothing, if it is a function of time alone.
+    outputs : tuple of Column
+        What it gives at each instant.
+    step : callable
+        Kernel ``step(inputs, state, configuration, outputs)``, all of them records. The first has
+        the fields `stamp_ns` and `t` [s], then one for each input; the last one for each output.
+    advice : callable
+        From the state after a step to what the user should know.
+    advices : callable
+        From the state to the number of its latest advice, which rises with every new one.
+    exact : callable
+        Of sensors: from the parameter values to True if what they give is the truth itself.
+    observes : bool
+        Of laws: True if it has a rate observer of its own, so that none is put before it.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    configure: Callable[[Mapping[str, Any]], Any]
+    configuration: np.dtype[Any]
+    state: np.dtype[Any]
+    inputs: tuple[Column, ...]
+    outputs: tuple[Column, ...]
+    step: Callable[[Any, Any, Any, Any], None]
+    advice: Callable[[Any], Advice] = _no_advice
+    advices: Callable[[Any], int] = _no_advices
+    exact: Callable[[Mapping[str, Any]], bool] = _never
+    observes: bool = False
+
+    @cached_property
+    def input_record(self) -> np.dtype[Any]:
+        """Record that the step reads: the instant, then the columns."""
+        return input_record(self.inputs)
+
+    @cached_property
+    def output_record(self) -> np.dtype[Any]:
+        """Record that the step fills."""
+        return output_record(self.outputs)

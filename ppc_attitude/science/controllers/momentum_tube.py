@@ -1,0 +1,467 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The momentum-tube law: convergence inside an envelope that holds for the numbers it runs with.
+
+The law commands the rate v = p ω_res − r f(φ; V_e) n: what the craft had at the last event fades
+with p, then the error φ falls along its axis n as fast as brake, torque and rate limit allow
+(`brake`). Every change of p, σ and r is allocated within the torque that is left, so the momentum
+error y = J (ω_e − v) never leaves its tube Y, and φ never passes Φ. Whether that is so for given
+numbers is checked by `science.guarantee`; docs/guarantee.md has the theorem and its proof.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.component import BODY, VECTOR, Advice, Column, Component
+from ppc_attitude.science.controllers.brake import capped_brake
+from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
+from ppc_attitude.science.controllers.interface import (
+    INPUTS,
+    OUTPUTS,
+    error_state,
+    store_command,
+)
+from ppc_attitude.science.controllers.tube_parameters import (
+    CONFIGURATION,
+    PARAMETERS,
+    configure,
+)
+from ppc_attitude.science.kernel import (
+    Matrix,
+    Quaternion,
+    Vector,
+    add,
+    apply,
+    clamp,
+    cross,
+    dot,
+    kernel,
+    largest,
+    matrix,
+    norm,
+    scale,
+    store,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.virtual_control import sign
+
+MEMORY = np.dtype(
+    [
+        ("started", np.float64),
+        ("t", np.float64),  # [s] of the last sample
+        ("tumbling", np.float64),
+        ("way", np.float64),  # s = ±1: the way round, kept between events
+        ("p", np.float64),  # share of ω_res that is left, 1 to 0
+        ("r", np.float64),  # share of the brake that acts, 0 to 1
+        ("sigma", np.float64),  # σ [rad/s]: speed while it rises to V
+        ("done", np.float64),  # 1 if the cap is V itself
+        ("p_rate", np.float64),  # [1/s] of the last sample, as the next two
+        ("r_rate", np.float64),
+        ("sigma_rate", np.float64),
+        ("cap", np.float64),  # V_e [rad/s] of the last sample
+        ("residual", np.float64, (3,)),  # ω_res [rad/s]
+        ("y_hat", np.float64, (3,)),  # [N·m·s]
+        ("d_hat", np.float64, (3,)),  # [N·m]
+        ("y", np.float64, (3,)),  # of the last sample, as the next two
+        ("feedforward", np.float64, (3,)),  # F = M0 − J v' [N·m]
+        ("torque", np.float64, (3,)),
+        ("phi", np.float64),  # φ [rad]
+        ("envelope", np.float64),  # Φ [rad]
+        ("events", np.float64),  # how many so far
+        ("slips", np.float64),  # events that a weak actuator explains
+        ("slipped_at", np.float64),  # [s] the last of them
+        ("loss", np.float64),  # share of the torque that is no longer counted on
+        ("told", np.float64),  # how many of them the user hears of: one a second
+        ("told_at", np.float64),  # [s]
+        ("certified", np.float64),  # as in the configuration
+    ],
+    align=True,
+)
+MOMENTUM_ERROR = Column(
+    "momentum_error",
+    "control/momentum_error",
+    VECTOR,
+    BODY,
+    "N·m·s",
+    "momentum error y = J (ω_e − v)",
+    bound="momentum_tube",
+)
+MOMENTUM_TUBE = Column(
+    "momentum_tube", "control/momentum_tube", VECTOR, BODY, "N·m·s", "tube Y of the momentum error"
+)
+TURN = Column(
+    "turn",
+    "control/turn",
+    VECTOR,
+    BODY,
+    "rad",
+    "angle φ that is left, the way round that was chosen",
+    width=1,
+    bound="turn_envelope",
+)
+TURN_ENVELOPE = Column(
+    "turn_envelope", "control/turn_envelope", VECTOR, BODY, "rad", "envelope Φ of φ", width=1
+)
+PHASE = Column(
+    "phase",
+    "control/phase",
+    VECTOR,
+    BODY,
+    "1",
+    "0 tumbling, 1 stop, 2 speed up, 3 follow the brake; and how many events so far",
+    width=2,
+)
+_OBSERVER_RATE = 1.0  # L [1/s] of the disturbance estimate
+_HIT = 0.4  # torque beyond the declared one, of max_torque, that makes a hit
+_FAR_OUTSIDE = 5.0  # of the tube: an event without a hit
+# Outside the assumptions events may follow each other: then less torque is counted on, for a while.
+_LOSS = 0.2  # of what is counted on, at each slip after the first
+_LARGEST_LOSS = 0.7
+_LOSS_LASTS = 120.0  # [s] without another slip
+_FEEDFORWARD = 0.15  # of the torque: what the brake cannot have
+_LANDED = 1e-9  # a ramp this near its end is at its end: the time between stamps is rounded
+_TUMBLING_ENDS = 0.95  # of omega0
+_ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@kernel
+def error_axis(q_e: Quaternion, way: float) -> tuple[Vector, float]:
+    """Axis n and angle φ in [0, 2π) [rad] of the error, going round the given way."""
+    length = norm((q_e[0], q_e[1], q_e[2]))
+    phi = 2.0 * math.atan2(length, way * q_e[3])
+    if length == 0.0:
+        return _ZERO, phi
+    return scale(way / length, (q_e[0], q_e[1], q_e[2])), phi
+
+
+@kernel
+def speed_limit(
+    n: Vector, n_rate: Vector, omega_d: Vector, acceleration_d: Vector, rate_limit: float
+) -> tuple[float, float]:
+    """V [rad/s], the f at which ‖w_d − f n‖ is the rate limit Ω_e, and V' [rad/s²]."""
+    b = dot(n, omega_d)
+    root = math.sqrt(max(b * b + rate_limit * rate_limit - dot(omega_d, omega_d), 0.0))
+    if root == 0.0 or n == _ZERO:
+        return b + root, 0.0
+    b_rate = dot(n, acceleration_d) + dot(n_rate, omega_d)
+    return b + root, b_rate + (b * b_rate - dot(omega_d, acceleration_d)) / root
+
+
+@kernel
+def axis_rate(n: Vector, phi: float, omega_e: Vector) -> Vector:
+    """2 sin(φ/2) n' = cos(φ/2) ω_⊥ + sin(φ/2) n × ω_⊥ [rad/s], finite at φ = 0."""
+    across = subtract(omega_e, scale(dot(n, omega_e), n))
+    return add(scale(math.cos(0.5 * phi), across), scale(math.sin(0.5 * phi), cross(n, across)))
+
+
+@kernel
+def room(feedforward: Vector, direction: Vector, limit: Vector) -> float:
+    """Largest m ≥ 0 with |F + m c| ≤ B on all axes; infinite if c is zero."""
+    most = math.inf
+    for i in range(3):
+        if direction[i] > 0.0:
+            most = min(most, (limit[i] - feedforward[i]) / direction[i])
+        elif direction[i] < 0.0:
+            most = min(most, (limit[i] + feedforward[i]) / -direction[i])
+    return max(most, 0.0)
+
+
+@kernel
+def _hit(y: Vector, unexplained: Vector, gains: Any, h: float) -> bool:
+    """Tell whether y is outside its tube by a torque that nobody declared, or far outside."""
+    for i in range(3):
+        tube = gains.Y[i] + gains.N[i]
+        threshold = _HIT * gains.max_torque + 2.0 * gains.N[i] / h
+        if abs(y[i]) > tube and abs(unexplained[i]) > threshold:
+            return True
+        if abs(y[i]) > _FAR_OUTSIDE * tube:
+            return True
+    return False
+
+
+@kernel
+def _slip(memory: Any) -> None:
+    """Count on less torque if it is found short again: no limit cycle of events."""
+    if memory.slips > 0.0:
+        memory.loss = min(memory.loss + _LOSS * (1.0 - memory.loss), _LARGEST_LOSS)
+    memory.slips += 1.0
+    memory.slipped_at = memory.t
+
+
+@kernel
+def _deceleration(memory: Any, gains: Any) -> float:
+    """Deceleration a [rad/s²] of the brake with the torque that is counted on."""
+    if memory.loss == 0.0:
+        return float(gains.a)
+    return float(gains.a * (1.0 - memory.loss / (1.0 - _FEEDFORWARD)))
+
+
+@kernel
+def _advance(memory: Any, gains: Any, h: float) -> None:
+    """Carry ramps and envelope Φ over the h [s] since the last sample."""
+    reach = max(memory.envelope - h * memory.cap, 0.0)
+    floor = max(memory.cap - h * gains.V_rate, 0.0)
+    fall = memory.r * capped_brake(reach, gains.k, _deceleration(memory, gains), floor)[0]
+    memory.envelope += h * (memory.p * norm(vector(memory.residual)) + gains.z_bar - fall)
+    memory.p = max(memory.p + h * memory.p_rate, 0.0)
+    memory.r = min(memory.r + h * memory.r_rate, 1.0)
+    memory.sigma += h * memory.sigma_rate
+    if memory.p < _LANDED:
+        memory.p = 0.0
+    if memory.r > 1.0 - _LANDED:
+        memory.r = 1.0
+
+
+@kernel
+def _begin(memory: Any, gains: Any, n: Vector, phi: float, limit: float, omega_e: Vector) -> None:
+    """Event: plan from the present state, which puts y at zero whatever the state is."""
+    memory.events += 1.0
+    if memory.told == 0.0 or memory.t - memory.told_at >= 1.0:
+        memory.told += 1.0
+        memory.told_at = memory.t
+    memory.certified = gains.certified
+    memory.p = 1.0
+    memory.envelope = phi + gains.e_A
+    if phi < gains.far or norm(omega_e) > gains.w_far:
+        memory.r, memory.done, memory.sigma = 0.0, 1.0, 0.0
+    else:
+        memory.r, memory.done = 1.0, 0.0
+        memory.sigma = min(max(-dot(n, omega_e), 0.0), limit)  # useful speed is kept
+    store(memory.residual, add(omega_e, scale(memory.r * memory.sigma, n)))
+
+
+@kernel
+def _tumble(memory: Any, gains: Any, momentum: Vector) -> Vector:
+    """Torque [N·m] that takes the craft's own momentum [N·m·s] away; nothing is tracked."""
+    memory.tumbling = 1.0
+    memory.phi, memory.envelope = math.pi, 2.0 * math.pi
+    return scale(-gains.max_torque, clamp(scale(1.0 / gains.tumbling_momentum, momentum), 1.0))
+
+
+@kernel
+def _allocated(
+    memory: Any, gains: Any, feedforward: Vector, inertia: Matrix, n: Vector, fall: Vector
+) -> Vector:
+    """Set the rates of p, σ and r to what the torque allows; F = M0 − J v' [N·m] with them.
+
+    `fall` has f [rad/s], f_V and V [rad/s].
+    """
+    f, f_cap, limit = fall
+    memory.p_rate, memory.r_rate, memory.sigma_rate = 0.0, 0.0, 0.0
+    bound = scale(1.0 - memory.loss, vector(gains.B))
+    if memory.p > 0.0:
+        direction = apply(inertia, vector(memory.residual))
+        change = min(room(feedforward, direction, bound), memory.p / gains.h)
+        memory.p_rate = -change
+    elif memory.done == 0.0:
+        direction = scale(f_cap, apply(inertia, n))
+        change = min(room(feedforward, direction, bound), (limit - memory.sigma) / gains.h)
+        memory.sigma_rate = change
+    elif memory.r < 1.0:
+        direction = scale(f, apply(inertia, n))
+        change = min(min(room(feedforward, direction, bound), gains.k), (1.0 - memory.r) / gains.h)
+        memory.r_rate = change
+    else:
+        return feedforward
+    return add(feedforward, scale(change, direction))
+
+
+@kernel
+def _observe(memory: Any, gains: Any, y: Vector, unexplained: Vector, h: float) -> None:
+    """Momentum observer ŷ and disturbance estimate d̂ from the sample before."""
+    d_hat = vector(memory.d_hat)
+    pushed = add(add(vector(memory.feedforward), vector(memory.torque)), d_hat)
+    expected = add(vector(memory.y_hat), scale(h, pushed))
+    store(memory.y_hat, add(expected, scale(gains.ell, subtract(y, expected))))
+    correction = scale(_OBSERVER_RATE * h, subtract(unexplained, d_hat))
+    store(memory.d_hat, clamp(add(d_hat, correction), gains.d_max))
+
+
+@kernel
+def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
+    """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
+    inertia = matrix(gains.inertia)
+    q_e, omega_e, m_0 = error_state(measurement, inertia)
+    h = measurement.t - memory.t if memory.started != 0.0 else 0.0
+    if h > 0.0 and memory.tumbling == 0.0:
+        _advance(memory, gains, h)
+    event = memory.started == 0.0
+    memory.started = 1.0
+    memory.t = measurement.t
+    if memory.tumbling != 0.0:
+        event = norm(omega_e) <= _TUMBLING_ENDS * gains.omega0
+    if memory.tumbling == 0.0 or event:
+        _track(measurement, memory, gains, command, q_e, omega_e, m_0, event, h)
+    if memory.tumbling != 0.0:
+        momentum = apply(inertia, vector(measurement.angular_velocity))
+        torque = _tumble(memory, gains, momentum)
+        store(memory.y, _ZERO)
+        store_command(command, q_e, omega_e, torque, torque)
+    bound = math.sin(0.5 * min(memory.envelope, math.pi))
+    store(command.attitude_envelope, (bound, bound, bound))
+    store(command.momentum_error, vector(memory.y))
+    store(command.momentum_tube, vector(gains.Y))
+    command.turn[0] = memory.phi
+    command.turn_envelope[0] = memory.envelope
+    command.phase[0] = _phase(memory)
+    command.phase[1] = memory.events
+
+
+@kernel
+def _phase(memory: Any) -> float:
+    """Number of the phase, as `PHASE` says."""
+    if memory.tumbling != 0.0:
+        return 0.0
+    if memory.p > 0.0:
+        return 1.0
+    return 3.0 if memory.done != 0.0 and memory.r == 1.0 else 2.0
+
+
+@kernel
+def _track(
+    measurement: Any,
+    memory: Any,
+    gains: Any,
+    command: Any,
+    q_e: Quaternion,
+    omega_e: Vector,
+    m_0: Vector,
+    event: bool,
+    h: float,
+) -> None:
+    """One sample outside the tumbling mode, which it enters at an event with too high a rate."""
+    inertia = matrix(gains.inertia)
+    unexplained = _ZERO
+    y = _ZERO
+    if not event:
+        n, phi, limit, limit_rate, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
+        y = apply(inertia, subtract(omega_e, v))
+        if h > 0.0:
+            pushed = add(vector(memory.feedforward), vector(memory.torque))
+            unexplained = subtract(scale(1.0 / h, subtract(y, vector(memory.y))), pushed)
+            event = _hit(y, unexplained, gains, h)
+            if event and largest(unexplained) <= gains.max_torque:
+                _slip(memory)  # a weak actuator explains it: no torque from outside is needed
+            elif memory.slips > 0.0 and memory.t - memory.slipped_at > _LOSS_LASTS:
+                memory.slips, memory.loss = 0.0, 0.0
+    if event:
+        memory.tumbling = 1.0 if norm(omega_e) > gains.omega0 else 0.0
+        if memory.tumbling != 0.0:
+            return
+        memory.way = sign(q_e[3])
+        n, phi = error_axis(q_e, memory.way)
+        limit = speed_limit(
+            n,
+            _ZERO,
+            vector(measurement.reference_angular_velocity),
+            vector(measurement.reference_angular_acceleration),
+            gains.Omega_e,
+        )[0]
+        _begin(memory, gains, n, phi, limit, omega_e)
+        n, phi, limit, limit_rate, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
+        y = _ZERO
+        store(memory.y_hat, _ZERO)
+    elif h > 0.0:
+        _observe(memory, gains, y, unexplained, h)
+    f, f_phi, f_cap = capped_brake(phi, gains.k, _deceleration(memory, gains), memory.cap)
+    steepness = f / (2.0 * math.sin(0.5 * phi)) if phi > 0.0 else gains.k  # λ = f ν
+    along = f_phi * dot(n, omega_e) + memory.done * f_cap * limit_rate
+    braking = add(scale(along, n), scale(steepness, turn))
+    feedforward = add(m_0, scale(memory.r, apply(inertia, braking)))
+    feedforward = _allocated(memory, gains, feedforward, inertia, n, (f, f_cap, limit))
+    u = scale(
+        -1.0, add(feedforward, add(scale(gains.kappa, vector(memory.y_hat)), vector(memory.d_hat)))
+    )
+    torque = clamp(u, gains.max_torque)
+    store(memory.y, y)
+    store(memory.feedforward, feedforward)
+    store(memory.torque, torque)
+    memory.phi = phi
+    store_command(command, q_e, omega_e, u, torque)
+
+
+@kernel
+def _commanded(
+    measurement: Any, memory: Any, gains: Any, q_e: Quaternion, omega_e: Vector
+) -> tuple[Vector, float, float, float, Vector, Vector]:
+    """n, φ, V, V', 2 sin(φ/2) n' and v, all with the memory's way and ramps; sets V_e."""
+    n, phi = error_axis(q_e, memory.way)
+    turn = axis_rate(n, phi, omega_e)
+    n_rate = scale(0.5 / math.sin(0.5 * phi), turn) if n != _ZERO else _ZERO
+    limit, limit_rate = speed_limit(
+        n,
+        n_rate,
+        vector(measurement.reference_angular_velocity),
+        vector(measurement.reference_angular_acceleration),
+        gains.Omega_e,
+    )
+    if memory.sigma >= limit:
+        memory.done = 1.0
+    memory.cap = limit if memory.done != 0.0 else memory.sigma
+    f = capped_brake(phi, gains.k, _deceleration(memory, gains), memory.cap)[0]
+    v = subtract(scale(memory.p, vector(memory.residual)), scale(memory.r * f, n))
+    return n, phi, limit, limit_rate, turn, v
+
+
+def advice(memory: Any) -> Advice:
+    """Say what the law plans from, and whether its guarantee applies."""
+    plan = f"from {math.degrees(memory['phi']):.1f} deg"
+    if memory["loss"] > 0.0:
+        return Advice(
+            f"the guarantee is suspended: torque was short {memory['slips']:.0f} times, so "
+            f"{100.0 * memory['loss']:.0f} % less is counted on for {_LOSS_LASTS:g} s",
+            warning=True,
+        )
+    if memory["events"] > 1.0:
+        return Advice(
+            f"event {memory['events']:.0f} of the momentum tube: a torque beyond the assumed "
+            f"ones; the guarantee begins anew {plan}",
+            warning=True,
+        )
+    if memory["certified"] == 1.0:
+        return Advice(f"the guarantee applies {plan}", warning=False)
+    reason = "its certificate is for other numbers" if memory["certified"] else "no certificate"
+    return Advice(f"nothing is guaranteed: {reason}; `ppc_attitude design` makes one", warning=True)
+
+
+def advices(memory: Any) -> int:
+    """Return the number of the latest advice."""
+    return int(memory["told"])
+
+
+COMPONENT = Component(
+    name="momentum_tube",
+    parameters=PARAMETERS,
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=MEMORY,
+    inputs=INPUTS,
+    outputs=(
+        *OUTPUTS,
+        ATTITUDE_ENVELOPE,
+        MOMENTUM_ERROR,
+        MOMENTUM_TUBE,
+        TURN,
+        TURN_ENVELOPE,
+        PHASE,
+    ),
+    step=step,
+    advice=advice,
+    advices=advices,
+    observes=True,
+)

@@ -1,0 +1,151 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parameters of the momentum-tube law, and the digest of those that a certificate is for."""
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.parameter import Parameter
+
+PREFIX = "momentum_tube."
+# The certified numbers of config/guaranteed.yaml: the paper's craft at 100 Hz.
+_OWN = (
+    Parameter("h", 0.01, "sample time: the largest gap between two samples", "s", above=0.0),
+    Parameter("k", 1.0, "rate at which a small error falls", "1/s", above=0.0),
+    Parameter("kappa", 15.0, "κ: rate at which the momentum error falls", "1/s", above=0.0),
+    Parameter(
+        "ell",
+        0.2,
+        "ℓ: gain of the momentum observer; 1 switches it off",
+        above=0.0,
+        high=1.0,
+    ),
+    Parameter("a", 0.0132070625, "deceleration of the brake", "rad/s²", above=0.0),
+    Parameter("Omega_e", 0.0514905699, "Ω_e: largest commanded rate ‖ω_s‖", "rad/s", above=0.0),
+    Parameter(
+        "Y",
+        [1.17786366e-3, 1.15596051e-3, 1.11002616e-3],
+        "tube: largest momentum error, per axis",
+        "N·m·s",
+        length=3,
+        above=0.0,
+    ),
+    Parameter(
+        "B",
+        [0.0438933267, 0.0440617142, 0.0444184318],
+        "torque that feedforward and ramps may use, per axis",
+        "N·m",
+        length=3,
+        above=0.0,
+    ),
+    Parameter("z_bar", 8.55615675e-4, "z̄: largest rate error in the tube", "rad/s", above=0.0),
+    Parameter("V_rate", 1.31770424e-3, "largest |V'| where the cap acts", "rad/s²", low=0.0),
+    Parameter(
+        "far", 0.54203422, "error from which the craft cruises", "rad", above=0.0, high=math.pi
+    ),
+    Parameter("w_far", 0.0354925921, "rate up to which the craft cruises", "rad/s", above=0.0),
+    Parameter("omega0", 0.10472, "rate error from which it is tumbling", "rad/s", above=0.0),
+    Parameter("d_max", 4.5927e-3, "bound of the disturbance estimate", "N·m", low=0.0),
+    Parameter(
+        "N", [0.0] * 3, "error of y from estimation errors, per axis", "N·m·s", length=3, low=0.0
+    ),
+    Parameter("e_A", 0.0, "largest estimation error of the attitude", "rad", low=0.0),
+)
+# What the certificate assumes; the law itself reads none of it.
+_ASSUMPTIONS = (
+    Parameter("dead_band", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0),
+    Parameter("d", 4.374e-3, "bound of the disturbance, per axis", "N·m", low=0.0),
+    Parameter("D1", 6.1e-5, "bound of the disturbance's rate, per axis", "N·m/s", low=0.0),
+    Parameter("W", 0.01392, "bound of ‖ω_d‖", "rad/s", low=0.0),
+    Parameter("W1", 5.515e-4, "bound of ‖ω_d'‖", "rad/s²", low=0.0),
+    Parameter("W2", 2.449e-5, "bound of ‖ω_d''‖", "rad/s³", low=0.0),
+    Parameter("Omega", math.radians(3.0), "rate limit of the craft, ‖ω_s‖", "rad/s", above=0.0),
+    Parameter(
+        "eta", 1.0, "least share of the command that the actuator gives", above=0.0, high=1.0
+    ),
+    Parameter("e_S", 0.0, "relative error of the inertia, about any axis", low=0.0, high=0.5),
+    Parameter("e_W", 0.0, "largest estimation error of the rate", "rad/s", low=0.0),
+    Parameter("late", 0.0, "1: a command may act up to a sample late", low=0.0, high=1.0),
+)
+ASSUMED = tuple(each.name for each in _ASSUMPTIONS)
+CERTIFICATE = Parameter(
+    PREFIX + "certificate",
+    "",
+    "digest of the numbers that a certificate was issued for; empty: none was",
+)
+PARAMETERS = (
+    CERTIFICATE,
+    INERTIA,
+    MAX_TORQUE,
+    *(replace(each, name=PREFIX + each.name) for each in _OWN),
+    *(replace(each, name=f"{PREFIX}assumed.{each.name}") for each in _ASSUMPTIONS),
+)
+CONFIGURATION = np.dtype(
+    [
+        *(
+            (each.name, np.float64, (3,)) if each.is_list else (each.name, np.float64)
+            for each in _OWN
+        ),
+        ("inertia", np.float64, (3, 3)),
+        ("max_torque", np.float64),
+        ("certified", np.float64),  # 1 if the certificate is for these numbers, −1 if for others
+        ("tumbling_momentum", np.float64),  # [N·m·s] full torque from this component on
+    ],
+    align=True,
+)
+_TUMBLING_BAND = 0.1  # of the least momentum at omega0: where the stopping torque is linear
+
+
+def digest_of(values: Mapping[str, Any]) -> str:
+    """SHA-256 of every number that a certificate depends on, to the last bit."""
+    lines = [
+        f"{each.name} {[float(x).hex() for x in np.atleast_1d(values[each.name])]}"
+        for each in PARAMETERS
+        if each is not CERTIFICATE
+    ]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The inertia is impossible, or the torque for feedforward and ramps exceeds max_torque.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    for each in _OWN:
+        record[each.name] = values[PREFIX + each.name]
+    inertia = inertia_matrix("inertia", values["inertia"])
+    record["inertia"] = inertia
+    record["max_torque"] = values["max_torque"]
+    if values[CERTIFICATE.name]:
+        record["certified"] = 1.0 if values[CERTIFICATE.name] == digest_of(values) else -1.0
+    record["tumbling_momentum"] = _TUMBLING_BAND * np.linalg.eigvalsh(inertia)[0] * record["omega0"]
+    if record["B"].max() > record["max_torque"]:
+        raise ConfigurationError(
+            f"{PREFIX}B = {record['B'].tolist()} N·m; allowed: at most max_torque = "
+            f"{values['max_torque']:g} N·m"
+        )
+    return record

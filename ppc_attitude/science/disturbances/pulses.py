@@ -1,0 +1,125 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sudden disturbances: pulses of torque on top of the environment's."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.science.component import NOTHING, Component
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import Vector, add, array_at, kernel, store, vector
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.signals import DISTURBANCE, ENVIRONMENT_TORQUE
+from ppc_attitude.science.stamps import nanoseconds
+
+TIMES = Parameter("pulse_times", [], "start of each scheduled pulse", "s", low=0.0, high=1e8)
+DURATIONS = Parameter(
+    "pulse_durations", [], "duration of each scheduled pulse", "s", above=0.0, high=1e8
+)
+TORQUES = Parameter(
+    "pulse_torques",
+    [],
+    "torque of each scheduled pulse, three values a pulse, body axes",
+    "N·m",
+    length=-3,
+    low=-1e6,
+    high=1e6,
+)
+PULSE = np.dtype(
+    [
+        ("start_ns", np.int64),  # first instant [ns] at which it acts
+        ("end_ns", np.int64),  # first instant [ns] at which it no longer acts
+        ("torque", np.float64, (3,)),  # [N·m] body
+    ],
+    align=True,
+)
+CONFIGURATION = np.dtype([("count", np.int64), ("address", np.uint64)], align=True)
+
+
+def pulse(start_ns: int, duration: float, torque: Sequence[float]) -> NDArray[Any]:
+    """One pulse (array of dtype `PULSE`, length 1) from `start_ns` on, for `duration` [s]."""
+    return np.array([(start_ns, start_ns + nanoseconds(duration), tuple(torque))], PULSE)
+
+
+def scheduled_pulses(values: Mapping[str, Any]) -> NDArray[Any]:
+    """Scheduled pulses, array of dtype `PULSE`, from the injector's parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        Times, durations and torques are not equally many.
+    """
+    times, durations = values[TIMES.name], values[DURATIONS.name]
+    torques = values[TORQUES.name]
+    if not len(times) == len(durations) == len(torques) // 3:
+        raise ConfigurationError(
+            f"pulse_times has {len(times)} values, pulse_durations {len(durations)}, "
+            f"pulse_torques {len(torques)}; allowed: n, n and 3 n"
+        )
+    parts = [
+        pulse(nanoseconds(time), duration, torques[3 * i : 3 * i + 3])
+        for i, (time, duration) in enumerate(zip(times, durations, strict=True))
+    ]
+    return np.concatenate([np.zeros(0, PULSE), *parts])
+
+
+def configuration_of(pulses: NDArray[Any]) -> tuple[Any, NDArray[Any]]:
+    """Record for the step, and the array that it refers to, which must be kept."""
+    record = np.zeros((), CONFIGURATION)[()]
+    record["count"], record["address"] = pulses.size, pulses.ctypes.data
+    return record, pulses
+
+
+def configure(values: Mapping[str, Any]) -> tuple[Any, NDArray[Any]]:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        Times, durations and torques are not equally many.
+    """
+    return configuration_of(scheduled_pulses(values))
+
+
+@kernel
+def with_pulses(stamp_ns: int, total: Vector, pulses: Any) -> Vector:
+    """Return a torque [N·m] and the pulses that act from an instant [ns] on."""
+    for i in range(pulses.size):
+        if pulses[i].start_ns <= stamp_ns < pulses[i].end_ns:
+            total = add(total, vector(pulses[i].torque))
+    return total
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Add the pulses that act from an instant on to the torque of the environment."""
+    pulses = array_at(configuration.address, configuration.count, PULSE)
+    total = with_pulses(inputs.stamp_ns, vector(inputs.environment_torque), pulses)
+    store(outputs.disturbance_torque, total)
+
+
+COMPONENT = Component(
+    name="pulses",
+    parameters=(TIMES, DURATIONS, TORQUES),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=NOTHING,
+    inputs=(ENVIRONMENT_TORQUE,),
+    outputs=(DISTURBANCE,),
+    step=step,
+)

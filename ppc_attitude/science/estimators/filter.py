@@ -1,0 +1,196 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One multiplicative extended Kalman filter step: what is known, propagated and updated.
+
+The error state is δθ and δb in body axes, q = q̂ ⊗ exp(δθ) and b = b̂ + δb. Sources: Lefferts,
+Markley and Shuster (1982); Markley and Crassidis, Fundamentals of Spacecraft Attitude
+Determination and Control, section 6.2.
+"""
+
+import math
+from typing import TypeAlias
+
+from ppc_attitude.science.attitude import (
+    conjugate,
+    exponential,
+    logarithm,
+    normalised,
+    product,
+    rotation_matrix,
+)
+from ppc_attitude.science.kernel import (
+    Matrix,
+    Quaternion,
+    Vector,
+    add,
+    apply,
+    dot,
+    kernel,
+    scale,
+    subtract,
+)
+from ppc_attitude.science.symmetric import (
+    Symmetric,
+    cholesky,
+    forward,
+    full,
+    plus_diagonal,
+    scaled,
+    solved,
+    sum_of,
+    symmetric_product,
+    symmetric_sum,
+    times_transposed,
+    transposed,
+)
+
+# q̂, b̂ [rad/s], and the blocks of P: P_θθ [rad²], P_θb [rad²/s], P_bb [rad²/s²].
+Knowledge: TypeAlias = tuple[Quaternion, Vector, Symmetric, Matrix, Symmetric]
+_ZERO: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@kernel
+def begun(attitude: Quaternion, fix_covariance: Symmetric, bias_variance: float) -> Knowledge:
+    """What is known from a first fix: its attitude, and nothing of the bias but its variance."""
+    d = bias_variance
+    return (attitude, (0.0, 0.0, 0.0), fix_covariance, _ZERO, (d, 0.0, 0.0, d, 0.0, d))
+
+
+@kernel
+def _transition(turn: Quaternion, phi: Vector, h: float) -> tuple[Matrix, Matrix]:
+    """Blocks of F over h [s]: exp(−φ^×), and −h (I − s2 φ^× + s3 φ^×²).
+
+    With the turn exp(φ) at hand, s1 = sin φ/φ and s2 = (1 − cos φ)/φ² need no further sine.
+    """
+    square = dot(phi, phi)
+    if square < 1e-4:
+        half = 0.5 - square / 48.0 + square * square / 3840.0  # sin(φ/2)/φ
+        s3 = 1.0 / 6.0 - square / 120.0 + square * square / 5040.0
+    else:
+        half = math.sin(0.5 * math.sqrt(square)) / math.sqrt(square)
+        s3 = (1.0 - 2.0 * half * turn[3]) / square
+    s2 = 2.0 * half * half
+    x, y, z = phi
+    xx, yy, zz = s3 * x * x, s3 * y * y, s3 * z * z
+    xy, xz, yz = s3 * x * y, s3 * x * z, s3 * y * z
+    ax, ay, az = s2 * x, s2 * y, s2 * z
+    integral = (
+        (-h * (1.0 - yy - zz), -h * (xy + az), -h * (xz - ay)),
+        (-h * (xy - az), -h * (1.0 - xx - zz), -h * (yz + ax)),
+        (-h * (xz + ay), -h * (yz - ax), -h * (1.0 - xx - yy)),
+    )
+    return rotation_matrix(conjugate(turn)), integral
+
+
+@kernel
+def propagated(known: Knowledge, rate: Vector, h: float, white: float, walk: float) -> Knowledge:
+    """Carry what is known over h [s] with a gyro sample [rad/s], a mean rate.
+
+    Parameters
+    ----------
+    known
+        What was known at the interval's start.
+    rate, h
+        The sample, and the interval's length [s].
+    white, walk
+        σ_v² [rad²/s] and σ_u² [rad²/s³].
+
+    Returns
+    -------
+    Knowledge
+        q̂ ⊗ exp(φ), φ = (ω − b̂) h, and F P Fᵀ + Q. Only the upper triangles are computed, so P stays
+        symmetric.
+    """
+    q, b, theta, cross, bias = known
+    phi = scale(h, subtract(rate, b))
+    turn = exponential(phi)
+    f, g = _transition(turn, phi, h)
+    x = sum_of(times_transposed(f, full(theta)), times_transposed(g, cross))
+    y = sum_of(times_transposed(f, transposed(cross)), times_transposed(g, full(bias)))
+    theta = plus_diagonal(
+        symmetric_sum(symmetric_product(x, f), symmetric_product(y, g)),
+        h * (white + walk * h * h / 3.0),
+    )
+    c = -0.5 * walk * h * h
+    cross = (
+        (y[0][0] + c, y[0][1], y[0][2]),
+        (y[1][0], y[1][1] + c, y[1][2]),
+        (y[2][0], y[2][1], y[2][2] + c),
+    )
+    return (
+        normalised(product(q, turn)),
+        b,
+        theta,
+        cross,
+        plus_diagonal(bias, walk * h),
+    )
+
+
+@kernel
+def residual(known: Knowledge, attitude: Quaternion) -> Vector:
+    """Rotation vector z [rad], body axes, from the estimate to a measured attitude of the body."""
+    return logarithm(product(conjugate(known[0]), attitude))
+
+
+@kernel
+def innovation(known: Knowledge, z: Vector, fix_covariance: Symmetric) -> Vector:
+    """L⁻¹ z with S = P_θθ + R = L Lᵀ: standard normal if the filter is right; its square is NIS."""
+    return forward(cholesky(symmetric_sum(known[2], fix_covariance)), z)
+
+
+@kernel
+def updated(known: Knowledge, z: Vector, fix_covariance: Symmetric) -> Knowledge:
+    """What is known after a fix with residual z [rad] and covariance R [rad²], both in body axes.
+
+    K = P_(:,θ) S⁻¹ and Joseph's form of (I − K H) P (I − K H)ᵀ + K R Kᵀ, H = [I 0].
+    """
+    q, b, theta, cross, bias = known
+    factor = cholesky(symmetric_sum(theta, fix_covariance))
+    p, r = full(theta), full(fix_covariance)
+    # Rows of K: S is symmetric, so a row of P S⁻¹ is S⁻¹ times a row of P.
+    gain = (solved(factor, p[0]), solved(factor, p[1]), solved(factor, p[2]))
+    across = transposed(cross)
+    bias_gain = (
+        solved(factor, across[0]),
+        solved(factor, across[1]),
+        solved(factor, across[2]),
+    )
+    k = gain
+    rest = (
+        (1.0 - k[0][0], -k[0][1], -k[0][2]),
+        (-k[1][0], 1.0 - k[1][1], -k[1][2]),
+        (-k[2][0], -k[2][1], 1.0 - k[2][2]),
+    )
+    noise = times_transposed(gain, r)
+    left = times_transposed(rest, p)
+    # (I − K1)(P_θb − P_θθ K2ᵀ) + K1 R K2ᵀ, and its like for P_bb.
+    moved = sum_of(cross, scaled(-1.0, times_transposed(p, bias_gain)))
+    new_cross = sum_of(
+        times_transposed(rest, transposed(moved)), times_transposed(noise, bias_gain)
+    )
+    # P_bb + (K2 (P_θθ + R) − P_bθ) K2ᵀ − K2 P_θb
+    bias_noise = sum_of(times_transposed(bias_gain, p), times_transposed(bias_gain, r))
+    lower = sum_of(bias_noise, scaled(-1.0, across))
+    new_bias = symmetric_sum(
+        symmetric_sum(bias, symmetric_product(lower, bias_gain)),
+        symmetric_product(scaled(-1.0, bias_gain), across),
+    )
+    return (
+        normalised(product(q, exponential(apply(gain, z)))),
+        add(b, apply(bias_gain, z)),
+        symmetric_sum(symmetric_product(left, rest), symmetric_product(noise, gain)),
+        new_cross,
+        new_bias,
+    )

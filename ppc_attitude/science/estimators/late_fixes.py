@@ -1,0 +1,257 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A filter's memory of its recent steps: samples, late fixes, refusals, and beginning anew.
+
+A fix arrives late. The filter goes back to the step at which the fix was valid, updates what it
+knew then, and repeats the steps since. So a late filter is, to the last bit, a prompt one that has
+not yet heard of the later fixes.
+
+Fixes that do not fit are refused. If refused fixes agree with each other, the estimate is wrong
+rather than they, and the filter begins anew. A tracker that is wrong in a body-fixed way agrees
+with itself in body axes, not in inertial ones; it is told apart only while the body turns more than
+the threshold between its fixes.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.attitude import conjugate, logarithm, product
+from ppc_attitude.science.estimators.filter import (
+    Knowledge,
+    begun,
+    innovation,
+    propagated,
+    residual,
+    updated,
+)
+from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
+    dot,
+    kernel,
+    quaternion,
+    store,
+    store_quaternion,
+)
+from ppc_attitude.science.sensors.star_tracker import MAX_DELAY
+from ppc_attitude.science.symmetric import Symmetric
+
+FILTER = np.dtype(
+    [
+        ("white", np.float64),  # σ_v² [rad²/s]
+        ("rounding", np.float64),  # LSB²/12 [rad²/s²]: σ_v,eff² = σ_v² + Δt LSB²/12
+        ("walk", np.float64),  # σ_u² [rad²/s³]
+        ("bias_variance", np.float64),  # [rad²/s²] of each axis at the start
+        ("fix_covariance", np.float64, (6,)),  # R [rad²] in body axes, upper triangle
+        ("fix_variance", np.float64),  # largest eigenvalue of R [rad²]
+        ("unmounting", np.float64, (4,)),  # body to tracker, x y z w
+        ("gate", np.float64),
+        ("lost_sigma", np.float64),  # [rad] of 3σ
+        ("stale", np.float64),  # [s] without a fix that the user hears of
+    ],
+    align=True,
+)
+# A remembered step: its gyro sample and interval, then what was known at its end.
+_RATE, _INTERVAL, _ATTITUDE, _BIAS, _THETA, _CROSS, _BIAS_COVARIANCE, _WIDTH = (
+    0,
+    3,
+    4,
+    8,
+    11,
+    17,
+    26,
+    32,
+)
+STEPS = 1024  # a power of two above MAX_DELAY
+assert MAX_DELAY < STEPS
+INNOVATIONS = 100
+MEMORY = np.dtype(
+    [
+        ("knows", np.float64),  # 1 from the first estimate on
+        ("count", np.int64),  # gyro samples so far
+        ("stamps_ns", np.int64, (STEPS,)),  # of the remembered steps
+        ("steps", np.float64, (STEPS, _WIDTH)),
+        ("accepted", np.int64),  # fixes since the filter began (anew)
+        ("agreeing", np.int64),  # refused fixes in a row that agree with each other
+        ("refused_error", np.float64, (4,)),  # of the last refused fix, inertial axes
+        ("refused_ns", np.int64),  # its validity [ns]
+        ("fix_ns", np.int64),  # validity [ns] of the last accepted fix
+        ("fixes", np.int64),  # in all, also refused ones
+        ("refused", np.int64),  # by the gate
+        ("unmatched", np.int64),  # older than what is remembered, or of no known stamp
+        ("begun_anew", np.int64),
+        ("doubtful", np.float64),  # 1 while the last fix was refused
+        ("verdict", np.int64),  # on itself: `mekf`
+        ("verdicts", np.int64),  # how often it changed
+        ("age", np.float64),  # [s] since the validity of the last accepted fix
+        ("sigma", np.float64),  # [rad] largest of the attitude's three
+        ("nis", np.float64, (INNOVATIONS,)),  # of the last fixes that were used
+        ("used", np.int64),  # how many there were
+    ],
+    align=True,
+)
+_PATIENCE, _EARLY_PATIENCE, _EARLY = 10, 2, 5
+
+
+@kernel
+def _symmetric(row: Any, at: int) -> Symmetric:
+    return (row[at], row[at + 1], row[at + 2], row[at + 3], row[at + 4], row[at + 5])
+
+
+@kernel
+def newest(memory: Any) -> int:
+    """Slot of the last step."""
+    return int((memory.count - 1) % STEPS)
+
+
+@kernel
+def recalled(memory: Any, slot: int) -> Knowledge:
+    """What was known at the end of a remembered step."""
+    row = memory.steps[slot]
+    return (
+        (row[_ATTITUDE], row[_ATTITUDE + 1], row[_ATTITUDE + 2], row[_ATTITUDE + 3]),
+        (row[_BIAS], row[_BIAS + 1], row[_BIAS + 2]),
+        _symmetric(row, _THETA),
+        (
+            (row[_CROSS], row[_CROSS + 1], row[_CROSS + 2]),
+            (row[_CROSS + 3], row[_CROSS + 4], row[_CROSS + 5]),
+            (row[_CROSS + 6], row[_CROSS + 7], row[_CROSS + 8]),
+        ),
+        _symmetric(row, _BIAS_COVARIANCE),
+    )
+
+
+@kernel
+def _remember(memory: Any, slot: int, known: Knowledge) -> None:
+    row = memory.steps[slot]
+    q, b, theta, cross, bias = known
+    store_quaternion(row[_ATTITUDE:], q)
+    store(row[_BIAS:], b)
+    for i in range(6):
+        row[_THETA + i] = theta[i]
+        row[_BIAS_COVARIANCE + i] = bias[i]
+    store(row[_CROSS:], cross[0])
+    store(row[_CROSS + 3 :], cross[1])
+    store(row[_CROSS + 6 :], cross[2])
+
+
+@kernel
+def _carried(memory: Any, slot: int, known: Knowledge, settings: Any) -> Knowledge:
+    """Propagate over a remembered step."""
+    row = memory.steps[slot]
+    h = row[_INTERVAL]
+    white = settings.white + settings.rounding * h
+    return propagated(known, (row[0], row[1], row[2]), h, white, settings.walk)
+
+
+@kernel
+def take_sample(memory: Any, settings: Any, stamp_ns: int, rate: Vector) -> None:
+    """Propagate to a stamp [ns] with the gyro's mean rate [rad/s] since the last one."""
+    last = newest(memory)
+    slot = memory.count % STEPS
+    row = memory.steps[slot]
+    store(row, rate)
+    row[_INTERVAL] = (stamp_ns - memory.stamps_ns[last]) * 1e-9 if memory.count > 0 else 0.0
+    memory.stamps_ns[slot] = stamp_ns
+    if memory.knows != 0.0 and memory.count > 0:
+        _remember(memory, slot, _carried(memory, slot, recalled(memory, last), settings))
+    memory.count += 1
+
+
+@kernel
+def _steps_since(memory: Any, stamp_ns: int) -> int:
+    """How many steps ago a remembered stamp [ns] was; −1 if it is not remembered."""
+    for ago in range(min(memory.count, STEPS)):
+        if memory.stamps_ns[(memory.count - 1 - ago) % STEPS] == stamp_ns:
+            return ago
+    return -1
+
+
+@kernel
+def _agrees(memory: Any, settings: Any, error: Quaternion, valid_ns: int) -> bool:
+    """Whether a refused fix says the same as the refused one before it."""
+    t = (valid_ns - memory.refused_ns) * 1e-9
+    turn = logarithm(product(error, conjugate(quaternion(memory.refused_error))))
+    last = memory.steps[newest(memory)]
+    white = settings.white + settings.rounding * last[_INTERVAL]
+    spread = 2.0 * settings.fix_variance + white * t + settings.bias_variance * t * t
+    return bool(dot(turn, turn) <= settings.gate * spread)
+
+
+@kernel
+def _is_convincing(memory: Any, settings: Any, error: Quaternion, valid_ns: int) -> bool:
+    """Count a refused fix, and say whether so many agree that the estimate must be wrong."""
+    agrees = memory.agreeing > 0 and _agrees(memory, settings, error, valid_ns)
+    memory.agreeing = memory.agreeing + 1 if agrees else 1
+    store_quaternion(memory.refused_error, error)
+    memory.refused_ns = valid_ns
+    return bool(memory.agreeing >= (_EARLY_PATIENCE if memory.accepted < _EARLY else _PATIENCE))
+
+
+@kernel
+def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tuple[Vector, bool]:
+    """Take a fix (tracker to inertial) that was valid at a remembered stamp [ns].
+
+    Returns
+    -------
+    innovation : Vector
+        S^(−½) z; its square is NIS.
+    told : bool
+        True if there is an innovation: not for the fix that a filter begins from, nor for one of
+        no remembered step.
+    """
+    nothing = (0.0, 0.0, 0.0)
+    memory.fixes += 1
+    ago = _steps_since(memory, valid_ns)
+    if ago < 0:
+        memory.unmatched += 1
+        return nothing, False
+    slot = (memory.count - 1 - ago) % STEPS
+    covariance = _symmetric(settings.fix_covariance, 0)
+    attitude = product(fix, quaternion(settings.unmounting))
+    whitened, told, begins = nothing, False, memory.knows == 0.0
+    known = begun(attitude, covariance, settings.bias_variance)
+    if not begins:
+        before = recalled(memory, slot)
+        z = residual(before, attitude)
+        whitened, told = innovation(before, z, covariance), True
+        nis = dot(whitened, whitened)
+        if nis <= settings.gate:
+            known = updated(before, z, covariance)
+            memory.nis[memory.used % INNOVATIONS] = nis
+            memory.used += 1
+            memory.accepted += 1
+            memory.agreeing = 0
+        else:
+            memory.refused += 1
+            error = product(attitude, conjugate(before[0]))
+            if not _is_convincing(memory, settings, error, valid_ns):
+                memory.doubtful = 1.0
+                return whitened, told
+            begins = True
+            memory.begun_anew += 1
+    if begins:
+        memory.knows = 1.0
+        memory.accepted = 1
+        memory.agreeing = 0
+    memory.doubtful = 0.0
+    memory.fix_ns = valid_ns
+    _remember(memory, slot, known)
+    for later in range(ago - 1, -1, -1):
+        slot = (memory.count - 1 - later) % STEPS
+        known = _carried(memory, slot, known, settings)
+        _remember(memory, slot, known)
+    return whitened, told

@@ -1,0 +1,245 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Attitude and gyro bias from a gyro and a star tracker: a multiplicative extended Kalman filter.
+
+`filter` has its mathematics, `late_fixes` what it does with fixes that are late or do not fit; here
+it becomes a component, which says how good its estimate is.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.attitude import conjugate, rotation_matrix
+from ppc_attitude.science.component import BODY, MOTION, VECTOR, Advice, Column, Component
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.estimators.filter import Knowledge
+from ppc_attitude.science.estimators.late_fixes import (
+    FILTER,
+    INNOVATIONS,
+    MEMORY,
+    newest,
+    recalled,
+    take_fix,
+    take_sample,
+)
+from ppc_attitude.science.kernel import (
+    kernel,
+    quaternion,
+    store,
+    store_quaternion,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.sensors.gyro import (
+    ANGULAR_RANDOM_WALK,
+    INITIAL_BIAS_SIGMA,
+    RATE_RANDOM_WALK,
+    RESOLUTION,
+)
+from ppc_attitude.science.sensors.gyro_star_tracker import GYRO_SAMPLE, INITIAL_FIX, STAR_FIX
+from ppc_attitude.science.sensors.star_tracker import (
+    BORESIGHT_NOISE,
+    CROSS_NOISE,
+    LATENCY,
+    MOUNTING,
+    RATE,
+    sigmas,
+    unit_mounting,
+)
+from ppc_attitude.science.signals import TOLD
+from ppc_attitude.science.symmetric import diagonal, plus_diagonal
+
+ESTIMATE = Column(
+    "estimate",
+    "estimator/state",
+    MOTION,
+    BODY,
+    "1",
+    "estimated attitude x y z w [1] and rate [rad/s], each with the covariance [rad², rad²/s²] of "
+    "its error about the body's axes, q = q̂ ⊗ exp(δθ)",
+)
+GYRO_BIAS = Column(
+    "gyro_bias", "estimator/gyro_bias", VECTOR, BODY, "rad/s", "estimated bias of the gyro"
+)
+GYRO_BIAS_SIGMA = Column(
+    "gyro_bias_sigma",
+    "estimator/gyro_bias_sigma",
+    VECTOR,
+    BODY,
+    "rad/s",
+    "standard deviation of the bias estimate",
+)
+INNOVATION = Column(
+    "innovation",
+    "estimator/innovation",
+    VECTOR,
+    BODY,
+    "1",
+    "innovation of a fix by its standard deviation, S^(−½) z; its square is NIS",
+    width=4,
+    late=True,
+)
+PARAMETERS = (
+    ANGULAR_RANDOM_WALK,
+    RATE_RANDOM_WALK,
+    INITIAL_BIAS_SIGMA,
+    RESOLUTION,
+    CROSS_NOISE,
+    BORESIGHT_NOISE,
+    MOUNTING,
+    RATE,
+    LATENCY,
+    INITIAL_FIX,
+    Parameter("gate", 25.0, "a fix with a larger squared innovation is refused", above=0.0),
+    Parameter(
+        "lost_sigma", 0.01, "3σ of the attitude from which on it counts as lost", "rad", above=0.0
+    ),
+)
+_STALE_SLOTS = 5
+_GOOD, _WAITING, _DOUBTFUL, _STALE, _LOST = range(5)
+
+
+def filter_record(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `FILTER` from checked parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        The mounting is not a unit quaternion, or a variance is zero where the filter divides by it.
+    """
+    record = np.zeros((), FILTER)[()]
+    mounting = unit_mounting(values)
+    axes = np.array(rotation_matrix(mounting))  # tracker to body
+    variances = np.square(sigmas(values))
+    for parameter in (CROSS_NOISE, BORESIGHT_NOISE):
+        if values[parameter.name] <= 0.0:
+            raise ConfigurationError(
+                f"{parameter.name} = {values[parameter.name]} rad; allowed: > 0, because the "
+                "filter weighs a fix by its covariance"
+            )
+    record["white"] = values[ANGULAR_RANDOM_WALK.name] ** 2
+    record["rounding"] = values[RESOLUTION.name] ** 2 / 12.0
+    record["walk"] = values[RATE_RANDOM_WALK.name] ** 2
+    record["bias_variance"] = values[INITIAL_BIAS_SIGMA.name] ** 2
+    record["fix_covariance"] = (axes @ np.diag(variances) @ axes.T)[np.triu_indices(3)]
+    record["fix_variance"] = variances.max()
+    record["unmounting"] = conjugate(mounting)
+    record["gate"] = values["gate"]
+    record["lost_sigma"] = values["lost_sigma"]
+    record["stale"] = _STALE_SLOTS / values[RATE.name]
+    return record
+
+
+@kernel
+def _judge(memory: Any, settings: Any, stamp_ns: int, known: Knowledge) -> None:
+    """Say how good the estimate is."""
+    variance = diagonal(known[2])
+    memory.sigma = math.sqrt(max(variance[0], variance[1], variance[2]))
+    memory.age = (stamp_ns - memory.fix_ns) * 1e-9
+    verdict = _GOOD
+    if memory.knows == 0.0:
+        verdict = _WAITING
+    elif 3.0 * memory.sigma > settings.lost_sigma:
+        verdict = _LOST
+    elif memory.age > settings.stale:
+        verdict = _STALE
+    elif memory.doubtful != 0.0:
+        verdict = _DOUBTFUL
+    if verdict != memory.verdict:
+        memory.verdicts += 1
+    memory.verdict = verdict
+
+
+def advice(memory: Any) -> Advice:
+    """What the user should know of the estimate."""
+    arcsec = 3.0 * float(memory["sigma"]) * 180.0 * 3600.0 / math.pi
+    used = int(memory["used"])
+    mean = float(memory["nis"][: max(min(used, INNOVATIONS), 1)].mean())
+    state = (
+        f"{memory['fixes']} fixes, {memory['refused']} refused, {memory['unmatched']} of no known "
+        f"instant, begun anew {memory['begun_anew']} times; 3σ = {arcsec:.4g}″, mean NIS {mean:.3g}"
+    )
+    head = {
+        _GOOD: "tracking",
+        _WAITING: "no fix yet",
+        _DOUBTFUL: "the last fix was refused",
+        _STALE: f"no fix for {float(memory['age']):.3g} s",
+        _LOST: f"lost: no fix for {float(memory['age']):.3g} s",
+    }[int(memory["verdict"])]
+    return Advice(f"{head}: {state}", warning=int(memory["verdict"]) > _WAITING)
+
+
+def advices(memory: Any) -> int:
+    """How often the filter's judgement of itself has changed."""
+    return int(memory["verdicts"])
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Estimate the motion of an instant; an instant that is repeated is not filtered again."""
+    if state.count > 0 and inputs.stamp_ns <= state.stamps_ns[newest(state)]:
+        return
+    rate = vector(inputs.gyro)
+    take_sample(state, configuration, inputs.stamp_ns, rate)
+    row = inputs.star_fix
+    fix = quaternion(row)
+    outputs.innovation[:] = 0.0
+    if fix[0] != 0.0 or fix[1] != 0.0 or fix[2] != 0.0 or fix[3] != 0.0:
+        # The age is a whole number of nanoseconds, rounded by the conversion to seconds.
+        valid_ns = inputs.stamp_ns - round(row[7] * 1e9)
+        whitened, told = take_fix(state, configuration, valid_ns, fix)
+        if told:
+            store(outputs.innovation, whitened)
+            outputs.innovation[3] = row[7]
+    known = recalled(state, newest(state))
+    _judge(state, configuration, inputs.stamp_ns, known)
+    q, b, theta, _, bias = known
+    estimate = subtract(rate, b)
+    store_quaternion(outputs.attitude, q)
+    store(outputs.angular_velocity, estimate)
+    store(outputs.gyro_bias, b)
+    sigma = diagonal(bias)
+    store(
+        outputs.gyro_bias_sigma,
+        (math.sqrt(sigma[0]), math.sqrt(sigma[1]), math.sqrt(sigma[2])),
+    )
+    # x y z w, P_θθ, rate, its covariance P_bb + σ_v,eff²/Δt I.
+    message = outputs.estimate
+    store_quaternion(message, q)
+    store(message[10:], estimate)
+    spread = plus_diagonal(bias, inputs.gyro[3])
+    for i in range(6):
+        message[4 + i] = theta[i]
+        message[13 + i] = spread[i]
+    if state.knows == 0.0:
+        message[4] = -1.0  # REP 145: there is no such quantity
+
+
+COMPONENT = Component(
+    name="mekf",
+    parameters=PARAMETERS,
+    configure=filter_record,
+    configuration=FILTER,
+    state=MEMORY,
+    inputs=(GYRO_SAMPLE, STAR_FIX),
+    outputs=(*TOLD, ESTIMATE, GYRO_BIAS, GYRO_BIAS_SIGMA, INNOVATION),
+    step=step,
+    advice=advice,
+    advices=advices,
+)

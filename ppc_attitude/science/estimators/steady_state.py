@@ -1,0 +1,177 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a gyro and a star tracker can know at best, in closed form (Farrenkopf, 1978).
+
+One axis, a fix every T [s]; Markley and Reynolds (2000) give the form used here. The envelopes of a
+law must not be narrower than this knowledge allows: `floor_factor` says how much wider.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ppc_attitude.science.rate_observer import RATE_OBSERVER, rate_sigma
+from ppc_attitude.science.sensors.gyro import (
+    ANGULAR_RANDOM_WALK,
+    RATE_RANDOM_WALK,
+    RESOLUTION,
+    effective_white_noise,
+)
+from ppc_attitude.science.sensors.star_tracker import BORESIGHT_NOISE, CROSS_NOISE, slots
+
+
+class AxisKnowledge(NamedTuple):
+    """Covariance of one axis: P_θθ [rad²], P_θb [rad²/s], P_bb [rad²/s²]."""
+
+    attitude: float
+    cross: float
+    bias: float
+
+
+def steady_state(
+    fix: float, white: float, walk: float, interval: float
+) -> tuple[AxisKnowledge, AxisKnowledge]:
+    """Covariance of one axis just before and just after a fix, when it no longer changes.
+
+    Parameters
+    ----------
+    fix : float
+        σ_n of a fix [rad], > 0.
+    white : float
+        σ_v of the gyro [rad/√s].
+    walk : float
+        σ_u of the gyro [rad/s^1.5].
+    interval : float
+        T, from fix to fix [s].
+
+    Returns
+    -------
+    before, after : AxisKnowledge
+    """
+    s_v = white * math.sqrt(interval) / fix
+    s_u = walk * interval**1.5 / fix
+    gamma = math.sqrt(1.0 + s_v**2 / 4.0 + s_u**2 / 48.0)
+    # ζ − 1, so that nothing cancels where the gyro is far better than the tracker.
+    excess = (s_v**2 / 4.0 + s_u**2 / 48.0) / (gamma + 1.0)
+    excess += s_u / 4.0 + 0.5 * math.sqrt(2.0 * gamma * s_u + s_v**2 + s_u**2 / 3.0)
+    zeta = 1.0 + excess
+    growth = excess * (2.0 + excess)  # ζ² − 1
+    cross = -fix * walk * math.sqrt(interval)
+    middle = walk * fix / math.sqrt(interval) * growth / zeta
+    half = 0.5 * walk**2 * interval
+    return (
+        AxisKnowledge(fix**2 * growth, cross * zeta, middle + half),
+        AxisKnowledge(fix**2 * growth / zeta**2, cross / zeta, middle - half),
+    )
+
+
+def after_gap(known: AxisKnowledge, white: float, walk: float, gap: float) -> AxisKnowledge:
+    """Covariance of one axis after a gap [s] without fixes.
+
+    Parameters
+    ----------
+    known : AxisKnowledge
+        What was known at its start.
+    white, walk : float
+        σ_v [rad/√s] and σ_u [rad/s^1.5].
+    gap : float
+        Its length [s].
+    """
+    return AxisKnowledge(
+        known.attitude
+        - 2.0 * known.cross * gap
+        + known.bias * gap**2
+        + white**2 * gap
+        + walk**2 * gap**3 / 3.0,
+        known.cross - known.bias * gap - 0.5 * walk**2 * gap**2,
+        known.bias + walk**2 * gap,
+    )
+
+
+def floor_factor(crossings: float, duration: float, probability: float) -> float:
+    """How many σ wide an envelope must be for noise to leave it with a given probability only.
+
+    Rice: a stationary error leaves ±ρ on three axes 6 ν0 T exp(−ρ²/2σ²) times in a time T, so
+    c = √(2 ln(6 ν0 T/p)).
+
+    Parameters
+    ----------
+    crossings : float
+        ν0, upward zero crossings per second [Hz].
+    duration : float
+        T [s].
+    probability : float
+        p, expected number of excursions in that time, < 1.
+    """
+    return math.sqrt(2.0 * math.log(6.0 * crossings * duration / probability))
+
+
+FLOOR = 6.0
+"""Envelopes are at least so many σ wide: by `floor_factor`, 1 % an hour behind the observer is 5.8,
+and 6.0 with raw samples at 100 Hz."""
+
+
+class Floors(NamedTuple):
+    """σ of what a law sees, for the axes across the tracker's boresight and the one along it.
+
+    Attributes
+    ----------
+    attitude : tuple of 2 float
+        σ of q_ev.
+    rate : tuple of 2 float
+        σ of z2 [rad/s].
+    """
+
+    attitude: tuple[float, float]
+    rate: tuple[float, float]
+
+
+def noise_floors(
+    estimator: Mapping[str, Any], controller: Mapping[str, Any], rate: float
+) -> Floors:
+    """σ of the errors that a law sees of its own craft, once the filter has settled.
+
+    A published estimate is oldest just before a fix arrives: latency and interval after it was
+    updated. σ of q_ev is ½ σ_θ; that of z2 is √(σ_ω² + P_bb + (½ k M_ω β σ_θ)²), where the last
+    term is the virtual control's answer to the attitude's error.
+
+    Parameters
+    ----------
+    estimator, controller : mapping
+        Checked parameters of both nodes.
+    rate : float
+        Steps per second [Hz].
+
+    Raises
+    ------
+    ConfigurationError
+        The tracker's rate does not divide the steps'.
+    """
+    every, delay = slots(rate, estimator)
+    interval, age = every / rate, (every + delay) / rate
+    walk = estimator[RATE_RANDOM_WALK.name]
+    white = effective_white_noise(
+        estimator[ANGULAR_RANDOM_WALK.name], estimator[RESOLUTION.name], 1.0 / rate
+    )
+    frequency = controller[RATE_OBSERVER.name]
+    measured = rate_sigma(frequency, white) if frequency else white * math.sqrt(rate)
+    slope = 0.5 * controller["k"] * controller["M_omega"] * controller["beta"]
+    attitude, speed = [], []
+    for noise in (CROSS_NOISE, BORESIGHT_NOISE):
+        _, after = steady_state(estimator[noise.name], white, walk, interval)
+        known = after_gap(after, white, walk, age)
+        attitude.append(0.5 * math.sqrt(known.attitude))
+        speed.append(math.sqrt(measured**2 + known.bias + slope**2 * known.attitude))
+    return Floors((attitude[0], attitude[1]), (speed[0], speed[1]))

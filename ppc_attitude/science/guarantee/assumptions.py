@@ -1,0 +1,122 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What a guarantee assumes of craft and surroundings, and the numbers of the law it is for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from ppc_attitude.science.controllers.tube_parameters import ASSUMED, PREFIX
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """What is known of the craft, its actuator, disturbance, reference and measurement.
+
+    Attributes
+    ----------
+    inertia : tuple of 9 float
+        Ĵ, row-major, as the law knows it [kg·m²].
+    max_torque, dead_band : float
+        Actuator limit per axis, and below what it gives nothing [N·m].
+    d, D1 : float
+        Bounds of the disturbance torque [N·m] and of its rate [N·m/s], per axis.
+    W, W1, W2 : float
+        Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³].
+    Omega : float
+        Rate limit of the craft [rad/s].
+    eta : float
+        The actuator gives at least this share of what is commanded.
+    e_S : float
+        Relative error of the inertia, ‖S‖.
+    e_A, e_W : float
+        Estimation errors of attitude [rad] and rate [rad/s].
+    late : float
+        1 if a command may act up to a sample late, else 0.
+    """
+
+    inertia: tuple[float, ...]
+    max_torque: float
+    dead_band: float
+    d: float
+    D1: float
+    W: float
+    W1: float
+    W2: float
+    Omega: float
+    eta: float
+    e_S: float
+    e_A: float
+    e_W: float
+    late: float
+
+    @property
+    def diagonal(self) -> bool:
+        """True if the inertia has no products."""
+        return not any(self.inertia[i] for i in (1, 2, 3, 5, 6, 7))
+
+
+@dataclass(frozen=True)
+class Law:
+    """The numbers of the law; see `science.controllers.momentum_tube`."""
+
+    h: float
+    k: float
+    kappa: float
+    ell: float
+    a: float
+    Omega_e: float
+    Y: Triple
+    B: Triple
+    z_bar: float
+    V_rate: float
+    far: float
+    w_far: float
+    omega0: float
+    d_max: float
+    N: Triple
+
+
+def assumptions_of(values: Mapping[str, Any]) -> Assumptions:
+    """Read the assumptions from the controller's checked parameters."""
+    assumed = {each: float(values[f"{PREFIX}assumed.{each}"]) for each in ASSUMED}
+    return Assumptions(
+        inertia=tuple(values["inertia"]),
+        max_torque=float(values["max_torque"]),
+        e_A=float(values[PREFIX + "e_A"]),
+        **assumed,
+    )
+
+
+def law_of(values: Mapping[str, Any]) -> Law:
+    """Read the law's numbers from the controller's checked parameters."""
+    given: dict[str, Any] = {each.name: values[PREFIX + each.name] for each in fields(Law)}
+    given |= {name: tuple(v) for name, v in given.items() if isinstance(v, list)}
+    return Law(**given)
+
+
+def parameters_of(assumed: Assumptions, law: Law) -> dict[str, Any]:
+    """Parameters of the controller: what `assumptions_of` and `law_of` read."""
+    numbers = {PREFIX + each.name: getattr(law, each.name) for each in fields(Law)}
+    numbers |= {f"{PREFIX}assumed.{each}": getattr(assumed, each) for each in ASSUMED}
+    numbers |= {
+        "inertia": assumed.inertia,
+        "max_torque": assumed.max_torque,
+        PREFIX + "e_A": assumed.e_A,
+    }
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in numbers.items()}

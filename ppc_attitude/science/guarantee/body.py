@@ -1,0 +1,128 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Bounds that follow from the craft alone: inertia, gyroscopic torque, tumbling, boxes."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
+from ppc_attitude.science.guarantee.assumptions import Assumptions
+
+_PADDING = 1e-9  # relative, of eigenvalues from LAPACK; proved afterwards
+
+Numbers = tuple[Number, Number, Number]
+
+
+@dataclass(frozen=True)
+class Body:
+    """Inertia in one arithmetic.
+
+    Attributes
+    ----------
+    inertia : tuple of 3 rows
+        Ĵ [kg·m²].
+    inverse : tuple of 3 rows
+        Ĵ⁻¹, by Cramer's rule.
+    row : tuple of 3
+        R_i, norms of the rows of Ĵ.
+    spread : tuple of 3
+        G_i: |(ω × Ĵω)_i| ≤ G_i ‖ω‖².
+    least, most : number
+        Below and above every principal moment.
+    proved : bool
+        True if `least` and `most` are certain, by Sylvester's criterion.
+    """
+
+    inertia: tuple[Numbers, Numbers, Numbers]
+    inverse: tuple[Numbers, Numbers, Numbers]
+    row: Numbers
+    spread: Numbers
+    least: Number
+    most: Number
+    proved: bool
+
+    def box(self, half: tuple[Number, ...], arithmetic: Arithmetic) -> Number:
+        """Largest ‖Ĵ⁻¹y‖ over |y_i| ≤ half_i: at a vertex, the norm being convex."""
+        norms = []
+        for signs in product((1, -1), repeat=2):
+            y = (half[0], signs[0] * half[1], signs[1] * half[2])
+            z = [sum_of(m * each for m, each in zip(line, y, strict=True)) for line in self.inverse]
+            norms.append(arithmetic.sqrt(sum_of(each * each for each in z)))
+        return arithmetic.largest(*norms)
+
+
+def sum_of(values: object) -> Number:
+    """Add numbers of any arithmetic."""
+    total: Number = 0
+    for value in values:  # type: ignore[attr-defined]
+        total = total + value
+    return total
+
+
+def body_of(assumed: Assumptions, arithmetic: Arithmetic) -> Body:
+    """Bounds of the inertia that the law knows."""
+    number, sqrt = arithmetic.number, arithmetic.sqrt
+    m = [[number(assumed.inertia[3 * i + j]) for j in range(3)] for i in range(3)]
+    determinant, cofactors = _cofactors(m)
+    inverse = [[cofactors[j][i] / determinant for j in range(3)] for i in range(3)]
+    moments = np.linalg.eigvalsh(np.array(assumed.inertia).reshape(3, 3))
+    least = number(float(moments[0]) * (1.0 - _PADDING))
+    most = number(float(moments[2]) * (1.0 + _PADDING))
+    if assumed.diagonal:
+        pairs = ((1, 2), (2, 0), (0, 1))
+        half = number(0.5)
+        spread = [half * abs(m[j][j] - m[k][k]) for j, k in pairs]
+    else:
+        spread = [(most - least) / 2] * 3
+    above = [[(least if i == j else 0) * -1 + m[i][j] for j in range(3)] for i in range(3)]
+    below = [[(most if i == j else 0) - m[i][j] for j in range(3)] for i in range(3)]
+    return Body(
+        inertia=_rows(m),
+        inverse=_rows(inverse),
+        row=_triple([sqrt(sum_of(each * each for each in line)) for line in m]),
+        spread=_triple(spread),
+        least=least,
+        most=most,
+        proved=_positive(above) and _positive(below),
+    )
+
+
+def _cofactors(m: list[list[Number]]) -> tuple[Number, list[list[Number]]]:
+    table = [
+        [
+            m[(i + 1) % 3][(j + 1) % 3] * m[(i + 2) % 3][(j + 2) % 3]
+            - m[(i + 1) % 3][(j + 2) % 3] * m[(i + 2) % 3][(j + 1) % 3]
+            for j in range(3)
+        ]
+        for i in range(3)
+    ]
+    return sum_of(m[0][j] * table[0][j] for j in range(3)), table
+
+
+def _positive(m: list[list[Number]]) -> bool:
+    """Sylvester's criterion: the leading minors are certainly positive."""
+    second = m[0][0] * m[1][1] - m[0][1] * m[1][0]
+    return bool(m[0][0] > 0) and bool(second > 0) and bool(_cofactors(m)[0] > 0)
+
+
+def _triple(values: list[Number]) -> Numbers:
+    return values[0], values[1], values[2]
+
+
+def _rows(m: list[list[Number]]) -> tuple[Numbers, Numbers, Numbers]:
+    return _triple(m[0]), _triple(m[1]), _triple(m[2])

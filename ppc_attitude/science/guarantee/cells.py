@@ -1,0 +1,295 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Suprema over what φ and V can be: the derivatives of f(φ; V) n on cells that cover the range.
+
+On a cell every factor is bounded at the corner where it is largest: g, f and f_V rise with φ, g'
+and S' fall, ν is convex on [0, 2π]. docs/guarantee.md, sections 5.2 and 5.4, derives the sums.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
+
+from ppc_attitude.science.controllers.brake import BLEND
+from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
+
+FINE = (160, 4)  # cells of φ and of V
+COARSE = (24, 2)
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What bounds V and its derivatives, in one arithmetic.
+
+    Attributes
+    ----------
+    k, a : number
+        Brake.
+    Omega_e, W, W1, W2 : number
+        Largest commanded rate, and bounds of the reference.
+    z : number
+        z̄ [rad/s].
+    """
+
+    k: Number
+    a: Number
+    Omega_e: Number
+    W: Number
+    W1: Number
+    W2: Number
+    z: Number
+    arithmetic: Arithmetic
+
+    @property
+    def root(self) -> Number:
+        """√(Ω_e² − W²), the least √(b² + Ω_e² − ‖ω_d‖²)."""
+        return self.arithmetic.sqrt(self.Omega_e * self.Omega_e - self.W * self.W)
+
+    @property
+    def gain(self) -> Number:
+        """1 + W/Ω_e, the largest |∂V/∂b|."""
+        return 1 + self.W / self.Omega_e
+
+    def rate(self, nu: Number) -> Number:
+        """V̄': bound of |V'| where ν is the largest 1/(2 sin(φ/2))."""
+        return self.gain * (self.W1 + nu * self.z * self.W) + self.W * self.W1 / self.root
+
+    def second_rate(self, nu: Number, n_second: Number) -> Number:
+        """V̄'': bound of |V''|, with the bound of ‖n''‖."""
+        b_rate = self.W1 + nu * self.z * self.W
+        b_second = self.W2 + 2 * nu * self.z * self.W1 + n_second * self.W
+        product_rate = self.W1 * self.W1 + self.W * self.W2
+        root_rate = self.W / self.Omega_e * b_rate + self.W * self.W1 / self.root
+        return (
+            self.gain * b_second
+            + b_rate * (b_rate + self.W / self.Omega_e * root_rate) / self.root
+            + product_rate / self.root
+            + self.W * self.W1 * root_rate / (self.root * self.root)
+        )
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Largest values on one cell of φ and V (or on φ ≤ φ1).
+
+    Attributes
+    ----------
+    brake : number
+        f f_φ [rad/s²], at most a.
+    drift : number
+        f_φ z̄ + f_V V̄' [rad/s²]: the part of f' that the tube and the reference make.
+    turn : number
+        λ z̄ [rad/s²].
+    speed : number
+        ‖ω_e‖ [rad/s].
+    second : number
+        ‖v''‖ without A and ramps [rad/s³].
+    lever : number
+        What multiplies A = sup ‖ω_e'‖ in ‖v''‖ [1/s].
+    ramp : number
+        ‖(f n)'‖ [rad/s²].
+    lipschitz : number
+        Change of v with the attitude [1/s].
+    error : number
+        Change of v' with estimation errors [rad/s²].
+    """
+
+    brake: Number
+    drift: Number
+    turn: Number
+    speed: Number
+    second: Number
+    lever: Number
+    ramp: Number
+    lipschitz: Number
+    error: Number
+
+
+def nu_of(phi: Number, arithmetic: Arithmetic) -> Number:
+    """ν = 1/(2 sin(φ/2))."""
+    return 1 / (2 * arithmetic.sin(phi / 2))
+
+
+def half_cotangent(phi: Number, arithmetic: Arithmetic) -> Number:
+    """½ |cot(φ/2)|, with which ν changes: ν' = −½ cot(φ/2) ν."""
+    return abs(arithmetic.cos(phi / 2) / arithmetic.sin(phi / 2)) / 2
+
+
+def axis_second(
+    nu: Number, cotangent: Number, across: Number, speed: Number, acceleration: Number
+) -> Number:
+    """Bound of ‖n''‖ where ‖ω_⊥‖ ≤ across, ‖ω_e‖ ≤ speed and ‖ω_e'‖ ≤ acceleration."""
+    return nu * acceleration + nu * _axis_second_rest(nu, cotangent, across, speed)
+
+
+def _axis_second_rest(nu: Number, cotangent: Number, across: Number, speed: Number) -> Number:
+    n_rate = nu * across
+    return cotangent * speed * across + speed * across / 2 + 2 * n_rate * across + n_rate * speed
+
+
+def axis_error(
+    nu: Number, cotangent: Number, across: Number, speed: Number, e_A: Number, e_w: Number
+) -> Number:
+    """Bound of the change of n' with errors of attitude e_A and rate error e_w."""
+    inside = cotangent * across + across / 2 + nu * (speed + 2 * across)
+    return nu * (e_w + e_A * inside)
+
+
+def first_cell(speed: Speed, e_A: Number, e_w: Number) -> Cell:
+    """φ ≤ φ1, where v = −kθ with the rotation vector θ: finite at φ = 0, for φ1 ≤ 1."""
+    k, a, z, arithmetic = speed.k, speed.a, speed.z, speed.arithmetic
+    end = a / (k * k)
+    gamma = end / 2 / arithmetic.sin(end / 2)
+    rate = a / k + z
+    most = arithmetic.number(0.51)
+    return Cell(
+        brake=a,
+        drift=k * z,
+        turn=k * gamma * z,
+        speed=rate,
+        second=k * most * rate * rate,
+        lever=k * gamma,
+        ramp=k * gamma * rate,
+        lipschitz=k * gamma,
+        error=k * (gamma * e_w + 2 * most * (rate + e_w) * e_A),
+    )
+
+
+def cells(
+    speed: Speed,
+    lowest: float,
+    acceleration: Number,
+    e_A: Number,
+    e_w: Number,
+    count: tuple[int, int],
+) -> list[Cell]:
+    """Cover φ ≤ π + 1 and V in [lowest, Ω_e + W].
+
+    Parameters
+    ----------
+    speed : Speed
+        Bounds of V.
+    lowest : float
+        Least V [rad/s].
+    acceleration : number
+        A ≥ ‖ω_e'‖ [rad/s²]; enters only small terms here, `lever` has the large one.
+    e_A, e_w : number
+        Errors of attitude [rad] and of ω_e [rad/s].
+    count : tuple of 2 int
+        How many cells of φ and of V.
+    """
+    arithmetic = speed.arithmetic
+    low, _ = arithmetic.outward(speed.a / (speed.k * speed.k))
+    _, high = arithmetic.outward(arithmetic.pi + 1)
+    _, top = arithmetic.outward(speed.Omega_e + speed.W)
+    edges = [low, *np.geomspace(low, high, count[0] + 1).tolist()[1:-1], high]
+    caps = [lowest, *np.linspace(lowest, top, count[1] + 1).tolist()[1:-1], top]
+    found = [first_cell(speed, e_A, e_w)]
+    for phi, cap in product(pairwise(edges), pairwise(caps)):
+        found.append(_cell(speed, phi, cap, acceleration, e_A, e_w))
+    return found
+
+
+def _cell(
+    speed: Speed,
+    phi: tuple[float, float],
+    cap: tuple[float, float],
+    acceleration: Number,
+    e_A: Number,
+    e_w: Number,
+) -> Cell:
+    arithmetic, k, a, z = speed.arithmetic, speed.k, speed.a, speed.z
+    number, largest, least = arithmetic.number, arithmetic.largest, arithmetic.least
+    start, end = number(phi[0]), number(phi[1])
+    slow, fast = number(cap[0]), number(cap[1])
+    c, one = number(BLEND), number(1.0)
+
+    nu = largest(nu_of(start, arithmetic), nu_of(end, arithmetic))
+    cotangent = largest(half_cotangent(start, arithmetic), half_cotangent(end, arithmetic))
+    offset = a * a / (k * k)
+    g_low = arithmetic.sqrt(2 * a * start - offset)
+    g_high = least(arithmetic.sqrt(2 * a * end - offset), k * end)
+    g_slope = least(k, a / g_low)
+
+    x_low = g_low / fast
+    x_cap = least(g_high / slow, 1 + c)  # S is constant beyond
+    s_slope = least(one, largest(number(0.0), (1 + c - x_low) / (2 * c)))
+    f = fast * _saturated(least(g_high / fast, 1 + c), c, arithmetic)
+    slope_cap = least(one, largest(number(0.0), (1 + c - x_cap) / (2 * c)))
+    f_cap = _saturated(x_cap, c, arithmetic) - x_cap * slope_cap
+    f_phi = s_slope * g_slope
+    blends = not (g_high / slow <= 1 - c or x_low >= 1 + c)
+    curve = 1 / (2 * c * slow) if blends else number(0.0)
+    f_phi_phi = s_slope * g_slope * g_slope / g_low + curve * g_slope * g_slope
+    f_phi_cap = curve * x_cap * g_slope
+    f_cap_cap = curve * x_cap * x_cap
+
+    lam = f * nu
+    rate = f + z
+    n_rate = nu * z
+    capped = not g_high / slow <= 1 - c
+    cap_rate = speed.rate(nu) if capped else number(0.0)
+    n_second = axis_second(nu, cotangent, z, rate, acceleration)
+    cap_second = speed.second_rate(nu, n_second) if capped else number(0.0)
+    f_rate = f_phi * rate + f_cap * cap_rate
+    second = (
+        f_phi_phi * rate * rate
+        + 2 * f_phi_cap * rate * cap_rate
+        + f_cap_cap * cap_rate * cap_rate
+        + f_phi * n_rate * z
+        + f_cap * cap_second
+        + 2 * f_rate * n_rate
+        + lam * _axis_second_rest(nu, cotangent, z, rate)
+    )
+    e_cap = speed.gain * speed.W * nu * e_A
+    return Cell(
+        brake=least(a, f * f_phi),
+        drift=f_phi * z + f_cap * cap_rate,
+        turn=lam * z,
+        speed=rate,
+        second=second,
+        lever=largest(f_phi, lam),
+        ramp=arithmetic.sqrt(f_rate * f_rate + lam * z * lam * z),
+        lipschitz=largest(f_phi, lam) + f_cap * speed.gain * speed.W * nu,
+        error=f_phi * e_w
+        + e_A * (f_phi_phi * rate + nu * f_phi * (rate + 2 * z))
+        + f * axis_error(nu, cotangent, z, rate + e_w, e_A, e_w)
+        + e_cap * (f_phi_cap * rate + f_cap * n_rate + f_cap_cap * cap_rate)
+        + e_A * cap_rate * (f_phi_cap + f_cap * nu)
+        + f_cap * _cap_rate_error(speed, nu, cotangent, rate, e_A, e_w),
+    )
+
+
+def _cap_rate_error(
+    speed: Speed, nu: Number, cotangent: Number, rate: Number, e_A: Number, e_w: Number
+) -> Number:
+    """Bound of the change of V' with the estimation errors."""
+    n_error = axis_error(nu, cotangent, speed.z, rate + e_w, e_A, e_w)
+    b_error = speed.W * nu * e_A
+    b_rate = speed.W1 + nu * speed.z * speed.W
+    root = speed.root
+    return (
+        speed.gain * (nu * e_A * speed.W1 + speed.W * n_error)
+        + b_rate * b_error / root
+        + speed.W * speed.W1 * speed.W / speed.Omega_e * b_error / (root * root)
+    )
+
+
+def _saturated(x: Number, c: Number, arithmetic: Arithmetic) -> Number:
+    """S(x) for x ≤ 1 + c."""
+    below = arithmetic.largest(arithmetic.number(0.0), x - 1 + c)
+    return x - below * below / (4 * c)

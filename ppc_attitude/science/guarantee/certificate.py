@@ -1,0 +1,144 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The certificate: what is guaranteed for the very numbers that a law runs with, and why."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ppc_attitude.science.controllers.tube_parameters import digest_of
+from ppc_attitude.science.guarantee.arithmetic import Arithmetic, balls
+from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
+from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.envelope import Envelope
+from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
+
+RATES = (0.0, 1.0, 2.5, 5.0)  # [deg/s] ‖ω_s‖ at the start, for which times are printed
+ACCURACY = 5e-3  # of |q_ev,i|
+
+
+@dataclass(frozen=True)
+class Promise:
+    """One guaranteed settling time.
+
+    Attributes
+    ----------
+    rate : float
+        For every ‖ω_s‖ at the start up to this [deg/s].
+    time : float
+        |q_ev,i| stays below the accuracy from this time on, whatever the attitude was [s].
+    """
+
+    rate: float
+    time: float
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Every inequality of the theorem, proved or not, and what follows.
+
+    Attributes
+    ----------
+    digest : str
+        `digest_of` the parameters that it is for.
+    accuracy : float
+        Settled means |q_ev,i| below this.
+    inequalities : tuple of Inequality
+        C0 to C13.
+    promises : tuple of Promise
+        Empty if an inequality fails.
+    terminal_error : float
+        Upper limit of |q_ev,i| in the end, for any disturbance within its bound.
+    """
+
+    digest: str
+    accuracy: float
+    inequalities: tuple[Inequality, ...]
+    promises: tuple[Promise, ...]
+    terminal_error: float
+
+    @property
+    def holds(self) -> bool:
+        """True if every inequality is proved."""
+        return all(each.holds for each in self.inequalities)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return an object for a file."""
+        return asdict(self)
+
+
+def certify(
+    values: Mapping[str, Any],
+    accuracy: float = ACCURACY,
+    rates: Sequence[float] = RATES,
+    arithmetic: Arithmetic | None = None,
+) -> Certificate:
+    """Prove the inequalities for the controller's parameters, with outward rounding.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked parameters of the controller.
+    accuracy : float
+        Settled means |q_ev,i| below this.
+    rates : sequence of float
+        Rates ‖ω_s‖ at the start [deg/s]; those beyond the law's omega0 are left out.
+    arithmetic : Arithmetic, optional
+        Balls by default.
+
+    Raises
+    ------
+    ValueError
+        python-flint is missing, or nothing can be evaluated; says what.
+    """
+    arithmetic = balls() if arithmetic is None else arithmetic
+    assumed, law = assumptions_of(values), law_of(values)
+    bounds = bounds_of(assumed, law, arithmetic)
+    judged = inequalities(assumed, law, bounds, arithmetic)
+    envelope = Envelope(assumed, law, bounds, arithmetic)
+    promises = []
+    if all(each.holds for each in judged):
+        for rate in rates:
+            start = math.nextafter(assumed.W + math.radians(rate) * (1 + 1e-15), math.inf)
+            if start <= law.omega0:
+                promises.append(Promise(rate, envelope.settling(start, accuracy).time))
+    return Certificate(digest_of(values), accuracy, judged, tuple(promises), envelope.terminal())
+
+
+def differences(stored: Mapping[str, Any], certificate: Certificate) -> list[str]:
+    """Tell what a stored certificate says that is not so.
+
+    Parameters
+    ----------
+    stored : mapping
+        What `Certificate.to_json` gave, from a file.
+    certificate : Certificate
+        Proved anew for the present numbers.
+    """
+    if stored.get("digest") != certificate.digest:
+        return ["it was issued for other numbers"]
+    found = []
+    if not certificate.holds:
+        found.append("an inequality does not hold")
+    for promise in stored.get("promises", ()):
+        now = {each.rate: each.time for each in certificate.promises}.get(promise["rate"])
+        if now is None or now > promise["time"] * (1 + 1e-12):
+            found.append(
+                f"it promises {promise['time']:.2f} s from {promise['rate']:g} deg/s, "
+                + ("nothing can be promised" if now is None else f"{now:.2f} s can be promised")
+            )
+    return found

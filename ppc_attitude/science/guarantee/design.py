@@ -1,0 +1,420 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Search for the numbers of the law: the least guaranteed settling time under the wishes.
+
+Everything but k, κ and ℓ follows from the inequalities by a fixed-point iteration: the tube makes
+z̄, z̄ the speed, the speed the load, the load the brake, and the variation of F the tube.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+from ppc_attitude.science.guarantee.arithmetic import FLOATS
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, Triple
+from ppc_attitude.science.guarantee.bounds import Bounds, bounds_of
+from ppc_attitude.science.guarantee.cells import COARSE, FINE
+from ppc_attitude.science.guarantee.envelope import Envelope, Settling
+from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
+
+_ROOM = 1e-4  # relative, so that every inequality holds with room for rounding
+_ROUNDS, _FINE_ROUNDS = 40, 15
+_STEADY = 2e-5  # relative change of the tube at which the iteration ends
+# κh, k/κ and ℓ of the search; and of the short one that looks for the nearest feasible number.
+_KAPPA_H = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8)
+_K_SHARE = (0.02, 0.04, 0.067, 0.1)
+_ELL = (0.05, 0.1, 0.2, 0.4, 1.0)
+_SHORT = ((0.02, 0.07, 0.2, 0.4), (0.02, 0.05), (0.2, 1.0))
+_TUMBLING = (2.0, 1.5, 1.2, 1.0, 0.8, 0.6)  # omega0 / Ω, the largest that fits
+_LONGEST_BRAKE = 0.95  # of the limits that C13 sets
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user wants.
+
+    Attributes
+    ----------
+    accuracy : float
+        Settled means |q_ev,i| < accuracy; the tube must allow it for ever.
+    rate : float
+        ‖ω_s‖ at the start for which the time is to be least [rad/s].
+    time : float
+        Longest settling time [s].
+    torque_noise : float
+        Largest RMS torque on an axis from measurement noise [N·m].
+    attitude_noise, rate_noise : float
+        Standard deviations of the measurement, per axis [rad], [rad/s].
+    """
+
+    accuracy: float = 5e-3
+    rate: float = math.radians(1.0)
+    time: float = math.inf
+    torque_noise: float = math.inf
+    attitude_noise: float = 0.0
+    rate_noise: float = 0.0
+
+
+@dataclass(frozen=True)
+class Design:
+    """A law with what it guarantees, not yet proved.
+
+    Attributes
+    ----------
+    law : Law
+        Its numbers.
+    settling : Settling
+        Guaranteed settling for the rate that was wished.
+    torque_noise : float
+        RMS torque on the worst axis from the measurement noise [N·m].
+    """
+
+    law: Law
+    settling: Settling
+    torque_noise: float
+
+
+class InfeasibleError(ValueError):
+    """No numbers satisfy the inequality `failing`."""
+
+    def __init__(self, failing: Inequality) -> None:
+        super().__init__(
+            f"nothing can be guaranteed: {failing.name} fails ({failing.meaning}): "
+            f"{failing.left[1]:.4g} must not exceed {failing.right[0]:.4g} {failing.unit}".rstrip()
+        )
+        self.failing = failing
+
+
+def torque_noise(assumed: Assumptions, law: Law, wishes: Wishes) -> float:
+    """RMS torque [N·m] of the worst axis: R κ √(ℓ/(2−ℓ)) √(σ_ω² + k² σ_a²)."""
+    rows = (math.hypot(*assumed.inertia[3 * i : 3 * i + 3]) for i in range(3))
+    noise = math.hypot(wishes.rate_noise, law.k * wishes.attitude_noise)
+    return max(rows) * law.kappa * math.sqrt(law.ell / (2.0 - law.ell)) * noise
+
+
+def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
+    """Find the law with the least guaranteed settling time.
+
+    Raises
+    ------
+    InfeasibleError
+        No gains satisfy every inequality; names the one that the best gains fail.
+    ValueError
+        The inequalities can be satisfied, but not the wishes.
+    """
+    found: list[Design] = []
+    unwished: list[str] = []
+    failing: list[Inequality] = []
+    for k, kappa, ell in _grid(assumed, h):
+        try:
+            law = tuned(assumed, h, k, kappa, ell, COARSE)
+        except InfeasibleError as error:
+            failing.append(error.failing)
+            continue
+        try:
+            found.append(_judged(assumed, law, wishes))
+        except ValueError as error:
+            unwished.append(str(error))
+    for best in sorted(found, key=lambda each: each.settling.time)[:3]:
+        law = best.law
+        try:
+            return designed(assumed, wishes, h, law.k, law.kappa, law.ell)
+        except ValueError as error:
+            unwished.append(str(error))
+    if unwished:
+        raise ValueError(min(unwished, key=len))
+    raise InfeasibleError(max(failing, key=lambda each: each.room))
+
+
+def designed(
+    assumed: Assumptions, wishes: Wishes, h: float, k: float, kappa: float, ell: float
+) -> Design:
+    """Design with given k [1/s], κ [1/s] and ℓ.
+
+    Raises
+    ------
+    InfeasibleError
+        An inequality fails; names it.
+    ValueError
+        The inequalities hold, but not the wishes.
+    """
+    return _judged(assumed, tuned(assumed, h, k, kappa, ell, FINE), wishes, FINE)
+
+
+def feasible(assumed: Assumptions, h: float) -> bool:
+    """Tell whether some gains of the short search satisfy every inequality."""
+    for k, kappa, ell in _grid(assumed, h, short=True):
+        try:
+            tuned(assumed, h, k, kappa, ell, COARSE)
+        except InfeasibleError:
+            continue
+        return True
+    return False
+
+
+def nearest(assumed: Assumptions, h: float) -> dict[str, float]:
+    """Nearest feasible value of each single number, the others as they are, by bisection.
+
+    Returns
+    -------
+    dict of str to float
+        Only numbers that can help alone, within a factor of 1000.
+    """
+    found = {}
+    for name, present in (
+        ("max_torque", assumed.max_torque),
+        ("Omega", assumed.Omega),
+        ("d", assumed.d),
+        ("W", assumed.W),
+        ("e_S", assumed.e_S),
+        ("dead_band", assumed.dead_band),
+        ("h", h),
+    ):
+        if present == 0.0:
+            continue
+        rises = name in ("max_torque", "Omega")
+
+        def helps(factor: float, name: str = name, present: float = present) -> bool:
+            value = present * factor
+            if name == "h":
+                return feasible(assumed, value)
+            return feasible(_scaled(assumed, name, value), h)
+
+        far = 1000.0 if rises else 1e-3
+        if not helps(far):
+            continue
+        low, high = 0.0, math.log(far)  # infeasible, feasible
+        while abs(high - low) > 0.02:
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if helps(math.exp(middle)) else (middle, high)
+        found[name] = present * math.exp(high)
+    return found
+
+
+def _scaled(assumed: Assumptions, name: str, value: float) -> Assumptions:
+    """Another value of one number; what bounds a quantity's rate scales with its bound."""
+    changed: dict[str, Any] = {name: value}
+    factor = value / getattr(assumed, name)
+    if name == "d":
+        changed["D1"] = assumed.D1 * factor
+    if name == "W":
+        changed |= {"W1": assumed.W1 * factor, "W2": assumed.W2 * factor}
+    return replace(assumed, **changed)
+
+
+def _grid(
+    assumed: Assumptions, h: float, *, short: bool = False
+) -> Iterator[tuple[float, float, float]]:
+    """k, κ and ℓ to try."""
+    steps, shares, ells = _SHORT if short else (_KAPPA_H, _K_SHARE, _ELL)
+    late = assumed.late > 0.0
+    for step, share, ell in product(steps, shares, ells):
+        if step <= (0.4 if late else 0.9) and (ell == 1.0 or not late):
+            kappa = float(f"{step / h:.4g}")
+            yield float(f"{share * kappa:.3g}"), kappa, ell
+
+
+def _judged(
+    assumed: Assumptions, law: Law, wishes: Wishes, count: tuple[int, int] = COARSE
+) -> Design:
+    bounds = bounds_of(assumed, law, FLOATS, count)
+    settling = Envelope(assumed, law, bounds, FLOATS).settling(
+        assumed.W + wishes.rate, wishes.accuracy
+    )
+    if settling.time > wishes.time:
+        raise ValueError(f"settling within {wishes.time:g} s cannot be guaranteed")
+    noise = torque_noise(assumed, law, wishes)
+    if noise > wishes.torque_noise:
+        raise ValueError(f"a torque noise of {wishes.torque_noise:g} N·m cannot be kept")
+    return Design(law, settling, noise)
+
+
+def tuned(
+    assumed: Assumptions, h: float, k: float, kappa: float, ell: float, count: tuple[int, int]
+) -> Law:
+    """Return the law that follows from k [1/s], κ [1/s] and ℓ.
+
+    Raises
+    ------
+    InfeasibleError
+        An inequality fails.
+    """
+    failing: list[Inequality] = []
+    for share in _TUMBLING:
+        omega0 = float(f"{share * assumed.Omega:.6g}")
+        try:
+            return _iterated(assumed, _first(assumed, h, k, kappa, ell, omega0), count)
+        except InfeasibleError as error:
+            failing.append(error.failing)
+            # A lower omega0 helps the stop phase, and the inertia's error at its rates.
+            if assumed.e_S == 0.0 and not error.failing.name.startswith(("C10", "C11", "C12")):
+                break
+    raise InfeasibleError(max(failing, key=lambda each: each.room))
+
+
+def _first(
+    assumed: Assumptions, h: float, k: float, kappa: float, ell: float, omega0: float
+) -> Law:
+    """Begin the iteration with a tube that disturbance and estimate alone need."""
+    d_max = (1.3 if assumed.eta < 1.0 or assumed.e_S > 0.0 else 1.05) * assumed.d
+    free = d_max + (assumed.d + assumed.dead_band) / assumed.eta
+    tube = free / kappa * (1.0 + kappa * h * (1.0 - ell) / ell)
+    B = 0.8 * (assumed.eta * assumed.max_torque - assumed.d)
+    if B <= 0.0:
+        _refuse(
+            "C2", assumed.d, assumed.eta * assumed.max_torque, "N·m", "torque beats disturbance"
+        )
+    least = min(assumed.inertia[0], assumed.inertia[4], assumed.inertia[8])
+    speed = 0.9 * assumed.Omega
+    if speed <= assumed.W:
+        _refuse("C7", assumed.W, speed, "rad/s", "the reference leaves speed to turn with")
+    return Law(
+        h=h,
+        k=k,
+        kappa=kappa,
+        ell=ell,
+        a=_brake_limit(0.5 * B / max(assumed.inertia), k, speed - assumed.W),
+        Omega_e=speed,
+        Y=(tube, tube, tube),
+        B=(B, B, B),
+        z_bar=tube / least,
+        V_rate=2.0 * assumed.W1,
+        far=0.5,
+        w_far=0.5 * (speed - assumed.W),
+        omega0=omega0,
+        d_max=d_max,
+        N=(0.0, 0.0, 0.0),
+    )
+
+
+def _brake_limit(a: float, k: float, slowest: float) -> float:
+    """Keep the linear part of the brake below the cap and below 1 rad (C13)."""
+    return min(a, _LONGEST_BRAKE * k * 0.75 * slowest, _LONGEST_BRAKE * k * k)
+
+
+def _refuse(name: str, left: float, right: float, unit: str, meaning: str) -> None:
+    raise InfeasibleError(Inequality(name, (left, left), (right, right), unit, False, meaning))
+
+
+def _iterated(assumed: Assumptions, law: Law, count: tuple[int, int]) -> Law:
+    stages = ((_ROUNDS, COARSE),) if count == COARSE else ((_ROUNDS, COARSE), (_FINE_ROUNDS, count))
+    for rounds, cells in stages:
+        bounds = _evaluated(assumed, law, cells)
+        for _ in range(rounds):
+            before = law
+            law = _next(assumed, law, bounds)
+            bounds = _evaluated(assumed, law, cells)
+            if _steady(law, before):
+                break
+    law = _roomy(assumed, law, bounds)
+    bounds = _evaluated(assumed, law, count)
+    failing = [each for each in inequalities(assumed, law, bounds, FLOATS) if not each.holds]
+    if failing:
+        raise InfeasibleError(min(failing, key=lambda each: each.room))
+    return law
+
+
+def _steady(law: Law, before: Law) -> bool:
+    pairs = zip((*law.Y, *law.B, law.a), (*before.Y, *before.B, before.a), strict=True)
+    return all(math.isclose(x, y, rel_tol=_STEADY) for x, y in pairs)
+
+
+def _evaluated(assumed: Assumptions, law: Law, count: tuple[int, int]) -> Bounds:
+    try:
+        return bounds_of(assumed, law, FLOATS, count)
+    except ValueError as error:
+        _refuse("C1", math.inf, 0.0, "N·m·s", str(error))
+        raise
+
+
+def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
+    """Take half a step towards what the bounds ask for."""
+    Y = _triple(0.5 * (x + y) for x, y in zip(law.Y, bounds.Y, strict=True))
+    B = _triple(0.5 * (x + y) for x, y in zip(law.B, bounds.B, strict=True))
+    if min(B) <= 0.0:
+        i = B.index(min(B))
+        need = assumed.max_torque * assumed.eta - bounds.B[i]
+        meaning = "torque is left beside disturbance, variation and errors"
+        _refuse("C2", need, assumed.max_torque * assumed.eta, "N·m", meaning)
+    if not math.isfinite(sum(Y)):
+        _refuse("C1", math.inf, 0.0, "N·m·s", "the tube is finite")
+    z = bounds.body.box(Y, FLOATS)
+    errors = assumed.e_W + assumed.W * assumed.e_A
+    speed = assumed.Omega - z - errors - 2.0 * law.h * bounds.V_rate
+    if not speed > assumed.W or not math.isfinite(bounds.V_rate):
+        meaning = "the rate limit leaves speed beside tube and reference"
+        _refuse("C7", assumed.W + z + errors, assumed.Omega, "rad/s", meaning)
+    a = _brake_limit(0.5 * (law.a + bounds.brake), law.k, speed - assumed.W)
+    if a <= 0.0:
+        i = max(range(3), key=lambda axis: bounds.load[axis] - law.B[axis])
+        meaning = "feedforward and tube leave torque to brake with"
+        _refuse("C3", bounds.load[i], law.B[i], "N·m", meaning)
+    return replace(
+        law,
+        Y=Y,
+        B=B,
+        z_bar=z,
+        Omega_e=speed,
+        a=a,
+        V_rate=bounds.V_rate,
+        N=_triple(bounds.noise),
+        w_far=0.945 * (speed - assumed.W) - errors,
+        far=min(max(_far(assumed, law, bounds), 1e-3), 3.0),
+    )
+
+
+def _far(assumed: Assumptions, law: Law, bounds: Bounds) -> float:
+    """Error from which a cruise reaches its speed before it brakes (C9) [rad]."""
+    time = bounds.stop_time(assumed, law, law.w_far, FLOATS)
+    if time is None or bounds.reserve <= 0.0:
+        return math.pi
+    fastest = law.Omega_e + assumed.W
+    errors = assumed.e_W + assumed.W * assumed.e_A
+    drift = (law.w_far + errors + law.z_bar) * (time + law.h)
+    rise = (0.5 * fastest + law.z_bar) * fastest / bounds.reserve
+    return float(bounds.blend + drift + rise + assumed.e_A)
+
+
+def _roomy(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
+    """Round so that every inequality keeps room, and that a file can hold the numbers."""
+    Y = _triple(_rounded(max(x, y) * (1 + 3 * _ROOM)) for x, y in zip(law.Y, bounds.Y, strict=True))
+    z = _rounded(bounds.body.box(Y, FLOATS) * (1 + 1e-6))
+    V_rate = _rounded(bounds.V_rate * (1 + 50 * _ROOM))
+    errors = assumed.e_W + assumed.W * assumed.e_A
+    return replace(
+        law,
+        Y=Y,
+        B=_triple(_rounded(min(x, y) * (1 - _ROOM)) for x, y in zip(law.B, bounds.B, strict=True)),
+        z_bar=z,
+        V_rate=V_rate,
+        Omega_e=_rounded((assumed.Omega - z - errors - law.h * V_rate) * (1 - _ROOM / 10)),
+        a=_rounded(min(law.a, bounds.brake) * (1 - 10 * _ROOM)),
+        N=_triple(_rounded(x * (1 + 10 * _ROOM)) for x in bounds.noise),
+        w_far=_rounded(law.w_far),
+        far=_rounded(min(_far(assumed, law, bounds) * (1 + 30 * _ROOM), 3.1)),
+        d_max=_rounded(law.d_max),
+    )
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.9g}")
+
+
+def _triple(values: object) -> Triple:
+    x, y, z = (float(each) for each in values)  # type: ignore[attr-defined]
+    return x, y, z

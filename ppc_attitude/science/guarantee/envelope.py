@@ -1,0 +1,254 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""How long the comparison system needs: an upper solution, in steps rounded upward.
+
+φ' ≤ p‖ω_res‖ + z̄ − r f(φ; V_e) is a cooperative system (docs/guarantee.md, 5.5): what starts above
+it stays above. The step takes f at the lowest φ that the step can reach.
+"""
+
+from dataclasses import dataclass
+
+from ppc_attitude.science.controllers.brake import BLEND
+from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
+from ppc_attitude.science.guarantee.bounds import Bounds
+
+_STEP = 0.01  # [s] or a sample, whichever is longer
+_PATIENCE = 100_000  # steps
+
+
+@dataclass(frozen=True)
+class Settling:
+    """Guaranteed settling.
+
+    Attributes
+    ----------
+    rate : float
+        For ‖ω_e‖ up to this at the event [rad/s].
+    far, near : float or None
+        From half a turn in cruise, and from the least angle that is not taken for far [s]; None if
+        the rate is too high for a cruise.
+    turn : float
+        From half a turn without a cruise [s].
+    """
+
+    rate: float
+    far: float | None
+    near: float | None
+    turn: float
+
+    @property
+    def time(self) -> float:
+        """For every attitude [s]."""
+        if self.far is None or self.near is None:
+            return self.turn
+        return max(self.far, self.near)
+
+
+class Envelope:
+    """The comparison system of one law under its assumptions.
+
+    Parameters
+    ----------
+    assumed : Assumptions
+        What is assumed.
+    law : Law
+        The law's numbers, which satisfy the inequalities.
+    bounds : Bounds
+        `bounds_of` both.
+    arithmetic : Arithmetic
+        In which to compute.
+    """
+
+    def __init__(
+        self, assumed: Assumptions, law: Law, bounds: Bounds, arithmetic: Arithmetic
+    ) -> None:
+        number = arithmetic.number
+        self._assumed, self._law, self._bounds = assumed, law, bounds
+        self._arithmetic = arithmetic
+        self._k, self._a, self._z = number(law.k), number(law.a), number(law.z_bar)
+        self._step = number(max(_STEP, law.h))
+        self._h = number(law.h)
+        self._slowest = number(law.Omega_e) - number(assumed.W)
+        self._fastest = number(law.Omega_e) + number(assumed.W)
+        self._linear = self._a / (self._k * self._k)
+        self._offset = self._a * self._a / (self._k * self._k)
+        self._e_A = number(assumed.e_A)
+
+    def speed(self, phi: Number, cap: Number) -> Number:
+        """f(φ; V), from below where a comparison is not certain."""
+        arithmetic = self._arithmetic
+        if phi <= self._linear:
+            g = self._k * phi
+        else:
+            under = 2 * self._a * phi - self._offset
+            g = arithmetic.least(
+                self._k * phi,
+                arithmetic.sqrt(arithmetic.largest(under, arithmetic.number(0.0))),
+            )
+        c = BLEND
+        if g >= (1 + c) * cap:
+            return cap
+        if g <= (1 - c) * cap:
+            return g
+        x = arithmetic.least(g / cap, arithmetic.number(1.0 + c))
+        below = arithmetic.largest(x - (1 - c), arithmetic.number(0.0))
+        return cap * (x - below * below / (4 * c))
+
+    def settled(self, accuracy: float) -> Number:
+        """φ below which |q_ev,i| < accuracy: 2 asin(x) ≥ 2x."""
+        return 2 * self._arithmetic.number(accuracy)
+
+    def terminal(self) -> float:
+        """Upper limit in the end of |q_ev,i| for any disturbance within its bound: z̄/(2k)."""
+        return self._arithmetic.outward(self._z / (2 * self._k))[1]
+
+    def settling(self, rate: float, accuracy: float) -> Settling:
+        """Guaranteed settling times for every attitude.
+
+        Parameters
+        ----------
+        rate : float
+            Largest ‖ω_e‖ at the event [rad/s].
+        accuracy : float
+            Settled means |q_ev,i| < accuracy.
+
+        Raises
+        ------
+        ValueError
+            The accuracy is never guaranteed, or the rate is beyond omega0.
+        """
+        if self.terminal() >= accuracy:
+            raise ValueError(
+                f"|q_ev,i| < {accuracy:g} is never guaranteed: the tube leads to "
+                f"z̄/(2k) = {self.terminal():.3g}"
+            )
+        if rate > self._law.omega0:
+            raise ValueError(
+                f"a rate error of {rate:g} rad/s is beyond omega0 = {self._law.omega0:g} rad/s"
+            )
+        half_turn = self._arithmetic.pi
+        turn = self.near_time(half_turn, rate, accuracy)
+        if rate > self._law.w_far:
+            return Settling(rate, None, None, turn)
+        near = self.near_time(self._arithmetic.number(self._law.far), rate, accuracy)
+        return Settling(rate, self.far_time(half_turn, rate, accuracy), near, turn)
+
+    def near_time(
+        self, phi: Number, rate: float, accuracy: float, stop: Number | None = None
+    ) -> float:
+        """Time [s] from φ [rad] where the brake sets in after a stop, whose length may be known."""
+        phi, time = self._stopped(phi, rate, stop)
+        arithmetic, step, one = self._arithmetic, self._step, self._arithmetic.number(1.0)
+        reserve, limit = self._bounds.reserve, self.settled(accuracy)
+        r = arithmetic.number(0.0)
+        before = phi
+        for n in range(_PATIENCE):
+            if phi <= limit:
+                return arithmetic.outward(time + n * step)[1]
+            rising = reserve / self.speed_above(before, self._fastest)
+            fall = r * self.speed(self._lowest(phi), self._slowest)
+            before, phi = phi, arithmetic.upper(phi + step * (self._z - fall))
+            r = -arithmetic.upper(
+                -arithmetic.least(r + step * arithmetic.least(self._k, rising), one)
+            )
+        raise ValueError(f"no settling within {_PATIENCE} steps")
+
+    def far_time(self, phi: Number, rate: float, accuracy: float) -> float:
+        """Time [s] from φ [rad] where the speed rises with the torque that is left."""
+        phi, time = self._stopped(phi, rate)
+        arithmetic, step = self._arithmetic, self._step
+        limit, sigma = self.settled(accuracy), arithmetic.number(0.0)
+        for n in range(_PATIENCE):
+            if phi <= limit:
+                return arithmetic.outward(time + n * step)[1]
+            fall = self.speed(self._lowest(phi), sigma)
+            phi = arithmetic.upper(phi + step * (self._z - fall))
+            risen = arithmetic.least(sigma + step * self._bounds.reserve, self._slowest)
+            sigma = -arithmetic.upper(-risen)
+        raise ValueError(f"no settling within {_PATIENCE} steps")
+
+    def recovery(self, torque: float, duration: float, accuracy: float) -> float:
+        """Guaranteed time [s] from the start of a hit of a settled craft to its recovery.
+
+        Parameters
+        ----------
+        torque : float
+            Largest extra torque on an axis [N·m].
+        duration : float
+            How long it acts [s].
+        accuracy : float
+            Recovered means |q_ev,i| < accuracy again, for good.
+
+        Raises
+        ------
+        ValueError
+            The hit may make the craft tumble.
+        """
+        number, law, bounds = self._arithmetic.number, self._law, self._bounds
+        time = number(duration) + self._h
+        pushed = number(torque) + number(self._assumed.d) + number(self._assumed.max_torque)
+        rate = law.omega0
+        for _ in range(3):  # what is gained at a rate that is known not to be passed
+            fastest = number(rate) + number(self._assumed.W) + self._z
+            feedforward = bounds.feedforward(self._assumed, fastest, self._arithmetic)
+            gained = tuple(
+                (pushed + feedforward[i]) * time + number(law.Y[i]) + bounds.body.row[i] * self._z
+                for i in range(3)
+            )
+            rate = self._arithmetic.outward(bounds.body.box(gained, self._arithmetic))[1]
+            if rate > law.omega0:
+                break
+        if rate > law.omega0:
+            raise ValueError(
+                f"{torque:g} N·m for {duration:g} s may make the craft tumble: it may gain "
+                f"{rate:.3g} rad/s, and omega0 = {law.omega0:g} rad/s; no time is promised"
+            )
+        phi = self._z / self._k + number(rate) * time
+        if bool(phi + self._e_A < number(law.far)) or rate > law.w_far:
+            # The momentum is known by axis, which ends the stop sooner than the rate alone would.
+            left = (number(law.B[i]) - feedforward[i] for i in range(3))
+            pairs = zip(gained, left, strict=True)
+            stop = self._arithmetic.largest(*(momentum / torque for momentum, torque in pairs))
+            rest = self.near_time(phi, rate, accuracy, stop)
+        else:
+            rest = self.settling(rate, accuracy).time
+        return self._arithmetic.outward(time + number(rest))[1]
+
+    def speed_above(self, phi: Number, cap: Number) -> Number:
+        """Return an upper bound of f(φ; V): the lesser of g and V."""
+        g = self._k * phi
+        if phi > self._linear:
+            g = self._arithmetic.sqrt(2 * self._a * phi - self._offset)
+        return self._arithmetic.least(g, cap)
+
+    def _lowest(self, phi: Number) -> Number:
+        """φ after a step at the full speed."""
+        zero = self._arithmetic.number(0.0)
+        return self._arithmetic.largest(phi - self._step * self._slowest, zero)
+
+    def _stopped(
+        self, phi: Number, rate: float, stop: Number | None = None
+    ) -> tuple[Number, Number]:
+        """φ [rad] and time [s] after the stop phase, and one sample more for what lands on one."""
+        speed = self._arithmetic.number(rate)
+        if stop is None:
+            stop = self._bounds.stop_time(self._assumed, self._law, speed, self._arithmetic)
+        if stop is None:
+            raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
+        time = stop + 2 * self._h
+        drift = speed * (stop + self._h) / 2 + self._z * time
+        return self._arithmetic.upper(phi + self._e_A + drift), time

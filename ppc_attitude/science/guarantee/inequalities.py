@@ -1,0 +1,181 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The inequalities C1 to C13 under which the theorem of docs/guarantee.md holds."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
+from ppc_attitude.science.guarantee.bounds import Bounds
+
+AXES = "xyz"
+# κh that leaves every sample's correction without overshoot, without and with a late command.
+_STEP, _STEP_LATE = 0.9, 0.4
+
+
+@dataclass(frozen=True)
+class Inequality:
+    """One inequality: left ≤ right, or left < right where `strict`.
+
+    Attributes
+    ----------
+    name : str
+        C1 to C13, with the axis where there is one for each.
+    left, right : tuple of 2 float
+        Both sides, from below and from above.
+    unit : str
+        Of both.
+    holds : bool
+        True if it is certain in the arithmetic that evaluated it.
+    meaning : str
+        What it says.
+    """
+
+    name: str
+    left: tuple[float, float]
+    right: tuple[float, float]
+    unit: str
+    holds: bool
+    meaning: str
+
+    @property
+    def room(self) -> float:
+        """What is left, as a share of the right side; negative if it fails."""
+        scale = max(abs(self.right[0]), abs(self.left[1]))
+        return (self.right[0] - self.left[1]) / scale if scale > 1e-300 else 1.0
+
+
+def inequalities(
+    assumed: Assumptions, law: Law, bounds: Bounds, arithmetic: Arithmetic
+) -> tuple[Inequality, ...]:
+    """Evaluate all of them.
+
+    Returns
+    -------
+    tuple of Inequality
+        Those that hold and those that do not.
+    """
+    return tuple(_Judge(assumed, law, bounds, arithmetic).all())
+
+
+class _Judge:
+    def __init__(
+        self, assumed: Assumptions, law: Law, bounds: Bounds, arithmetic: Arithmetic
+    ) -> None:
+        self.assumed, self.law, self.bounds, self.arithmetic = assumed, law, bounds, arithmetic
+
+    def told(
+        self, name: str, left: Number, right: Number, unit: str, meaning: str, strict: bool = False
+    ) -> Inequality:
+        certain = bool(left < right) if strict else bool(left <= right)
+        outward = self.arithmetic.outward
+        return Inequality(name, outward(left), outward(right), unit, certain, meaning)
+
+    def all(self) -> Iterator[Inequality]:
+        yield from self._tube()
+        yield from self._rates()
+        yield from self._phases()
+
+    def _tube(self) -> Iterator[Inequality]:
+        number, law, bounds, told = self.arithmetic.number, self.law, self.bounds, self.told
+        body = bounds.body
+        least = number(0.0) if body.proved else number(float("inf"))
+        yield told("C0", least, body.least, "kg·m²", "the moments of inertia are certain", True)
+        for i, axis in enumerate(AXES):
+            meaning = "no disturbance within its bound leads out of the tube"
+            yield told(f"C1 {axis}", bounds.Y[i], number(law.Y[i]), "N·m·s", meaning)
+        for i, axis in enumerate(AXES):
+            meaning = "a saturated axis is pushed back all the same"
+            yield told(f"C2 {axis}", number(law.B[i]), bounds.B[i], "N·m", meaning)
+        for i, axis in enumerate(AXES):
+            meaning = "feedforward, reference and brake never lack torque"
+            yield told(f"C3 {axis}", bounds.load[i], number(law.B[i]), "N·m", meaning)
+        for i, axis in enumerate(AXES):
+            meaning = "the law knows what estimation errors make of y"
+            yield told(f"C1 N {axis}", bounds.noise[i], number(law.N[i]), "N·m·s", meaning)
+        meaning = "z̄ is the largest rate error in the tube"
+        yield told("C1 z", bounds.z, number(law.z_bar), "rad/s", meaning)
+
+    def _rates(self) -> Iterator[Inequality]:
+        number, law, bounds, told = self.arithmetic.number, self.law, self.bounds, self.told
+        assumed, zero = self.assumed, number(0.0)
+        Omega_e, z, k = number(law.Omega_e), number(law.z_bar), number(law.k)
+        W, a, h = number(assumed.W), number(law.a), number(law.h)
+        slowest = Omega_e - W
+        errors = number(assumed.e_W) + W * number(assumed.e_A)
+        meaning = "‖ω_s‖ stays below the rate limit after the stop phase"
+        total = Omega_e + z + errors + h * bounds.V_rate
+        yield told("C4", total, number(assumed.Omega), "rad/s", meaning)
+        yield told(
+            "C4 V'", bounds.V_rate, number(law.V_rate), "rad/s²", "Φ allows for what V may lose"
+        )
+        limit = number(_STEP_LATE if assumed.late > 0.0 else _STEP)
+        meaning = "κh: one sample's correction does not overshoot"
+        yield told("C5", number(law.kappa) * h, limit, "", meaning)
+        yield told("C6", z, a / k, "rad/s", "the tube lies within the linear part of the brake")
+        yield told("C7", zero, slowest, "rad/s", "the reference leaves speed to turn with", True)
+        least = self.arithmetic.least(*map(number, law.Y))
+        meaning = "the disturbance estimate alone does not lead out of the tube"
+        yield told("C8", number(law.d_max), number(law.kappa) * least, "N·m", meaning)
+        meaning = "the estimate may be as large as the disturbance"
+        yield told("C8 d", number(assumed.d), number(law.d_max), "N·m", meaning)
+
+    def _phases(self) -> Iterator[Inequality]:
+        number, law, bounds, told = self.arithmetic.number, self.law, self.bounds, self.told
+        assumed, pi = self.assumed, self.arithmetic.pi
+        Omega_e, z, k = number(law.Omega_e), number(law.z_bar), number(law.k)
+        W, a, h = number(assumed.W), number(law.a), number(law.h)
+        e_A, e_w = number(assumed.e_A), number(assumed.e_W) + W * number(assumed.e_A)
+        slowest, fastest = Omega_e - W, Omega_e + W
+        reserve, never = bounds.reserve, number(float("inf"))
+        w_far, omega0 = number(law.w_far) + e_w, number(law.omega0) + e_w
+
+        time = bounds.stop_time(assumed, law, number(law.w_far), self.arithmetic)
+        start = never
+        if time is not None and reserve > 0:
+            start = bounds.blend + (w_far + z) * (time + h) + e_A
+            start = start + fastest * fastest / (2 * reserve) + z * fastest / reserve
+        meaning = "a cruise reaches its speed before it has to brake"
+        yield told("C9", start, number(law.far), "rad", meaning)
+        yield told("C9 w", w_far, slowest, "rad/s", "a cruise begins below its least speed")
+
+        turned = never if time is None else bounds.nu_stop * w_far * (time + h)
+        meaning = "the axis turns too little in the stop phase to add up the rates"
+        yield told("C9 n", turned, number(1.0), "rad", meaning)
+
+        fast = omega0 + W + z
+        feedforward = bounds.feedforward(assumed, fast, self.arithmetic)
+        for i, axis in enumerate(AXES):
+            meaning = "torque is left to stop from every rate up to omega0"
+            yield told(f"C10 {axis}", feedforward[i], number(law.B[i]), "N·m", meaning, True)
+        stop = bounds.stop_time(assumed, law, number(law.omega0), self.arithmetic)
+        for i, axis in enumerate(AXES):
+            meaning = "F varies no more within a sample of the stop phase than later"
+            yield told(
+                f"C11 {axis}", bounds.variation_at_stop[i], bounds.variation[i], "N·m", meaning
+            )
+        overshoot = never
+        if stop is not None and reserve > 0:
+            overshoot = pi + e_A + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / reserve)
+        yield told(
+            "C12", overshoot, pi + 1, "rad", "half a turn and the stop stay in the range of cells"
+        )
+        meaning = "the cap of the speed does not act where the brake is linear"
+        limit = number(0.75) * slowest - 2 * h * number(law.V_rate)
+        yield told("C13", a / k, limit, "rad/s", meaning)
+        meaning = "the linear part of the brake ends below 1 rad"
+        yield told("C13 φ1", a / (k * k), number(1.0), "rad", meaning)

@@ -1,0 +1,197 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Settling from t = 0 for a reference that is known: the axis of the error bounds the speed.
+
+n has the same numbers in the desired frame and turns by ν‖ω_⊥‖ only, so b = n·ω_d(t) is known up to
+a cell of n and what n may have turned: V is larger than its least value most of the time. The cells
+cover the sphere, and the angles that the bound for any reference does not settle sooner.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.science.controllers.brake import BLEND
+from ppc_attitude.science.guarantee.arithmetic import FLOATS
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
+from ppc_attitude.science.guarantee.bounds import Bounds, bounds_of
+from ppc_attitude.science.guarantee.envelope import Envelope
+
+Array = NDArray[np.float64]
+_STEP = 0.02  # [s]
+_PADDING = 1e-9  # relative, of every step: plain floats, rounded
+_FACE = 28  # cells along an edge of the cube whose faces cover the sphere
+_ANGLES = 5
+_LONGEST = 400.0  # [s]
+
+
+@dataclass
+class _State:
+    """Bounds on every cell: largest and least φ, what n may have turned, least speed σ."""
+
+    above: Array
+    below: Array
+    turned: Array
+    sigma: Array
+
+
+def sphere_cells(face: int) -> tuple[Array, Array]:
+    """Cells that cover the unit sphere.
+
+    The edges of a cell are arcs of great circles, so no point of it is farther from the centre
+    than a corner.
+
+    Parameters
+    ----------
+    face : int
+        Cells along an edge of each face of a cube.
+
+    Returns
+    -------
+    ndarray, shape (6 face², 3)
+        Centres.
+    ndarray, shape (6 face²,)
+        Largest angle from the centre to a point of the cell [rad].
+    """
+    edges = np.tan(np.linspace(-np.pi / 4, np.pi / 4, face + 1))
+    u, v = (each.ravel() for each in np.indices((face, face)))
+
+    def points(a: Array, b: Array) -> Array:
+        plane = np.stack([a, b, np.ones_like(a)], axis=1)
+        return np.asarray(plane / np.linalg.norm(plane, axis=1, keepdims=True))
+
+    centres = points(0.5 * (edges[u] + edges[u + 1]), 0.5 * (edges[v] + edges[v + 1]))
+    corners = [points(edges[u + i], edges[v + j]) for i in (0, 1) for j in (0, 1)]
+    radius = np.max([np.arccos(np.sum(centres * each, axis=1)) for each in corners], axis=0)
+    sides = [np.roll(sign * centres, k, axis=1) for k in range(3) for sign in (1.0, -1.0)]
+    return np.concatenate(sides), np.tile(radius, 6)
+
+
+class KnownReference:
+    """Settling times of one law for one reference.
+
+    Parameters
+    ----------
+    assumed : Assumptions
+        What is assumed, with bounds that the reference keeps.
+    law : Law
+        Numbers that satisfy the inequalities.
+    rate_at : callable
+        From instants [s], shape (n,), to ω_d [rad/s], shape (n, 3).
+    """
+
+    def __init__(self, assumed: Assumptions, law: Law, rate_at: Callable[[Array], Array]) -> None:
+        self._assumed, self._law, self._rate_at = assumed, law, rate_at
+        self._bounds: Bounds = bounds_of(assumed, law, FLOATS)
+        self._envelope = Envelope(assumed, law, self._bounds, FLOATS)
+
+    def time(self, rate: float, accuracy: float) -> float:
+        """Guaranteed settling time [s] from t = 0, for every attitude.
+
+        Parameters
+        ----------
+        rate : float
+            Largest ‖ω_s‖ at the start [rad/s].
+        accuracy : float
+            Settled means |q_ev,i| < accuracy.
+
+        Raises
+        ------
+        ValueError
+            The rate is beyond that of a cruise.
+        """
+        rate += float(np.linalg.norm(self._rate_at(np.zeros(1)))) * (1.0 + _PADDING)
+        if rate > self._law.w_far:
+            raise ValueError(
+                f"a rate error of {rate:g} rad/s does not cruise; at most {self._law.w_far:g}"
+            )
+        near = self._envelope.near_time(self._law.far, rate, accuracy)
+        least = self._law.far
+        longest = near
+        for start in np.linspace(np.pi, self._law.far, 40):
+            # From here on down the bound for any reference is no longer than what is found.
+            if self._envelope.far_time(float(start), rate, accuracy) <= max(longest, near):
+                return max(longest, near)
+            least = max(float(start) - 0.15, self._law.far)
+            longest = max(longest, self._longest(least, float(start), rate, accuracy))
+        return max(longest, near)
+
+    def _longest(self, least: float, most: float, rate: float, accuracy: float) -> float:
+        """Time for every start with φ between two angles [rad]."""
+        law, assumed = self._law, self._assumed
+        centres, radius = sphere_cells(_FACE)
+        stop = self._bounds.stop_time(assumed, law, rate, FLOATS)
+        if stop is None:
+            raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
+        begin = stop + 2.0 * law.h
+        count = len(radius)
+        drift = rate * (stop + law.h) / 2.0 + law.z_bar * begin
+        nu = max(self._nu(least - 1.5 * drift), self._nu(most + drift))
+        state = _State(
+            above=np.full(count, most + assumed.e_A + drift),
+            # σ = −n·ω_e ≤ rate is kept while the rest stops.
+            below=np.full(count, least - assumed.e_A - drift - rate * begin),
+            turned=np.full(count, nu * (drift + assumed.e_A)),
+            sigma=np.zeros(count),
+        )
+        times = begin + _STEP * np.arange(round((_LONGEST - begin) / _STEP))
+        rates = self._rate_at(times)
+        for t, omega_d in zip(times, rates, strict=True):
+            if state.above.max() <= 2.0 * accuracy:
+                return float(t)
+            keep = state.above > 2.0 * accuracy
+            if not keep.all():
+                centres, radius = centres[keep], radius[keep]
+                state = _State(*(each[keep] for each in vars(state).values()))
+            self._advance(state, centres @ omega_d, radius, float(np.linalg.norm(omega_d)))
+        raise ValueError(f"no settling within {_LONGEST:g} s")
+
+    def _advance(self, state: _State, along: Array, radius: Array, size: float) -> None:
+        """Carry the bounds over a step in which the reference is near ω_d."""
+        law, assumed = self._law, self._assumed
+        moved = assumed.W1 * _STEP
+        size = min(size + moved, assumed.W)
+        spread = size * (radius + state.turned) + moved
+        slow, fast = along - spread, np.minimum(along + spread, size)
+        slow = np.maximum(slow, -size)
+        root = law.Omega_e**2 - size * size
+        least = slow + np.sqrt(slow * slow + root) - law.h * law.V_rate
+        most = fast + np.sqrt(fast * fast + law.Omega_e**2 - max(size - 2.0 * moved, 0.0) ** 2)
+        cap = np.minimum(state.sigma, least)
+        lowest = np.maximum(state.above - _STEP * law.Omega_e - _STEP * assumed.W, 0.0)
+        fall = self._speed(lowest, cap) * (1.0 - _PADDING)
+        nu = 0.5 / np.sin(0.5 * np.clip(state.below, 1e-3, np.pi))
+        far = 0.5 / np.sin(0.5 * np.minimum(state.above, 2 * np.pi - 1e-3))
+        state.turned += _STEP * law.z_bar * np.maximum(nu, far) * (1.0 + _PADDING)
+        state.above += _STEP * (law.z_bar - fall)
+        rise = np.minimum(most, law.k * np.maximum(state.below, 0.0))
+        state.below -= _STEP * (law.z_bar + rise) * (1.0 + _PADDING)
+        state.sigma += _STEP * float(self._bounds.reserve) * (1.0 - _PADDING)
+
+    def _speed(self, phi: Array, cap: Array) -> Array:
+        """f(φ; V) on arrays."""
+        k, a = self._law.k, self._law.a
+        offset = a * a / (k * k)
+        g = np.where(phi <= a / (k * k), k * phi, np.sqrt(np.maximum(2 * a * phi - offset, 0.0)))
+        x = np.minimum(g / np.maximum(cap, 1e-300), 1.0 + BLEND)
+        below = np.maximum(x - 1.0 + BLEND, 0.0)
+        return np.asarray(np.maximum(cap, 0.0) * (x - below * below / (4.0 * BLEND)))
+
+    @staticmethod
+    def _nu(phi: float) -> float:
+        return float(0.5 / np.sin(0.5 * phi))

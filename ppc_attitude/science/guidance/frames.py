@@ -1,0 +1,186 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Frames that goals are relative to, each from two moving directions, with exact derivatives."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.guidance.rotation import Motion, about, moved_by
+from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
+    add,
+    cross,
+    dot,
+    kernel,
+    norm,
+    quaternion,
+    scale,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.orbit import EARTH_RADIUS, ORBIT, gravity, gravity_rate, orbit_at
+from ppc_attitude.science.sky import DAY, EARTH_RATE, sun_direction
+
+# NumPy's integers: Numba compiles a function anew for every Python constant it is called with.
+_NUMBERS: Any = np.arange(5)
+INERTIAL, NADIR, GROUND, SUN, SPIN = _NUMBERS
+FRAME_NAMES = ("inertial", "nadir", "ground", "sun", "spin")
+
+SKY = np.dtype(
+    [
+        ("orbit", ORBIT),
+        ("days", np.float64),  # from J2000 to t = 0
+        ("earth_angle", np.float64),  # Greenwich at t = 0 [rad]
+        ("target", np.float64, (3,)),  # [m], fixed to Earth: z the pole, x Greenwich
+    ],
+    align=True,
+)
+SPINNING = np.dtype(
+    [
+        ("attitude", np.float64, (4,)),  # x y z w, at the begin
+        ("axis", np.float64, (3,)),  # unit, body
+        ("rate", np.float64),  # [rad/s]
+        ("begin", np.float64),  # [s]
+    ],
+    align=True,
+)
+# |z × s|/|s| of the two directions below which a frame's y axis is ill defined.
+LEAST_SINE = 0.1
+_NOTHING: Vector = (0.0, 0.0, 0.0)
+_STRAIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+Direction = tuple[Vector, Vector, Vector]
+
+
+@kernel
+def unit(u: Direction) -> Direction:
+    """Unit vector along a moving vector, from the vector and its first two derivatives."""
+    length = norm(u[0])
+    n = scale(1.0 / length, u[0])
+    n1 = scale(1.0 / length, subtract(u[1], scale(dot(n, u[1]), n)))
+    along = dot(n1, u[1]) + dot(n, u[2])
+    n2 = subtract(subtract(u[2], scale(2.0 * dot(n, u[1]), n1)), scale(along, n))
+    return n, n1, scale(1.0 / length, n2)
+
+
+@kernel
+def crossed(a: Direction, b: Direction) -> Direction:
+    """A × b with its first two derivatives, by the product rule."""
+    return (
+        cross(a[0], b[0]),
+        add(cross(a[1], b[0]), cross(a[0], b[1])),
+        add(
+            add(cross(a[2], b[0]), scale(2.0, cross(a[1], b[1]))),
+            cross(a[0], b[2]),
+        ),
+    )
+
+
+@kernel
+def quaternion_of(x: Vector, y: Vector, z: Vector) -> Quaternion:
+    """Attitude whose axes are x, y, z: the columns of R."""
+    trace = x[0] + y[1] + z[2]
+    if trace > 0.0:
+        s = 2.0 * math.sqrt(1.0 + trace)
+        return (y[2] - z[1]) / s, (z[0] - x[2]) / s, (x[1] - y[0]) / s, 0.25 * s
+    if x[0] >= y[1] and x[0] >= z[2]:
+        s = 2.0 * math.sqrt(1.0 + x[0] - y[1] - z[2])
+        return 0.25 * s, (y[0] + x[1]) / s, (z[0] + x[2]) / s, (y[2] - z[1]) / s
+    if y[1] >= z[2]:
+        s = 2.0 * math.sqrt(1.0 - x[0] + y[1] - z[2])
+        return (y[0] + x[1]) / s, 0.25 * s, (z[1] + y[2]) / s, (z[0] - x[2]) / s
+    s = 2.0 * math.sqrt(1.0 - x[0] - y[1] + z[2])
+    return (z[0] + x[2]) / s, (z[1] + y[2]) / s, 0.25 * s, (x[1] - y[0]) / s
+
+
+@kernel
+def frame_of(primary: Direction, secondary: Direction) -> tuple[Motion, float]:
+    """Frame with z along the primary direction and y along z × secondary.
+
+    Returns
+    -------
+    motion
+        Attitude of the frame, its rate [rad/s] and acceleration [rad/s²] in its own axes:
+        ω^× = RᵀR', ω'^× = RᵀR'' − (ω^×)².
+    sine
+        |z × s|/|s|, small where the y axis is ill defined.
+    """
+    z = unit(primary)
+    side = crossed(z, secondary)
+    y = unit(side)
+    x = crossed(y, z)
+    wx, wy, wz = dot(z[0], y[1]), dot(x[0], z[1]), dot(y[0], x[1])
+    acceleration = (
+        dot(z[0], y[2]) - wy * wz,
+        dot(x[0], z[2]) - wz * wx,
+        dot(y[0], x[2]) - wx * wy,
+    )
+    motion = (quaternion_of(x[0], y[0], z[0]), (wx, wy, wz), acceleration)
+    return motion, norm(side[0]) / norm(secondary[0])
+
+
+@kernel
+def target_at(t: float, sky: Any) -> Direction:
+    """Ground point [m] in inertial axes, its velocity and acceleration: it turns with Earth."""
+    angle = sky.earth_angle + EARTH_RATE * t
+    c, s = math.cos(angle), math.sin(angle)
+    fixed = vector(sky.target)
+    r = (c * fixed[0] - s * fixed[1], s * fixed[0] + c * fixed[1], fixed[2])
+    spin = (0.0, 0.0, EARTH_RATE)
+    v = cross(spin, r)
+    return r, v, cross(spin, v)
+
+
+@kernel
+def frame_at(t: float, frame: int, spinning: Any, sky: Any, cursor: Any) -> tuple[Motion, float]:
+    """Motion of a goal's frame at t [s], and the sine of `frame_of` (1 where it has none).
+
+    Parameters
+    ----------
+    t, frame
+        Time [s] and the frame's number, an index into `FRAME_NAMES`.
+    spinning
+        Record of dtype `SPINNING`, for the frame `spin`.
+    sky, cursor
+        Record of dtype `SKY`, and the cursor of `orbit_at`.
+    """
+    if frame == INERTIAL:
+        return (_STRAIGHT, _NOTHING, _NOTHING), 1.0
+    if frame == SPIN:
+        axis = vector(spinning.axis)
+        turn = about(axis, spinning.rate * (t - spinning.begin))
+        rate = scale(spinning.rate, axis)
+        return moved_by(quaternion(spinning.attitude), (turn, rate, _NOTHING)), 1.0
+    r, v = orbit_at(t, sky.orbit, cursor)
+    g, g_rate = gravity(r), gravity_rate(r, v)
+    if frame == NADIR:
+        return frame_of((scale(-1.0, r), scale(-1.0, v), scale(-1.0, g)), (v, g, g_rate))
+    if frame == GROUND:
+        point = target_at(t, sky)
+        sight = (subtract(point[0], r), subtract(point[1], v), subtract(point[2], g))
+        return frame_of(sight, (v, g, g_rate))
+    return frame_of(sun_direction(sky.days + t / DAY), crossed((r, v, g), (v, g, g_rate)))
+
+
+@kernel
+def elevation_sine(t: float, sky: Any, cursor: Any) -> float:
+    """Sine of the craft's elevation above the ground point's horizon; negative: not in sight."""
+    r, _ = orbit_at(t, sky.orbit, cursor)
+    point = target_at(t, sky)[0]
+    sight = subtract(r, point)
+    return dot(sight, point) / (norm(sight) * EARTH_RADIUS)

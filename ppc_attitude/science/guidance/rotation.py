@@ -1,0 +1,182 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Rotation vectors, and motions relative to a frame that moves itself.
+
+A motion is attitude, rate [rad/s] and acceleration [rad/s²], both in the moving axes.
+"""
+
+import math
+from typing import TypeAlias
+
+from ppc_attitude.science.attitude import conjugate, normalised, product, to_body
+from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
+    add,
+    cross,
+    dot,
+    kernel,
+    norm,
+    scale,
+    subtract,
+)
+
+Motion: TypeAlias = tuple[Quaternion, Vector, Vector]
+
+_SMALL = 0.01  # [rad] below this the series are better than the closed forms
+_HALF_TURN = 1e-12  # |w| of a quaternion below this: half a turn
+
+
+@kernel
+def exponential(phi: Vector) -> Quaternion:
+    """Exp(φ): the rotation by |φ| [rad] about φ."""
+    angle = norm(phi)
+    if angle < _SMALL:
+        squared = angle * angle
+        s = 0.5 - squared / 48.0 + squared * squared / 3840.0
+    else:
+        s = math.sin(0.5 * angle) / angle
+    return (s * phi[0], s * phi[1], s * phi[2], math.cos(0.5 * angle))
+
+
+@kernel
+def about(axis: Vector, angle: float) -> Quaternion:
+    """Rotation by an angle [rad] about a unit axis."""
+    s = math.sin(0.5 * angle)
+    return (s * axis[0], s * axis[1], s * axis[2], math.cos(0.5 * angle))
+
+
+@kernel
+def axis_and_angle(q: Quaternion) -> tuple[Vector, float]:
+    """Eigenaxis and angle [rad], 0 to π, of a rotation, the short way.
+
+    Of half a turn the axis is the one whose first non-zero component is positive. Of no turn the
+    angle is 0 and the axis any.
+    """
+    v = (q[0], q[1], q[2])
+    sine = norm(v)
+    if sine == 0.0:
+        return (1.0, 0.0, 0.0), 0.0
+    sign = 1.0 if q[3] >= 0.0 else -1.0
+    if abs(q[3]) < _HALF_TURN:
+        first = v[2]
+        if v[1] != 0.0:
+            first = v[1]
+        if v[0] != 0.0:
+            first = v[0]
+        sign = 1.0 if first > 0.0 else -1.0
+    return scale(sign / sine, v), 2.0 * math.atan2(sine, abs(q[3]))
+
+
+@kernel
+def exponential_motion(phi: Vector, first: Vector, second: Vector) -> Motion:
+    """Exp(φ(t)) with its rate and acceleration, from φ, φ' and φ''.
+
+    ω = φ' − a φ × φ' + b φ × (φ × φ'), a = (1 − cos θ)/θ², b = (θ − sin θ)/θ³, θ = |φ|; the
+    acceleration is its derivative by the product rule.
+    """
+    theta = norm(phi)
+    squared = theta * theta
+    if theta < _SMALL:
+        a = 0.5 - squared / 24.0 + squared * squared / 720.0
+        b = 1.0 / 6.0 - squared / 120.0 + squared * squared / 5040.0
+        a_slope = -1.0 / 12.0 + squared / 180.0  # (da/dθ)/θ
+        b_slope = -1.0 / 60.0 + squared / 1260.0
+    else:
+        half = math.sin(0.5 * theta) / theta
+        a = 2.0 * half * half
+        b = (theta - math.sin(theta)) / (squared * theta)
+        a_slope = (math.sin(theta) / theta - 2.0 * a) / squared
+        b_slope = (a - 3.0 * b) / squared
+    growth = dot(phi, first)  # θ θ'
+    c1 = cross(phi, first)
+    cc1 = cross(phi, c1)
+    c2 = cross(phi, second)
+    cc2 = cross(phi, c2)
+    rate = add(first, add(scale(-a, c1), scale(b, cc1)))
+    acceleration = add(
+        add(second, add(scale(-a, c2), scale(b, cc2))),
+        add(
+            add(scale(-a_slope * growth, c1), scale(b_slope * growth, cc1)),
+            scale(b, cross(first, c1)),
+        ),
+    )
+    return exponential(phi), rate, acceleration
+
+
+@kernel
+def rotation_vector_rates(phi: Vector, omega: Vector, alpha: Vector) -> tuple[Vector, Vector]:
+    """φ' and φ'' of Exp(φ(t)) from its rate ω and acceleration α: the inverse of the above.
+
+    φ' = ω + ½ φ × ω + c φ × (φ × ω), c = (1 − (θ/2) cot(θ/2))/θ², |φ| < 2π.
+    """
+    theta = norm(phi)
+    squared = theta * theta
+    if theta < _SMALL:
+        c = 1.0 / 12.0 + squared / 720.0 + squared * squared / 30240.0
+        c_slope = 1.0 / 360.0 + squared / 7560.0  # (dc/dθ)/θ
+    else:
+        half = 0.5 * theta
+        cotangent = half / math.tan(half)
+        c = (1.0 - cotangent) / squared
+        # d(θ/2 cot θ/2)/dθ = ½ cot − (θ/4)/sin² = (u − θ²/4 − u²)/θ with u = θ/2 cot θ/2
+        c_slope = (-(cotangent - half * half - cotangent * cotangent) / squared - 2.0 * c) / squared
+    turned = cross(phi, omega)
+    first = add(omega, add(scale(0.5, turned), scale(c, cross(phi, turned))))
+    turned_rate = add(cross(first, omega), cross(phi, alpha))
+    second = add(
+        add(alpha, scale(0.5, turned_rate)),
+        add(
+            scale(c_slope * dot(phi, first), cross(phi, turned)),
+            scale(c, add(cross(first, turned), cross(phi, turned_rate))),
+        ),
+    )
+    return first, second
+
+
+@kernel
+def composed(frame: Motion, relative: Motion) -> Motion:
+    """Motion seen from inertial space of what moves relative to a frame that moves.
+
+    ω_d = ω_rel + C ω_frame, ω_d' = α_rel + C ω_frame' − ω_rel × C ω_frame.
+    """
+    q, omega, alpha = relative
+    axis, scalar = (q[0], q[1], q[2]), q[3]
+    carried = to_body(frame[1], axis, scalar)
+    return (
+        normalised(product(frame[0], q)),
+        add(omega, carried),
+        subtract(add(alpha, to_body(frame[2], axis, scalar)), cross(omega, carried)),
+    )
+
+
+@kernel
+def relative_to(frame: Motion, motion: Motion) -> Motion:
+    """Motion relative to a frame: the inverse of `composed`."""
+    q = normalised(product(conjugate(frame[0]), motion[0]))
+    axis, scalar = (q[0], q[1], q[2]), q[3]
+    carried = to_body(frame[1], axis, scalar)
+    omega = subtract(motion[1], carried)
+    return (
+        q,
+        omega,
+        add(subtract(motion[2], to_body(frame[2], axis, scalar)), cross(omega, carried)),
+    )
+
+
+@kernel
+def moved_by(q: Quaternion, motion: Motion) -> Motion:
+    """Motion that starts from an attitude q: its rates stay, its attitude is q ⊗ motion's."""
+    return normalised(product(q, motion[0])), motion[1], motion[2]

@@ -1,0 +1,198 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From any motion to rest at a goal: brake, then turn, both relative to the goal's frame."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ppc_attitude.science.attitude import conjugate, product, to_body
+from ppc_attitude.science.guidance.frames import INERTIAL, frame_at
+from ppc_attitude.science.guidance.plan import (
+    append_polynomial,
+    append_turn,
+    copy_cursor,
+    leg_motion,
+    polynomial,
+)
+from ppc_attitude.science.guidance.profile import Profile, duration, profile, turned
+from ppc_attitude.science.guidance.rotation import (
+    Motion,
+    about,
+    axis_and_angle,
+    exponential_motion,
+    relative_to,
+)
+from ppc_attitude.science.kernel import Quaternion, Vector, add, kernel, norm, scale
+
+MOST_ATTEMPTS = 40
+_SAMPLES = 64  # intervals
+_ROUNDING = 1.0 + 1e-9
+NO_TURN = 1e-12  # [rad]
+_NOTHING: Vector = (0.0, 0.0, 0.0)
+
+
+@kernel
+def brake_coefficients(
+    omega: Vector, alpha: Vector, length: float
+) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+    """c1 … c5 of φ = ω t + α t²/2 + c3 t³ + c4 t⁴, which is at rest after `length` [s]."""
+    c3 = scale(-1.0 / (3.0 * length * length), add(scale(2.0 * length, alpha), scale(3.0, omega)))
+    c4 = scale(0.25 / length**3, add(scale(2.0, omega), scale(length, alpha)))
+    return omega, scale(0.5, alpha), c3, c4, _NOTHING
+
+
+@kernel
+def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
+    """Duration [s] of a brake from relative rate ω and acceleration α; negative: none found.
+
+    The first of max(1.5 |ω|/A, 2 |α|/K, 1 s) · 1.1ᵏ whose 65 even samples keep A, or the present
+    acceleration if that is larger.
+    """
+    allowed = max(limits.max_acceleration, norm(alpha)) * _ROUNDING
+    length = max(
+        1.5 * norm(omega) / limits.max_acceleration, 2.0 * norm(alpha) / limits.max_jerk, 1.0
+    )
+    for _ in range(MOST_ATTEMPTS):
+        coefficients = brake_coefficients(omega, alpha, length)
+        kept = True
+        for i in range(_SAMPLES + 1):
+            phi = polynomial(coefficients, length * i / _SAMPLES)
+            if norm(exponential_motion(*phi)[2]) > allowed:
+                kept = False
+                break
+        if kept:
+            return float(length)
+        length *= 1.1
+    return -1.0
+
+
+@kernel
+def append_brake(
+    plan: Any, frame: int, t: float, motion: Motion, limits: Any, sky: Any, look: Any
+) -> bool:
+    """Add a brake from a motion at t [s] to rest in a frame; False if none is found."""
+    copy_cursor(look.now, look.ahead)
+    moving = frame_at(t, frame, plan.spinning, sky, look.ahead)[0]
+    q, omega, alpha = relative_to(moving, motion)
+    length = brake_length(omega, alpha, limits)
+    return length > 0.0 and append_polynomial(
+        plan, frame, t, length, q, brake_coefficients(omega, alpha, length)
+    )
+
+
+@kernel
+def end_attitude(plan: Any) -> Quaternion:
+    """Attitude x y z w at the end of the last leg, relative to the leg's frame."""
+    leg = plan.legs[plan.count - 1]
+    return leg_motion(leg, leg.duration)[0]
+
+
+@kernel
+def _rate_kept(
+    plan: Any,
+    frame: int,
+    t: float,
+    start: Quaternion,
+    axis: Vector,
+    turn: Profile,
+    limits: Any,
+    sky: Any,
+    look: Any,
+) -> bool:
+    """Tell if 65 even samples of |ω_d| over a turn keep V, or the rate at its begin if larger."""
+    copy_cursor(look.now, look.ahead)
+    allowed = 0.0
+    for i in range(_SAMPLES + 1):
+        s = duration(turn) * i / _SAMPLES
+        moving = frame_at(t + s, frame, plan.spinning, sky, look.ahead)[0]
+        angle, rate, _ = turned(s, turn, limits.max_jerk)
+        q = product(start, about(axis, angle))
+        total = norm(add(scale(rate, axis), to_body(moving[1], (q[0], q[1], q[2]), q[3])))
+        if i == 0:
+            allowed = max(limits.max_rate, total) * _ROUNDING
+        if total > allowed:
+            return False
+    return True
+
+
+@kernel
+def append_slew(
+    plan: Any,
+    frame: int,
+    t: float,
+    start: Quaternion,
+    axis: Vector,
+    angle: float,
+    limits: Any,
+    sky: Any,
+    look: Any,
+) -> bool:
+    """Add a turn from rest to rest in a frame, which may move; False if none is found.
+
+    V of its profile is the first of V · 0.95ᵏ with which the whole rate keeps V: the frame turns
+    too.
+    """
+    if angle < NO_TURN:
+        plan.end = t
+        return True
+    rate = limits.max_rate
+    for _ in range(MOST_ATTEMPTS):
+        turn = profile(angle, rate, limits.max_acceleration, limits.max_jerk)
+        if frame == INERTIAL or _rate_kept(plan, frame, t, start, axis, turn, limits, sky, look):
+            return append_turn(plan, frame, t, start, axis, turn, limits.max_jerk)
+        rate *= 0.95
+    return False
+
+
+@kernel
+def append_approach(
+    plan: Any,
+    frame: int,
+    goal: Quaternion,
+    t: float,
+    motion: Motion,
+    at_rest: bool,
+    limits: Any,
+    sky: Any,
+    look: Any,
+) -> bool:
+    """Add brake and turn from a motion at t [s] to rest at a goal in a frame.
+
+    `at_rest` says that the motion is at rest in this frame, so that no brake is needed.
+    """
+    start = motion[0]
+    if not at_rest:
+        if not append_brake(plan, frame, t, motion, limits, sky, look):
+            return False
+        t = plan.end
+        start = end_attitude(plan)
+    axis, angle = axis_and_angle(product(conjugate(start), goal))
+    return append_slew(plan, frame, t, start, axis, angle, limits, sky, look)
+
+
+def slew_torque(inertia: ArrayLike, rate: float, acceleration: float) -> float:
+    """Torque [N·m] that is enough for any slew: max |J e| A + max |ω × J ω|, |ω| ≤ V.
+
+    Parameters
+    ----------
+    inertia : array_like, shape (3, 3)
+        J [kg·m²].
+    rate, acceleration : float
+        V [rad/s] and A [rad/s²].
+    """
+    least, _, most = np.linalg.eigvalsh(np.asarray(inertia, dtype=np.float64))
+    return float(most * acceleration + 0.5 * (most - least) * rate * rate)

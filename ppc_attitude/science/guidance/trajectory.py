@@ -1,0 +1,222 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Timed profiles: an attitude at each of many instants, with rates that are given or chosen."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.science.attitude import conjugate, product
+from ppc_attitude.science.guidance.frames import INERTIAL
+from ppc_attitude.science.guidance.goals import (
+    ACCEPTED,
+    CROSSES,
+    NO_SLEW,
+    TOO_FAST,
+    TOO_LATE,
+    first_crossing,
+    plan_to,
+    taken,
+)
+from ppc_attitude.science.guidance.plan import MOST_LEGS, append_polynomial, leg_motion
+from ppc_attitude.science.guidance.rotation import axis_and_angle, rotation_vector_rates
+from ppc_attitude.science.keep_out import EVERY_CONE
+from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
+    kernel,
+    norm,
+    quaternion,
+    scale,
+    store_quaternion,
+    vector,
+)
+
+MOST_POINTS = 40  # the way to the first point needs legs too
+POINTS = np.dtype(
+    [
+        ("count", np.int64),
+        ("time", np.float64, (MOST_POINTS,)),  # [s], increasing
+        ("attitude", np.float64, (MOST_POINTS, 4)),  # x y z w, inertial
+        ("rate", np.float64, (MOST_POINTS, 3)),  # [rad/s] desired frame
+        ("acceleration", np.float64, (MOST_POINTS, 3)),  # [rad/s²] desired frame
+    ],
+    align=True,
+)
+_SAMPLES = 64  # intervals of a segment
+_ROUNDING = 1.0 + 1e-9
+_NOTHING: Vector = (0.0, 0.0, 0.0)
+
+Floats = NDArray[np.float64]
+
+
+def points(
+    times: Sequence[float],
+    attitudes: Sequence[Sequence[float]],
+    rates: Sequence[Sequence[float] | None],
+    accelerations: Sequence[Sequence[float] | None],
+) -> Any:
+    """Record of dtype `POINTS`; missing rates are chosen.
+
+    Parameters
+    ----------
+    times : sequence of float
+        Instants [s].
+    attitudes : sequence of four floats
+        Unit quaternions x y z w, desired frame to inertial.
+    rates, accelerations : sequence of three floats or None
+        In the desired frame [rad/s], [rad/s²]. A missing rate is 0 at the ends and the mean of the
+        neighbouring turns' mean rates within; a missing acceleration is 0.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two or too many points, times that do not increase, numbers that are not finite,
+        attitudes that are not unit, or a first or last point in motion.
+    """
+    count = len(times)
+    if not 2 <= count <= MOST_POINTS:
+        raise ValueError(f"a trajectory of {count} points; allowed: 2 to {MOST_POINTS}")
+    record = np.zeros((), POINTS)[()]
+    record["count"] = count
+    given = np.asarray(attitudes, dtype=np.float64)
+    lengths = np.linalg.norm(given, axis=1)
+    wrong = np.flatnonzero(~(np.abs(lengths - 1.0) <= 1e-3))
+    if len(wrong):
+        raise ValueError(
+            f"point {wrong[0]} has attitude {given[wrong[0]].tolist()} of norm "
+            f"{lengths[wrong[0]]:.6g}; allowed: 1 within 0.001"
+        )
+    given /= lengths[:, None]
+    if not (np.diff(times) > 0.0).all():
+        raise ValueError(f"times of the points are {list(times)}; allowed: finite and increasing")
+    record["time"][:count] = times
+    record["attitude"][:count] = given
+    means = [
+        np.multiply(*axis_and_angle(product(conjugate(_tuple(a)), _tuple(b)))) / length
+        for a, b, length in zip(given[:-1], given[1:], np.diff(times), strict=True)
+    ]
+    for i, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True)):
+        within = 0 < i < count - 1
+        chosen = 0.5 * (means[i - 1] + means[i]) if within else np.zeros(3)
+        record["rate"][i] = chosen if rate is None else rate
+        record["acceleration"][i] = np.zeros(3) if acceleration is None else acceleration
+        if not np.isfinite([record["rate"][i], record["acceleration"][i]]).all():
+            raise ValueError(f"point {i} has a rate or acceleration that is not finite")
+    for i in (0, count - 1):
+        if record["rate"][i].any() or record["acceleration"][i].any():
+            raise ValueError(
+                f"point {i} is in motion: rate {record['rate'][i].tolist()} rad/s, acceleration "
+                f"{record['acceleration'][i].tolist()} rad/s²; first and last must be at rest"
+            )
+    return record
+
+
+def _tuple(q: Floats) -> Quaternion:
+    x, y, z, w = map(float, q)
+    return (x, y, z, w)
+
+
+@kernel
+def quintic(
+    change: Vector, first: Vector, second: Vector, last: Vector, last_second: Vector, length: float
+) -> Any:
+    """c1 … c5 [rad/s … rad/s⁵] of φ(t) = c1 t + … + c5 t⁵ with given values at both ends.
+
+    φ(T) = change, φ'(0), φ''(0), φ'(T) and φ''(T), T = length [s].
+    """
+    coefficients = np.empty((5, 3))
+    for i in range(3):
+        left = change[i] - (first[i] + 0.5 * second[i] * length) * length
+        rate = (last[i] - first[i] - second[i] * length) * length
+        bend = (last_second[i] - second[i]) * length * length
+        coefficients[0, i] = first[i]
+        coefficients[1, i] = 0.5 * second[i]
+        coefficients[2, i] = (10.0 * left - 4.0 * rate + 0.5 * bend) / length**3
+        coefficients[3, i] = (-15.0 * left + 7.0 * rate - bend) / length**4
+        coefficients[4, i] = (6.0 * left - 3.0 * rate + 0.5 * bend) / length**5
+    return coefficients
+
+
+@kernel
+def _segment(trial: Any, i: int, points: Any, limits: Any) -> int:
+    """Add the quintic from one point to the next, if it keeps V and A."""
+    start = quaternion(points.attitude[i])
+    axis, angle = axis_and_angle(product(conjugate(start), quaternion(points.attitude[i + 1])))
+    change = scale(angle, axis)
+    length = points.time[i + 1] - points.time[i]
+    last, last_second = rotation_vector_rates(
+        change, vector(points.rate[i + 1]), vector(points.acceleration[i + 1])
+    )
+    coefficients = quintic(
+        change, vector(points.rate[i]), vector(points.acceleration[i]), last, last_second, length
+    )
+    append_polynomial(trial, INERTIAL, points.time[i], length, start, coefficients)
+    leg = trial.legs[trial.count - 1]
+    for k in range(_SAMPLES + 1):
+        _, omega, alpha = leg_motion(leg, length * k / _SAMPLES)
+        if (
+            norm(omega) > limits.max_rate * _ROUNDING
+            or norm(alpha) > limits.max_acceleration * _ROUNDING
+        ):
+            return TOO_FAST
+    return ACCEPTED
+
+
+@kernel
+def _plan_through(t: float, points: Any, guidance: Any, state: Any) -> int:
+    start = quaternion(points.attitude[0])
+    outcome = plan_to(t, INERTIAL, start, guidance, state)
+    if outcome != ACCEPTED:
+        return outcome
+    trial = state.plans[1 - state.active]
+    if trial.end > points.time[0]:
+        return TOO_LATE
+    if trial.count + points.count > MOST_LEGS:
+        return NO_SLEW
+    if trial.end < points.time[0]:
+        wait = points.time[0] - trial.end
+        append_polynomial(trial, INERTIAL, trial.end, wait, start, np.zeros((5, 3)))
+    for i in range(points.count - 1):
+        outcome = _segment(trial, i, points, guidance.limits)
+        if outcome != ACCEPTED:
+            return outcome
+    store_quaternion(trial.attitude, quaternion(points.attitude[points.count - 1]))
+    state.cone = first_crossing(trial, t, points.time[0], EVERY_CONE, guidance, state)
+    return ACCEPTED if state.cone < 0 else CROSSES
+
+
+@kernel
+def follow(t: float, points: Any, guidance: Any, state: Any) -> int:
+    """Take a timed profile at t [s]: slew to its first point, then through all of them.
+
+    Parameters
+    ----------
+    t
+        When it comes [s].
+    points
+        Record of dtype `POINTS`.
+    guidance, state
+        Records of dtype `GUIDANCE` and `STATE`.
+
+    Returns
+    -------
+    outcome
+        As of `pursue`; also `TOO_LATE` if the first point comes before the slew to it has ended,
+        and `TOO_FAST` if a segment breaks V or A.
+    """
+    return taken(_plan_through(t, points, guidance, state), state)

@@ -1,0 +1,58 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The inertia of a rigid body: what can be one."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ppc_attitude.science.errors import ConfigurationError
+
+
+def inertia_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Check an inertia [kg·m²] and return it as a 3 × 3 array.
+
+    Parameters
+    ----------
+    name : str
+        What to call it in an error.
+    values : array_like
+        Nine numbers, row-major.
+
+    Raises
+    ------
+    ConfigurationError
+        Not nine finite numbers, not symmetric, not positive definite, or the principal moments
+        break the triangle inequality, so that no rigid body has it.
+    """
+    array = np.asarray(values, dtype=np.float64).ravel()
+    if array.size != 9:
+        raise ConfigurationError(f"{name} has {array.size} values, 9 (row-major) are needed")
+    if not np.isfinite(array).all():
+        raise ConfigurationError(f"{name} = {array.tolist()} must be finite")
+    inertia = array.reshape(3, 3)
+    if (np.abs(inertia - inertia.T) > 1e-9 * np.abs(inertia)).any():
+        raise ConfigurationError(f"{name} = {inertia.tolist()} must be symmetric")
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] <= 0.0:
+        raise ConfigurationError(
+            f"{name} = {inertia.tolist()} must be positive definite; "
+            f"its principal moments are {moments.tolist()} kg·m²"
+        )
+    if moments[0] + moments[1] < moments[2] * (1.0 - 1e-9):
+        raise ConfigurationError(
+            f"{name} = {inertia.tolist()} belongs to no rigid body: its principal moments "
+            f"{moments.tolist()} kg·m² break the triangle inequality"
+        )
+    return inertia

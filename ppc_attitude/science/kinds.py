@@ -1,0 +1,212 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The kinds of component, and every component of ours by kind.
+
+A new component is one file and one line here. A package of somebody else's adds one without
+touching ours: an entry point of the group ``ppc_attitude.<kind>`` that leads to a `Component`.
+"""
+
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any
+
+from ppc_attitude.science.component import Column, Component
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.signals import (
+    APPLIED_TORQUE,
+    DESIRED_MOTION,
+    DISTURBANCE,
+    ENVIRONMENT_TORQUE,
+    TOLD,
+    TORQUE_COMMAND,
+    TRUTH,
+)
+
+NONE = "none"
+_SCIENCE = "ppc_attitude.science"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of component: what its components have in common, and which there are.
+
+    Attributes
+    ----------
+    name : str
+        Its folder in `science`, and the last part of its entry-point group.
+    selector : str
+        Name of the parameter that selects one; empty if there is nothing to select.
+    description : str
+        Of that parameter.
+    modules : tuple of str
+        Our components, by their file's name; the first one is the default.
+    gives : tuple of Column
+        Columns that each of its components gives.
+    optional : bool
+        True if there may be none, which is then the default.
+    switch : mapping of bool to str
+        What true and false select.
+    read_only : bool
+        True if one can be selected at start only.
+    front : str
+        Module whose `with_front` completes each component; empty if they are complete.
+    """
+
+    name: str
+    selector: str
+    description: str
+    modules: tuple[str, ...]
+    gives: tuple[Column, ...]
+    optional: bool = False
+    switch: Mapping[bool, str] = field(default_factory=dict)
+    read_only: bool = True
+    front: str = ""
+
+    @cached_property
+    def components(self) -> dict[str, Component]:
+        """Every component of this kind by its name, ours first."""
+        found: dict[str, Component] = {}
+        for origin, component in self._declared():
+            problem = self._problem(component, found)
+            if problem:
+                warnings.warn(f"{origin} is left out: {problem}", stacklevel=2)
+            else:
+                found[component.name] = self._completed(component)
+        return found
+
+    def _completed(self, component: Component) -> Component:
+        """Put what every component of this kind has in common before it."""
+        if not self.front:
+            return component
+        completed: Component = import_module(self.front).with_front(component)
+        return completed
+
+    def _declared(self) -> Iterator[tuple[str, Any]]:
+        for module in self.modules:
+            name = f"{_SCIENCE}.{self.name}.{module}"
+            yield name, import_module(name).COMPONENT
+        for point in entry_points(group=f"ppc_attitude.{self.name}"):
+            origin = f"entry point {point.name} = {point.value} of {point.group}"
+            try:
+                yield origin, point.load()
+            except Exception as error:  # a package of somebody else's may fail in any way
+                warnings.warn(f"{origin} cannot be loaded: {error!r}", stacklevel=2)
+
+    def _problem(self, component: Any, others: Mapping[str, Component]) -> str:
+        """Say why something cannot be a component of this kind; empty if it can."""
+        if not isinstance(component, Component):
+            return f"it is a {type(component).__name__}, not a Component"
+        if component.name in others or (self.optional and component.name == NONE):
+            return f"the name {component.name} is taken"
+        absent = [column.name for column in self.gives if column not in component.outputs]
+        if absent:
+            return f"{component.name} does not give {', '.join(absent)}"
+        for parameter in component.parameters:
+            for other in others.values():
+                for known in other.parameters:
+                    if known.name == parameter.name and known != parameter:
+                        return f"{other.name} declares the parameter {known.name} differently"
+        return ""
+
+    @property
+    def default(self) -> str:
+        """Name of what is selected where nobody selects."""
+        return NONE if self.optional else next(iter(self.components))
+
+    @property
+    def _selector(self) -> Parameter:
+        """The parameter that selects a component."""
+        names = (NONE,) * self.optional + tuple(self.components)
+        return Parameter(
+            self.selector,
+            self.default,
+            self.description,
+            choices=names,
+            read_only=self.read_only,
+            switch=self.switch,
+        )
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the selecting parameter, if there is one, and those of all components."""
+        merged = {self.selector: self._selector} if self.selector else {}
+        for component in self.components.values():
+            merged.update({parameter.name: parameter for parameter in component.parameters})
+        return tuple(merged.values())
+
+    def selected(self, values: Mapping[str, Any]) -> Component | None:
+        """Component that parameter values select; None where there is none, or an unknown one."""
+        name = values.get(self.selector, self.default)
+        return self.components.get(self.switch.get(name, name))
+
+
+PLANTS = Kind("plants", "plant", "the craft's dynamics", ("rigid_body",), TRUTH)
+SENSORS = Kind(
+    "sensors",
+    "sensors",
+    "what the craft measures of its motion",
+    ("direct", "gyro_star_tracker"),
+    (),
+    switch={True: "gyro_star_tracker", False: "direct"},
+)
+ESTIMATORS = Kind(
+    "estimators",
+    "estimator",
+    "from measurements to attitude and rate",
+    ("mekf",),
+    TOLD,
+    optional=True,
+)
+REFERENCES = Kind("references", "mode", "the desired motion", ("paper", "goal"), DESIRED_MOTION)
+ENVIRONMENTS = Kind(
+    "environments",
+    "environment",
+    "the torque of the environment",
+    ("paper", "none"),
+    (ENVIRONMENT_TORQUE,),
+    switch={True: "paper", False: "none"},
+    read_only=False,
+)
+DISTURBANCES = Kind("disturbances", "", "all external torque", ("pulses",), (DISTURBANCE,))
+CONTROLLERS = Kind(
+    "controllers",
+    "controller",
+    "the control law",
+    ("ppc", "log_barrier", "quaternion_feedback", "momentum_tube"),
+    (TORQUE_COMMAND,),
+    front="ppc_attitude.science.observed_law",
+)
+ACTUATORS = Kind("actuators", "actuator", "from command to torque", ("ideal",), (APPLIED_TORQUE,))
+
+KINDS = (
+    PLANTS,
+    SENSORS,
+    ESTIMATORS,
+    REFERENCES,
+    ENVIRONMENTS,
+    DISTURBANCES,
+    CONTROLLERS,
+    ACTUATORS,
+)
+"""In the order in which the components of an instant run."""
+
+
+def all_components(kinds: Iterable[Kind] = KINDS) -> Iterator[Component]:
+    """Yield every component of some kinds."""
+    for kind in kinds:
+        yield from kind.components.values()

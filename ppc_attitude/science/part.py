@@ -1,0 +1,216 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A component at work: its configuration, what it remembers, and its step compiled once for all.
+
+The step of every component is compiled alone, behind one binary interface: the addresses of its
+four records. So the in-process loop calls any combination of components without being compiled
+anew, and nodes, replay and loop run the same machine code.
+"""
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from numba import types
+from numba.extending import overload
+
+from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.kernel import OPTIONS, cache_of, carray
+from ppc_attitude.science.stamps import seconds
+
+_SIGNATURE = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
+_components: dict[str, Component] = {}
+
+
+def _step(key: str, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Stand for the step of the component of a key in what `entry_point` compiles."""
+
+
+@overload(_step, prefer_literal=True)
+def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> Any:
+    component = _components[key.literal_value]
+    step = component.step
+    reads, remembers = component.input_record, component.state
+    holds, gives = component.configuration, component.output_record
+
+    def call(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+        step(
+            carray(inputs, 1, reads)[0],
+            carray(state, 1, remembers)[0],
+            carray(configuration, 1, holds)[0],
+            carray(outputs, 1, gives)[0],
+        )
+
+    return call
+
+
+@cache
+def _compiled(key: str) -> Any:
+    """Compile a component's step as a function of four addresses.
+
+    Numba finds a closure in its cache by what it encloses. A kernel is another in every process, a
+    key is the same in all: hence `_step`.
+    """
+
+    def run(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+        _step(key, inputs, state, configuration, outputs)
+
+    with cache_of(_components[key].step.__module__):
+        return numba.cfunc(_SIGNATURE, **OPTIONS)(run)
+
+
+def entry_point(component: Component) -> Any:
+    """Compiled step of a component; `address` and `ctypes` are the ways to call it."""
+    key = f"{component.step.__module__}.{component.name}"
+    _components[key] = component
+    return _compiled(key)
+
+
+class Part:
+    """One component with what it is configured with and what it remembers.
+
+    Parameters
+    ----------
+    component : Component
+        What it is.
+    values : mapping of str to value
+        The parameters of its node.
+    signals : ndarray of float64, optional
+        Where its records of inputs and outputs are, one after the other; of length `signals_of`.
+
+    Attributes
+    ----------
+    inputs, outputs : ndarray of one record
+        What the next step reads, and what the last one gave.
+    state : ndarray of one record
+        What it remembers.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is infeasible.
+    """
+
+    def __init__(
+        self,
+        component: Component,
+        values: Mapping[str, Any],
+        signals: np.ndarray[Any, np.dtype[np.float64]] | None = None,
+    ) -> None:
+        self.component = component
+        self.signals = np.zeros(signals_of(component)) if signals is None else signals
+        split = component.input_record.itemsize // 8
+        self.inputs = self.signals[:split].view(component.input_record)
+        self.outputs = self.signals[split:].view(component.output_record)
+        self._stamp = self.signals[:1].view(np.int64)
+        self._read = self.signals[1:split]
+        self._given = self.signals[split:]
+        self._slices = _slices(component)
+        self._row: list[float] = self._given.tolist()
+        self.state = np.zeros(1, component.state)
+        self._entry = entry_point(component)
+        self._call = self._entry.ctypes
+        self.configure(values)
+
+    def configure(self, values: Mapping[str, Any]) -> None:
+        """Take other parameters from the next step on; the memory stays.
+
+        Raises
+        ------
+        ConfigurationError
+            A parameter is infeasible.
+        """
+        made = self.component.configure(values)
+        record, *self._kept = made if isinstance(made, tuple) else (made,)
+        self.hold(record)
+
+    def hold(self, record: Any) -> None:
+        """Take a record of configuration that was made elsewhere."""
+        self._configuration = np.array([record], self.component.configuration)
+        self.addresses = (
+            self._entry.address,
+            self.inputs.ctypes.data,
+            self.state.ctypes.data,
+            self._configuration.ctypes.data,
+            self.outputs.ctypes.data,
+        )
+        self._records = self.addresses[1:]
+
+    def forget(self) -> None:
+        """Begin anew, as at the first step."""
+        self.state[:] = np.zeros((), self.component.state)
+
+    def step(self, stamp_ns: int, values: Iterable[float] = ()) -> list[float]:
+        """Take one step.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            The instant [ns].
+        values : iterable of float
+            The numbers of all input columns, one after the other.
+
+        Returns
+        -------
+        list of float
+            The numbers of all output columns, one after the other; `of` tells them apart.
+        """
+        self._stamp[0] = stamp_ns
+        self._read[:] = [seconds(stamp_ns), *values]
+        self._call(*self._records)
+        self._row = self._given.tolist()
+        return self._row
+
+    def given(self, column: str) -> list[float]:
+        """One column as the last step gave it."""
+        return self._row[self._slices[column]]
+
+    @property
+    def advices(self) -> int:
+        """Number of the component's latest advice."""
+        return self.component.advices(self.state[0])
+
+    @property
+    def advice(self) -> Advice:
+        """What the component has to say after the last step."""
+        return self.component.advice(self.state[0])
+
+    def fill(self) -> dict[str, float]:
+        """Largest |column|/bound of each column whose bound it gives; above 1 it is outside."""
+        record = self.outputs[0]
+        pairs = [
+            (each.name, each.bound) for each in self.component.outputs if each.bound in self._slices
+        ]
+        return {
+            bound: float(np.max(np.abs(record[name][: record[bound].size]) / record[bound]))
+            for name, bound in pairs
+            if np.all(record[bound] > 0.0)
+        }
+
+
+def signals_of(component: Component) -> int:
+    """Count the float64 that a component's inputs and outputs take."""
+    return (component.input_record.itemsize + component.output_record.itemsize) // 8
+
+
+def _slices(component: Component) -> dict[str, slice]:
+    """Where each output column is among the numbers that a step gives."""
+    found, start = {}, 0
+    for column in component.outputs:
+        found[column.name] = slice(start, start + column.width)
+        start += column.width
+    return found

@@ -1,0 +1,181 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The plant of the paper: a rigid body with any inertia (Euler's equation, eq. 1)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.attitude import (
+    kinematics,
+    moved,
+    runge_kutta,
+    unit_quaternion,
+)
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.kernel import (
+    Matrix,
+    Quaternion,
+    Vector,
+    add,
+    apply,
+    cross,
+    kernel,
+    matrix,
+    quaternion,
+    scale,
+    store,
+    store_quaternion,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.signals import APPLIED_TORQUE, DISTURBANCE, TRUE_ATTITUDE, TRUE_RATE
+from ppc_attitude.science.stamps import seconds
+
+INERTIA = Parameter(
+    "inertia",
+    [2.8, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9],
+    "inertia J of the craft, row-major; symmetric positive definite",
+    "kg·m²",
+    length=9,
+)
+INITIAL_ATTITUDE = Parameter(
+    "initial_attitude",
+    [0.1554, 0.4271, 0.4792, 0.7509],
+    "attitude at t = 0, x y z w, body to inertial; normalised if within 1e-3",
+    length=4,
+    read_only=True,
+)
+INITIAL_RATE = Parameter(
+    "initial_angular_velocity",
+    [0.0, 0.0, 0.0],
+    "angular velocity at t = 0, body axes",
+    "rad/s",
+    length=3,
+    low=-100.0,
+    high=100.0,
+    read_only=True,
+)
+CONFIGURATION = np.dtype(
+    [
+        ("inertia", np.float64, (3, 3)),  # [kg·m²]
+        ("inertia_inverse", np.float64, (3, 3)),
+        ("initial_attitude", np.float64, (4,)),  # x y z w, body to inertial
+        ("initial_rate", np.float64, (3,)),  # [rad/s] body
+    ],
+    align=True,
+)
+STATE = np.dtype(
+    [
+        ("started", np.float64),
+        ("stamp_ns", np.int64),  # of the motion below
+        ("attitude", np.float64, (4,)),  # x y z w, body to inertial
+        ("rate", np.float64, (3,)),  # [rad/s] body
+    ],
+    align=True,
+)
+_seconds = kernel(seconds)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        Inertia or initial attitude is impossible.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    inertia = inertia_matrix("inertia", values["inertia"])
+    record["inertia"] = inertia
+    record["inertia_inverse"] = np.linalg.inv(inertia)
+    record["initial_attitude"] = unit_quaternion("initial_attitude", values["initial_attitude"])
+    record["initial_rate"] = values["initial_angular_velocity"]
+    return record
+
+
+@kernel
+def angular_acceleration(
+    omega: Vector, torque: Vector, inertia: Matrix, inertia_inverse: Matrix
+) -> Vector:
+    """ω' = J⁻¹ (τ − ω × J ω) [rad/s²], torque τ [N·m] in body axes."""
+    return apply(inertia_inverse, subtract(torque, cross(omega, apply(inertia, omega))))
+
+
+@kernel
+def rigid_body_step(
+    q: Quaternion,
+    omega: Vector,
+    torque: Vector,
+    inertia: Matrix,
+    inertia_inverse: Matrix,
+    h: float,
+) -> tuple[Quaternion, Vector]:
+    """Attitude and rate after h [s] under a torque held over the step: classical Runge-Kutta.
+
+    The total torque [N·m] is in body axes; the quaternion is normalised after the step.
+    """
+    q1 = kinematics(q, omega)
+    a1 = angular_acceleration(omega, torque, inertia, inertia_inverse)
+    w2 = add(omega, scale(0.5 * h, a1))
+    q2 = kinematics(moved(q, 0.5 * h, q1), w2)
+    a2 = angular_acceleration(w2, torque, inertia, inertia_inverse)
+    w3 = add(omega, scale(0.5 * h, a2))
+    q3 = kinematics(moved(q, 0.5 * h, q2), w3)
+    a3 = angular_acceleration(w3, torque, inertia, inertia_inverse)
+    w4 = add(omega, scale(h, a3))
+    q4 = kinematics(moved(q, h, q3), w4)
+    a4 = angular_acceleration(w4, torque, inertia, inertia_inverse)
+    mean = add(add(a1, a4), scale(2.0, add(a2, a3)))
+    return runge_kutta(q, h, q1, q2, q3, q4), add(omega, scale(h / 6.0, mean))
+
+
+@kernel
+def step(inputs: Any, body: Any, configuration: Any, outputs: Any) -> None:
+    """Carry the motion from the last stamp to this one, both torques held since then."""
+    if body.started == 0.0:
+        body.started = 1.0
+        store_quaternion(body.attitude, quaternion(configuration.initial_attitude))
+        store(body.rate, vector(configuration.initial_rate))
+    elif inputs.stamp_ns > body.stamp_ns:
+        torque = add(vector(inputs.applied_torque), vector(inputs.disturbance_torque))
+        q, omega = rigid_body_step(
+            quaternion(body.attitude),
+            vector(body.rate),
+            torque,
+            matrix(configuration.inertia),
+            matrix(configuration.inertia_inverse),
+            _seconds(inputs.stamp_ns - body.stamp_ns),
+        )
+        store_quaternion(body.attitude, q)
+        store(body.rate, omega)
+    body.stamp_ns = inputs.stamp_ns
+    store_quaternion(outputs.truth_attitude, quaternion(body.attitude))
+    store(outputs.truth_angular_velocity, vector(body.rate))
+
+
+COMPONENT = Component(
+    name="rigid_body",
+    parameters=(INERTIA, INITIAL_ATTITUDE, INITIAL_RATE),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=STATE,
+    inputs=(APPLIED_TORQUE, DISTURBANCE),
+    outputs=(TRUE_ATTITUDE, TRUE_RATE),
+    step=step,
+)

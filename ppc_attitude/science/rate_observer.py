@@ -1,0 +1,211 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A rate observer that also estimates the disturbance: it stands before a law, and after it.
+
+A gyro's noise would reach the torque at every step. The craft knows its own torque and inertia, so
+it predicts the rate and corrects the prediction slowly. What the prediction lacks in the long run
+is the disturbance torque d̂, which the law then need not fight: the command is lessened by it.
+
+A gyro gives the mean rate of an interval, so the prediction is compared at the interval's middle.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import (
+    Vector,
+    add,
+    clamp,
+    kernel,
+    matrix,
+    scale,
+    store,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.plants.rigid_body import angular_acceleration
+from ppc_attitude.science.sensors.gyro import ANGULAR_RANDOM_WALK, RESOLUTION
+
+RATE_OBSERVER = Parameter(
+    "rate_observer",
+    0.0,
+    "bandwidth ω_n of the rate observer before the law; 0: none",
+    "rad/s",
+    low=0.0,
+    high=100.0,
+)
+FEEDFORWARD = Parameter(
+    "disturbance_feedforward", False, "the observer's disturbance estimate lessens the command"
+)
+MAX_DISTURBANCE = Parameter(
+    "max_disturbance", 6e-3, "limit of the disturbance estimate, per axis", "N·m", above=0.0
+)
+PARAMETERS = (RATE_OBSERVER, FEEDFORWARD, MAX_DISTURBANCE, ANGULAR_RANDOM_WALK, RESOLUTION)
+OBSERVER = np.dtype(
+    [
+        ("frequency", np.float64),  # ω_n [rad/s]
+        ("feedforward", np.float64),  # 1 or 0
+        ("max_disturbance", np.float64),  # [N·m]
+        ("max_torque", np.float64),  # [N·m] per axis
+        ("white", np.float64),  # σ_v² [rad²/s]
+        ("rounding", np.float64),  # LSB²/12 [rad²/s²]
+        ("inertia", np.float64, (3, 3)),  # [kg·m²]
+        ("inertia_inverse", np.float64, (3, 3)),
+    ],
+    align=True,
+)
+MEMORY = np.dtype(
+    [
+        ("started", np.float64),
+        ("stamp_ns", np.int64),  # of the last step
+        ("rate", np.float64, (3,)),  # ω̂ [rad/s] at the stamp
+        ("disturbance", np.float64, (3,)),  # d̂ [N·m]
+        ("torque", np.float64, (3,)),  # command [N·m] since the stamp
+        ("surprised", np.float64),  # 1 if the last residual was beyond its bound
+    ],
+    align=True,
+)
+_SURPRISE = 5.0  # σ of a sample
+_WIDE = 3.0  # σ of d̂'s own noise that its limit must leave room for
+
+
+def observer_record(values: Mapping[str, Any], inertia: NDArray[np.float64]) -> Any:
+    """Record of dtype `OBSERVER` from the controller's checked parameters.
+
+    Parameters
+    ----------
+    values : mapping
+        Values of `PARAMETERS` and of `max_torque`.
+    inertia : ndarray, shape (3, 3)
+        Inertia that the law assumes [kg·m²].
+
+    Raises
+    ------
+    ConfigurationError
+        The estimate's own noise leaves no room below `max_disturbance`.
+    """
+    record = np.zeros((), OBSERVER)[()]
+    frequency, white = values[RATE_OBSERVER.name], values[ANGULAR_RANDOM_WALK.name]
+    limit = values[MAX_DISTURBANCE.name]
+    noise = disturbance_sigma(frequency, white, float(np.diag(inertia).max()))
+    if _WIDE * noise > limit:
+        raise ConfigurationError(
+            f"{RATE_OBSERVER.name} = {frequency} rad/s gives the disturbance estimate a noise of "
+            f"{noise:.3g} N·m (1σ); allowed: at most {MAX_DISTURBANCE.name}/{_WIDE:g} = "
+            f"{limit / _WIDE:.3g} N·m. Use a slower observer or a larger limit"
+        )
+    record["frequency"] = frequency
+    record["feedforward"] = values[FEEDFORWARD.name]
+    record["max_disturbance"] = limit
+    record["max_torque"] = values["max_torque"]
+    record["white"] = white**2
+    record["rounding"] = values[RESOLUTION.name] ** 2 / 12.0
+    record["inertia"] = inertia
+    record["inertia_inverse"] = np.linalg.inv(inertia)
+    return record
+
+
+def rate_sigma(frequency: float, white: float) -> float:
+    """σ of ω̂ [rad/s]: √(1.25 ω_n) σ_v, from the transfer (2 ω_n s + ω_n²)/(s + ω_n)²."""
+    return math.sqrt(1.25 * frequency) * white
+
+
+def disturbance_sigma(frequency: float, white: float, inertia: float) -> float:
+    """σ of d̂ [N·m]: ½ J ω_n^1.5 σ_v, from the transfer J s ω_n²/(s + ω_n)²."""
+    return 0.5 * inertia * math.pow(frequency, 1.5) * white
+
+
+def zero_crossings(frequency: float, rate: float) -> float:
+    """ν0 [Hz] of a rate error behind the observer: √(3.2 ω_n · rate)/2π.
+
+    Parameters
+    ----------
+    frequency : float
+        ω_n of the observer [rad/s]; 0: none, then ν0 is a quarter of the sample rate.
+    rate : float
+        Samples per second [Hz].
+    """
+    if frequency == 0.0:
+        return 0.25 * rate
+    return math.sqrt(3.2 * frequency * rate) / (2.0 * math.pi)
+
+
+@kernel
+def _bounded(a: Vector, limit: Vector) -> Vector:
+    return (
+        min(max(a[0], -limit[0]), limit[0]),
+        min(max(a[1], -limit[1]), limit[1]),
+        min(max(a[2], -limit[2]), limit[2]),
+    )
+
+
+@kernel
+def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vector:
+    """Rate ω̂ [rad/s] at a stamp [ns] from the measured mean rate of the interval that ends there.
+
+    a = J⁻¹ (τ + d̂ − ω̂ × J ω̂), ω⁻ = ω̂ + Δt a, r = ω_k − ½ (ω⁻ + ω̂), p = e^{−ω_n Δt};
+    ω̂ ← ω⁻ + (1 − p²) r and d̂ ← d̂ + J_ii (1 − p)²/Δt · r with r bounded by ±g. Two residuals
+    beyond g in a row are a hit: then ω̂ starts anew from the measurement, and d̂ stays.
+    """
+    if memory.started == 0.0:
+        memory.started = 1.0
+        memory.stamp_ns = stamp_ns
+        store(memory.rate, measured)
+        return measured
+    h = (stamp_ns - memory.stamp_ns) * 1e-9
+    memory.stamp_ns = stamp_ns
+    inertia = matrix(observer.inertia)
+    before, d = vector(memory.rate), vector(memory.disturbance)
+    acceleration = angular_acceleration(
+        before, add(vector(memory.torque), d), inertia, matrix(observer.inertia_inverse)
+    )
+    predicted = add(before, scale(h, acceleration))
+    r = subtract(measured, scale(0.5, add(predicted, before)))
+    noise = _SURPRISE * math.sqrt(observer.white / h + observer.rounding)
+    moments = (inertia[0][0], inertia[1][1], inertia[2][2])
+    room = h * observer.max_disturbance
+    g = (noise + room / moments[0], noise + room / moments[1], noise + room / moments[2])
+    surprised = abs(r[0]) > g[0] or abs(r[1]) > g[1] or abs(r[2]) > g[2]
+    if surprised and memory.surprised != 0.0:
+        rate = add(measured, scale(0.5 * h, acceleration))
+    else:
+        p = math.exp(-observer.frequency * h)
+        rate = add(predicted, scale(1.0 - p * p, r))
+        bounded = _bounded(r, g)
+        s = (1.0 - p) * (1.0 - p) / h
+        d = (
+            d[0] + s * moments[0] * bounded[0],
+            d[1] + s * moments[1] * bounded[1],
+            d[2] + s * moments[2] * bounded[2],
+        )
+        store(memory.disturbance, clamp(d, observer.max_disturbance))
+    memory.surprised = 1.0 if surprised else 0.0
+    store(memory.rate, rate)
+    return rate
+
+
+@kernel
+def compensate(observer: Any, memory: Any, torque: Vector) -> Vector:
+    """Return a law's torque [N·m] less the disturbance estimate, within the limit; remember it."""
+    command = subtract(torque, scale(observer.feedforward, vector(memory.disturbance)))
+    command = clamp(command, observer.max_torque)
+    store(memory.torque, command)
+    return command

@@ -1,0 +1,231 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A rate gyro that gives the mean rate of each interval (Crassidis and Junkins, section 7.2).
+
+White noise of the rate is a random walk of the angle (σ_v), and the bias walks too (σ_u). The mean
+rate over an interval follows exactly from both, whatever the interval's length.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.attitude import conjugate, logarithm, product
+from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
+    add,
+    apply,
+    kernel,
+    matrix,
+    scale,
+)
+from ppc_attitude.science.noise import normal_pair, normal_vector
+from ppc_attitude.science.parameter import Parameter
+
+ANGULAR_RANDOM_WALK = Parameter(
+    "gyro.angular_random_walk",
+    0.0,
+    "σ_v of the gyro: white noise of the rate",
+    "rad/√s",
+    low=0.0,
+    high=1.0,
+)
+RATE_RANDOM_WALK = Parameter(
+    "gyro.rate_random_walk",
+    0.0,
+    "σ_u of the gyro: walk of its bias",
+    "rad/s^1.5",
+    low=0.0,
+    high=1.0,
+)
+INITIAL_BIAS_SIGMA = Parameter(
+    "gyro.initial_bias_sigma",
+    0.0,
+    "standard deviation of the unknown bias at the start, per axis",
+    "rad/s",
+    low=0.0,
+    high=1.0,
+)
+RESOLUTION = Parameter(
+    "gyro.resolution", 0.0, "LSB of the gyro; 0: not rounded", "rad/s", low=0.0, high=1.0
+)
+PARAMETERS = (
+    ANGULAR_RANDOM_WALK,
+    RATE_RANDOM_WALK,
+    INITIAL_BIAS_SIGMA,
+    RESOLUTION,
+    Parameter(
+        "gyro.initial_bias",
+        [0.0, 0.0, 0.0],
+        "fixed part of the bias at the start",
+        "rad/s",
+        length=3,
+        low=-1.0,
+        high=1.0,
+    ),
+    Parameter(
+        "gyro.scale_factor",
+        [0.0, 0.0, 0.0],
+        "relative errors of the scale: the diagonal of M",
+        length=3,
+        low=-0.5,
+        high=0.5,
+    ),
+    Parameter(
+        "gyro.misalignment",
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        "M off its diagonal: xy, xz, yx, yz, zx, zy",
+        "rad",
+        length=6,
+        low=-0.5,
+        high=0.5,
+    ),
+    Parameter(
+        "gyro.scale_factor_sigma",
+        0.0,
+        "standard deviation of what the seed adds to the scale errors",
+        low=0.0,
+        high=0.1,
+    ),
+    Parameter(
+        "gyro.misalignment_sigma",
+        0.0,
+        "standard deviation of what the seed adds to the misalignments",
+        "rad",
+        low=0.0,
+        high=0.1,
+    ),
+    Parameter(
+        "gyro.full_scale", 20.0, "the gyro's largest rate, per axis", "rad/s", above=0.0, high=1e3
+    ),
+)
+GYRO = np.dtype(
+    [
+        ("white", np.float64),  # σ_v [rad/√s]
+        ("walk", np.float64),  # σ_u [rad/s^1.5]
+        ("initial_bias", np.float64, (3,)),  # [rad/s] b_0
+        ("response", np.float64, (3, 3)),  # I + M
+        ("resolution", np.float64),  # LSB [rad/s]; 0: none
+        ("full_scale", np.float64),  # [rad/s]
+        ("seed", np.int64),
+    ],
+    align=True,
+)
+# Channels of the noise (`noise.normal_pair`); a vector takes two.
+_WHITE, _WALK, _INITIAL_BIAS, _SCALE, _MISALIGNMENT = 8, 10, 16, 18, 20
+
+
+def gyro_record(values: Mapping[str, Any], seed: int) -> Any:
+    """Record of dtype `GYRO` from checked parameters, with what the seed adds to the fixed errors.
+
+    Parameters
+    ----------
+    values : mapping
+        Values of `PARAMETERS`.
+    seed : int
+        Seed of all noise.
+    """
+    record = np.zeros((), GYRO)[()]
+    record["white"] = values["gyro.angular_random_walk"]
+    record["walk"] = values["gyro.rate_random_walk"]
+    record["resolution"] = values["gyro.resolution"]
+    record["full_scale"] = values["gyro.full_scale"]
+    record["seed"] = seed
+    record["initial_bias"] = np.add(
+        values["gyro.initial_bias"],
+        np.multiply(values["gyro.initial_bias_sigma"], normal_vector(seed, 0, _INITIAL_BIAS)),
+    )
+    drawn = [x for i in range(3) for x in normal_pair(seed, 0, _MISALIGNMENT + i)]
+    sides = np.add(
+        values["gyro.misalignment"], np.multiply(values["gyro.misalignment_sigma"], drawn)
+    )
+    response = np.eye(3) + np.diag(
+        np.add(
+            values["gyro.scale_factor"],
+            np.multiply(values["gyro.scale_factor_sigma"], normal_vector(seed, 0, _SCALE)),
+        )
+    )
+    response[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]] += sides
+    record["response"] = response
+    return record
+
+
+def effective_white_noise(white: float, resolution: float, interval: float) -> float:
+    """σ_v,eff [rad/√s] = √(σ_v² + LSB² Δt/12): rounding acts as white noise of its own.
+
+    Parameters
+    ----------
+    white : float
+        σ_v [rad/√s].
+    resolution : float
+        LSB [rad/s].
+    interval : float
+        Δt of a sample [s].
+    """
+    return math.sqrt(white**2 + resolution**2 * interval / 12.0)
+
+
+def has_dead_band(white: float, resolution: float, interval: float) -> bool:
+    """True if a sample's noise is below its LSB, so that rounding hides motion and noise alike."""
+    return resolution > white / math.sqrt(interval)
+
+
+@kernel
+def mean_rate(q_before: Quaternion, q_now: Quaternion, h: float) -> Vector:
+    """Mean rate [rad/s] of an interval of h [s]: log(q_{k−1}⁻¹ ⊗ q_k)/h, body axes."""
+    return scale(1.0 / h, logarithm(product(conjugate(q_before), q_now)))
+
+
+@kernel
+def walked_bias(gyro: Any, bias: Vector, step: int, h: float) -> Vector:
+    """Bias [rad/s] at a step, h [s] after the given one."""
+    return add(bias, scale(gyro.walk * math.sqrt(h), normal_vector(gyro.seed, step, _WALK)))
+
+
+@kernel
+def _read_axis(rate: float, resolution: float, full_scale: float) -> float:
+    limited = min(max(rate, -full_scale), full_scale)
+    if resolution == 0.0:
+        return limited
+    return resolution * math.floor(limited / resolution + 0.5)
+
+
+@kernel
+def sample_variance(gyro: Any, h: float) -> float:
+    """Variance [rad²/s²] of a sample of h [s], rounding included: σ_v,eff²/h + σ_u² h/12."""
+    rounding = gyro.resolution * gyro.resolution / 12.0
+    return float(gyro.white * gyro.white / h + rounding + gyro.walk * gyro.walk * h / 12.0)
+
+
+@kernel
+def gyro_sample(gyro: Any, rate: Vector, bias: Vector, step: int, h: float) -> Vector:
+    """What the gyro says [rad/s] of an interval of h [s] that ends at a step.
+
+    ω_k = (I + M) ω̄ + b + √(σ_v²/h + σ_u² h/12) n, clipped to the full scale, rounded to the LSB;
+    `rate` is the true mean rate ω̄, `bias` the mean of the interval's first and last bias.
+    """
+    noise = math.sqrt(gyro.white * gyro.white / h + gyro.walk * gyro.walk * h / 12.0)
+    measured = add(
+        add(apply(matrix(gyro.response), rate), bias),
+        scale(noise, normal_vector(gyro.seed, step, _WHITE)),
+    )
+    return (
+        _read_axis(measured[0], gyro.resolution, gyro.full_scale),
+        _read_axis(measured[1], gyro.resolution, gyro.full_scale),
+        _read_axis(measured[2], gyro.resolution, gyro.full_scale),
+    )

@@ -1,0 +1,194 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A gyro and a star tracker: what a craft measures that is not told the truth.
+
+The gyro gives one sample an instant, the mean rate since the one before. The tracker gives a fix a
+slot, which arrives late: an instant's fix was valid some steps ago.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Column, Component
+from ppc_attitude.science.kernel import (
+    add,
+    kernel,
+    quaternion,
+    scale,
+    store,
+    store_quaternion,
+    vector,
+)
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.sensors import gyro, star_tracker
+from ppc_attitude.science.sensors.direct import SEED
+from ppc_attitude.science.sensors.gyro import gyro_record, gyro_sample, mean_rate, walked_bias
+from ppc_attitude.science.sensors.star_tracker import (
+    MAX_DELAY,
+    is_slot,
+    star_fix,
+    star_tracker_record,
+)
+from ppc_attitude.science.signals import TRUTH
+from ppc_attitude.science.stamps import stamp_of, step_of
+
+GYRO_SAMPLE = Column(
+    "gyro",
+    "imu/data_raw",
+    GYRO,
+    BODY,
+    "rad/s",
+    "measured mean rate of the interval that ends at the stamp, and its variance [rad²/s²]",
+)
+STAR_FIX = Column(
+    "star_fix",
+    "star_tracker/attitude",
+    FIX,
+    STAR_TRACKER,
+    "1",
+    "measured attitude, tracker to inertial, x y z w, at the stamp of its validity; its variances "
+    "[rad²] about the tracker's axes, the first one −1 if there is no fix",
+    late=True,
+)
+INITIAL_FIX = Parameter(
+    "initial_fix",
+    True,
+    "the tracker ran before the start: its first fix comes at once",
+    read_only=True,
+)
+_SLOTS = 1024  # pending fixes, more than MAX_DELAY
+assert MAX_DELAY < _SLOTS
+CONFIGURATION = np.dtype(
+    [
+        ("rate", np.float64),  # [Hz] steps per second
+        ("initial_fix", np.float64),
+        ("gyro", gyro.GYRO),
+        ("tracker", star_tracker.STAR_TRACKER),
+    ],
+    align=True,
+)
+STATE = np.dtype(
+    [
+        ("started", np.float64),
+        ("stamp_ns", np.int64),  # of the last sample
+        ("attitude", np.float64, (4,)),  # true attitude at it
+        ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
+        ("fixes", np.float64, (_SLOTS, 4)),  # of the recent slots, some still on their way
+    ],
+    align=True,
+)
+_step_of = kernel(step_of)
+_stamp_of = kernel(stamp_of)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The tracker's rate does not divide the plant's, or its mounting or blinding is impossible.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["rate"] = values["rate"]
+    record["initial_fix"] = values[INITIAL_FIX.name]
+    record["gyro"] = gyro_record(values, values["seed"])
+    record["tracker"] = star_tracker_record(values, values["rate"], values["seed"])
+    return record
+
+
+@kernel
+def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step: int) -> None:
+    settings = configuration.gyro
+    q = quaternion(inputs.truth_attitude)
+    if state.started == 0.0:
+        # Nothing to average over yet: the sample is the rate of the instant.
+        h = 1.0 / configuration.rate
+        rate = vector(inputs.truth_angular_velocity)
+        bias = vector(settings.initial_bias)
+        middle = bias
+    else:
+        h = (inputs.stamp_ns - state.stamp_ns) * 1e-9
+        rate = mean_rate(quaternion(state.attitude), q, h)
+        before = vector(state.bias)
+        bias = walked_bias(settings, before, step, h)
+        middle = scale(0.5, add(before, bias))
+    store(outputs.gyro, gyro_sample(settings, rate, middle, step, h))
+    outputs.gyro[3] = gyro.sample_variance(settings, h)
+    store(state.bias, bias)
+    store_quaternion(state.attitude, q)
+
+
+@kernel
+def _arriving(configuration: Any, step: int) -> int:
+    """Step of validity of the fix that arrives at a step; −1 if none does."""
+    if configuration.initial_fix != 0.0 and step == 0:
+        return 0
+    valid = step - configuration.tracker.delay
+    known = configuration.initial_fix != 0.0 and valid == 0
+    return valid if is_slot(configuration.tracker, valid) and not known else -1
+
+
+@kernel
+def _sense_stars(inputs: Any, state: Any, configuration: Any, outputs: Any, step: int) -> None:
+    tracker = configuration.tracker
+    if is_slot(tracker, step):
+        fix = star_fix(
+            tracker,
+            quaternion(inputs.truth_attitude),
+            vector(inputs.truth_angular_velocity),
+            inputs.t,
+            step,
+        )
+        store_quaternion(state.fixes[step // tracker.every % _SLOTS], fix)
+    row = outputs.star_fix
+    valid = _arriving(configuration, step)
+    if valid < 0:
+        row[:] = 0.0
+        return
+    fix = quaternion(state.fixes[valid // tracker.every % _SLOTS])
+    store_quaternion(row, fix)
+    there = fix[0] != 0.0 or fix[1] != 0.0 or fix[2] != 0.0 or fix[3] != 0.0
+    for i in range(3):
+        row[4 + i] = tracker.sigma[i] * tracker.sigma[i]
+    if not there:
+        row[4] = -1.0
+    row[7] = (inputs.stamp_ns - _stamp_of(valid, configuration.rate)) * 1e-9
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Measure the motion of an instant; an instant that is repeated is not measured again."""
+    if state.started != 0.0 and inputs.stamp_ns <= state.stamp_ns:
+        return
+    number = _step_of(inputs.stamp_ns, configuration.rate)
+    _sense_rate(inputs, state, configuration, outputs, number)
+    _sense_stars(inputs, state, configuration, outputs, number)
+    state.stamp_ns = inputs.stamp_ns
+    state.started = 1.0
+
+
+COMPONENT = Component(
+    name="gyro_star_tracker",
+    parameters=(*gyro.PARAMETERS, *star_tracker.PARAMETERS, INITIAL_FIX, SEED),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=STATE,
+    inputs=TRUTH,
+    outputs=(GYRO_SAMPLE, STAR_FIX),
+    step=step,
+)

@@ -1,0 +1,236 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A star tracker: a whole attitude, noisier about its boresight z, that arrives late.
+
+It has no fix while the craft turns too fast, while it is blinded, and at random; and a fix may be
+false.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.attitude import exponential, normalised, product
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import Quaternion, Vector, kernel, norm, quaternion, scale
+from ppc_attitude.science.noise import normal_vector, uniform
+from ppc_attitude.science.parameter import Parameter
+
+CROSS_NOISE = Parameter(
+    "star_tracker.cross_noise",
+    0.0,
+    "σ of a fix about each axis across the boresight",
+    "rad",
+    low=0.0,
+    high=1.0,
+)
+BORESIGHT_NOISE = Parameter(
+    "star_tracker.boresight_noise", 0.0, "σ of a fix about the boresight", "rad", low=0.0, high=1.0
+)
+MOUNTING = Parameter(
+    "star_tracker.mounting",
+    [0.0, 0.0, 0.0, 1.0],
+    "attitude of the tracker in the body, x y z w, tracker to body; boresight z",
+    length=4,
+)
+RATE = Parameter(
+    "star_tracker.rate", 10.0, "fixes per second; divides the steps per second", "Hz", above=0.0
+)
+LATENCY = Parameter(
+    "star_tracker.latency",
+    0.0,
+    "from a fix's validity to its arrival; rounded up to whole steps",
+    "s",
+    low=0.0,
+    high=10.0,
+)
+PARAMETERS = (
+    CROSS_NOISE,
+    BORESIGHT_NOISE,
+    MOUNTING,
+    RATE,
+    LATENCY,
+    Parameter(
+        "star_tracker.max_rate",
+        100.0,
+        "no fix while the craft turns faster",
+        "rad/s",
+        above=0.0,
+        high=100.0,
+    ),
+    Parameter(
+        "star_tracker.dropout_probability", 0.0, "share of slots without a fix", low=0.0, high=1.0
+    ),
+    Parameter("star_tracker.outlier_probability", 0.0, "share of false fixes", low=0.0, high=1.0),
+    Parameter(
+        "star_tracker.outlier_size", 0.0, "turn of a false fix", "rad", low=0.0, high=math.pi
+    ),
+    Parameter("star_tracker.blinding_times", [], "start of each blinding", "s", low=0.0, high=1e8),
+    Parameter(
+        "star_tracker.blinding_durations", [], "duration of each blinding", "s", above=0.0, high=1e8
+    ),
+)
+MAX_BLINDINGS = 32
+MAX_DELAY = 1000  # [steps] a late fix finds the state of its validity among so many
+STAR_TRACKER = np.dtype(
+    [
+        ("sigma", np.float64, (3,)),  # [rad] in tracker axes
+        ("mounting", np.float64, (4,)),  # tracker to body, x y z w
+        ("every", np.int64),  # [steps] from slot to slot
+        ("delay", np.int64),  # [steps] from validity to arrival
+        ("max_rate", np.float64),  # [rad/s]
+        ("dropout", np.float64),
+        ("outlier", np.float64),
+        ("outlier_size", np.float64),  # [rad]
+        ("blindings", np.int64),  # how many
+        ("blinding", np.float64, (MAX_BLINDINGS, 2)),  # [s] first instant, first instant after
+        ("seed", np.int64),
+    ],
+    align=True,
+)
+NO_FIX: Quaternion = (0.0, 0.0, 0.0, 0.0)
+_NOISE, _OUTLIER_AXIS = 12, 14
+_DROPOUT, _OUTLIER = 0, 1
+
+
+def slots(rate: float, values: Mapping[str, Any]) -> tuple[int, int]:
+    """Steps from fix to fix, and from a fix's validity to its arrival.
+
+    Parameters
+    ----------
+    rate : float
+        Steps per second [Hz].
+    values : mapping
+        Values of `RATE` and `LATENCY`.
+
+    Raises
+    ------
+    ConfigurationError
+        The tracker's rate does not divide the steps' (names the nearest that does), or the
+        latency is more than `MAX_DELAY` steps.
+    """
+    tracker, latency = values[RATE.name], values[LATENCY.name]
+    every = max(1, round(rate / tracker))
+    if abs(rate / tracker - every) > 1e-9 * every:
+        raise ConfigurationError(
+            f"{RATE.name} = {tracker} Hz does not divide rate = {rate} Hz; the nearest that does "
+            f"is {rate / every:.12g} Hz"
+        )
+    delay = max(0, math.ceil(latency * rate - 1e-9))
+    if delay > MAX_DELAY:
+        raise ConfigurationError(
+            f"{LATENCY.name} = {latency} s is {delay} steps at {rate} Hz; allowed: at most "
+            f"{MAX_DELAY} steps"
+        )
+    return every, delay
+
+
+def unit_mounting(values: Mapping[str, Any]) -> Quaternion:
+    """Mounting of the tracker, normalised.
+
+    Raises
+    ------
+    ConfigurationError
+        Its norm differs from 1 by more than 1e-3.
+    """
+    x, y, z, w = map(float, values[MOUNTING.name])
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if not abs(length - 1.0) <= 1e-3:
+        raise ConfigurationError(
+            f"{MOUNTING.name} = {[x, y, z, w]} has norm {length:.6g}; allowed: 1 within 0.001"
+        )
+    return (x / length, y / length, z / length, w / length)
+
+
+def sigmas(values: Mapping[str, Any]) -> Vector:
+    """σ of a fix about each tracker axis [rad]."""
+    cross = values[CROSS_NOISE.name]
+    return (cross, cross, values[BORESIGHT_NOISE.name])
+
+
+def star_tracker_record(values: Mapping[str, Any], rate: float, seed: int) -> Any:
+    """Record of dtype `STAR_TRACKER` from checked parameters.
+
+    Parameters
+    ----------
+    values : mapping
+        Values of `PARAMETERS`.
+    rate : float
+        Steps per second [Hz].
+    seed : int
+        Seed of all noise.
+
+    Raises
+    ------
+    ConfigurationError
+        See `slots` and `unit_mounting`; or blinding times and durations do not fit each other.
+    """
+    record = np.zeros((), STAR_TRACKER)[()]
+    record["every"], record["delay"] = slots(rate, values)
+    record["mounting"] = unit_mounting(values)
+    record["sigma"] = sigmas(values)
+    record["max_rate"] = values["star_tracker.max_rate"]
+    record["dropout"] = values["star_tracker.dropout_probability"]
+    record["outlier"] = values["star_tracker.outlier_probability"]
+    record["outlier_size"] = values["star_tracker.outlier_size"]
+    record["seed"] = seed
+    times = values["star_tracker.blinding_times"]
+    durations = values["star_tracker.blinding_durations"]
+    if not len(times) == len(durations) <= MAX_BLINDINGS:
+        raise ConfigurationError(
+            f"star_tracker.blinding_times has {len(times)} values, "
+            f"star_tracker.blinding_durations {len(durations)}; allowed: equally many, "
+            f"at most {MAX_BLINDINGS}"
+        )
+    record["blindings"] = len(times)
+    for i, (time, duration) in enumerate(zip(times, durations, strict=True)):
+        record["blinding"][i] = time, time + duration
+    return record
+
+
+@kernel
+def is_slot(tracker: Any, step: int) -> bool:
+    """True if a fix is valid at a step."""
+    return bool(step >= 0 and step % tracker.every == 0)
+
+
+@kernel
+def _has_fix(tracker: Any, omega: Vector, t: float, step: int) -> bool:
+    for i in range(tracker.blindings):
+        if tracker.blinding[i, 0] <= t < tracker.blinding[i, 1]:
+            return False
+    if norm(omega) > tracker.max_rate:
+        return False
+    return bool(uniform(tracker.seed, step, _DROPOUT) >= tracker.dropout)
+
+
+@kernel
+def star_fix(tracker: Any, q: Quaternion, omega: Vector, t: float, step: int) -> Quaternion:
+    """Fix of the slot that is valid at a step and time t [s]; `NO_FIX` if there is none.
+
+    q_m = q ⊗ q_mount ⊗ exp(n), tracker to inertial; n is normal with the tracker's σ in its own
+    axes. A false fix is turned further about a random tracker axis.
+    """
+    if not _has_fix(tracker, omega, t, step):
+        return NO_FIX
+    n = normal_vector(tracker.seed, step, _NOISE)
+    turn = (tracker.sigma[0] * n[0], tracker.sigma[1] * n[1], tracker.sigma[2] * n[2])
+    fix = product(product(q, quaternion(tracker.mounting)), exponential(turn))
+    if uniform(tracker.seed, step, _OUTLIER) < tracker.outlier:
+        axis = normal_vector(tracker.seed, step, _OUTLIER_AXIS)
+        fix = product(fix, exponential(scale(tracker.outlier_size / norm(axis), axis)))
+    return normalised(fix)

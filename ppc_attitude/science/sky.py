@@ -1,0 +1,102 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where the Sun stands and how far Earth has turned, by the date.
+
+Days n are counted from J2000 (2000-01-01 12:00); UTC is taken as UT1 and as dynamical time.
+"""
+
+import math
+from datetime import datetime, timezone
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import Vector, add, kernel, scale
+
+DAY = 86400.0  # [s]
+EARTH_RATE = 7.292115e-5  # [rad/s]
+_DEGREE = math.pi / 180.0
+
+
+@kernel
+def sun_direction(days: float) -> tuple[Vector, Vector, Vector]:
+    """Unit vector to the Sun and its first two derivatives [1/s], [1/s²].
+
+    Low-precision formula of the Astronomical Almanac, geocentric, mean equator and equinox of date;
+    good to 0.011°.
+    """
+    per_day = _DEGREE / DAY  # degrees a day in rad/s
+    g = _DEGREE * (357.528 + 0.9856003 * days)
+    g_rate = 0.9856003 * per_day
+    longitude = _DEGREE * (
+        280.460 + 0.9856474 * days + 1.915 * math.sin(g) + 0.020 * math.sin(2.0 * g)
+    )
+    rate = (
+        0.9856474 * per_day + _DEGREE * (1.915 * math.cos(g) + 0.040 * math.cos(2.0 * g)) * g_rate
+    )
+    curvature = -_DEGREE * (1.915 * math.sin(g) + 0.080 * math.sin(2.0 * g)) * g_rate * g_rate
+    tilt = _DEGREE * (23.439 - 4e-7 * days)
+    tilt_rate = -4e-7 * per_day
+    cos_l, sin_l = math.cos(longitude), math.sin(longitude)
+    cos_e, sin_e = math.cos(tilt), math.sin(tilt)
+    # s = x (cos λ) + up (sin λ) with x fixed and up = (0, cos ε, sin ε) turning about x.
+    x: Vector = (1.0, 0.0, 0.0)
+    up: Vector = (0.0, cos_e, sin_e)
+    side: Vector = (0.0, -sin_e, cos_e)
+    sin_rate = cos_l * rate
+    direction = add(scale(cos_l, x), scale(sin_l, up))
+    first = add(scale(-sin_l * rate, x), add(scale(sin_rate, up), scale(sin_l * tilt_rate, side)))
+    second = add(
+        scale(-cos_l * rate * rate - sin_l * curvature, x),
+        add(
+            scale(cos_l * curvature - sin_l * rate * rate - sin_l * tilt_rate * tilt_rate, up),
+            scale(2.0 * sin_rate * tilt_rate, side),
+        ),
+    )
+    return direction, first, second
+
+
+def sun_distance(days: float) -> float:
+    """Distance to the Sun [AU], from the same source as `sun_direction`."""
+    g = _DEGREE * (357.528 + 0.9856003 * days)
+    return 1.00014 - 0.01671 * math.cos(g) - 0.00014 * math.cos(2.0 * g)
+
+
+def earth_angle(days: float) -> float:
+    """Greenwich mean sidereal time [rad], 0 to 2π: from the equinox of date to Greenwich.
+
+    It grows by `EARTH_RATE` a second.
+    """
+    centuries = days / 36525.0
+    turns = 0.7790572732640 + 0.00273781191135448 * days + days % 1.0
+    precession = 0.014506 + 4612.156534 * centuries + 1.3915817 * centuries**2  # arcseconds
+    return (math.tau * turns + _DEGREE / 3600.0 * precession) % math.tau
+
+
+def days_of(name: str, epoch: str) -> float:
+    """Days from J2000 of an ISO date, with or without a time of day (UTC), of a parameter.
+
+    Raises
+    ------
+    ConfigurationError
+        Not a date.
+    """
+    try:
+        instant = datetime.fromisoformat(epoch)
+    except ValueError:
+        raise ConfigurationError(
+            f"{name} = {epoch!r}; allowed: a date such as 2025-01-01 or 2025-01-01T06:30:00 (UTC)"
+        ) from None
+    if instant.tzinfo is None:
+        instant = instant.replace(tzinfo=timezone.utc)
+    return (instant - datetime(2000, 1, 1, 12, tzinfo=timezone.utc)).total_seconds() / DAY

@@ -1,0 +1,37 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Time: stamps are whole nanoseconds, formulas take seconds, and these are the conversions."""
+
+NANOSECONDS = 1_000_000_000
+
+
+def seconds(stamp_ns: int) -> float:
+    """Time of a stamp [s]: the one conversion that every time-dependent formula uses."""
+    return stamp_ns * 1e-9
+
+
+def nanoseconds(time: float) -> int:
+    """Whole nanoseconds of a time [s]."""
+    return round(time * NANOSECONDS)
+
+
+def stamp_of(step: int, rate: float) -> int:
+    """Stamp [ns] of a step of a loop that runs at `rate` [Hz]."""
+    return round(step * NANOSECONDS / rate)
+
+
+def step_of(stamp_ns: int, rate: float) -> int:
+    """Step of a stamp [ns]: the inverse of `stamp_of`."""
+    return int(stamp_ns * rate / NANOSECONDS + 0.5)

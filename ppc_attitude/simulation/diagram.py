@@ -1,0 +1,269 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The block diagram of a scenario: its components, wired by the columns they declare.
+
+Every component has its records of inputs and outputs in one array of signals. At each instant the
+components run in the order of `KINDS`: what a component reads is copied from where it was given,
+then its step is called. A plant reads what was given at the instant before, since the torques act
+from stamp to stamp.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.declared import columns_of
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.topics import HOSTED
+from ppc_attitude.science.component import Column, Component
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import call_step, kernel
+from ppc_attitude.science.kinds import KINDS, PLANTS, Kind
+from ppc_attitude.science.part import Part, signals_of
+from ppc_attitude.science.stamps import seconds
+
+_seconds = kernel(seconds)
+_INSTANT = 2  # numbers before the columns in a component's record of inputs
+_NODE_OF = {kind.name: node for node, kinds in HOSTED.items() for kind in kinds}
+
+Parameters = Mapping[str, Mapping[str, Any]]
+
+
+@kernel
+def run_parts(
+    parts: Any,
+    instants: Any,
+    first_wire: Any,
+    wires: Any,
+    played: Any,
+    timetable: Any,
+    recorded: Any,
+    stamps_ns: Any,
+    signals: Any,
+    stamps: Any,
+    samples: Any,
+) -> None:
+    """Run the parts over the stamps [ns] and write a sample of every recorded number.
+
+    Parameters
+    ----------
+    parts : ndarray of uint64, shape (p, 5)
+        Addresses of each part: step, inputs, state, configuration, outputs.
+    instants : ndarray of uint64, shape (p,)
+        Place in `signals` of each part's inputs, which begin with the instant.
+    first_wire : ndarray of uint64, shape (p + 1,)
+        First row in `wires` of each part.
+    wires : ndarray of uint64, shape (w, 2)
+        From which place in `signals` to which.
+    played : ndarray of uint64, shape (m,)
+        Places that are filled from the rows of the timetable.
+    timetable : ndarray, shape (m, n)
+        What was computed or recorded before.
+    recorded : ndarray of uint64, shape (r,)
+        Places whose numbers are written to the rows of `samples`.
+    stamps_ns : ndarray of int64, shape (n,)
+        Instants [ns].
+    signals : ndarray
+        The records of all parts.
+    stamps : ndarray of int64
+        The same memory.
+    samples : ndarray, shape (≥ r, n)
+        Where to write.
+    """
+    # Places are unsigned: Numba would look at each signed one whether it counts from the end.
+    for k in range(stamps_ns.size):
+        t = _seconds(stamps_ns[k])
+        for row in range(played.size):
+            signals[played[row]] = timetable[row, k]
+        for p in range(parts.shape[0]):
+            stamps[instants[p]] = stamps_ns[k]
+            signals[instants[p] + np.uint64(1)] = t
+            for wire in range(first_wire[p], first_wire[p + 1]):
+                signals[wires[wire, 1]] = signals[wires[wire, 0]]
+            call_step(parts[p, 0], parts[p, 1], parts[p, 2], parts[p, 3], parts[p, 4])
+        for row in range(recorded.size):
+            samples[row, k] = signals[recorded[row]]
+
+
+def selected(parameters: Parameters) -> list[tuple[Kind, Component]]:
+    """Components that the parameters of all nodes select, in the order of an instant."""
+    chosen = [(kind, kind.selected(parameters.get(_NODE_OF[kind.name], {}))) for kind in KINDS]
+    return [(kind, component) for kind, component in chosen if component is not None]
+
+
+def recorded_columns(parameters: Parameters) -> tuple[Column, ...]:
+    """Columns that a run puts on record, in the order of an instant."""
+    columns = {
+        column.name: column
+        for node in HOSTED
+        for column in columns_of(node, parameters.get(node, {}))
+    }
+    given = [column.name for _, component in selected(parameters) for column in component.outputs]
+    return tuple(columns[name] for name in given if name in columns)
+
+
+class Diagram:
+    """The components that a scenario selects, wired and ready to run.
+
+    Parameters
+    ----------
+    parameters : mapping of str to mapping
+        Complete parameters of every node.
+    ahead : bool, optional
+        True for a diagram of those components alone that depend on time alone.
+    timetable : ndarray, optional
+        What such a diagram gave: then these components do not run again.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is infeasible, or the selected components do not fit together.
+    """
+
+    def __init__(
+        self, parameters: Parameters, ahead: bool = False, timetable: Array | None = None
+    ) -> None:
+        chosen = selected(parameters)
+        if ahead:
+            chosen = [(kind, component) for kind, component in chosen if not component.inputs]
+        sizes = [signals_of(component) for _, component in chosen]
+        starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        self._signals = np.zeros(starts[-1])
+        self._places = _places([component for _, component in chosen], starts)
+        self._timetable = np.zeros((0, 0)) if timetable is None else timetable
+        self._played: list[int] = []
+        self.parts: dict[str, Part] = {}
+        self._instants, self._first_wire, self._wires = [], [0], []
+        for (kind, component), start, size in zip(chosen, starts, sizes, strict=False):
+            values = parameters.get(_NODE_OF[kind.name], {})
+            if timetable is not None and not component.inputs:
+                self._played += self._places_of(component.outputs)
+                continue
+            signals = self._signals[start : start + size]
+            try:
+                self.parts[kind.name] = Part(component, values, signals)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"{_NODE_OF[kind.name]}: {error}") from None
+            self._wires += self._wires_of(kind, component, int(start))
+            self._first_wire.append(len(self._wires))
+            self._instants.append(int(start))
+        self.columns = (
+            tuple(column for _, component in chosen for column in component.outputs)
+            if ahead
+            else recorded_columns(parameters)
+        )
+
+    def _places_of(self, columns: Sequence[Column]) -> list[int]:
+        """Place in the signals of every number of some columns."""
+        return [self._places[column.name] + k for column in columns for k in range(column.width)]
+
+    def _wires_of(self, kind: Kind, component: Component, start: int) -> list[tuple[int, int]]:
+        """From where to where each number goes that a component reads."""
+        for column in component.inputs:
+            place = self._places.get(column.name)
+            if place is None:
+                raise ConfigurationError(
+                    f"{kind.selector} = {component.name} reads {column.name}, which no selected "
+                    f"component gives"
+                )
+            if place > start and kind is not PLANTS:
+                raise ConfigurationError(
+                    f"{kind.selector} = {component.name} reads {column.name}, which is given "
+                    f"later in the instant"
+                )
+        sources = self._places_of(component.inputs)
+        targets = range(start + _INSTANT, start + _INSTANT + len(sources))
+        return list(zip(sources, targets, strict=True))
+
+    def run(self, stamps_ns: NDArray[np.int64], samples: Array) -> None:
+        """Run over the stamps [ns]; a row of `samples` for each number of `columns`."""
+        run_parts(
+            np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
+            np.array(self._instants, np.uint64),
+            np.array(self._first_wire, np.uint64),
+            np.array(self._wires, np.uint64).reshape(-1, 2),
+            np.array(self._played, np.uint64),
+            self._timetable,
+            np.array(self._places_of(self.columns), np.uint64),
+            stamps_ns,
+            self._signals,
+            self._signals.view(np.int64),
+            samples,
+        )
+
+
+def play(
+    part: Part, stamps_ns: NDArray[np.int64], inputs: Array, wanted: Sequence[Column]
+) -> Array:
+    """Run one part over the stamps [ns] with inputs that are known.
+
+    Parameters
+    ----------
+    part : Part
+        What to run; it goes on from what it remembers.
+    stamps_ns : ndarray of int64, shape (n,)
+        Instants [ns].
+    inputs : ndarray, shape (m, n)
+        A row for each number that the part reads.
+    wanted : sequence of Column
+        Outputs of the part.
+
+    Returns
+    -------
+    ndarray, shape (r, n)
+        A row for each number of the wanted columns.
+    """
+    places = _places([part.component], np.zeros(1, np.int64))
+    recorded = [places[column.name] + k for column in wanted for k in range(column.width)]
+    samples = np.zeros((len(recorded), stamps_ns.size))
+    run_parts(
+        np.array([part.addresses], np.uint64),
+        np.zeros(1, np.uint64),
+        np.zeros(2, np.uint64),
+        np.zeros((0, 2), np.uint64),
+        np.arange(_INSTANT, _INSTANT + len(inputs), dtype=np.uint64),
+        np.ascontiguousarray(inputs),
+        np.array(recorded, np.uint64),
+        stamps_ns,
+        part.signals,
+        part.signals.view(np.int64),
+        samples,
+    )
+    return samples
+
+
+def _places(components: Sequence[Component], starts: NDArray[np.int64]) -> dict[str, int]:
+    """Place in the signals of each column that some component gives.
+
+    Raises
+    ------
+    ConfigurationError
+        Two components give one column.
+    """
+    places: dict[str, int] = {}
+    owners: dict[str, str] = {}
+    for component, start in zip(components, starts, strict=False):
+        place = int(start) + component.input_record.itemsize // 8
+        for column in component.outputs:
+            if column.name in places:
+                raise ConfigurationError(
+                    f"{owners[column.name]} and {component.name} both give {column.name}; "
+                    f"select other components"
+                )
+            places[column.name], owners[column.name] = place, component.name
+            place += column.width
+    return places

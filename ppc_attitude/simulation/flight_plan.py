@@ -1,0 +1,63 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What becomes of a scenario's goals: the reference alone, run over the instants of its orders."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ppc_attitude.contract.topics import PLANT, REFERENCE
+from ppc_attitude.science.component import Advice
+from ppc_attitude.science.guidance.orders import GOAL_TIMES
+from ppc_attitude.science.kinds import REFERENCES
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references import goal
+from ppc_attitude.science.stamps import seconds, stamp_of
+from ppc_attitude.simulation.scenario import Scenario
+
+
+class Told(NamedTuple):
+    """What was said of a goal, and when [s]."""
+
+    time: float
+    advice: Advice
+
+
+def goals_told(scenario: Scenario) -> list[Told]:
+    """What the reference says of each scheduled goal at the step that takes it.
+
+    The reference follows nothing but its orders and the craft's first attitude, so this needs no
+    run of the loop. Of several goals within one step the last one is told. A reference that knows
+    no goals says nothing.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter of the reference is infeasible.
+    """
+    values: Mapping[str, Any] = scenario.parameters[REFERENCE]
+    if REFERENCES.selected(values) is not goal.COMPONENT:
+        return []
+    rate = scenario.number(PLANT, "rate")
+    craft: Mapping[str, Any] = scenario.parameters[PLANT]
+    part = Part(goal.COMPONENT, values)
+    told = []
+    steps = sorted({math.ceil(time * rate - 1e-6) for time in values[GOAL_TIMES.name]})
+    for stamp_ns in [0, *(stamp_of(step, rate) for step in steps)]:
+        before = part.advices
+        part.step(stamp_ns, craft["initial_attitude"])
+        if part.advices > before:
+            told.append(Told(seconds(stamp_ns), part.advice))
+    return told
