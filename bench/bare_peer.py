@@ -1,0 +1,173 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One process of the bare step: it takes, it sends, it computes nothing.
+
+``python -m bench.bare_peer ROLE``: `plant SECONDS ANSWERS STATES`, `answer INPUTS
+OUTPUTS` or `listen TOPICS`; topics are separated by commas. Everything that costs time on the way
+is what the real nodes use: executor, QoS, raw CDR bytes of the contract's messages.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import rclpy
+import rclpy.utilities
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from ppc_attitude.contract.cdr import Codec, header_stamp
+from ppc_attitude.contract.declared import BY_NAME
+from ppc_attitude.contract.topics import Topic
+from ppc_attitude.nodes.executors import new_executor
+from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.qos import published, recorded, subscribed
+from ppc_attitude.nodes.running import StopRequest
+from ppc_attitude.nodes.transport import tune_transport
+
+_REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered
+
+
+class Peer(Node):
+    """A node that spins until it is told to stop."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.finished = False
+
+    def sender(self, topic: Topic) -> Callable[[bytes], None]:
+        """Return the function that publishes bytes on a topic."""
+        kind = message_class(topic.msgtype)
+        return self.create_publisher(kind, topic.name, published(topic)).publish
+
+    def taker(self, topic: Topic, take: Callable[[bytes], None], recording: bool = False) -> None:
+        """Call `take` with the bytes of every message of a topic."""
+        qos = recorded(topic) if recording else subscribed(topic)
+        self.create_subscription(message_class(topic.msgtype), topic.name, take, qos, raw=True)
+
+    def wake(self) -> float:
+        """Return the longest wait [s] for a message."""
+        return 0.1
+
+
+class Answer(Peer):
+    """Sends its messages when all that it waits for have come with one stamp."""
+
+    def __init__(self, inputs: list[Topic], outputs: list[Topic]) -> None:
+        super().__init__(f"answer_{outputs[0].column}")
+        self._zeros = [
+            (self.sender(topic), Codec(topic).encode, (0.0,) * topic.width) for topic in outputs
+        ]
+        self._came = dict.fromkeys((topic.name for topic in inputs), -1)
+        for topic in inputs:
+            self.taker(topic, self._receiver(topic))
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            stamp = header_stamp(data, topic.msgtype) or 0
+            self._came[topic.name] = stamp
+            if all(other == stamp for other in self._came.values()):
+                for send, encode, zeros in self._zeros:
+                    send(encode(stamp, zeros))
+
+        return receive
+
+
+class Listen(Peer):
+    """Takes messages as the recorder does."""
+
+    def __init__(self, topics: list[Topic]) -> None:
+        super().__init__("listen")
+        for topic in topics:
+            self.taker(topic, lambda data: None, recording=True)
+
+
+class Plant(Peer):
+    """Sends a state when all answers to the last one are there; prints steps a second."""
+
+    def __init__(self, seconds: float, answers: list[Topic], outputs: list[Topic]) -> None:
+        super().__init__("plant")
+        self._states = [
+            (self.sender(topic), Codec(topic).encode, (0.0,) * topic.width) for topic in outputs
+        ]
+        self._answered = dict.fromkeys((topic.name for topic in answers), -1)
+        for topic in answers:
+            self.taker(topic, self._receiver(topic))
+        self._seconds = seconds
+        self._step = 0
+        self._first = 0
+        self._begin = self._sent = 0.0
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            self._answered[topic.name] = header_stamp(data, topic.msgtype) or 0
+            if all(stamp == self._step for stamp in self._answered.values()):
+                self._advance()
+
+        return receive
+
+    def _advance(self) -> None:
+        self._step += 1
+        now = time.perf_counter()
+        if not self._begin:  # every peer has been discovered
+            self._begin, self._first = now, self._step
+        elif now - self._begin >= self._seconds:
+            print((self._step - self._first) / (now - self._begin), flush=True)
+            self.finished = True
+            return
+        self._publish()
+
+    def _publish(self) -> None:
+        self._sent = time.monotonic()
+        for send, encode, zeros in self._states:
+            send(encode(self._step, zeros))
+
+    def wake(self) -> float:
+        """Send a state that nobody has answered once more."""
+        if time.monotonic() - self._sent > _REPEAT:
+            self._publish()
+        return 0.1
+
+
+def make(role: str, arguments: list[str]) -> Peer:
+    """Make the node of a role."""
+    if role == "plant":
+        return Plant(float(arguments[0]), _topics(arguments[1]), _topics(arguments[2]))
+    if role == "answer":
+        return Answer(_topics(arguments[0]), _topics(arguments[1]))
+    return Listen(_topics(arguments[0]))
+
+
+def _topics(names: str) -> list[Topic]:
+    return [BY_NAME[name] for name in names.split(",")]
+
+
+def main() -> None:
+    """Run one process of the bare step."""
+    stop = StopRequest()
+    tune_transport()
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = make(sys.argv[1], sys.argv[2:])
+    executor = new_executor()
+    executor.add_node(node)
+    while not (stop.requested or node.finished):
+        executor.spin_once(timeout_sec=node.wake())
+    executor.remove_node(node)
+    node.destroy_node()
+    rclpy.utilities.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

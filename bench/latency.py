@@ -1,0 +1,87 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From the last input to the torque command: the controller node beside a bare echo."""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench import ROOT
+from bench.lockstep import peers
+from ppc_attitude.command_line.stack import Stack, private_environment
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, TORQUE_COMMAND
+from ppc_attitude.simulation.closed_loop import warm_up
+from ppc_attitude.simulation.scenario import scenario
+
+RATES = (100.0, 250.0, 500.0, 1000.0)  # [Hz]
+_PATIENCE = 60.0  # [s]
+
+Array = NDArray[np.float64]
+
+
+def _probe(rate: float, seconds: float, environment: Mapping[str, str]) -> Array:
+    """Round trips [s] of whoever answers; NaN for an answer that never came."""
+    command = [sys.executable, "-m", "bench.probe", str(rate), str(seconds)]
+    done = subprocess.run(
+        command, env=environment, cwd=ROOT, capture_output=True, timeout=_PATIENCE
+    )
+    if done.returncode:
+        raise RuntimeError(done.stderr.decode(errors="replace"))
+    return np.array(json.loads(done.stdout), dtype=np.float64)  # null becomes NaN
+
+
+def summary(trips: Array, rate: float) -> dict[str, float]:
+    """Percentiles [us] of round trips [s], and deadlines (one period) missed."""
+    answered = trips[~np.isnan(trips)]
+    p50, p99, p999 = (1e6 * np.percentile(answered, (50.0, 99.0, 99.9))).tolist()
+    missed = int(np.count_nonzero(~(trips <= 1.0 / rate)))
+    return {"p50_us": p50, "p99_us": p99, "p999_us": p999, "missed": missed, "sent": trips.size}
+
+
+def controller_trips(rate: float, seconds: float) -> Array:
+    """Round trips [s] of the controller node with all its telemetry."""
+    run = scenario({})
+    warm_up(run)
+    stack = Stack.of(run, lambda t: None, [CONTROLLER])
+    try:
+        stack.start()
+        return _probe(rate, seconds, stack.environment)
+    finally:
+        stack.kill()
+
+
+def echo_trips(rate: float, seconds: float) -> Array:
+    """Return the same of a node that answers without any work."""
+    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
+        environment = {**private_environment(), "ROS_LOG_DIR": folder}
+        with peers([["answer", ATTITUDE.name, TORQUE_COMMAND.name]], environment):
+            return _probe(rate, seconds, environment)
+
+
+def measure(quick: bool) -> list[dict[str, Any]]:
+    """Measure ``latency``, one row for each rate; controller and echo in turns."""
+    rates, seconds, pairs = (RATES[:1], 1.0, 1) if quick else (RATES, 10.0, 2)
+    rows = []
+    for rate in rates:
+        turns = [(controller_trips(rate, seconds), echo_trips(rate, seconds)) for _ in range(pairs)]
+        ours, echo = (summary(np.concatenate(trips), rate) for trips in zip(*turns, strict=True))
+        rows.append({"rate": rate, **ours, **{f"echo_{k}": v for k, v in echo.items()}})
+    return rows

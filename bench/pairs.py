@@ -1,0 +1,32 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Fair comparison: ours and the yardstick in turns, so that both see the same machine."""
+
+import statistics
+from collections.abc import Callable
+
+
+def alternating(pairs: int, *measures: Callable[[], float]) -> tuple[float, ...]:
+    """Call every measure in turn, `pairs` times over; return the median of each.
+
+    Parameters
+    ----------
+    pairs : int
+        How many rounds, at least 1.
+    *measures : callable
+        Each returns one figure.
+    """
+    rounds = [tuple(measure() for measure in measures) for _ in range(pairs)]
+    return tuple(statistics.median(figures) for figures in zip(*rounds, strict=True))
