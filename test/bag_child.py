@@ -23,10 +23,11 @@ import sys
 import time
 from pathlib import Path
 
+from synthetic import SAMPLED
+
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import SAMPLED
 
 STEP_NS = 10_000_000
 REPORT_EVERY = 50

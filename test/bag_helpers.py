@@ -20,12 +20,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from synthetic import SAMPLED
 
 from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import BY_COLUMN, Topic
+from ppc_attitude.contract.topics import Topic
 
 Message = tuple[Topic, int, bytes]
 STORAGES = ("mcap", "sqlite3")
@@ -60,6 +62,20 @@ def write_messages(
         for count, (topic, _, data) in enumerate(sequence):
             for namespace in namespaces:
                 writer.write(f"{namespace}/{topic.name}", count, data)
+    return path
+
+
+def unfinished(path: Path, storage: str, run: RunRecord) -> Path:
+    """A bag as a killed recorder leaves it: everything flushed, nothing closed."""
+    live = path.with_name("live")
+    facts = {"ppc_attitude.controller": "ppc"}
+    with BagWriter(live, storage=storage, custom_data=facts) as writer:
+        for topic in SAMPLED:
+            writer.add_topic(f"/{topic.name}", topic.msgtype)
+        for topic, stamp, data in messages(run):
+            writer.write(f"/{topic.name}", stamp, data)
+        writer.flush()
+        shutil.copytree(live, path)
     return path
 
 

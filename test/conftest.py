@@ -37,16 +37,22 @@ from ppc_attitude.command_line.domains import DOMAINS, unused_domains
 hypothesis.settings.register_profile("ppc_attitude", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ppc_attitude")
 
-# Campaigns write Parquet and may run on Dask; rosdep has a key for neither.
-_MISSING = [name for name in ("pyarrow", "distributed") if find_spec(name) is None]
-collect_ignore_glob = ["test_campaign*.py"] if _MISSING else []
+# Tests that need what is not everywhere: rosdep has a key for neither Parquet nor Dask, `ros2
+# launch` is not on PyPI and finds only what a sourced workspace has installed.
+_NEEDS = {"test_campaign*.py": ("pyarrow", "distributed"), "test_launch.py": ("ros2launch",)}
+_MISSING = {
+    files: [name for name in modules if find_spec(name) is None]
+    for files, modules in _NEEDS.items()
+}
+collect_ignore_glob = [files for files, missing in _MISSING.items() if missing]
 
 _TURN = itertools.count(os.getpid())
 
 
 def pytest_report_header() -> list[str]:
     """Say what is left out."""
-    return [f"campaigns are not tested without {', '.join(_MISSING)}"] if _MISSING else []
+    left_out = {files: missing for files, missing in _MISSING.items() if missing}
+    return [f"{files} left out: no {', '.join(names)}" for files, names in left_out.items()]
 
 
 class StartProcess(Protocol):
@@ -139,9 +145,21 @@ def start_process() -> Iterator[StartProcess]:
 def recorded_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give the bag of two simulated seconds of the paper's case through all five nodes.
 
-    A test that changes it works on a copy.
+    A test that changes it works on a copy. The workers of one session share it: the first records.
     """
-    folder = tmp_path_factory.mktemp("recorded")
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    with (folder / "recorded.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "recorded").exists():
+            _record(folder / "recording")
+            (folder / "recording").rename(folder / "recorded")
+    return folder / "recorded" / "bag"
+
+
+def _record(folder: Path) -> None:
+    folder.mkdir(exist_ok=True)
     paced = folder / "paced.yaml"  # slow enough that health is recorded too
     paced.write_text("/**/spacecraft_plant:\n  ros__parameters:\n    real_time_factor: 1.0\n")
     command = [sys.executable, "-m", "ppc_attitude.command_line.main", "run"]
@@ -161,4 +179,3 @@ def recorded_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
             check=False,
         )
     assert f"bag: {folder / 'bag'}" in done.stdout, done.stderr
-    return folder / "bag"

@@ -25,13 +25,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from process_helpers import PATIENCE
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from synthetic import SAMPLED
 
 from ppc_attitude.contract.cdr import Codec, Sample
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     DIAGNOSTICS_TOPIC,
     EVENTS,
-    SAMPLED,
     TORQUE_COMMAND,
     Topic,
 )

@@ -197,6 +197,11 @@ class Host:
         assert done.ends() == 0, done.err
 
 
+def workers_of(pid: int) -> list[int]:
+    """Process ids of the workers of a campaign."""
+    return [each for each in _children(pid) if "ppc_attitude.campaign.worker\0" in _command(each)]
+
+
 def pace(factor: float) -> str:
     """Parameters of a lock-step run that does not outrun its test."""
     return f"/**/spacecraft_plant:\n  ros__parameters:\n    real_time_factor: {factor}\n"

@@ -17,10 +17,17 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.simulation.diagram import recorded_columns
+from ppc_attitude.simulation.scenario import scenario
 
 RADIAN = np.pi / 180.0
+
+SAMPLED = tuple(BY_COLUMN[column.name] for column in recorded_columns(scenario({}).parameters))
+"""Topics of a run of the paper's case that have a sample a step."""
 
 
 def environment(t: Array) -> Array:
@@ -59,22 +66,20 @@ def normal_run(duration: float = 120.0, rate: float = 100.0) -> RunRecord:
     rho_q = np.repeat((0.995 * np.exp(-0.05 * t) + 5e-3)[:, None], 3, axis=1)
     rho_w = np.repeat((0.08 * np.exp(-0.2 * t) + 3e-5)[:, None], 3, axis=1)
     z2 = 0.3 * rho_w * np.sin(np.column_stack([t, t + 1.0, t + 2.0]))
-    attitude = np.column_stack([np.sin(0.01 * t), 0 * t, 0 * t, np.cos(0.01 * t)])
+    turning = np.column_stack([np.sin(0.01 * t), 0 * t, 0 * t, np.cos(0.01 * t)])
     reference_rate = (
         0.5 * RADIAN * np.column_stack([np.cos(t / 30), np.sin(t / 20), -np.cos(t / 40)])
     )
     rate_s = reference_rate + np.array([0.02, 0.01, -0.02]) * decay
     u = np.array([0.3, -0.06, 0.02]) * decay * np.cos(t)[:, None]
     columns = {
-        "attitude": attitude,
         "angular_velocity": rate_s,
         "applied_torque": np.clip(u, -0.05, 0.05),
-        "reference_attitude": np.tile([0.0, 0.0, 0.0, 1.0], (t.size, 1)),
+        "reference_attitude": turning,
         "reference_angular_velocity": reference_rate,
         "reference_angular_acceleration": np.zeros((t.size, 3)),
         "torque_command": np.clip(u, -0.05, 0.05),
         "disturbance_torque": environment(t),
-        "attitude_error": np.column_stack([error, scalar]),
         "attitude_envelope": rho_q,
         "rate_error": z2,
         "rate_envelope": rho_w,
@@ -82,12 +87,18 @@ def normal_run(duration: float = 120.0, rate: float = 100.0) -> RunRecord:
         "unsaturated_torque": u,
     }
     parameters = {
-        "spacecraft_plant": {"rate": rate, "max_torque": 0.05, "inertia": [2.8, 0, 0, 0, 2.5]},
+        "spacecraft_plant": {
+            "rate": rate,
+            "max_torque": 0.05,
+            "inertia": [2.8, 0, 0, 0, 2.5],
+            "attitude_noise": 0.0,
+            "rate_noise": 0.0,
+        },
         "reference_generator": {"period_constant": [30.0, 20.0, 40.0]},
         "ppc_controller": {"controller": "ppc", "k": 3.0},
         "disturbance_injector": {"environment": True},
     }
-    return RunRecord(
+    run = RunRecord(
         source="simulate",
         controller="ppc",
         stamps_ns=stamps,
@@ -95,6 +106,7 @@ def normal_run(duration: float = 120.0, rate: float = 100.0) -> RunRecord:
         parameters=parameters,
         metadata={"ppc_attitude": "1.0.0", "seed": "1"},
     )
+    return with_error(run, np.column_stack([error, scalar]))
 
 
 def hit_run(duration: float = 120.0, hits: tuple[float, ...] = (20.0, 80.0)) -> RunRecord:
@@ -118,14 +130,25 @@ def hit_run(duration: float = 120.0, hits: tuple[float, ...] = (20.0, 80.0)) -> 
     torque = run["disturbance_torque"] + pulse_torque(
         t, [(start, 0.1, (0.8, 0.8, 0.8)) for start in hits]
     )
+    error[:, 3] = -np.sqrt(1.0 - (error[:, :3] ** 2).sum(axis=1))
     return with_columns(
-        run,
-        attitude_error=error,
+        with_error(run, error),
         attitude_envelope=rho_q,
         rate_error=z2,
         angular_velocity=rate,
         disturbance_torque=torque,
     )
+
+
+def turned(attitude: Array, turns: Array) -> Array:
+    """Attitudes x y z w turned in body axes by quaternions, both of shape (n, 4)."""
+    return (Rotation.from_quat(attitude) * Rotation.from_quat(turns)).as_quat()
+
+
+def with_error(run: RunRecord, error: Array) -> RunRecord:
+    """The run with an attitude error x y z w, shape (n, 4): in truth, as told and as reported."""
+    attitude = turned(run["reference_attitude"], error)
+    return with_columns(run, attitude=attitude, attitude_error=error)
 
 
 def with_columns(run: RunRecord, **columns: Array) -> RunRecord:

@@ -17,7 +17,6 @@
 ruff, which knows more rules, sorts the imports and judges the docstrings of the tests.
 """
 
-import textwrap
 from pathlib import Path
 
 import pytest
@@ -25,8 +24,7 @@ from ament_flake8.main import main_with_errors as flake8
 from ament_pep257.main import main as pep257
 from test_layers import PACKAGE, ROOT
 
-HOLDER = "Copyright 2026 the ppc_attitude authors"
-SOURCES = [name for name in (PACKAGE, "launch", "setup.py") if (ROOT / name).exists()]
+SOURCES = [name for name in (PACKAGE, "bench", "launch", "setup.py") if (ROOT / name).exists()]
 
 
 @pytest.fixture(autouse=True)
@@ -35,6 +33,7 @@ def in_root(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
 
 
+@pytest.mark.long  # ruff knows these rules and is quicker
 def test_flake8() -> None:
     status, errors = flake8(["--config", str(Path("setup.cfg")), *SOURCES, "test"])
     assert status == 0, "\n".join(errors)
@@ -45,30 +44,6 @@ def test_pep257(capsys: pytest.CaptureFixture[str]) -> None:
     # begin with a symbol, and ω is not Ω.
     arguments = ["--convention", "numpy", "--add-ignore", "D401", "D403", "--", *SOURCES]
     assert pep257(arguments) == 0, capsys.readouterr().out
-
-
-def words(text: str) -> str:
-    """The text in one line: ament_copyright compares without regard to layout."""
-    return " ".join(text.split())
-
-
-def test_every_file_begins_with_the_notice_of_the_licence() -> None:
-    licence = (ROOT / "LICENSE").read_text(encoding="utf-8")
-    notice = textwrap.dedent(licence[licence.rindex("   Licensed under the Apache") :]).strip()
-    lines = [HOLDER, "", *notice.splitlines()]
-    header = "".join(f"# {line}".rstrip() + "\n" for line in lines) + "\n"
-    folders = [ROOT / name for name in (PACKAGE, "launch", "test", "docs")]
-    files = [ROOT / "setup.py", *(path for folder in folders for path in folder.rglob("*.py"))]
-    for path in files:
-        assert path.read_text(encoding="utf-8").startswith(header), path
-
-
-def test_contributions_are_under_the_licence() -> None:
-    licence = (ROOT / "LICENSE").read_text(encoding="utf-8")
-    clause = licence[licence.index("5. Submission") : licence.index("6. Trademarks")]
-    page = words((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
-    assert f"~~~ {words(clause)} ~~~" in page
-    assert "Any contribution that you make to this repository will be under the Apache 2" in page
 
 
 def test_copyright(capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,13 +27,14 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.envelope_plan import MAX_STRETCH, PLAN, carry_on, plan_envelopes
 from ppc_attitude.simulation.closed_loop import (
+    columns_of,
     first_step,
+    new_samples,
     run_samples,
     simulate,
     stamps_of,
     timetable_of,
 )
-from ppc_attitude.simulation.samples import columns_of, new_samples
 from ppc_attitude.simulation.scenario import Scenario, load
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -108,11 +109,14 @@ def judged(samples: dict[str, np.ndarray], stamps: np.ndarray) -> list[str]:
 @pytest.mark.parametrize("starts", [random_starts, hard_starts])
 def test_every_start_converges_inside_its_envelope_below_the_limit(starts: Any) -> None:
     stamps = stamps_of(100.0, 180.0)
-    buffer, timetable = new_samples(stamps.size), timetable_of(ANY_START, stamps)
+    buffer, timetable = new_samples(ANY_START, stamps.size), timetable_of(ANY_START, stamps)
     wrong = []
     for k, (error, rate) in enumerate(starts()):
         samples = run_samples(started(ANY_START, error, rate), stamps, buffer, timetable)
-        wrong += [f"start {k} {complaint}" for complaint in judged(columns_of(samples), stamps)]
+        wrong += [
+            f"start {k} {complaint}"
+            for complaint in judged(columns_of(ANY_START, stamps, samples), stamps)
+        ]
     assert not wrong, "\n".join(wrong)
 
 

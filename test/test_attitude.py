@@ -119,3 +119,15 @@ def test_runge_kutta_gives_a_unit_quaternion_of_the_rotation() -> None:
     assert math.fsum(x * x for x in after) == pytest.approx(1.0, abs=1e-15)
     expected = Rotation.from_rotvec(np.multiply(h, omega)).as_quat()
     assert np.allclose(after, expected, atol=1e-14)
+
+
+@given(vectors, st.sampled_from([1e-9, 1e-4, 1.0, 3.0]))
+def test_exponential_and_logarithm_are_scipys(a: Vector, size: float) -> None:
+    phi = size * np.array(a) / max(1.0, float(np.linalg.norm(a)))
+    q = attitude.exponential(tuple(phi))
+    expected = Rotation.from_rotvec(phi)
+    assert np.abs(np.array(q) - expected.as_quat(canonical=False)).max() < 1e-15
+    assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-15)
+    for same in (q, tuple(-x for x in q)):  # one attitude, and the short way round
+        assert np.allclose(attitude.logarithm(same), phi, rtol=1e-14, atol=1e-300)
+    assert np.abs(np.array(attitude.rotation_matrix(q)) - expected.as_matrix()).max() < 1e-15

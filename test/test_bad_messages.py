@@ -26,7 +26,7 @@ from conftest import StartProcess
 from peer import Peer, peer
 from process_helpers import Node, loop_nodes
 
-from ppc_attitude.contract.cdr import NANOSECONDS, Codec
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
@@ -35,8 +35,8 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     INJECT,
     INJECTOR,
+    MSGTYPES,
     PLANT,
-    QUATERNION,
     REFERENCE,
     REFERENCE_ACCELERATION,
     REFERENCE_ATTITUDE,
@@ -44,6 +44,8 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
+from ppc_attitude.science.component import QUATERNION
+from ppc_attitude.science.stamps import NANOSECONDS
 
 pytestmark = pytest.mark.ros
 
@@ -64,7 +66,7 @@ FUTURE = 2_000_000_000 * NANOSECONDS  # no run has come so far
 
 
 def good(topic: Topic) -> tuple[float, ...]:
-    return (0.0, 0.0, 0.0, 1.0) if topic.msgtype == QUATERNION else (0.01, -0.02, 0.03)
+    return (0.0, 0.0, 0.0, 1.0) if topic.msgtype == MSGTYPES[QUATERNION] else (0.01, -0.02, 0.03)
 
 
 def impossible(topic: Topic) -> Iterator[bytes]:
@@ -74,8 +76,9 @@ def impossible(topic: Topic) -> Iterator[bytes]:
     for number in (math.nan, math.inf, -math.inf, 1e308):
         for place in range(topic.width):
             yield codec.encode(stamp, (*numbers[:place], number, *numbers[place + 1 :]))
-    if topic.msgtype == QUATERNION:
-        for length in (0.0, 0.998, 1.002, 1e-300, 7.0):
+    if topic.msgtype == MSGTYPES[QUATERNION]:
+        # An attitude of zeros says that there is no estimate yet.
+        for length in (*([] if topic is ATTITUDE else [0.0]), 0.998, 1.002, 1e-300, 7.0):
             yield codec.encode(stamp, (0.0, length, 0.0, 0.0))
     for frame in ("moon", "", "x" * 300):
         if topic is not INJECT or frame:

@@ -17,8 +17,11 @@
 import contextlib
 import shutil
 import sqlite3
+import struct
+import zlib
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,21 +32,22 @@ from bag_helpers import (
     cut_copy,
     messages,
     storage_file,
+    unfinished,
 )
-from synthetic import normal_run
+from mcap.records import Footer
+from mcap.stream_reader import StreamReader
+from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.source import Source, payloads_of
 from ppc_attitude.bags.sqlite_source import SqliteSource
-from ppc_attitude.bags.writer import BagWriter, write_run
+from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import (
-    ATTITUDE,
-    BY_COLUMN,
-    SAMPLED,
-)
+from ppc_attitude.contract.declared import BY_COLUMN
+from ppc_attitude.contract.topics import ATTITUDE
 
 RUN = normal_run(duration=1.0)
 STEPS = len(RUN.stamps_ns)
@@ -205,19 +209,49 @@ def test_flipped_bits_raise_nothing_but_bag_errors(tmp_path: Path, whole: Path) 
         assert (np.diff(run.stamps_ns) > 0).all()
 
 
-def test_a_journal_that_its_writer_ends_while_it_is_copied(
+def test_a_log_that_its_writer_ends_while_it_is_copied(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A bag can be read while it is recorded."""
-    bag = tmp_path / "bag"
-    write_run(RUN, bag, storage="sqlite3")
-    journal = Path(f"{storage_file(bag)}-journal")
-    journal.write_bytes(b"")
-    copy = shutil.copyfile
-
-    def copyfile(source: str, target: Path) -> None:
-        journal.unlink(missing_ok=True)
-        copy(source, target)
-
-    monkeypatch.setattr(shutil, "copyfile", copyfile)
+    """rosbag2 may record with SQLite's write-ahead log, in which the last messages lie."""
+    bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
+    recorder = sqlite3.connect(storage_file(bag), isolation_level=None)
+    recorder.execute("PRAGMA journal_mode=WAL")
+    recorder.execute("BEGIN")
+    recorder.execute("UPDATE messages SET timestamp = timestamp + 1")
+    recorder.execute("COMMIT")
+    log = Path(f"{storage_file(bag)}-wal")
+    assert log.stat().st_size > 0
     assert_same(read_run(bag), RUN)
+    assert log.exists()
+    copy = shutil.copyfileobj
+
+    def copyfileobj(*files: Any) -> None:
+        recorder.close()
+        copy(*files)
+
+    monkeypatch.setattr(shutil, "copyfileobj", copyfileobj)
+    assert_same(read_run(bag), RUN)
+    assert not log.exists()
+
+
+@pytest.mark.parametrize("whole", ["mcap"], indirect=True)
+def test_no_flipped_bit_of_the_data_goes_unnoticed(tmp_path: Path, whole: Path) -> None:
+    content = storage_file(whole).read_bytes()
+    with storage_file(whole).open("rb") as file:
+        records = list(StreamReader(file, validate_crcs=True).records)
+    footer = records[-1]
+    assert isinstance(footer, Footer)
+    data_end = footer.summary_start - 13
+    (checksum,) = struct.unpack_from("<I", content, footer.summary_start - 4)
+    assert checksum == zlib.crc32(content[:data_end])
+    assert footer.summary_crc == zlib.crc32(content[footer.summary_start : -12])
+    random = Random(4)
+    bag = cut_copy(whole, tmp_path / "bag", len(content), with_metadata=True)
+    for place in (*range(8, 60), *(random.randrange(8, data_end) for _ in range(150))):
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << random.randrange(8)
+        storage_file(bag).write_bytes(damaged)
+        with pytest.raises(BagError, match="recording was cut"):
+            run = read_run(bag)
+            assert_prefix(run, RUN)
+            raise BagError(run.warnings[0])

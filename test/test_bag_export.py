@@ -26,7 +26,7 @@ from synthetic import normal_run
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.export import export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.bags.writer import write_run
+from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.run_record import RunRecord
 
 

@@ -30,12 +30,14 @@ from mcap.reader import make_reader
 from packaging.specifiers import SpecifierSet
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
-from synthetic import normal_run
+from synthetic import SAMPLED, normal_run
 
+from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.storage import ROSBAGS_RANGE
-from ppc_attitude.bags.writer import BagWriter, offered_qos, write_run
+from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import Codec, encode_clock
-from ppc_attitude.contract.topics import ATTITUDE, SAMPLED, TOPICS
+from ppc_attitude.contract.declared import TOPICS
+from ppc_attitude.contract.topics import ATTITUDE
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 FOREVER = {"sec": 9223372036, "nsec": 854775807}

@@ -25,12 +25,12 @@ from bag_helpers import (
     messages,
     write_messages,
 )
-from synthetic import normal_run, without_columns
+from synthetic import SAMPLED, normal_run, without_columns
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.bags.writer import write_run
+from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -40,7 +40,6 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     PLANT,
     REFERENCE,
-    SAMPLED,
     TORQUE_COMMAND,
     Topic,
 )
@@ -70,7 +69,7 @@ def test_a_late_message_is_put_in_its_place(tmp_path: Path) -> None:
     for count, one in enumerate((again, delayed)):
         read = read_run(write_messages(tmp_path / f"bag{count}", one))
         assert_same(read, RUN)
-        assert read.warnings == ("1 messages of attitude arrived out of order",)
+        assert read.warnings == (f"1 messages of {late[0].name} arrived out of order",)
         assert read.missing == {}
 
 
@@ -154,7 +153,8 @@ def test_after_a_reset_the_last_epoch_is_read(tmp_path: Path, steps: list[int]) 
 
 def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     sequence = list(messages(RUN))
-    sequence[3 * len(SAMPLED)] = (ATTITUDE, 0, b"\0\1\0\0short")
+    place = [place for place, (topic, _, _) in enumerate(sequence) if topic == ATTITUDE][3]
+    sequence[place] = (ATTITUDE, 0, b"\0\1\0\0short")
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
     assert read.warnings == ("1 messages of /attitude cannot be used",)
     assert read.missing == {"attitude": 1}

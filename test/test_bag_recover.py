@@ -19,38 +19,23 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from bag_helpers import STORAGES, assert_prefix, assert_same, cut_copy, messages, storage_file
+from bag_helpers import STORAGES, assert_prefix, assert_same, cut_copy, storage_file, unfinished
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
-from synthetic import normal_run
+from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.folder import UNFINISHED
+from ppc_attitude.bags.marks import UNFINISHED
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
-from ppc_attitude.bags.writer import BagWriter, write_run
-from ppc_attitude.contract.topics import SAMPLED
+from ppc_attitude.bags.run_writer import write_run
 
 RUN = normal_run(duration=1.0)
 
 
-def unfinished(path: Path, storage: str) -> Path:
-    """A bag as a killed recorder leaves it: everything flushed, nothing closed."""
-    live = path.with_name("live")
-    facts = {"ppc_attitude.controller": "ppc"}
-    with BagWriter(live, storage=storage, custom_data=facts) as writer:
-        for topic in SAMPLED:
-            writer.add_topic(f"/{topic.name}", topic.msgtype)
-        for topic, stamp, data in messages(RUN):
-            writer.write(f"/{topic.name}", stamp, data)
-        writer.flush()
-        shutil.copytree(live, path)
-    return path
-
-
 @pytest.mark.parametrize("storage", STORAGES)
 def test_a_recovered_bag_is_complete_for_everyone(tmp_path: Path, storage: str) -> None:
-    bag = unfinished(tmp_path / "bag", storage)
+    bag = unfinished(tmp_path / "bag", storage, RUN)
     summary = recover(bag)
     count = len(RUN.stamps_ns)
     assert summary.messages == count * len(SAMPLED)
@@ -94,7 +79,7 @@ def test_a_healthy_bag_is_refused_and_untouched(tmp_path: Path, storage: str) ->
 
 
 def test_a_recovery_that_was_killed_can_be_repeated(tmp_path: Path) -> None:
-    bag = unfinished(tmp_path / "bag", "mcap")
+    bag = unfinished(tmp_path / "bag", "mcap", RUN)
     left = bag / ".recovering" / "bag"
     left.mkdir(parents=True)
     (left / "bag.mcap").write_bytes(b"half a copy")
@@ -111,7 +96,7 @@ def test_a_recovery_that_was_killed_can_be_repeated(tmp_path: Path) -> None:
 
 def test_what_sqlite_left_half_done_is_undone(tmp_path: Path) -> None:
     """A kill within a commit leaves a hot journal beside pages of the unfinished transaction."""
-    bag = unfinished(tmp_path / "bag", "sqlite3")
+    bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
     file = storage_file(bag)
     database = sqlite3.connect(file, isolation_level=None)
     database.execute("PRAGMA cache_size=1")  # write pages before the commit

@@ -26,14 +26,14 @@ import numpy as np
 import pytest
 from bag_helpers import STORAGES, assert_same, messages, write_messages
 from rosbags.typesys import Stores, get_typestore
-from synthetic import normal_run
+from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
-from ppc_attitude.bags.writer import BagWriter, write_run
-from ppc_attitude.contract.topics import SAMPLED
+from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.bags.writer import BagWriter
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 SECOND = 1_000_000_000
@@ -42,6 +42,12 @@ SECOND = 1_000_000_000
 @pytest.fixture(params=STORAGES)
 def storage(request: pytest.FixtureRequest) -> str:
     return str(request.param)
+
+
+def test_a_recorder_loads_neither_readers_nor_compilers() -> None:
+    script = "import sys, ppc_attitude.bags.writer; print(*sys.modules)"
+    loaded = subprocess.check_output([sys.executable, "-c", script], text=True).split()
+    assert not {"numba", "ppc_attitude.bags.folder", "ppc_attitude.bags.source"} & set(loaded)
 
 
 def test_an_existing_folder_is_never_overwritten(tmp_path: Path, storage: str) -> None:

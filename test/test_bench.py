@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ppc_attitude.bench import in_process, latency, start_up
-from ppc_attitude.bench.__main__ import main, rows
-from ppc_attitude.bench.lockstep import ALL, bare_steps_per_s
-from ppc_attitude.bench.pairs import alternating
-from ppc_attitude.bench.table import number
+from bench import in_process, latency, start_up
+from bench.__main__ import main
+from bench.lockstep import ALL, bare_steps_per_s
+from bench.pairs import alternating
+from bench.table import number
 
 
 def test_pairs_alternate_and_give_medians() -> None:
@@ -42,15 +42,6 @@ def test_pairs_alternate_and_give_medians() -> None:
 
     assert alternating(3, ours, other) == (2.0, 11.0)
     assert order == ["ours", "other"] * 3
-
-
-def test_rows_name_every_figure() -> None:
-    text = "\n".join(rows("a", {"b": 1.5, "c": [{"d": 20000.0, "e": None}]}))
-    assert [line.split() for line in text.splitlines()] == [
-        ["a.b", "1.5"],
-        ["a.c[0].d", "20000"],
-        ["a.c[0].e", "-"],
-    ]
 
 
 def test_an_answer_that_is_late_or_absent_misses_its_deadline() -> None:
@@ -93,6 +84,7 @@ def test_figures_have_three_digits(value: float | None, text: str) -> None:
     assert number(value) == text
 
 
+@pytest.mark.long
 def test_bare_step_steps() -> None:
     assert bare_steps_per_s(0.2) > 0.0
     assert bare_steps_per_s(0.2, ALL) > 0.0
@@ -109,6 +101,7 @@ def test_loop_is_measured() -> None:
     assert in_process.ours_s_per_s(1.0, 1) > 0.0
 
 
+@pytest.mark.long
 def test_only_bag_reading(tmp_path: Path) -> None:
     output = tmp_path / "bench.json"
     main(["--only", "bag_reading", "--quick", "--output", str(output)])

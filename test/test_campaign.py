@@ -15,13 +15,13 @@
 """A campaign gives the same results whoever computes, loses none, and tells what they come to."""
 
 import json
-import multiprocessing
 import os
 import signal
 import sys
 import threading
 from collections import Counter
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,11 @@ import pyarrow.parquet as pq
 import pytest
 from campaign_helpers import RUNS, VARIES, files_of, finish, rows_of, small
 from conftest import StartProcess
+from process_helpers import workers_of
 
-from ppc_attitude.analysis.metrics import REQUIREMENTS, analyse
-from ppc_attitude.analysis.series import attitude_errors
+from ppc_attitude.analysis.metrics import analyse, names_of
+from ppc_attitude.analysis.requirements import PAPER, Requirements
+from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign
@@ -42,10 +44,9 @@ from ppc_attitude.campaign.fan import QUANTITIES, UNKNOWN
 from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.results import BATCH
 from ppc_attitude.campaign.rows import (
-    COLUMNS,
-    KEYS,
     CampaignError,
     Outcome,
+    columns_of,
     rerun,
     run_chunk,
     run_one,
@@ -71,11 +72,11 @@ def test_a_run_is_that_of_its_scenario() -> None:
     assert row["index"] == 7
     assert row["error"] is None
     for each in verdict.requirements:
-        key = KEYS[each.name]
+        key = each.key
         assert (row[f"met_{key}"], row[f"value_{key}"]) == (each.met, each.value)
-        assert row[f"limit_{key}"] == each.limit_text
-    judged = {each.name for each in verdict.requirements}
-    assert all(row[f"met_{KEYS[name]}"] is None for name in KEYS if name not in judged)
+        assert (row[f"limit_{key}"], row[f"note_{key}"]) == (each.limit_text, each.note)
+    applied = {each.key for each in verdict.requirements}
+    assert all(row[f"note_{key}"] is None for key in names_of(PAPER) if key not in applied)
     assert row["max_rate_deg_s"] == verdict.metrics.max_rate_deg_s
     assert row["all_met"] == verdict.all_met
     assert {name: row[name] for name in VARYING} == {name: draw(of, 7)[name] for name in VARYING}
@@ -85,8 +86,13 @@ def test_a_run_is_that_of_its_scenario() -> None:
 
 
 def test_every_requirement_has_its_columns() -> None:
-    assert tuple(KEYS) == REQUIREMENTS
-    assert set(run_one(small(), 0).row) == set(COLUMNS)
+    own = Requirements(limits={"applied_torque": 0.01})
+    for required in (PAPER, own):
+        columns = columns_of(required)
+        assert set(run_one(replace(small(), required=required), 0).row) == set(columns)
+        assert {f"met_{key}" for key in names_of(required)} <= set(columns)
+    row = run_one(replace(small(), required=own), 0).row
+    assert (row["met_limit_applied_torque"], row["all_met"]) == (False, False)
 
 
 def test_a_run_does_not_depend_on_those_before_it() -> None:
@@ -100,7 +106,7 @@ def test_a_run_does_not_depend_on_those_before_it() -> None:
 
 
 def test_a_run_that_raises_becomes_a_row_that_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(record: Any) -> Any:
+    def fail(*_: Any) -> Any:
         raise ZeroDivisionError("of all things")
 
     monkeypatch.setattr(rows, "analyse", fail)
@@ -129,7 +135,7 @@ def test_files_do_not_depend_on_the_number_of_workers(finished: Finished, tmp_pa
 
 def test_files_hold_every_run_in_order(finished: Finished) -> None:
     table = pq.read_table(finished.folder / "runs.parquet")
-    assert table.column_names == list(COLUMNS)
+    assert table.column_names == list(columns_of(PAPER))
     assert table["index"].to_pylist() == list(range(RUNS))
     assert rows_of(finished.folder)[11] == run_one(small(), 11).row
     kept = json.loads(table.schema.metadata[b"ppc_attitude"])
@@ -148,7 +154,7 @@ def test_error_over_time_counts_every_run_in_every_bin(finished: Finished) -> No
     assert len(counts) == len(QUANTITIES) * finished.fan.counts.shape[1]
     at_start = [e for e in kept if e["quantity"] == "attitude_error" and e["from_s"] == 0.0]
     for index in range(RUNS):
-        error = np.abs(attitude_errors(rerun(small(), index)[0])[0]).max()
+        error = np.abs(pointing_errors(rerun(small(), index)[0]).quaternions[0, :3]).max()
         assert any(each["low"] <= error < each["high"] for each in at_start)
 
 
@@ -164,18 +170,28 @@ def test_progress_counts_up_to_the_end(tmp_path: Path) -> None:
     assert seen == [(k, 20) for k in range(1, 21)]
 
 
+def test_no_worker_begins_without_work(tmp_path: Path) -> None:
+    seen: list[int] = []
+
+    def look(done: int, total: int) -> None:
+        seen.append(len(workers_of(os.getpid())))
+
+    run_campaign(small(), 3, tmp_path / "c", workers=500, progress=look)
+    assert 0 < max(seen) <= 3
+
+
 def test_a_killed_worker_costs_nothing(tmp_path: Path) -> None:
     of, runs = small(duration=60.0, rate=100.0), 96
-    victims: list[multiprocessing.process.BaseProcess] = []
+    victims: list[int] = []
 
     def kill_one(done: int, total: int) -> None:
         if not victims:
-            victims.append(multiprocessing.active_children()[0])
-            victims[0].kill()
+            victims.append(workers_of(os.getpid())[0])
+            os.kill(victims[0], signal.SIGKILL)
 
     run_campaign(of, runs, tmp_path / "hurt", workers=2, progress=kill_one)
     run_campaign(of, runs, tmp_path / "whole", workers=2)
-    assert victims[0].exitcode == -signal.SIGKILL
+    assert len(victims) == 1
     assert files_of(tmp_path / "hurt") == files_of(tmp_path / "whole")
 
 
@@ -267,6 +283,7 @@ def test_a_broken_progress_leaves_whole_files(tmp_path: Path) -> None:
 _GROWTH = f"""
 import resource, sys
 sys.path.insert(0, {str(ROOT / "test")!r})
+from dataclasses import replace
 from pathlib import Path
 from campaign_helpers import small
 from ppc_attitude.campaign.campaign import run_campaign
@@ -278,7 +295,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_runs(tmp_path: Path, start_process: StartProcess) -> None:
     script = tmp_path / "growth.py"
     script.write_text(_GROWTH, encoding="utf-8")

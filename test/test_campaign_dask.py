@@ -51,7 +51,7 @@ class Cluster:
             for _ in range(WORKERS)
         ]
         self.client = Client(self.address, set_as_default=False)
-        self.client.wait_for_workers(WORKERS, timeout=60)
+        self.client.wait_for_workers(WORKERS, timeout=120)
 
     def _run(self, *arguments: str, stderr: int = subprocess.DEVNULL) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", f"distributed.cli.dask_{arguments[0]}", *arguments[1:]]
@@ -143,6 +143,11 @@ def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> Non
     assert 20 <= cut.summary.runs == len(rows_of(tmp_path / "away")) < 100_000
     again = run_campaign(small(), 20, tmp_path / "again", scheduler=cluster.address)
     assert again.summary.runs == 20
+
+
+def test_an_address_that_can_be_none_is_refused_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="scheduler = foo://x: unknown address scheme"):
+        run_campaign(small(), 1, tmp_path / "c", scheduler="foo://x")
 
 
 def test_an_address_without_scheduler_is_refused(

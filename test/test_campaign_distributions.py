@@ -28,7 +28,7 @@ from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.spacecraft import inertia_matrix
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.simulation.scenario import Scenario, scenario
 
 ANY = Range(-math.inf, math.inf)

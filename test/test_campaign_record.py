@@ -43,7 +43,7 @@ def test_a_run_through_the_nodes_is_the_run_in_process(
     command += ["--seed", "1", "--only", str(RUN), "--record", "--bag", str(bag), "--json"]
     process = start_process(command)
     out, err = process.communicate(timeout=120.0)
-    assert process.returncode == 1, err  # three seconds are too short to settle
+    assert process.returncode == 0, err  # three seconds are too short to settle: that fails nothing
     expected, verdict = rerun(small(3.0, seed=1, rate=50.0), RUN)
     told = json.loads(out)
     assert told["requirements"] == verdict.to_json()["requirements"]

@@ -17,35 +17,25 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.science.attitude import attitude_error, rotation_angle
-from ppc_attitude.science.controllers.common import INERTIA
-from ppc_attitude.science.controllers.interface import (
-    Controller,
-    error_state,
-    step_signature,
-    store_command,
-)
-from ppc_attitude.science.controllers.registry import CONTROLLERS
-from ppc_attitude.science.kernel import apply, kernel, matrix, scale
-from ppc_attitude.science.parameter import Parameter, resolved
-from ppc_attitude.science.spacecraft import inertia_matrix, plant_step
+from ppc_attitude.science.attitude import attitude_error
+from ppc_attitude.science.kernel import matrix
+from ppc_attitude.science.kinds import CONTROLLERS
+from ppc_attitude.science.plants.rigid_body import rigid_body_step
 from ppc_attitude.simulation.closed_loop import (
+    columns_of,
     first_step,
-    loop_of,
     run_samples,
     simulate,
     stamps_of,
 )
-from ppc_attitude.simulation.scenario import Scenario, load, plant_record, scenario
+from ppc_attitude.simulation.scenario import load, scenario
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -91,7 +81,7 @@ def test_it_begins_where_the_paper_begins() -> None:
     assert not advice.warning
 
 
-@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+@pytest.mark.parametrize("name", sorted(CONTROLLERS.components))
 def test_the_first_step_alone_is_that_of_the_loop(name: str) -> None:
     case = scenario(
         {
@@ -100,8 +90,8 @@ def test_the_first_step_alone_is_that_of_the_loop(name: str) -> None:
         }
     )
     law, record = first_step(case), simulate(case, 0.1)
-    for column in case.controller.columns:
-        assert law.given(column) == record[column][0].tolist()
+    for column in case.controller.outputs:
+        assert law.outputs[0][column.name].tolist() == record[column.name][0].tolist()
 
 
 def test_hits_are_recovered_with_widening() -> None:
@@ -122,7 +112,7 @@ def test_hits_are_not_recovered_within_a_minute_without_widening() -> None:
     assert np.all(narrow == 5e-3)
 
 
-@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+@pytest.mark.parametrize("name", sorted(CONTROLLERS.components))
 def test_two_runs_are_the_same_to_the_last_bit(name: str) -> None:
     case = scenario(
         {
@@ -156,7 +146,7 @@ def test_what_is_warmed_up_is_found_by_the_next_process(tmp_path: Path) -> None:
         return {*tmp_path.rglob("*.nbc")}
 
     first = compiled()
-    assert any("runner" in file.name for file in first)
+    assert any("part" in file.name for file in first)
     assert compiled() == first
 
 
@@ -170,18 +160,22 @@ def test_a_buffer_is_filled_with_the_same_samples() -> None:
     fresh = run_samples(case, stamps)
     buffer = np.full(fresh.shape, 7, dtype=fresh.dtype)
     assert run_samples(case, stamps, buffer) is buffer
-    assert buffer.tobytes() == fresh.tobytes()
+    columns = columns_of(case, stamps, buffer)
+    for name, column in columns_of(case, stamps, fresh).items():
+        assert columns[name].tobytes() == column.tobytes()
 
 
 def test_the_samples_of_an_instant_belong_together() -> None:
     """Both torques of a stamp, held, carry its state to the next; the error is of its stamp."""
     record = run("sudden_disturbance", duration=140.0)
-    plant = plant_record(load([CONFIG / "paper.yaml"]).parameters["spacecraft_plant"])
+    values = load([CONFIG / "paper.yaml"]).parameters["spacecraft_plant"]
+    inertia = np.array(values["inertia"]).reshape(3, 3)
+    moments = matrix(inertia), matrix(np.linalg.inv(inertia))
     for k in (0, 1999, 2000, 2009, 2010, 8005):
         q, omega = (tuple(record[c][k].tolist()) for c in ("attitude", "angular_velocity"))
-        applied, disturbance = record["applied_torque"][k], record["disturbance_torque"][k]
+        torque = tuple(record["applied_torque"][k] + record["disturbance_torque"][k])
         h = (record.stamps_ns[k + 1] - record.stamps_ns[k]) * 1e-9
-        after = plant_step(plant, q, omega, tuple(applied), tuple(disturbance), h)
+        after = rigid_body_step(q, omega, torque, *moments, h)
         assert after[0] == tuple(record["attitude"][k + 1])
         assert after[1] == tuple(record["angular_velocity"][k + 1])
         q_e = attitude_error(q, tuple(record["reference_attitude"][k].tolist()))
@@ -193,73 +187,3 @@ def test_columns_are_those_that_the_law_has() -> None:
     assert "attitude_error" in record
     assert "attitude_envelope" not in record
     assert "auxiliary_state" not in record
-
-
-# A third law, as the tutorial has it: what a user writes is this, in a file of its own.
-
-_CONFIGURATION = np.dtype(
-    [("gain", np.float64), ("damping", np.float64), ("inertia", np.float64, (3, 3))], align=True
-)
-_MEMORY = np.dtype([("steps", np.int64)], align=True)
-_SIGNATURE = step_signature(_MEMORY, _CONFIGURATION)
-
-
-def _configure(values: Any) -> Any:
-    record = np.zeros((), _CONFIGURATION)[()]
-    record["gain"], record["damping"] = values["pd.gain"], values["pd.damping"]
-    record["inertia"] = inertia_matrix("inertia", values["inertia"])
-    return record
-
-
-@kernel
-def _step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
-    q_e, omega_e, m_0 = error_state(measurement, matrix(gains.inertia))
-    sign = -1.0 if q_e[3] < 0.0 else 1.0
-    u = apply(
-        matrix(gains.inertia),
-        (
-            -sign * gains.gain * q_e[0] - gains.damping * omega_e[0],
-            -sign * gains.gain * q_e[1] - gains.damping * omega_e[1],
-            -sign * gains.gain * q_e[2] - gains.damping * omega_e[2],
-        ),
-    )
-    u = (u[0] - m_0[0], u[1] - m_0[1], u[2] - m_0[2])
-    memory.steps += 1
-    store_command(command, q_e, omega_e, u, scale(1.0, u))
-
-
-THIRD = Controller(
-    name="proportional_derivative",
-    parameters=(
-        INERTIA,
-        Parameter("pd.gain", 0.02, "gain on 2 q_ev", "1/s²", above=0.0),
-        Parameter("pd.damping", 0.3, "gain on ω_e", "1/s", above=0.0),
-    ),
-    configure=_configure,
-    memory=_MEMORY,
-    step=_step,
-    signature=_SIGNATURE,
-    columns=("torque_command", "unsaturated_torque", "attitude_error", "rate_error"),
-)
-
-
-@pytest.fixture
-def third_controller(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scenario]:
-    base = scenario({})  # its table of parameters was made before the third law came
-    monkeypatch.setitem(CONTROLLERS, THIRD.name, THIRD)
-    values = {
-        **base.parameters["ppc_controller"],
-        **resolved(THIRD.parameters, {"pd.damping": 0.4}, "ppc_controller"),
-        "controller": THIRD.name,
-    }
-    yield Scenario({**base.parameters, "ppc_controller": values})
-    loop_of.cache_clear()
-
-
-def test_a_third_controller_is_one_file_and_one_line(third_controller: Scenario) -> None:
-    record = simulate(third_controller, 120.0)
-    assert record.controller == "proportional_derivative"
-    angles = [rotation_angle(tuple(q)) for q in record["attitude_error"][[0, -1]].tolist()]
-    assert np.rad2deg(angles[0]) == pytest.approx(42.71, abs=0.01)
-    assert np.rad2deg(angles[1]) < 15.0  # no integral: the environment torque leaves an offset
-    assert "attitude_envelope" not in record

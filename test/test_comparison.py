@@ -22,12 +22,15 @@ from ppc_attitude.analysis.comparison import (
     angular_velocity_comparison,
     attitude_comparison,
     comparisons_of,
-    rate_error_comparison,
+    error_comparison,
     save_comparison,
     save_sweep,
     sweep_figure,
 )
 from ppc_attitude.analysis.drawing import BLUE, RED
+from ppc_attitude.analysis.envelopes import ENVELOPES
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.series import AnalysisError
 
 LABELS = ["proposed", "benchmark"]
@@ -40,38 +43,47 @@ def runs():
     return [one, with_columns(one, attitude_envelope=envelope)]
 
 
+def measured(runs):
+    return [Measured(run, PAPER) for run in runs]
+
+
 def lines(axes, colour):
     return [line for line in axes.get_lines() if line.get_color() == colour]
 
 
 def test_the_first_is_red_and_the_second_blue_each_in_its_dotted_envelope(runs):
-    axes = attitude_comparison(runs, LABELS).axes
+    axes = attitude_comparison(measured(runs), LABELS).axes
     assert len(axes) == 3
     for k, panel in enumerate(axes):
         for run, colour in zip(runs, (RED, BLUE), strict=True):
             state, upper, lower = lines(panel, colour)
-            assert np.array_equal(state.get_ydata(), run["attitude_error"][:, k])
+            assert np.allclose(state.get_ydata(), run["attitude_error"][:, k], atol=1e-15)
             assert np.array_equal(upper.get_ydata(), run["attitude_envelope"][:, k])
             assert np.array_equal(lower.get_ydata(), -run["attitude_envelope"][:, k])
             assert state.get_linestyle() == "-"
             assert upper.get_linestyle() != "-"
-        assert panel.get_ylabel() == f"$q_{{ev,{'xyz'[k]}}}$ [1]"
-    assert [text.get_text() for text in axes[0].get_legend().get_texts()] == LABELS
+        assert panel.get_ylabel() == f"pointing error\n$q_{{ev,{'xyz'[k]}}}$ [1]"
+    assert [text.get_text() for text in axes[0].get_legend().get_texts()] == [
+        "proposed",
+        "envelope",
+        "benchmark",
+    ]
 
 
 def test_the_rates_with_their_norm_and_the_limit(runs):
-    axes = angular_velocity_comparison(runs, LABELS).axes
+    axes = angular_velocity_comparison(measured(runs), LABELS).axes
     assert len(axes) == 4
     rate = np.rad2deg(runs[1]["angular_velocity"])
     assert np.array_equal(lines(axes[2], BLUE)[0].get_ydata(), rate[:, 2])
     assert np.allclose(lines(axes[3], RED)[0].get_ydata(), np.linalg.norm(rate, axis=1))
-    assert any(set(line.get_ydata()) == {3.0} for line in axes[3].get_lines())
+    limits = [line for line in axes[3].get_lines() if set(line.get_ydata()) == {3.0}]
+    assert [line.get_color() for line in limits] == [RED, BLUE]
     assert all("deg/s" in each.get_ylabel() for each in axes)
 
 
 def test_a_late_hit_of_any_run_is_shown_closely():
     runs = [hit_run(), normal_run()]
-    axes = attitude_comparison(runs, LABELS).axes
+    axes = attitude_comparison(measured(runs), LABELS).axes
     assert len(axes) == 6
     assert [each.get_xlim() for each in axes[1::2]] == [(78.0, 92.0)] * 3
     bound = runs[0]["attitude_envelope"][7800:9201].max()
@@ -89,14 +101,14 @@ def test_rate_errors_are_compared_where_both_have_envelopes(tmp_path, runs):
         "comparison_attitude_error",
         "comparison_angular_velocity",
     ]
-    panel = rate_error_comparison(runs, LABELS).axes[0]
+    panel = error_comparison(measured(runs), LABELS, ENVELOPES[1]).axes[0]
     assert panel.get_yscale() == "log"
-    z2 = np.abs(runs[0]["rate_error"][:, 0])
+    z2 = np.rad2deg(np.abs(runs[0]["rate_error"][:, 0]))
     assert np.array_equal(lines(panel, RED)[0].get_ydata(), z2)
 
 
 def test_runs_of_different_length():
-    figure = attitude_comparison([normal_run(10.0), normal_run(30.0)], LABELS)
+    figure = attitude_comparison(measured([normal_run(10.0), normal_run(30.0)]), LABELS)
     assert figure.axes[0].get_xlim() == (0.0, 30.0)
 
 
@@ -117,8 +129,7 @@ def test_the_sweep(tmp_path):
     outside = [0.1, 0.2, 0.4, 2.0, 5.0]
     top, bottom = sweep_figure(durations, recovery, outside).axes
     by_label = {line.get_label(): line for line in top.get_lines()}
-    assert list(by_label["recovery"].get_xdata()) == durations[:3]
-    assert list(by_label["recovery"].get_ydata()) == recovery[:3]
+    assert list(by_label["recovery"].get_ydata())[:3] == recovery[:3]
     assert list(by_label["not recovered"].get_xdata()) == [0.5, 1.0]
     assert by_label["limit 10 s"].get_ydata()[0] == 10.0
     assert list(bottom.get_lines()[0].get_ydata()) == outside
@@ -134,6 +145,12 @@ def test_the_sweep(tmp_path):
     path = tmp_path / "figures" / "sweep.png"
     save_sweep(durations, recovery, outside, path)
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_is_not_recovered_breaks_the_line():
+    top, _ = sweep_figure([0.1, 0.2, 0.4], [3.0, None, 5.0], [0.0, 0.0, 0.0]).axes
+    drawn = top.get_lines()[0].get_ydata()
+    assert np.array_equal(drawn, [3.0, np.nan, 5.0], equal_nan=True)
 
 
 @pytest.mark.parametrize(

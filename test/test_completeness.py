@@ -17,21 +17,22 @@
 import itertools
 
 import pytest
+from synthetic import SAMPLED
 
-from ppc_attitude.contract.cdr import stamp_of
-from ppc_attitude.contract.completeness import Completeness, promised
+from ppc_attitude.contract.completeness import promised
+from ppc_attitude.contract.declared import AUXILIARY_STATE
 from ppc_attitude.contract.topics import (
     ATTITUDE,
-    AUXILIARY_STATE,
     CONTROLLER,
     DISTURBANCE,
     INJECTOR,
     PLANT,
     REFERENCE,
-    SAMPLED,
     TORQUE_COMMAND,
     Topic,
 )
+from ppc_attitude.runtime.completeness import Completeness
+from ppc_attitude.science.stamps import stamp_of
 
 ALL = [topic.name for topic in SAMPLED]
 STEPS = 50

@@ -25,10 +25,10 @@ from rclpy.node import Node
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, DIAGNOSTICS_TOPIC
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.health import StepCounter
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
+from ppc_attitude.runtime.health import StepCounter
 
 SECOND = 1_000_000_000
 UNIT = (0.0, 0.0, 0.0, 1.0)
@@ -70,9 +70,14 @@ class Bench:
 
     def state(self, stamp_ns: int, attitude: tuple[float, ...] = UNIT) -> None:
         """Send a state and wait until it was judged."""
-        judged = self.node._guard.last, self.node.refused[ATTITUDE.name]
+        judged = self.judged
         self.publisher.publish(Codec(ATTITUDE).encode(stamp_ns, attitude))
-        self.until(lambda: (self.node._guard.last, self.node.refused[ATTITUDE.name]) != judged)
+        self.until(lambda: self.judged != judged)
+
+    @property
+    def judged(self) -> tuple[int | None, int]:
+        """Latest state that was accepted, and how many were refused."""
+        return self.node.answers._guard.last, self.node.health.refused[ATTITUDE.name]
 
     def report(self) -> DiagnosticStatus:
         self.until(lambda: bool(self.said))

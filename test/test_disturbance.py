@@ -15,14 +15,21 @@
 import numpy as np
 import pytest
 
-from ppc_attitude.science.disturbance import (
-    ENVIRONMENT_BOUND,
-    PULSE,
-    environment_torque,
-    external_torque,
-)
+from ppc_attitude.science.disturbances import pulses
+from ppc_attitude.science.disturbances.pulses import PULSE, configuration_of
+from ppc_attitude.science.environments import none, paper
+from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND, environment_torque
+from ppc_attitude.science.part import Part
 
-NONE = np.zeros(0, PULSE)
+NO_PULSES = np.zeros(0, PULSE)
+
+
+def external_torque(stamp_ns: int, environment: bool, acting: np.ndarray) -> tuple[float, ...]:
+    """Give what the injector gives: the torque of the environment and the pulses."""
+    surroundings = Part((paper if environment else none).COMPONENT, {})
+    sudden = Part(pulses.COMPONENT, {each.name: [] for each in pulses.COMPONENT.parameters})
+    sudden.hold(configuration_of(acting)[0])
+    return tuple(sudden.step(stamp_ns, surroundings.step(stamp_ns)))
 
 
 def printed(t: float) -> np.ndarray:
@@ -47,23 +54,23 @@ def test_environment_is_the_printed_one_and_bounded() -> None:
 
 
 def test_a_pulse_acts_from_its_first_nanosecond_and_not_at_its_last() -> None:
-    pulses = np.array([(2_000_000_000, 2_100_000_000, (0.1, 0.2, 0.3))], PULSE)
+    acting = np.array([(2_000_000_000, 2_100_000_000, (0.1, 0.2, 0.3))], PULSE)
     at = {
-        stamp: external_torque(stamp, stamp * 1e-9, False, pulses)
+        stamp: external_torque(stamp, False, acting)
         for stamp in (1_999_999_999, 2_000_000_000, 2_099_999_999, 2_100_000_000)
     }
     assert list(at.values()) == [(0, 0, 0), (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0, 0, 0)]
 
 
 def test_overlapping_pulses_and_the_environment_add_up() -> None:
-    pulses = np.array([(0, 100, (0.5, 0.0, 0.0)), (50, 100, (0.25, 0.0, -1.0))], PULSE)
-    assert external_torque(75, 0.0, False, pulses) == (0.75, 0.0, -1.0)
+    acting = np.array([(0, 100, (0.5, 0.0, 0.0)), (50, 100, (0.25, 0.0, -1.0))], PULSE)
+    assert external_torque(75, False, acting) == (0.75, 0.0, -1.0)
     assert np.allclose(
-        external_torque(75, 3.0, True, pulses), np.add(printed(3.0), (0.75, 0, -1)), rtol=1e-14
+        external_torque(75, True, acting), np.add(printed(75e-9), (0.75, 0, -1)), rtol=1e-14
     )
 
 
 @pytest.mark.parametrize("environment", [True, False])
 def test_without_pulses(environment: bool) -> None:
-    torque = external_torque(0, 12.0, environment, NONE)
+    torque = external_torque(12_000_000_000, environment, NO_PULSES)
     assert np.allclose(torque, printed(12.0) if environment else 0.0, rtol=1e-14)

@@ -27,6 +27,7 @@ from conftest import StartProcess
 from docs_helpers import ALL, ROOT, Command
 from geometry_msgs.msg import WrenchStamped
 from peer import Peer, peer
+from process_helpers import PATIENCE
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool
@@ -85,14 +86,13 @@ def test_commands_for_a_running_stack(
     assert "torque" in capfd.readouterr().out
     for name, process in stack.items():
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30.0)
+        _, said = process.communicate(timeout=PATIENCE)
         assert process.returncode == 0, (name, said)
 
 
 def set_parameters(asker: Peer) -> None:
     """`ros2 param set NODE NAME VALUE`."""
     given = [command.words[3:] for command in lines("ros2", "param", "set")]
-    assert given
     for node, name, value in given:
         parameter = Parameter(name, value=yaml.safe_load(value)).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])

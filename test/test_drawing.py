@@ -18,7 +18,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ppc_attitude.analysis.drawing import BUCKETS, decimated, draw, panels
+from ppc_attitude.analysis.drawing import BUCKETS, band, decimated, draw, panels
 
 
 def test_an_hour_is_light_and_keeps_its_spikes():
@@ -72,3 +72,19 @@ def test_a_close_look_is_as_fine_as_the_record():
     draw(axes, t, t)
     (line,) = axes.get_lines()
     assert np.array_equal(line.get_xdata(), t[99_999:101_002])
+
+
+def test_a_noisy_line_becomes_a_band_and_a_smooth_one_does_not():
+    t = np.arange(20_000) / 100
+    noise = np.random.default_rng(1).normal(size=t.size)
+    _, rows = panels(1)
+    (axes,) = rows[0]
+    draw(axes, t, np.sin(t) + noise)
+    (line,), (filled,) = axes.get_lines(), axes.collections
+    extent = filled.get_datalim(axes.transData).extents
+    shown = t < line.get_xdata()[-1] + 0.17
+    assert extent[1] == (np.sin(t) + noise)[shown].min()
+    assert np.abs(line.get_ydata() - np.sin(line.get_xdata())).mean() < 0.2  # of 34 samples each
+    assert band(t, np.sin(t)) is None
+    assert band(t, np.where(t > 100, 1.0, 0.0)) is None
+    assert band(t[:100], noise[:100]) is None

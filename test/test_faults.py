@@ -109,7 +109,7 @@ def test_after_sigkill_of_the_recorder_at_most_the_last_second_is_lost(
     (warning,) = record.warnings
     assert "recording was cut" in warning
     judged = Process(start_process, tmp_path, "analyse", [*COMMAND, "analyse", str(run.bag)])
-    assert judged.ends() == 1  # too short to settle
+    assert judged.ends() == 0  # too short to settle
     assert "recording was cut" in judged.err + judged.out
 
     finished = Process(start_process, tmp_path, "recover", [*COMMAND, "recover", str(run.bag)])
@@ -131,7 +131,7 @@ def test_a_pause_costs_lockstep_nothing_but_time(
     pause(pid)
     lasting(PAUSE)
     os.kill(pid, signal.SIGCONT)
-    assert run.ends() == 1, run.err  # twenty seconds are too short to settle
+    assert run.ends() == 0, run.err  # twenty seconds are too short to settle
     record = read_run(run.bag)
     assert record.missing_messages == 0
     assert record.stamps_ns.size == 2001
@@ -309,10 +309,10 @@ def test_ctrl_c_at_any_moment_and_again_ends_in_good_order(
         pids += family(run.pid)
         run.send(signal.SIGINT)
     code = run.ends()
-    assert code == 3 or (code == 1 and run.time == 3.0), run.err  # one came after the end
+    assert code == 3 or (code == 0 and run.time == 3.0), run.err  # one came after the end
     assert "Traceback" not in run.err
     assert "Exception ignored" not in run.err
-    assert "interrupt" in run.err or code == 1
+    assert "interrupt" in run.err or code == 0
     assert not any(map(alive, pids))
     if run.bag.exists() and run.time > 0.0:
         assert (run.bag / "metadata.yaml").exists()

@@ -25,21 +25,33 @@ import numpy as np
 import pytest
 from synthetic import hit_run, normal_run, times, with_columns, without_columns
 
+from ppc_attitude.analysis.drawing import BLACK, save
+from ppc_attitude.analysis.envelopes import ENVELOPES
 from ppc_attitude.analysis.figures import (
-    FIGURES,
     angular_velocity_figure,
     applied_torque_figure,
-    attitude_error_figure,
-    auxiliary_state_figure,
     disturbance_figure,
+    error_figure,
     figures_of,
-    rate_error_figure,
+    pointing_figure,
     save_figures,
     transformed_errors_figure,
     zoom_window,
 )
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.series import AnalysisError
 
+NAMES = [
+    "pointing_error",
+    "attitude_error",
+    "rate_error",
+    "applied_torque",
+    "angular_velocity",
+    "disturbance",
+    "transformed_errors",
+    "auxiliary_state",
+]
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -76,44 +88,83 @@ def levels(axes):
     }
 
 
+def measured(run):
+    return Measured(run, PAPER)
+
+
 def test_the_attitude_error_in_its_envelope(normal):
-    figure = attitude_error_figure(normal)
-    linear, logarithmic = figure.axes
+    linear, logarithmic = error_figure(measured(normal), ENVELOPES[0]).axes
     t, error = normal.stamps_ns / 1e9, normal["attitude_error"]
     for k, axis in enumerate("xyz"):
-        shows(labelled(linear)[f"$q_{{ev,{axis}}}$"], t, error[:, k])
-        shows(labelled(logarithmic)[f"$q_{{ev,{axis}}}$"], t, np.abs(error[:, k]))
+        shows(labelled(linear)[axis], t, error[:, k])
+        shows(labelled(logarithmic)[axis], t, np.abs(error[:, k]))
     drawn = [line.get_ydata() for line in linear.get_lines()]
     for k in range(3):
         for sign in (1, -1):
             bound = sign * normal["attitude_envelope"][:, k]
             assert any(np.array_equal(bound, each) for each in drawn)
-    assert r"$\pm\rho_q$" in labelled(linear)
-    assert linear.get_ylabel() == "$q_{ev}$ [1]"
-    assert logarithmic.get_ylabel() == "$|q_{ev}|$ [1]"
+    assert linear.get_ylabel() == "attitude error $q_{e}$ [1]"
+    assert logarithmic.get_ylabel() == "|attitude error $q_{e}$| [1]"
     assert logarithmic.get_yscale() == "log"
-    assert {5e-3, 5e-4} <= levels(logarithmic)
     assert linear.get_xlabel() == "time [s]"
     assert linear.get_xlim() == (0.0, 70.0)
 
 
+def test_the_pointing_error_in_degrees(normal):
+    (axes,) = pointing_figure(measured(normal)).axes
+    (line,) = [each for each in axes.get_lines() if len(each.get_xdata()) > 2]
+    size = np.linalg.norm(normal["attitude_error"][:, :3], axis=1)
+    assert np.allclose(line.get_ydata(), np.rad2deg(2.0 * np.arcsin(size)), rtol=1e-6, atol=1e-9)
+    assert axes.get_ylabel() == "attitude error, angle [deg]"
+
+
+def test_the_three_errors_are_drawn_where_they_differ(normal):
+    told = with_columns(normal, truth_attitude=normal["reference_attitude"])
+    (axes,) = pointing_figure(measured(told)).axes
+    assert list(labelled(axes)) == [
+        "pointing: truth against reference",
+        "control: told against reference",
+        "knowledge: truth against told",
+    ]
+
+
+def test_limits_are_drawn_where_they_are_judged(hit):
+    longer = normal_run(120.0)
+    for run, label, judged in (
+        (hit, "settled < 0.005", lambda t: (t >= 60.0) & ~((t >= 80.0) & (t <= 90.0))),
+        (hit, "terminal < 0.0005", None),  # the hit at 80 s leaves too little time
+        (longer, "terminal < 0.0005", lambda t: t >= 100.0),
+    ):
+        lines = labelled(error_figure(measured(run), ENVELOPES[0]).axes[1])
+        assert (label in lines) is (judged is not None)
+        if judged is not None:
+            t, level = lines[label].get_data()
+            inside = judged(t)
+            assert np.isfinite(level[inside]).mean() > 0.98
+            assert np.isnan(level[~inside]).mean() > 0.98
+    bottom = angular_velocity_figure(measured(hit)).axes[1]
+    t, level = labelled(bottom)["limit 3 deg/s, judged to 20 s"].get_data()
+    assert t[np.isfinite(level)].max() < 20.0
+
+
 def test_the_rate_error_in_its_envelope(normal):
-    linear, logarithmic = rate_error_figure(normal).axes
-    shows(labelled(linear)["$z_{2,y}$"], normal.stamps_ns / 1e9, normal["rate_error"][:, 1])
-    assert linear.get_ylabel() == "$z_2$ [rad/s]"
+    linear, logarithmic = error_figure(measured(normal), ENVELOPES[1]).axes
+    z2 = np.rad2deg(normal["rate_error"])
+    shows(labelled(linear)["y"], normal.stamps_ns / 1e9, z2[:, 1])
+    assert linear.get_ylabel() == "rate error z2 [deg/s]"  # as the angular velocity
     assert logarithmic.get_yscale() == "log"
     assert len(linear.get_lines()) == 3 + 6 + 1
-    assert len(logarithmic.get_lines()) == 3 + 3
+    assert len(logarithmic.get_lines()) == 3 + 3 + 1
 
 
 def test_the_applied_torque_and_its_limits(normal):
-    (axes,) = applied_torque_figure(normal).axes
+    (axes,) = applied_torque_figure(measured(normal)).axes
     t = normal.stamps_ns / 1e9
-    shows(labelled(axes)[r"$\tau_{z}$"], t, normal["applied_torque"][:, 2])
+    shows(labelled(axes)["z"], t, normal["applied_torque"][:, 2])
     assert levels(axes) == {0.05, -0.05}
     assert axes.get_ylabel() == "applied torque [N·m]"
     weak = replace(normal, parameters={"spacecraft_plant": {"max_torque": 0.02}})
-    (axes,) = applied_torque_figure(weak).axes
+    (axes,) = applied_torque_figure(measured(weak)).axes
     assert levels(axes) == {0.02, -0.02}
     assert axes.get_ylim()[1] > 0.05  # what broke the limit is in view
 
@@ -122,59 +173,63 @@ def test_the_angular_velocity_over_the_desired_one_in_body_axes(normal):
     t = normal.stamps_ns / 1e9
     # A craft turned by 90° about z: what the desired frame has on x, the body has on −y.
     half = np.sqrt(0.5)
-    turned = with_columns(
+    run = with_columns(
         normal,
         attitude=np.tile([0.0, 0.0, half, half], (t.size, 1)),
+        reference_attitude=np.tile([0.0, 0.0, 0.0, 1.0], (t.size, 1)),
         reference_angular_velocity=np.tile([np.deg2rad(0.5), 0.0, 0.0], (t.size, 1)),
     )
-    top, bottom = angular_velocity_figure(turned).axes
-    rate = np.rad2deg(turned["angular_velocity"])
-    shows(labelled(top)[r"$\omega_{s,x}$"], t, rate[:, 0])
-    dotted = [line.get_ydata() for line in top.get_lines() if line.get_linestyle() != "-"][:3]
-    assert np.allclose(np.column_stack(dotted), [0.0, -0.5, 0.0], atol=1e-12)
-    norm = labelled(bottom)[r"$\|\omega_s\|$"]
+    top, bottom = angular_velocity_figure(measured(run)).axes
+    rate = np.rad2deg(run["angular_velocity"])
+    shows(labelled(top)["x"], t, rate[:, 0])
+    desired = np.column_stack([labelled(top)[f"{axis} desired"].get_ydata() for axis in "xyz"])
+    assert np.allclose(desired, [0.0, -0.5, 0.0], atol=1e-12)
+    norm = labelled(bottom)["norm"]
     assert np.allclose(norm.get_ydata(), np.sqrt((rate**2).sum(axis=1)), rtol=1e-14)
-    assert levels(bottom) == {3.0}
+    assert set(labelled(bottom)["limit 3 deg/s"].get_ydata()) == {3.0}
     assert "deg/s" in top.get_ylabel()
     assert "deg/s" in bottom.get_ylabel()
 
 
 def test_a_run_without_reference_still_shows_its_rate(normal):
-    top, _ = angular_velocity_figure(without_columns(normal, "reference_angular_velocity")).axes
-    assert list(labelled(top)) == [rf"$\omega_{{s,{axis}}}$" for axis in "xyz"]
+    run = measured(without_columns(normal, "reference_angular_velocity"))
+    assert list(labelled(angular_velocity_figure(run).axes[0])) == ["x", "y", "z"]
 
 
 def test_the_disturbance(normal, hit):
-    (axes,) = disturbance_figure(normal).axes
-    shows(labelled(axes)["$d_{x}$"], normal.stamps_ns / 1e9, normal["disturbance_torque"][:, 0])
-    whole, enlarged = disturbance_figure(hit).axes
+    (axes,) = disturbance_figure(measured(normal)).axes
+    shows(labelled(axes)["x"], normal.stamps_ns / 1e9, normal["disturbance_torque"][:, 0])
+    whole, enlarged = disturbance_figure(measured(hit)).axes
     assert whole.get_ylim()[1] > 0.8
     assert 3e-3 < enlarged.get_ylim()[1] < 5e-3
     assert "N·m" in whole.get_ylabel()
 
 
 def test_the_transformed_errors(normal, hit):
-    attitude, rate = transformed_errors_figure(normal).axes
+    attitude, rate = transformed_errors_figure(measured(normal)).axes
     epsilon = normal["attitude_error"][:, :3] / normal["attitude_envelope"]
-    shows(labelled(attitude)[r"$\varepsilon_{q,x}$"], normal.stamps_ns / 1e9, epsilon[:, 0])
+    shows(labelled(attitude)["x"], normal.stamps_ns / 1e9, epsilon[:, 0])
     epsilon = normal["rate_error"] / normal["rate_envelope"]
-    shows(labelled(rate)[r"$\varepsilon_{\omega,z}$"], normal.stamps_ns / 1e9, epsilon[:, 2])
+    shows(labelled(rate)["z"], normal.stamps_ns / 1e9, epsilon[:, 2])
     assert levels(attitude) == levels(rate) == {1.0, -1.0}
     far = with_columns(hit, rate_error=1e3 * hit["rate_envelope"])
-    assert [axes.get_yscale() for axes in transformed_errors_figure(far).axes] == [
-        "linear",
-        "symlog",
-    ]
+    attitude, rate = transformed_errors_figure(measured(far)).axes
+    assert (attitude.get_yscale(), rate.get_yscale()) == ("linear", "symlog")
+    assert "logarithmic beyond ±1" in rate.get_ylabel()
+    assert "logarithmic" not in attitude.get_ylabel()
 
 
-def test_the_auxiliary_state(normal):
-    (axes,) = auxiliary_state_figure(normal).axes
-    assert list(labelled(axes)) == [rf"$\theta_{{{axis}}}$" for axis in "xyz"]
-    shows(labelled(axes)[r"$\theta_{y}$"], normal.stamps_ns / 1e9, normal["auxiliary_state"][:, 1])
+def test_what_a_law_has_besides_is_drawn_as_it_is_declared(normal):
+    caption, figure = figures_of(normal)["auxiliary_state"]
+    (axes,) = figure.axes
+    assert caption == "Anti-saturation state θ"
+    assert axes.get_ylabel() == "auxiliary state [1]"
+    shows(labelled(axes)["y"], normal.stamps_ns / 1e9, normal["auxiliary_state"][:, 1])
 
 
 def test_a_hit_is_marked_and_shown_closely(hit):
-    *whole, close = attitude_error_figure(hit).axes
+    run = measured(hit)
+    *whole, close = error_figure(run, ENVELOPES[0]).axes
     for axes in whole:
         marks = [line.get_xdata()[0] for line in axes.get_lines() if line.get_marker() == "v"]
         assert marks == [20.0, 80.0]
@@ -182,8 +237,26 @@ def test_a_hit_is_marked_and_shown_closely(hit):
     assert close.get_xlim() == (78.0, 92.0)
     bound = hit["attitude_envelope"][7800:9201].max()
     assert close.get_ylim()[1] == pytest.approx(1.1 * bound, rel=1e-12)
-    assert rate_error_figure(hit).axes[2].get_yscale() == "log"
-    assert applied_torque_figure(hit).axes[1].get_xlim() == (78.0, 92.0)
+    assert error_figure(run, ENVELOPES[1]).axes[2].get_yscale() == "log"
+    assert applied_torque_figure(run).axes[1].get_xlim() == (78.0, 92.0)
+
+
+def test_every_line_is_in_a_legend(normal, hit):
+    """By its colour and dashes, or, for an envelope, by the black dashes that stand for all."""
+    for run in (normal, hit):
+        for name, (_, figure) in figures_of(run).items():
+            told = {
+                (line.get_color(), line.get_linestyle() == "-", line.get_marker())
+                for axes in figure.axes
+                if axes.get_legend() is not None
+                for line in axes.get_legend().get_lines()
+            }
+            for line in (line for axes in figure.axes for line in axes.get_lines()):
+                if len(line.get_xdata()) == 0 or line.get_zorder() == 0.5:  # or under a hit's mark
+                    continue
+                colour, plain = line.get_color(), line.get_linestyle() == "-"
+                known = {(colour, plain, line.get_marker()), (BLACK, plain, "None")}
+                assert known & told, (name, line)
 
 
 @pytest.mark.parametrize(
@@ -197,35 +270,41 @@ def test_a_hit_is_marked_and_shown_closely(hit):
     ],
 )
 def test_what_is_shown_closely(hits, window):
-    assert zoom_window(times(120.0)[1], hits) == window
+    assert zoom_window(times(120.0)[1], hits, 60.0) == window
 
 
 def test_every_panel_tells_its_time_and_unit(normal, hit):
     for run in (normal, hit):
-        for name, figure in figures_of(run).items():
+        for name, (_, figure) in figures_of(run).items():
             assert figure.axes[-1].get_xlabel() == "time [s]", name
             assert all(axes.get_ylabel().endswith("]") for axes in figure.axes), name
             assert figure.get_size_inches()[0] == 3.5
 
 
-def test_figures_are_saved(tmp_path, hit):
+def test_figures_are_saved_and_nothing_collides(tmp_path, hit, recwarn):
+    """A layout that does not fit is told by a warning."""
     folder = tmp_path / "new" / "folder"
     paths = save_figures(hit, folder)
-    assert paths == [folder / f"{name}.png" for name in FIGURES]
-    assert all(path.read_bytes().startswith(PNG) for path in paths)
-
-
-def test_nothing_collides(tmp_path, hit, recwarn):
-    """A layout that does not fit is told by a warning."""
-    save_figures(hit, tmp_path)
+    assert [path.stem for path in paths] == NAMES
+    assert all(path.parent == folder and path.read_bytes().startswith(PNG) for path in paths)
     assert [str(each.message) for each in recwarn if each.category is UserWarning] == []
 
 
-def test_only_what_the_controller_has(tmp_path, normal):
+def test_figures_are_saved_as_drawings_too(tmp_path, normal):
+    paths = save_figures(normal, tmp_path, formats=["svg", "pdf"])
+    starts = {".svg": b"<?xml", ".pdf": b"%PDF"}
+    assert len(paths) == 2 * len(NAMES)
+    assert all(path.read_bytes().startswith(starts[path.suffix]) for path in paths)
+    with pytest.raises(AnalysisError, match=r"must end in .png, .svg, .pdf"):
+        save(figures_of(normal)["disturbance"][1], tmp_path / "a.bmp")
+
+
+def test_only_what_the_controller_has(normal):
     plain = without_columns(
         normal, "attitude_envelope", "rate_error", "rate_envelope", "auxiliary_state"
     )
-    assert [path.stem for path in save_figures(plain, tmp_path)] == [
+    assert list(figures_of(plain)) == [
+        "pointing_error",
         "attitude_error",
         "applied_torque",
         "angular_velocity",
@@ -236,8 +315,8 @@ def test_only_what_the_controller_has(tmp_path, normal):
 def test_missing_samples_are_gaps(normal):
     rows = normal["attitude_error"].copy()
     rows[100:200] = np.nan
-    linear = attitude_error_figure(with_columns(normal, attitude_error=rows)).axes[0]
-    drawn = labelled(linear)["$q_{ev,x}$"].get_ydata()
+    run = measured(with_columns(normal, attitude_error=rows))
+    drawn = labelled(error_figure(run, ENVELOPES[0]).axes[0])["x"].get_ydata()
     assert np.isnan(drawn[100:200]).all()
     assert np.isfinite(drawn[200:]).all()
 

@@ -27,7 +27,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.contract.cdr import Codec, stamp_of
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -50,6 +50,7 @@ from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
+from ppc_attitude.science.stamps import stamp_of
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
@@ -121,9 +122,9 @@ class Patient:
 
     def starve(self) -> None:
         """Let a silence pass, without waiting for it."""
-        self.node._last_activity -= 10.0
+        self.node.health._active_at -= 10.0
         if isinstance(self.node, SpacecraftPlant):
-            self.node._waiting_since -= 10.0
+            self.node.pace.waiting_since -= 10.0
         self.said.clear()
 
     def says(self, level: bytes, text: str = "") -> dict[str, str]:
@@ -170,7 +171,7 @@ def test_a_fed_node_runs_and_a_starved_one_is_stale(
     patient.feed(1)
     patient.said.clear()
     patient.until(lambda: not patient.node.is_idle())
-    patient.node.restart_report()
+    patient.node.health.begin_again()
     patient.feed(2)
     patient.says(OK)
 
@@ -186,8 +187,8 @@ def test_a_refusal_is_a_warning_with_a_count(
     patient.says(OK)
     topic, values = next(iter(NEEDS[kind][0].items()))
     patient.send({topic: (float("nan"), *values[1:])}, 1)
-    patient.until(lambda: patient.node.refused.total() > 0)
-    patient.node.restart_report()
+    patient.until(lambda: patient.node.health.refused.total() > 0)
+    patient.node.health.begin_again()
     patient.feed(1 if kind is SpacecraftPlant else 2)
     assert patient.says(WARN, "refused 1")[f"refused {topic.name}"] == "1"
 
@@ -200,7 +201,7 @@ def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patien
     assert float(calm["attitude_envelope margin"]) == 1.0
     assert float(calm["rate_envelope margin"]) == 1.0
     assert (calm["steps"], calm["steps in saturation"]) == ("1", "0")
-    patient.node.restart_report()
+    patient.node.health.begin_again()
     patient.feed(1, angular_velocity=(0.1, 0.0, 0.0))
     hit = patient.says(WARN, "outside: rate_envelope")
     envelope = 0.08 * math.exp(-0.5 * 0.01)  # ρ_ω of Table II, 0.01 s after its beginning
@@ -222,7 +223,7 @@ def test_the_injector_counts_what_it_takes_and_warns_of_what_it_refuses(
     patient = admit(DisturbanceInjector)
     patient.send({INJECT: (0.1, 0.0, 0.0)}, 500)
     patient.send({INJECT: (99.0, 0.0, 0.0)})
-    patient.until(lambda: patient.node.refused[INJECT.name] == 1)
+    patient.until(lambda: patient.node.health.refused[INJECT.name] == 1)
     patient.feed(0)
     values = patient.says(WARN, "refused 1")
     assert values["injections accepted"] == "1"
@@ -239,20 +240,11 @@ def test_a_free_plant_without_commands_warns(admit: Callable[..., Patient]) -> N
 
 def test_a_plant_that_diverges_says_so_before_it_ends(admit: Callable[..., Patient]) -> None:
     patient = admit(SpacecraftPlant)
-    patient.node._omega = (1e200, 0.0, 0.0)
+    patient.node._motion.parts[0].state["rate"] = 1e200
     patient.feed(0)
     patient.says(ERROR, "diverged")
     assert patient.node.finished
     assert patient.node.exit_code == EXIT_BROKEN
-
-
-def test_a_plant_that_meets_another_reports_it(admit: Callable[..., Patient]) -> None:
-    patient = admit(SpacecraftPlant)
-    rival: Any = patient.node._rival
-    rival._found, rival._found_at = "another node publishes attitude", time.monotonic()
-    patient.feed(0)
-    patient.says(ERROR, "another node publishes attitude")
-    assert not patient.node.finished
 
 
 def test_a_recorder_that_cannot_write_says_so_before_it_ends(

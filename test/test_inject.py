@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import StartProcess
+from process_helpers import PATIENCE
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.reader import read_run
@@ -29,7 +30,6 @@ from ppc_attitude.command_line.main import main
 from ppc_attitude.nodes import inject
 
 ROOT = Path(__file__).parent.parent
-PATIENCE = 120.0  # [s]
 TORQUE = (0.3, -0.2, 0.1)  # [N·m]
 
 pytestmark = pytest.mark.ros
@@ -65,7 +65,7 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
     injection = start_process(command("inject", *torque, "--duration", "0.25", "--at", "9.0"))
     out, err = injection.communicate(timeout=PATIENCE)
     assert injection.returncode == 0, err
-    assert "injected" in out
+    assert "acts from t = 9.000000 s to 9.250000 s" in out
     _, err = run.communicate(timeout=PATIENCE)
     assert run.returncode in (0, 1), err
 
@@ -85,4 +85,4 @@ def test_nobody_to_inject_into_is_said(
     monkeypatch.setattr(inject, "_PATIENCE", 0.5)
     assert main(["inject", "0.1", "0.1", "0.1"]) == errors.BROKEN
     err = capsys.readouterr().err
-    assert "nobody listens on /disturbance/inject" in err
+    assert "nobody offers /disturbance_injector/inject" in err

@@ -64,7 +64,7 @@ def test_division() -> None:
             "print(barrier_gradient((1.0, 0.0, 0.0), 1.0, 1.0))",
         ),
         (
-            "contract/cdr.py",
+            "science/stamps.py",
             "return stamp_ns * 1e-9",
             "return stamp_ns * 2e-9",
             "from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of\n"

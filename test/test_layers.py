@@ -32,42 +32,49 @@ ROS = {
     "rcl_interfaces",
     "rclpy",
     "rosgraph_msgs",
+    "sensor_msgs",
     "std_msgs",
     "std_srvs",
     "tf2_ros",
+    "trajectory_msgs",
     "visualization_msgs",
 }
 # Floor: the floors below that it may import, and the only modules of others that it may import.
 FLOORS: dict[str, tuple[set[str], set[str]]] = {
-    "science": (set(), {"numba", "numpy", "scipy"}),
+    # flint only in science/guarantee: interval arithmetic, imported where it is used.
+    "science": (set(), {"flint", "numba", "numpy", "scipy"}),
+    "processes": (set(), set()),
     "contract": ({"science"}, {"numpy", "yaml"}),
     "simulation": ({"science", "contract"}, {"numba", "numpy", "yaml"}),
     "analysis": ({"science", "contract"}, {"matplotlib", "numpy"}),
     "campaign": (
-        {"science", "contract", "simulation", "analysis"},
+        {"science", "contract", "simulation", "analysis", "processes"},
         {"distributed", "matplotlib", "numpy", "pyarrow", "yaml"},
     ),
+    "falsify": ({"science", "contract", "simulation"}, {"cma", "numpy"}),
     "bags": (
         {"science", "contract"},
         {"lz4", "mcap", "numpy", "pyarrow", "rosbags", "yaml", "zstandard"},
     ),
-    "nodes": ({"science", "contract", "simulation", "bags"}, {"numpy"} | ROS),
-    "command_line": (
-        {"science", "contract", "simulation", "analysis", "campaign", "bags", "nodes"},
-        {"argcomplete", "launch", "launch_ros", "numpy", "rich", "tqdm", "yaml"} | ROS,
+    "runtime": ({"science", "contract"}, set()),
+    "nodes": (
+        {"science", "contract", "simulation", "runtime", "bags", "processes"},
+        {"numpy"} | ROS,
     ),
-    "bench": (
+    "command_line": (
         {
             "science",
             "contract",
             "simulation",
             "analysis",
             "campaign",
+            "falsify",
             "bags",
             "nodes",
-            "command_line",
+            "processes",
         },
-        {"Basilisk", "numpy", "rosbags"} | ROS,
+        {"argcomplete", "distributed", "launch", "launch_ros", "numpy", "rich", "tqdm", "yaml"}
+        | ROS,
     ),
 }
 

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from record_helpers import inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import log_barrier
-from ppc_attitude.science.controllers.interface import new_command, new_measurement
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
@@ -62,7 +62,10 @@ def test_alpha_and_its_derivative_along_the_motion(seed: int) -> None:
 
 def test_step_is_the_reconstruction_of_the_spec() -> None:
     gains = log_barrier.configure(resolved(log_barrier.PARAMETERS, {}, "ppc_controller"))
-    measurement, memory = new_measurement(), log_barrier.CONTROLLER.new_memory()
+    measurement, memory = (
+        inputs_of(log_barrier.COMPONENT),
+        state_of(log_barrier.COMPONENT),
+    )
     error = Rotation.from_rotvec([0.2, -0.1, 0.15])
     omega, t = np.array([0.01, -0.02, 0.015]), 10.0
     measurement["attitude"], measurement["angular_velocity"] = error.as_quat(), omega
@@ -92,7 +95,7 @@ def test_step_is_the_reconstruction_of_the_spec() -> None:
         - 1e-3 * f.T @ chi
         - gains["D_m"] * np.tanh(z / gains["mu"])
     )
-    command = new_command()
+    command = outputs_of(log_barrier.COMPONENT)
     log_barrier.step(measurement, memory, gains, command)
     assert np.allclose(command["unsaturated_torque"], expected, rtol=1e-7, atol=1e-10)
     assert np.allclose(command["torque_command"], np.clip(expected, -0.05, 0.05), atol=1e-9)
@@ -123,8 +126,11 @@ def test_after_a_hit_it_settles_outside_near_the_predicted_error() -> None:
 def test_it_never_divides_by_zero() -> None:
     gains = log_barrier.configure(resolved(log_barrier.PARAMETERS, {}, "ppc_controller"))
     for scalar in (0.0, -0.0, 1e-12):
-        measurement, command = new_measurement(), new_command()
+        measurement, command = (
+            inputs_of(log_barrier.COMPONENT),
+            outputs_of(log_barrier.COMPONENT),
+        )
         measurement["attitude"] = (0.6, 0.64, 0.48, scalar)
         measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
-        log_barrier.step(measurement, log_barrier.CONTROLLER.new_memory(), gains, command)
+        log_barrier.step(measurement, state_of(log_barrier.COMPONENT), gains, command)
         assert np.isfinite(command["torque_command"]).all()

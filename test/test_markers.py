@@ -162,7 +162,7 @@ def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
     scene.send(ATTITUDE, (0.0, 0.0, 0.0, 2.0))
     scene.arrived(ATTITUDE)
     scene.node.wake()
-    scene.until(lambda: scene.node.refused[ATTITUDE.name] > 0 or not scene.node.wake())
+    scene.until(lambda: scene.node.health.refused[ATTITUDE.name] > 0 or not scene.node.wake())
     scene.send(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
     assert scene.picture()["craft", 0].header.stamp.sec == 3
     assert len(scene.drawn) == 1

@@ -15,14 +15,17 @@
 """What arrives from outside: used only if it is a finite, possible message of its topic."""
 
 import math
+import struct
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import ANGULAR_VELOCITY, ATTITUDE, SAMPLED, TORQUE_COMMAND
-from ppc_attitude.nodes.messages import Inbox, RefusedError
+from ppc_attitude.contract.declared import SAMPLED
+from ppc_attitude.contract.topics import ANGULAR_VELOCITY, ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.nodes.messages import Inbox
+from ppc_attitude.runtime.stamps import RefusedError
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
 
@@ -41,7 +44,8 @@ def test_impossible_numbers_are_refused_and_the_topic_is_named(topic, bad):
 def test_a_quaternion_is_normalised_within_a_thousandth_and_refused_beyond():
     sample = read(ATTITUDE, 0, (0.0, 0.0, 0.0, 1.0009))
     assert sample.values == UNIT
-    for norm in (0.0, 0.99, 1.01):
+    assert read(ATTITUDE, 0, (0.0, 0.0, 0.0, 0.0)).values == (0.0,) * 4  # no estimate yet
+    for norm in (1e-6, 0.99, 1.01):
         with pytest.raises(RefusedError, match="norm"):
             read(ATTITUDE, 0, (0.0, 0.0, 0.0, norm))
 
@@ -67,3 +71,13 @@ def test_mutated_bytes_are_refused_or_finite(topic, stamp_ns, data):
         return
     assert sample.stamp_ns >= 0
     assert all(map(math.isfinite, sample.values))
+
+
+def test_a_force_without_a_torque_is_refused():
+    """Whoever fills the wrong half of a wrench is told, instead of doing nothing."""
+    data = bytearray(Codec(TORQUE_COMMAND).encode(0, (0.0, 0.0, 0.0)))
+    data[-40:-32] = struct.pack("<d", 0.3)
+    with pytest.raises(RefusedError, match="force without a torque"):
+        Inbox(TORQUE_COMMAND).read(bytes(data))
+    data[-8:] = struct.pack("<d", 0.1)
+    assert Inbox(TORQUE_COMMAND).read(bytes(data)).values == (0.0, 0.0, 0.1)

@@ -22,11 +22,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from record_helpers import inputs_of, outputs_of, state_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import ppc
-from ppc_attitude.science.controllers.interface import new_command, new_measurement
 from ppc_attitude.science.kernel import matrix, vector
 from ppc_attitude.science.parameter import resolved
 
@@ -51,7 +51,7 @@ def cross(a: Array) -> Array:
 def random_situation(seed: int, gains: Any) -> tuple[Any, Any]:
     """A measurement in mid-run, and a memory as after a saturated sample at the same instant."""
     rng = np.random.default_rng(seed)
-    measurement, memory = new_measurement(), ppc.CONTROLLER.new_memory()
+    measurement, memory = inputs_of(ppc.COMPONENT), state_of(ppc.COMPONENT)
     measurement["t"] = rng.uniform(0.0, 100.0)
     desired = Rotation.random(random_state=rng)
     error = Rotation.from_rotvec(rng.normal(size=3) * 0.2)
@@ -163,7 +163,7 @@ def test_step_is_the_corrected_law(form: str, inertia: list[float], seed: int) -
     gains = configured(virtual_control=form, inertia=inertia, k1=1.3, k2=0.7, F1=1.2, F2=0.9)
     measurement, memory = random_situation(seed, gains)
     expected = unsaturated_torque(measurement, memory, gains, form == "norm")
-    command = new_command()
+    command = outputs_of(ppc.COMPONENT)
     ppc.step(measurement, memory, gains, command)
     sign = np.sign(command["attitude_error"] @ expected["q_e"])
     assert np.allclose(command["attitude_error"], sign * expected["q_e"], atol=1e-14)
@@ -180,10 +180,10 @@ def test_step_is_the_corrected_law(form: str, inertia: list[float], seed: int) -
 def test_the_dead_band_is_not_a_saturation() -> None:
     """Counting what the actuator swallows below 1e-4 N·m would hold the envelopes open."""
     gains = configured()
-    measurement, memory = new_measurement(), ppc.CONTROLLER.new_memory()
+    measurement, memory = inputs_of(ppc.COMPONENT), state_of(ppc.COMPONENT)
     measurement["attitude"] = measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
     measurement["angular_velocity"] = (1e-9, 0.0, 0.0)
-    command = new_command()
+    command = outputs_of(ppc.COMPONENT)
     ppc.step(measurement, memory, gains, command)
     assert 0.0 < abs(command["torque_command"][0]) < 1e-4
     assert np.all(memory["delta_tau"] == 0.0)
@@ -292,7 +292,7 @@ def test_saturation_opens_every_axis_that_it_couples_to() -> None:
 
 def test_without_widening_the_envelopes_are_the_tables() -> None:
     gains = configured(adaptive_envelope=False)
-    memory = ppc.CONTROLLER.new_memory()
+    memory = state_of(ppc.COMPONENT)
     memory["delta_tau"] = (1.0, -1.0, 1.0)
     drive = drive_of(memory, gains)
     ppc.integrate(memory, gains, drive, 0.01, 0.01)
@@ -307,7 +307,7 @@ def test_without_widening_the_envelopes_are_the_tables() -> None:
 
 
 def test_attitude_envelope_never_passes_one() -> None:
-    gains, memory = configured(), ppc.CONTROLLER.new_memory()
+    gains, memory = configured(), state_of(ppc.COMPONENT)
     memory["delta_rho_q"] = (0.5, 0.05, 0.0)
     memory["delta_tau"] = (1.0, 1.0, 1.0)
     rho_q, rho_q_rate, _, _ = ppc.composite_envelopes(

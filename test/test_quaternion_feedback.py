@@ -14,10 +14,10 @@
 
 import numpy as np
 import pytest
+from record_helpers import inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import quaternion_feedback
-from ppc_attitude.science.controllers.interface import new_command, new_measurement
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
@@ -90,10 +90,13 @@ def test_it_takes_the_short_way() -> None:
     )
     torques = []
     for sign in (1.0, -1.0):
-        measurement, command = new_measurement(), new_command()
+        measurement, command = (
+            inputs_of(quaternion_feedback.COMPONENT),
+            outputs_of(quaternion_feedback.COMPONENT),
+        )
         measurement["attitude"] = sign * Rotation.from_rotvec([0.5, 0, 0]).as_quat()
         measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
-        memory = quaternion_feedback.CONTROLLER.new_memory()
+        memory = state_of(quaternion_feedback.COMPONENT)
         quaternion_feedback.step(measurement, memory, gains, command)
         torques.append(command["torque_command"].copy())
     assert torques[0][0] < 0.0
@@ -104,8 +107,11 @@ def test_integral_rests_while_the_error_is_limited_and_is_bounded() -> None:
     gains = quaternion_feedback.configure(
         resolved(quaternion_feedback.PARAMETERS, {}, "ppc_controller")
     )
-    memory, command = quaternion_feedback.CONTROLLER.new_memory(), new_command()
-    measurement = new_measurement()
+    memory, command = (
+        state_of(quaternion_feedback.COMPONENT),
+        outputs_of(quaternion_feedback.COMPONENT),
+    )
+    measurement = inputs_of(quaternion_feedback.COMPONENT)
     measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
 
     def hold(angle: float, seconds: int) -> float:

@@ -29,13 +29,13 @@ import rclpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ppc_attitude.contract.cdr import NANOSECONDS, Codec
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     DISTURBANCE,
     INJECT,
-    QUATERNION,
+    MSGTYPES,
     REFERENCE_ACCELERATION,
     REFERENCE_ATTITUDE,
     REFERENCE_RATE,
@@ -44,11 +44,13 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
-from ppc_attitude.nodes.lockstep import StampGuard
-from ppc_attitude.nodes.messages import Inbox, RefusedError
+from ppc_attitude.nodes.messages import Inbox
 from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
+from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.component import QUATERNION
+from ppc_attitude.science.stamps import NANOSECONDS
 
 INPUTS = (
     ATTITUDE,
@@ -75,8 +77,6 @@ class Loop:
         self._queue: deque[Message] = deque()
         rclpy.init(args=["--ros-args", "-p", "spacecraft_plant:lockstep:=true"])
         self.others = [ReferenceGenerator(), PpcController(), DisturbanceInjector()]
-        for node in self.others:
-            node._guard = StampGuard(lambda: self.now)
         self.plant = SpacecraftPlant()
 
     def _sender(self, topic: Topic) -> Callable[[int, tuple[float, ...]], None]:
@@ -84,7 +84,7 @@ class Loop:
 
         def send(stamp_ns: int, values: tuple[float, ...]) -> None:
             assert all(map(math.isfinite, values)), (topic.name, values)
-            if topic.msgtype == QUATERNION:
+            if topic.msgtype == MSGTYPES[QUATERNION]:
                 assert math.hypot(*values) == pytest.approx(1.0, abs=1e-9)
             if topic is TORQUE_COMMAND:
                 assert max(map(abs, values)) <= MAX_TORQUE
@@ -102,29 +102,29 @@ class Loop:
 
     def goes_on(self, steps: int = 3) -> None:
         """Run until the plant has made some steps; it may take repeated states to be believed."""
-        target = self.plant._step + steps
+        target = self.plant.pace.step + steps
         for _ in range(20):
             self.now += 0.25
             self.plant.wake()
-            while self._queue and self.plant._step < target and not self.plant.finished:
+            while self._queue and self.plant.pace.step < target and not self.plant.finished:
                 self.deliver(self._queue.popleft())
             if self.plant.finished:
                 self._replace_plant()
                 return
-            if self.plant._step >= target:
+            if self.plant.pace.step >= target:
                 return
-        raise AssertionError(f"no step: {self.plant._waiting_text()}")
+        raise AssertionError(f"no step: {self.plant.pace.waiting()}")
 
     def _replace_plant(self) -> None:
         """A torque that is allowed may spin the craft up until it is no craft; that is said."""
         assert self.plant.exit_code == EXIT_BROKEN
-        assert sum(map(abs, self.plant._omega)) > 1e6
+        assert sum(map(abs, self.plant._state["truth_angular_velocity"])) > 1e6
         self.plant.destroy_node()
         self.plant = SpacecraftPlant()
         self._queue.clear()
 
     def refusals(self) -> Counter[str]:
-        return sum((node.refused for node in (*self.others, self.plant)), Counter())
+        return sum((node.health.refused for node in (*self.others, self.plant)), Counter())
 
     def close(self) -> None:
         for node in (*self.others, self.plant):
@@ -155,7 +155,7 @@ def messages(draw: st.DrawFn) -> tuple[Topic, bytes, bool]:
         return topic, draw(st.binary(max_size=120)), False
     values = draw(st.tuples(*[ANY_NUMBER] * topic.width))
     length = math.hypot(*values)
-    if topic.msgtype == QUATERNION and 0.0 < length < 1e300 and draw(st.booleans()):
+    if topic.msgtype == MSGTYPES[QUATERNION] and 0.0 < length < 1e300 and draw(st.booleans()):
         scale = draw(st.sampled_from([1.0, 0.9995, 1.0009, 1.01])) / length
         values = tuple(value * scale for value in values)
     frame = draw(st.sampled_from([topic.frame_id] * 4 + ["", "moon"]))
@@ -195,7 +195,7 @@ def test_random_messages_never_make_a_torque_wrong_or_end_the_loop(loop: Loop) -
     def send(batch: list[tuple[Topic, bytes, bool]]) -> None:
         nonlocal sent
         for topic, data, present in batch:
-            data = at(data, loop.plant._stamp) if present and len(data) >= 12 else data
+            data = at(data, loop.plant.pace.stamp) if present and len(data) >= 12 else data
             before = loop.refusals()[topic.name]
             loop.deliver((topic, data))
             if impossible(topic, data):

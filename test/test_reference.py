@@ -14,23 +14,23 @@
 
 import numpy as np
 import pytest
+from record_helpers import new_record
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.science.reference import (
+from ppc_attitude.science.references.paper import (
+    CURSOR,
     REFERENCE,
     desired_acceleration,
     desired_attitude,
-    desired_motion,
     desired_rate,
-    new_cursor,
 )
 
 HALF_DEGREE = np.deg2rad(0.5)
 
 
 def paper() -> np.void:
-    record = np.zeros((), REFERENCE)[()]
+    record = new_record(REFERENCE)
     start = np.array([0.2, -0.5, -0.5, -0.6782])
     record["initial_attitude"] = start / np.linalg.norm(start)
     record["amplitude"] = HALF_DEGREE
@@ -84,7 +84,7 @@ def test_attitude_solves_the_kinematics() -> None:
         rtol=1e-13,
         atol=1e-15,
     ).y.T
-    cursor = new_cursor()
+    cursor = new_record(CURSOR)
     for t, q in zip(times, true, strict=True):
         ours = Rotation.from_quat(desired_attitude(float(t), paper(), cursor))
         assert (Rotation.from_quat(q).inv() * ours).magnitude() < 1e-11
@@ -95,8 +95,8 @@ TIMES = [0.0, 0.004, 0.01, 3.3333, 59.995, 60.0, 119.99]
 
 @pytest.mark.parametrize("order", ["forward", "backward", "each alone", "finely"])
 def test_attitude_is_a_function_of_time_alone(order: str) -> None:
-    cursor = new_cursor()
-    expected = {t: desired_attitude(t, paper(), new_cursor()) for t in TIMES}
+    cursor = new_record(CURSOR)
+    expected = {t: desired_attitude(t, paper(), new_record(CURSOR)) for t in TIMES}
     if order == "backward":
         found = {t: desired_attitude(t, paper(), cursor) for t in reversed(TIMES)}
     elif order == "finely":
@@ -104,7 +104,7 @@ def test_attitude_is_a_function_of_time_alone(order: str) -> None:
             desired_attitude(k * 1e-3, paper(), cursor)
         found = {119.99: desired_attitude(119.99, paper(), cursor)}
     elif order == "each alone":
-        late = new_cursor()
+        late = new_record(CURSOR)
         desired_attitude(200.0, paper(), late)
         found = {t: desired_attitude(t, paper(), late) for t in TIMES}
     else:
@@ -115,6 +115,7 @@ def test_attitude_is_a_function_of_time_alone(order: str) -> None:
 def test_a_fixed_attitude_stays() -> None:
     record = paper()
     record["amplitude"] = 0.0
-    q, omega, acceleration = desired_motion(500.0, record, new_cursor())
+    q = desired_attitude(500.0, record, new_record(CURSOR))
+    omega, acceleration = desired_rate(500.0, record), desired_acceleration(500.0, record)
     assert np.allclose(q, record["initial_attitude"], atol=1e-15)
     assert np.all(np.array([*omega, *acceleration]) == 0.0)

@@ -15,21 +15,26 @@
 """The page: complete, self-contained, escaped."""
 
 import base64
+import json
 import re
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from synthetic import hit_run, normal_run, with_columns, without_columns
 
-from ppc_attitude.analysis.figures import FIGURES
+from ppc_attitude.analysis.figures import figures_of
+from ppc_attitude.analysis.interactive import plotted, replay
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.report import run_labels, write_report
+from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.series import AnalysisError
 
-VOID = {"meta", "img"}
+VOID = {"meta", "img", "input"}
 
 
 class Page(HTMLParser):
@@ -38,12 +43,15 @@ class Page(HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.open, self.words, self.images, self.attributes, self.tags = [], [], [], [], []
+        self.scripts, self.code = [], ""
         self.feed(text)
         assert self.open == []
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
         self.attributes += attrs
+        if tag == "script":
+            self.scripts.append((tag, attrs))
         if tag == "img":
             self.images.append(dict(attrs))
         if tag not in VOID:
@@ -53,7 +61,9 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if not self.open or self.open[-1] != "style":
+        if self.open and self.open[-1] == "script":
+            self.code += data
+        elif not self.open or self.open[-1] != "style":
             self.words.append(data)
 
     @property
@@ -68,47 +78,122 @@ def report(tmp_path, *runs):
     return Page(text), text
 
 
-def test_one_run(tmp_path):
-    run = replace(hit_run(), warnings=("the clock jumped",), missing={"torque_command": 2})
-    page, _ = report(tmp_path, run)
+@pytest.fixture(scope="module")
+def one():
+    return replace(hit_run(), warnings=("the clock jumped",), missing={"torque_command": 2})
+
+
+@pytest.fixture(scope="module")
+def page_of_one(one, tmp_path_factory):
+    return report(tmp_path_factory.mktemp("one"), one)
+
+
+@pytest.fixture(scope="module")
+def page_of_two(tmp_path_factory):
+    other = replace(
+        without_columns(normal_run(), "rate_envelope", "auxiliary_state"),
+        controller="log_barrier",
+    )
+    other = with_columns(other, angular_velocity=0 * other["angular_velocity"] + 0.05)
+    return report(tmp_path_factory.mktemp("two"), normal_run(), other)
+
+
+def test_one_run(one, page_of_one):
+    run, (page, _) = one, page_of_one
     verdict = analyse(run)
     for row in verdict.requirements:
-        outcome = "✓ met" if row.met else "✗ failed"
-        assert f"{row.name} {row.value_text} {row.limit_text} {outcome}" in page.text
-    assert f"1 of {len(verdict.requirements)} requirements failed" in page.text
-    assert [image["alt"] for image in page.images] == [caption for caption, _ in FIGURES.values()]
+        mark = {True: "✓ met", False: "✗ NOT MET", None: "– not judged"}[row.met]
+        told = f"{row.name} {row.value_text} {row.limit_text} {row.span_text} {mark} {row.note}"
+        assert told.strip() in page.text
+    assert "ppc: 1 NOT MET, 2 not judged, 8 met of 11 requirements" in page.text
+    assert [image["alt"] for image in page.images] == [
+        caption for caption, _ in figures_of(run).values()
+    ]
     assert "the clock jumped" in page.text
     assert "missing of torque_command 2" in page.text
-    assert "80 0.1 0.8, 0.8, 0.8 3.41" in page.text
-    assert "spacecraft_plant rate 100.0 max_torque 0.05 inertia [2.8, 0, 0, 0, 2.5]" in page.text
+    assert "80 0.1 0.8, 0.8, 0.8 recovered after 3.41 s recovery" in page.text
+    assert "20 0.1 0.8, 0.8, 0.8 recovered after" in page.text
+    assert "spacecraft_plant rate 100.0 Hz max_torque 0.05 N·m inertia [2.8, 0, 0, 0" in page.text
     assert "Versions ppc_attitude 1.0.0 seed 1" in page.text
     assert "120 s in 12001 instants" in page.text
 
 
+def test_one_name_means_one_number_and_says_over_which_part_it_is_taken(tmp_path):
+    run = hit_run()
+    rate = run["angular_velocity"].copy()
+    rate[9000] = np.deg2rad([0.0, 5.0, 0.0])
+    page, _ = report(tmp_path, with_columns(run, angular_velocity=rate))
+    assert "angular rate (norm) 2.397 ≤ 3 deg/s 0 to 20 ✓ met" in page.text
+    assert "(norm) before a sudden disturbance 2.397 deg/s 0 to 20" in page.text
+    assert "(norm), whole run 5 deg/s 0 to 120" in page.text
+    assert "settling time not settled 0 to 20" in page.text
+
+
+def test_the_page_says_whose_it_is_and_hides_what_did_not_run(tmp_path):
+    path = tmp_path / "report.html"
+    law = {"controller": "log_barrier", "k": 3.0, "log_barrier.K1": 0.5, "inertia": [1.0]}
+    run = replace(normal_run(5.0), parameters={"ppc_controller": law})
+    write_report([(run, analyse(run))], path, mission="Aeolus-3", date="2026-11-22 01:00")
+    page = Page(path.read_text(encoding="utf-8"))
+    assert page.text.startswith("Aeolus-3: ppc Aeolus-3: ppc 2026-11-22 01:00")
+    assert "log_barrier.K1 0.5" in page.text
+    assert "inertia [1.0] kg·m²" in page.text
+    assert "k 3.0" not in page.text  # of the law that did not run
+    assert page.tags.count("details") == 3
+
+
 def test_a_good_run(tmp_path):
     page, _ = report(tmp_path, normal_run())
-    assert "All requirements met" in page.text
+    assert "9 met of 9 requirements" in page.text
     assert "✗" not in page.text
     assert "No sudden disturbance." in page.text
 
 
-def test_nothing_comes_from_outside(tmp_path):
-    page, text = report(tmp_path, normal_run(30.0), hit_run(30.0))
-    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+def test_nothing_comes_from_outside(page_of_two):
+    page, text = page_of_two
+    assert not {"link", "iframe", "object"} & set(page.tags)
+    assert "src" not in {name for tag, attrs in page.scripts for name, _ in attrs}
     assert all(image["src"].startswith("data:image/svg+xml;base64,") for image in page.images)
     assert [name for name, _ in page.attributes if name in ("href", "srcset")] == []
     assert "@import" not in text
     assert "url(" not in text
+    assert not re.search(r"fetch\(|XMLHttpRequest|WebSocket|import\(", page.code)
 
 
-def test_every_image_is_a_whole_drawing(tmp_path):
-    page, _ = report(tmp_path, normal_run(10.0))
+def test_every_image_is_a_whole_drawing(page_of_one):
+    page, _ = page_of_one
+    assert page.images
     for image in page.images:
         drawing = base64.b64decode(image["src"].split(",")[1])
         root = ElementTree.fromstring(drawing)
         assert root.tag.endswith("svg")
         outside = re.findall(rb'xlink:href="([^#"][^"]*)"', drawing)
         assert outside == []
+
+
+def test_figures_can_be_zoomed_on_the_numbers_of_the_drawing(page_of_one):
+    """What a browser is given is what the figure's lines show."""
+    figure = figures_of(normal_run(10.0))["applied_torque"][1]
+    (panel,) = json.loads(re.search(r">(.*)<", plotted(figure))[1])
+    assert (panel["label"], panel["scale"]) == ("applied torque [N·m]", "linear")
+    told = {line["label"]: line for line in panel["lines"] if line["label"]}
+    assert list(told) == ["x", "y", "z", "limit ±0.05 N·m"]
+    x, y = (np.frombuffer(base64.b64decode(told["y"][key]), "<f4") for key in "xy")
+    drawn = next(line for line in figure.axes[0].get_lines() if line.get_label() == "y")
+    assert np.array_equal(x, drawn.get_xdata().astype("<f4"))
+    assert np.array_equal(y, drawn.get_ydata().astype("<f4"))
+    page, _ = page_of_one
+    assert page.tags.count("figure") + 2 == page.tags.count("script")  # the replay, the program
+
+
+def test_the_replay_has_the_true_attitude_and_the_reference():
+    run = normal_run(20.0)
+    data = json.loads(re.search(r"json\">(.*)</script>", replay(Measured(run, PAPER)))[1])
+    for name, column in (("attitude", "attitude"), ("reference", "reference_attitude")):
+        rows = np.frombuffer(base64.b64decode(data["columns"][name]), "<f4").reshape(-1, 4)
+        assert np.array_equal(rows, run[column][::2].astype("<f4"))
+    assert data["torque_limit"] == 0.05
+    assert replay(Measured(without_columns(run, "attitude"), PAPER)) == ""
 
 
 def test_whatever_comes_from_the_record_is_escaped(tmp_path):
@@ -123,27 +208,21 @@ def test_whatever_comes_from_the_record_is_escaped(tmp_path):
         missing={nasty: 1},
     )
     page, text = report(tmp_path, run)
-    assert "script" not in page.tags
+    assert "alert(" not in page.code
     assert "b" not in page.tags
-    assert "<script" not in text
     assert page.text.count("alert(") >= 9
     assert nasty in unescape(text)
 
 
-def test_several_runs_are_compared(tmp_path):
-    other = replace(
-        without_columns(normal_run(), "rate_envelope", "auxiliary_state"),
-        controller="log_barrier",
-    )
-    other = with_columns(other, angular_velocity=0 * other["angular_velocity"] + 0.05)
-    page, _ = report(tmp_path, normal_run(), other)
+def test_several_runs_are_compared(page_of_two):
+    page, _ = page_of_two
     text = page.text
     assert "requirement ppc log_barrier limit" in text
-    assert "angular rate (norm) 2.397 ✓ met 4.962 ✗ failed ≤ 3 deg/s" in text
+    assert "angular rate (norm) 2.397 ✓ met 4.962 ✗ NOT MET ≤ 3 deg/s" in text
     assert re.search(r"rate error outside its envelope 0 ✓ met – ≤ 0 s", text)
     captions = [image["alt"] for image in page.images]
-    assert captions[:2] == ["Attitude errors in their envelopes", "Angular velocities"]
-    assert len(captions) == 2 + 7 + 6
+    assert captions[:2] == ["Pointing errors in the envelopes", "Angular velocities"]
+    assert len(captions) == 2 + 8 + 6
 
 
 def test_the_page_is_the_same_each_time(tmp_path):

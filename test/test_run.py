@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.nodes.onlooker import looking_on
 from ppc_attitude.simulation.closed_loop import simulate
@@ -36,7 +37,7 @@ COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 pytestmark = pytest.mark.ros
 
 
-def finished(process, timeout=90.0):
+def finished(process, timeout=120.0):
     out, err = process.communicate(timeout=timeout)
     return process.returncode, out, err
 
@@ -57,7 +58,7 @@ def test_two_runs_and_simulate_agree_to_the_last_bit(tmp_path, start_process):
     bags = [tmp_path / name for name in ("one", "two")]
     for bag in bags:
         code, out, err = finished(run_of(start_process, bag, "--duration", "8"))
-        assert code == 1, err  # eight seconds are too short to settle
+        assert code == 0, err  # eight seconds are too short to settle
         assert out.splitlines()[-1] == f"bag: {bag}"
         assert "8.0/8.0 s" in err.splitlines()[-1]  # the bar ends at the end
     expected = simulate(load([PAPER]), 8.0)
@@ -65,7 +66,7 @@ def test_two_runs_and_simulate_agree_to_the_last_bit(tmp_path, start_process):
         record = read_run(bag)
         assert record.missing_messages == 0
         assert not record.warnings
-        assert replay(record).largest_difference == 0.0
+        assert replay(record).law.largest == 0.0
         assert np.array_equal(record.stamps_ns, expected.stamps_ns)
         assert record.columns.keys() == expected.columns.keys()
         for column, samples in expected.columns.items():
@@ -83,7 +84,9 @@ def wait_for_health(name):
 def test_every_node_alone_ends_cleanly(tmp_path, start_process, number):
     processes = {}
     for name in NODES:
-        arguments = ["--ros-args", "-p", "lockstep:=true"] if name == PLANT else []
+        # Who joins late gets no history, so the bag is complete only if all wait for the recorder.
+        arguments = ["--ros-args", "-p", "wait_for_recorder:=true"] if name != RECORDER else []
+        arguments += ["-p", "lockstep:=true"] if name == PLANT else []
         command = [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *arguments]
         processes[name] = start_process(command, cwd=tmp_path)
     for name in processes:
@@ -92,7 +95,7 @@ def test_every_node_alone_ends_cleanly(tmp_path, start_process, number):
     for process in processes.values():
         process.send_signal(number)
     for name, process in processes.items():
-        code, _, err = finished(process, 30.0)
+        code, _, err = finished(process)
         assert code == 0, (name, err)
         assert "Traceback" not in err
     (bag,) = (tmp_path / "bags").iterdir()
@@ -118,21 +121,23 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_configuration_is_refused_by_commands_and_node(tmp_path, start_process, case):
+def test_bad_configuration_is_refused_by_commands_and_node(
+    tmp_path, start_process, case, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
     node, text, named = BAD[case]
     path = tmp_path / ("nowhere.yaml" if text is None else "bad.yaml")
     if text is not None:
         path.write_text(f"/**/{node}:\n  ros__parameters:\n    {text}\n")
-    commands = [
-        [*COMMAND, command, "--config", str(PAPER), "--config", str(path)]
-        for command in ("run", "simulate", "check")
-    ]
     files = ["--params-file", str(PAPER), "--params-file", str(path)]
-    commands.append([sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args", *files])
-    processes = [start_process(command, cwd=tmp_path) for command in commands]
-    for process in processes:
-        code, _, err = finished(process)
-        assert code == 2, err
+    command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args", *files]
+    refused = finished(start_process(command))
+    said = {node: (refused[0], refused[2])}
+    for name in ("run", "simulate", "check"):
+        code = main([name, "--config", str(PAPER), "--config", str(path)])
+        said[name] = code, capsys.readouterr().err
+    for name, (code, err) in said.items():
+        assert code == 2, (name, err)
         assert named in err
         assert "Traceback" not in err
     assert not (tmp_path / "bags").exists()
@@ -190,22 +195,19 @@ def test_the_bag_of_an_interrupted_run_can_be_read(tmp_path, start_process):
     assert (tmp_path / "bag" / "metadata.yaml").exists()
     analysis = start_process([*COMMAND, "analyse", str(tmp_path / "bag"), "--json"])
     code, out, _ = finished(analysis)
-    assert code == 1
+    assert code == 0
     assert json.loads(out)["missing_messages"] == 0
 
 
-@pytest.mark.parametrize(
-    "kept", [True, pytest.param(False, marks=pytest.mark.long)], ids=["kept", "not kept"]
-)
-def test_latency_tells_of_a_bag_only_if_it_is_kept(tmp_path, start_process, kept):
+def test_latency_is_that_of_a_run_with_its_bag_and_verdict(tmp_path, start_process):
     bag = tmp_path / "bag"
-    options = ["--bag", str(bag)] if kept else []
-    command = [*COMMAND, "latency", "--config", str(PAPER), "--duration", "5", *options]
-    code, out, err = finished(start_process(command))
-    assert code in (1, 3), err  # too short to settle; a busy machine may lose some
+    options = ["--rate", "50", "--duration", "5", "--bag", str(bag)]
+    code, out, err = finished(
+        start_process([*COMMAND, "latency", "--config", str(PAPER), *options])
+    )
+    assert code in (0, 3), err  # a busy machine may lose some
+    assert out.startswith("states ")
+    assert "deadline 20 ms" in out
     assert "state to torque: p50" in out
-    assert "deadline 10 ms" in out
-    assert bag.exists() == kept
-    line = [each for each in (out + err).splitlines() if each.startswith("bag: ")][-1]
-    assert line == (f"bag: {bag}" if kept else "bag: not kept")
-    assert "ppc_attitude_latency_" not in out
+    assert out.splitlines()[-1] == f"bag: {bag}"
+    assert read_run(bag).parameters[PLANT]["rate"] == 50.0

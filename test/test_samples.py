@@ -21,26 +21,33 @@ import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
-from ppc_attitude.contract.topics import SAMPLED
-from ppc_attitude.science.controllers.registry import CONTROLLERS
 from ppc_attitude.science.kernel import kernel
-from ppc_attitude.simulation.closed_loop import run_samples, stamps_of, timetable_of
-from ppc_attitude.simulation.samples import ROWS, columns_of, new_samples
+from ppc_attitude.science.kinds import CONTROLLERS
+from ppc_attitude.simulation.closed_loop import (
+    columns_of,
+    new_samples,
+    run_samples,
+    stamps_of,
+    timetable_of,
+)
+from ppc_attitude.simulation.diagram import recorded_columns
 from ppc_attitude.simulation.scenario import scenario
 
 STEPS = 12_000
 
 
-def test_every_topic_has_its_own_rows() -> None:
-    samples = new_samples(7)
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_every_recorded_column_has_its_own_rows(noise: float) -> None:
+    case = scenario({"spacecraft_plant": {"attitude_noise": noise}})
+    samples = new_samples(case, 7)
     samples += np.arange(len(samples))[:, None]
-    columns = columns_of(samples)
+    columns = columns_of(case, np.arange(7), samples)
+    assert ("truth_attitude" in columns) == bool(noise)
     assert [(name, rows.shape) for name, rows in columns.items()] == [
-        (topic.column, (7, topic.width)) for topic in SAMPLED
+        (column.name, (7, column.width)) for column in recorded_columns(case.parameters)
     ]
     together = np.concatenate(list(columns.values()), axis=1)
-    assert np.array_equal(together, np.broadcast_to(np.arange(len(samples)), together.shape))
-    assert all(rows[0, 0] == getattr(ROWS, name) for name, rows in columns.items())
+    assert np.array_equal(together, np.broadcast_to(np.arange(together.shape[1]), together.shape))
 
 
 @pytest.fixture
@@ -70,7 +77,7 @@ def test_an_allocation_in_a_step_would_be_seen(counted: Callable[..., int]) -> N
     assert counted(lambda: wasteful(STEPS)) >= STEPS
 
 
-@pytest.mark.parametrize("law", CONTROLLERS)
+@pytest.mark.parametrize("law", CONTROLLERS.components)
 def test_a_step_allocates_nothing(law: str, counted: Callable[..., int]) -> None:
     case = scenario(
         {
@@ -87,7 +94,7 @@ def test_a_step_allocates_nothing(law: str, counted: Callable[..., int]) -> None
     def costs(steps: int) -> tuple[int, int]:
         """Blocks that the compiled loop takes, and the most that Python holds meanwhile."""
         stamps = stamps_of(100.0, steps / 100.0)
-        samples, timetable = new_samples(stamps.size), timetable_of(case, stamps)
+        samples, timetable = new_samples(case, stamps.size), timetable_of(case, stamps)
         run_samples(case, stamps, samples, timetable)
         tracemalloc.start()
         blocks = counted(lambda: run_samples(case, stamps, samples, timetable))

@@ -19,16 +19,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.simulation.scenario import (
-    initial_state,
-    load,
-    plant_record,
-    pulses,
-    read_files,
-    reference_record,
-    scenario,
-)
+from ppc_attitude.science.plants import rigid_body
+from ppc_attitude.science.references import paper
+from ppc_attitude.science.sensors import direct
+from ppc_attitude.simulation.scenario import load, read_files, scenario
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -43,8 +39,10 @@ def one(node: str, body: str) -> str:
     return f"{node}:\n  ros__parameters:\n    {body}\n"
 
 
-# campaign.yaml holds what a campaign draws, and is not a scenario.
-OVERLAYS = sorted(path for path in CONFIG.glob("*.yaml") if path.stem != "campaign")
+# These hold what a campaign draws and what a run is judged by, and are no scenarios.
+OVERLAYS = sorted(
+    path for path in CONFIG.glob("*.yaml") if path.stem not in ("campaign", "requirements")
+)
 
 
 @pytest.mark.parametrize("path", OVERLAYS, ids=lambda path: path.stem)
@@ -60,10 +58,10 @@ def test_the_papers_file_has_the_papers_numbers() -> None:
     assert table_1 == [1.0, 1e-4, 0.05, 60.0, 5e-3]
     table_2 = [law[f"rate_envelope.{name}"] for name in FIELDS]
     assert table_2 == [0.08, 3e-5, 0.5, 40.0, 3e-5]  # ρ_e∞ repaired
-    q, omega = initial_state(case.parameters["spacecraft_plant"])
+    body = rigid_body.configure(case.parameters["spacecraft_plant"])
     rounded = np.array([0.1554, 0.4271, 0.4792, 0.7509])
-    assert np.allclose(q, rounded / np.linalg.norm(rounded), atol=1e-15)
-    assert omega == (0.0, 0.0, 0.0)
+    assert np.allclose(body["initial_attitude"], rounded / np.linalg.norm(rounded), atol=1e-15)
+    assert body["initial_rate"].tolist() == [0.0, 0.0, 0.0]
 
 
 FIELDS = ("initial", "exponential_terminal", "decay", "settling_time", "terminal")
@@ -111,7 +109,7 @@ def test_whole_numbers_and_empty_lists_are_numbers_and_lists(tmp_path: Path) -> 
     values = load([path, path_2]).parameters
     assert isinstance(values["spacecraft_plant"]["rate"], float)
     assert values["spacecraft_plant"]["wait_for"] == []
-    assert pulses(values["disturbance_injector"]).size == 0
+    assert scheduled_pulses(values["disturbance_injector"]).size == 0
 
 
 @pytest.mark.parametrize(
@@ -178,7 +176,11 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("reference_generator", {"period_constant": [30, 0, 40]}, "period_constant .*allowed|= 0 s"),
     ("disturbance_injector", {"pulse_times": [1.0]}, "pulse_times has 1 values, pulse_durations 0"),
     ("disturbance_injector", {"pulse_torques": [1, 2]}, "pulse_torques .*a multiple of 3"),
-    ("disturbance_injector", {"environment": 1}, "environment = 1; allowed: true or false"),
+    (
+        "disturbance_injector",
+        {"environment": 1},
+        "environment = 1; allowed: one of paper, none, true for p",
+    ),
     ("ppc_controller", {"rate_envelope.exponential_terminal": 1e-6}, "rate_envelope is infeasible"),
     ("ppc_controller", {"attitude_envelope.settling_time": 5}, "attitude_envelope is infeasible"),
     ("thruster", {"a": 1}, "unknown node thruster"),
@@ -194,9 +196,24 @@ def test_bad_values_are_refused_with_one_clear_sentence(
     assert "\n" not in str(raised.value)
 
 
+def test_only_the_selected_component_must_be_feasible() -> None:
+    impossible = {"rate_envelope.exponential_terminal": 1e-6}
+    case = scenario({"ppc_controller": {"controller": "quaternion_feedback", **impossible}})
+    assert case.controller.name == "quaternion_feedback"
+    with pytest.raises(ConfigurationError, match="rate_envelope is infeasible"):
+        case.with_values("ppc_controller", controller="ppc")
+
+
+@pytest.mark.parametrize(("value", "name"), [(True, "paper"), (False, "none"), ("none", "none")])
+def test_the_environment_is_switched_or_chosen(value: Any, name: str) -> None:
+    case = scenario({"disturbance_injector": {"environment": value}})
+    assert case.parameters["disturbance_injector"]["environment"] == name
+
+
 def test_rounded_quaternions_are_normalised() -> None:
     case = scenario({"spacecraft_plant": {"initial_attitude": [0.0, 0.0, 0.0, 1.0009]}})
-    assert initial_state(case.parameters["spacecraft_plant"])[0] == (0.0, 0.0, 0.0, 1.0)
+    body = rigid_body.configure(case.parameters["spacecraft_plant"])
+    assert body["initial_attitude"].tolist() == [0.0, 0.0, 0.0, 1.0]
 
 
 def test_records_hold_the_values() -> None:
@@ -207,11 +224,12 @@ def test_records_hold_the_values() -> None:
             "reference_generator": {"amplitude": [1, 2, 3]},
         }
     )
-    plant = plant_record(case.parameters["spacecraft_plant"])
+    plant = rigid_body.configure(case.parameters["spacecraft_plant"])
     product = np.array(plant["inertia"]) @ np.array(plant["inertia_inverse"])
     assert np.allclose(product, np.eye(3), atol=1e-15)
-    assert (plant["attitude_noise"], plant["seed"]) == (1e-4, 9)
-    reference = reference_record(case.parameters["reference_generator"])
+    sensors = direct.configure(case.parameters["spacecraft_plant"])
+    assert (sensors["attitude_noise"], sensors["seed"]) == (1e-4, 9)
+    reference = paper.configure(case.parameters["reference_generator"])
     assert reference["amplitude"].tolist() == [1.0, 2.0, 3.0]
 
 
@@ -225,7 +243,7 @@ def test_pulses_are_whole_nanoseconds() -> None:
             }
         }
     )
-    found = pulses(case.parameters["disturbance_injector"])
+    found = scheduled_pulses(case.parameters["disturbance_injector"])
     assert found["start_ns"].tolist() == [20_100_000_000, 80_000_000_000]
     assert found["end_ns"].tolist() == [20_200_000_000, 80_300_000_000]
     assert found["torque"].tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]

@@ -22,17 +22,15 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.science.actuators import ideal
+from ppc_attitude.science.actuators.ideal import actuator
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import Vector, matrix
-from ppc_attitude.science.spacecraft import (
-    PLANT,
-    actuator,
-    applied_torque,
-    inertia_matrix,
-    measured,
-    plant_step,
-    rigid_body_step,
-)
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.plants import rigid_body
+from ppc_attitude.science.plants.rigid_body import rigid_body_step
+from ppc_attitude.science.sensors.direct import measured
 
 TRUTH = Path(__file__).parent / "truth"
 DIAGONAL = np.diag([2.8, 2.5, 1.9])
@@ -123,31 +121,39 @@ def test_actuator_saturates_and_has_a_dead_band() -> None:
     assert actuator((1e-4, -1e-4, 0.03), 0.05, 1e-4) == (1e-4, -1e-4, 0.03)
 
 
-def plant(**values: float) -> np.void:
-    record = np.zeros((), PLANT)[()]
-    record["inertia"], record["inertia_inverse"] = FULL, np.linalg.inv(FULL)
-    record["max_torque"], record["min_torque"] = 0.05, 1e-4
-    for name, value in values.items():
-        record[name] = value
-    return record
-
-
-def test_plant_adds_both_torques() -> None:
+def test_a_plant_holds_both_torques_from_stamp_to_stamp() -> None:
+    body = Part(
+        rigid_body.COMPONENT,
+        {
+            "inertia": FULL.ravel().tolist(),
+            "initial_attitude": [0.0, 0.0, 0.0, 1.0],
+            "initial_angular_velocity": [0.01, 0.02, 0.03],
+        },
+    )
     q, omega = (0.0, 0.0, 0.0, 1.0), (0.01, 0.02, 0.03)
     applied, disturbance = (0.01, 0.0, -0.02), (0.003, 0.002, 0.001)
     total = tuple(a + d for a, d in zip(applied, disturbance, strict=True))
     expected = rigid_body_step(q, omega, total, matrix(FULL), matrix(np.linalg.inv(FULL)), 0.01)
-    assert plant_step(plant(), q, omega, applied, disturbance, 0.01) == expected
-    assert applied_torque(plant(), (1.0, 5e-5, -0.02)) == (0.05, 0.0, -0.02)
+    assert body.step(0, (*applied, *disturbance)) == [*q, *omega]  # nothing was held before
+    after = [*expected[0], *expected[1]]
+    assert body.step(10_000_000, (*applied, *disturbance)) == after
+    assert body.step(10_000_000, (9.0,) * 6) == after  # no time has passed
+    body.forget()
+    assert body.step(10_000_000, (*applied, *disturbance)) == [*q, *omega]
+
+
+def test_an_actuator_gives_what_its_limits_leave() -> None:
+    part = Part(ideal.COMPONENT, {"max_torque": 0.05, "min_torque": 1e-4})
+    assert part.step(0, (1.0, 5e-5, -0.02)) == [0.05, 0.0, -0.02]
 
 
 TRUE_ATTITUDE = tuple(map(float, Rotation.from_rotvec([1.0, -0.4, 0.2]).as_quat()))
 TRUE_RATE = (0.01, -0.02, 0.03)
 
 
-def noise(record: np.void, steps: int) -> tuple[Array, Array]:
+def noise(sizes: tuple[float, float], seed: int, steps: int) -> tuple[Array, Array]:
     """Small rotation from true to measured, body axes [rad], and rate noise [rad/s]."""
-    draws = [measured(record, TRUE_ATTITUDE, TRUE_RATE, k) for k in range(steps)]
+    draws = [measured(TRUE_ATTITUDE, TRUE_RATE, *sizes, seed, k) for k in range(steps)]
     turned = Rotation.from_quat([q for q, _ in draws])
     rotation = (Rotation.from_quat(TRUE_ATTITUDE).inv() * turned).as_rotvec()
     return rotation, np.array([omega for _, omega in draws]) - np.array(TRUE_RATE)
@@ -155,7 +161,7 @@ def noise(record: np.void, steps: int) -> tuple[Array, Array]:
 
 def test_noise_is_white_normal_and_independent() -> None:
     n = 20_000
-    rotation, rate = noise(plant(attitude_noise=1e-3, rate_noise=2e-4, seed=5), n)
+    rotation, rate = noise((1e-3, 2e-4), 5, n)
     channels = np.hstack([rotation / 1e-3, rate / 2e-4])
     for channel in channels.T:
         assert stats.kstest(channel, "norm").pvalue > 1e-4
@@ -166,15 +172,17 @@ def test_noise_is_white_normal_and_independent() -> None:
 
 def test_noise_is_a_function_of_seed_and_step() -> None:
     def draw(seed: int, step: int) -> tuple[tuple[float, ...], Vector]:
-        record = plant(attitude_noise=1e-3, rate_noise=1e-3, seed=seed)
-        return measured(record, TRUE_ATTITUDE, TRUE_RATE, step)
+        drawn: tuple[tuple[float, ...], Vector]
+        drawn = measured(TRUE_ATTITUDE, TRUE_RATE, 1e-3, 1e-3, seed, step)
+        return drawn
 
     assert draw(1, 1234) == draw(1, 1234)
     assert len({draw(seed, step) for seed in (0, 1, 2**53) for step in range(50)}) == 150
 
 
 def test_without_noise_the_sensors_tell_the_truth() -> None:
-    assert measured(plant(), TRUE_ATTITUDE, TRUE_RATE, 7) == (TRUE_ATTITUDE, TRUE_RATE)
+    told = measured(TRUE_ATTITUDE, TRUE_RATE, 0.0, 0.0, 1, 7)
+    assert told == (TRUE_ATTITUDE, TRUE_RATE)
 
 
 @pytest.mark.parametrize("inertia", [DIAGONAL, FULL])

@@ -15,6 +15,7 @@
 """How the middleware is set up: by UDP, on this host where that is asked for, and by the user."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,10 +23,15 @@ from xml.etree import ElementTree
 import pytest
 from process_helpers import Process, StartProcess
 
+from ppc_attitude.command_line.main import main
+from ppc_attitude.command_line.stack import private_environment
+from ppc_attitude.nodes.discovery import reach
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.nodes.transport import ANYWHERE, THIS_HOST, tune_transport
 
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+ALONE = {"SKIP_DEFAULT_XML_FILE": "1"}
 NAMESPACE = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
 
 
@@ -42,20 +48,25 @@ def test_both_profiles_write_alike() -> None:
 def test_localhost_means_loopback_alone() -> None:
     environment = {RANGE: "LOCALHOST"}
     tune_transport(environment)
-    assert environment == {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST)}
+    assert environment == {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST), **ALONE}
 
 
-@pytest.mark.parametrize("told", [{}, {RANGE: "SUBNET"}, {RANGE: "OFF"}])
+def test_the_older_word_for_localhost_means_the_same() -> None:
+    environment = {RANGE: "SUBNET", "ROS_LOCALHOST_ONLY": "1"}
+    tune_transport(environment)
+    assert environment == {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST), **ALONE}
+
+
+@pytest.mark.parametrize("told", [{}, {RANGE: ""}, {RANGE: "SUBNET"}, {"ROS_LOCALHOST_ONLY": "0"}])
 def test_a_wider_range_stays_as_it_is(told: dict[str, str]) -> None:
     environment = dict(told)
     tune_transport(environment)
-    expected = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", PROFILE: str(ANYWHERE)}
+    expected = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", PROFILE: str(ANYWHERE), **ALONE}
     assert environment == {**told, **expected}
 
 
-@pytest.mark.parametrize("name", ["ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS"])
-def test_what_ros_adds_to_the_range_stays_in_force(name: str) -> None:
-    environment = {RANGE: "LOCALHOST", name: "1"}
+def test_peers_elsewhere_stay_in_force() -> None:
+    environment = {RANGE: "LOCALHOST", "ROS_STATIC_PEERS": "127.0.0.1"}
     tune_transport(environment)
     assert environment[RANGE] == "LOCALHOST"
     assert environment[PROFILE] == str(ANYWHERE)
@@ -84,6 +95,10 @@ SOCKETS = """
 import os
 from pathlib import Path
 import rclpy
+from ppc_attitude.command_line.main import main
+from ppc_attitude.command_line.stack import private_environment
+from ppc_attitude.nodes.discovery import reach
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.nodes.transport import tune_transport
 tune_transport()
 rclpy.init()
@@ -97,15 +112,81 @@ rclpy.shutdown()
 """
 
 
+LOOPBACK = {"127.0.0.1", "239.255.0.1"}  # the group that loopback alone has joined
+
+
 @pytest.mark.ros
 @pytest.mark.skipif(sys.byteorder != "little", reason="/proc/net/udp is in the host's byte order")
-def test_a_node_of_this_host_opens_no_door_to_others(
-    tmp_path: Path, start_process: StartProcess
+@pytest.mark.parametrize(
+    ("told", "closed"),
+    [
+        ({RANGE: "LOCALHOST"}, True),
+        ({RANGE: "SUBNET", "ROS_LOCALHOST_ONLY": "1"}, True),
+        ({RANGE: "LOCALHOST", "ROS_LOCALHOST_ONLY": "0"}, True),
+        ({RANGE: "SUBNET"}, False),
+        ({RANGE: "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}, False),
+    ],
+    ids=str,
+)
+def test_what_is_said_is_what_is_bound(
+    told: dict[str, str], closed: bool, tmp_path: Path, start_process: StartProcess
 ) -> None:
-    """Every socket is bound to loopback, or to the group that loopback alone has joined."""
-    command = [sys.executable, "-c", SOCKETS]
-    looked_at = Process(start_process, tmp_path, "looked_at", command, env=dict(os.environ))
+    """A profile in the current folder changes nothing."""
+    (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_bytes(ANYWHERE.read_bytes())
+    looked_at = Process(
+        start_process,
+        tmp_path,
+        "looked_at",
+        [sys.executable, "-c", SOCKETS],
+        env={**os.environ, **told},
+        cwd=tmp_path,
+    )
     assert looked_at.ends() == 0, looked_at.err
-    addresses = looked_at.out.split()
+    addresses = set(looked_at.out.split())
     assert addresses
-    assert set(addresses) <= {"127.0.0.1", "239.255.0.1"}
+    assert (addresses <= LOOPBACK) == closed
+    assert (reach(told) == "localhost") == closed
+
+
+@pytest.mark.parametrize(
+    ("environment", "named"),
+    [
+        ({RANGE: "localhost"}, "ROS_AUTOMATIC_DISCOVERY_RANGE = 'localhost'; allowed: LOCALHOST, "),
+        ({RANGE: "OFF"}, "OFF: no node would find another; allowed: LOCALHOST, SUBNET, SYSTEM_DEF"),
+        ({"ROS_DOMAIN_ID": "-1"}, "ROS_DOMAIN_ID = '-1'; allowed: 0 to 232"),
+        ({"ROS_DOMAIN_ID": "233"}, "ROS_DOMAIN_ID = '233'; allowed: 0 to 232"),
+        ({"ROS_DOMAIN_ID": "7x"}, "ROS_DOMAIN_ID = '7x'"),
+        ({"ROS_DOMAIN_ID": "²"}, "ROS_DOMAIN_ID = '²'"),
+        ({"ROS_STATIC_PEERS": "127.0.0.1;no.such.invalid"}, "ROS_STATIC_PEERS: 'no.such.invalid'"),
+        ({"ROS_STATIC_PEERS": "a b"}, "ROS_STATIC_PEERS: 'a b'"),
+    ],
+    ids=str,
+)
+def test_a_wrong_environment_is_refused_by_every_command_and_node(
+    environment: dict[str, str],
+    named: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    for command in (["run"], ["latency"], ["latency", "--live"], ["watch"], ["inject", *"123"]):
+        assert main(command) == 2
+        told = capfd.readouterr().err
+        assert named in told
+        assert told.count("\n") == 1
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        assert run_node(lambda: pytest.fail("made"), ["node"]) == 2
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert named in capfd.readouterr().err
+
+
+def test_an_empty_range_or_domain_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(RANGE, "")
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+    made = private_environment()
+    assert made[RANGE] == "LOCALHOST"
+    assert 1 <= int(made["ROS_DOMAIN_ID"]) <= 101

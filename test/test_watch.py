@@ -28,11 +28,10 @@ from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
+from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
-    ATTITUDE_ENVELOPE,
-    ATTITUDE_ERROR,
     CONTROLLER,
     DISTURBANCE,
     INJECTOR,

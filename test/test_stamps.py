@@ -16,15 +16,15 @@
 
 import pytest
 
-from ppc_attitude.contract.cdr import NANOSECONDS
-from ppc_attitude.nodes.lockstep import Instant, StampGuard, Verdict
+from ppc_attitude.runtime.stamps import Instant, StampGuard, Verdict
+from ppc_attitude.science.stamps import NANOSECONDS
 
 PERIOD = 10_000_000
 
 
 def fed(*stamps: int) -> list[Verdict]:
     guard = StampGuard()
-    return [guard.judge(stamp) for stamp in stamps]
+    return [guard.judge(stamp, 0.0) for stamp in stamps]
 
 
 def test_stamps_that_advance_are_new_and_equal_ones_repeated():
@@ -55,23 +55,21 @@ def test_another_time_is_believed_when_three_messages_agree(start):
 def test_one_wrong_stamp_does_not_end_lockstep(wrong: int) -> None:
     """The plant repeats the state that nobody answers: after some repetitions it is believed."""
     now = 0.0
-    guard = StampGuard(lambda: now)
+    guard = StampGuard()
     state = 50 * NANOSECONDS
-    verdicts = [guard.judge(wrong)]
+    verdicts = [guard.judge(wrong, now)]
     for wait in (0.0, 0.2, 0.4):
         now += wait
-        verdicts.append(guard.judge(state))
+        verdicts.append(guard.judge(state, now))
     assert verdicts == [Verdict.NEW, Verdict.STALE, Verdict.STALE, Verdict.RESTART]
-    assert guard.judge(state) is Verdict.REPEATED
+    assert guard.judge(state, now) is Verdict.REPEATED
 
 
 def test_a_flood_of_copies_is_no_agreement() -> None:
-    now = 0.0
-    guard = StampGuard(lambda: now)
-    guard.judge(50 * NANOSECONDS)
-    for _ in range(900):
-        now += 1e-4
-        assert guard.judge(3_600 * NANOSECONDS) is Verdict.STALE
+    guard = StampGuard()
+    guard.judge(50 * NANOSECONDS, 0.0)
+    for copy in range(900):
+        assert guard.judge(3_600 * NANOSECONDS, 1e-4 * copy) is Verdict.STALE
 
 
 def test_one_message_from_the_future_does_not_stop_the_present():

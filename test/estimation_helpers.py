@@ -1,0 +1,111 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sensor suites as shipped, and compiled loops around the filter's kernels."""
+
+import gzip
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.estimators.late_fixes import (
+    MEMORY,
+    newest,
+    recalled,
+    take_fix,
+    take_sample,
+)
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.parameter import resolved
+from ppc_attitude.science.sensors import gyro, star_tracker
+
+ROOT = Path(__file__).parents[1]
+SUITES = ("flagship", "smallsat", "cubesat")
+STEP_NS = 10_000_000  # of 100 Hz
+Array = NDArray[np.float64]
+
+
+def suite(name: str, **given: Any) -> dict[str, Any]:
+    """Complete parameters of sensors and filter of a shipped overlay; dots of names as __."""
+    text = (ROOT / "config" / f"sensors_{name}.yaml").read_text(encoding="utf-8")
+    groups = yaml.safe_load(text)["/**"]["ros__parameters"]
+    values = {
+        f"{group}.{key}": value
+        for group in ("gyro", "star_tracker")
+        for key, value in groups[group].items()
+    }
+    values |= {key.replace("__", "."): value for key, value in given.items()}
+    table = {p.name: p for p in (*gyro.PARAMETERS, *star_tracker.PARAMETERS, *mekf.PARAMETERS)}
+    return dict(resolved(table.values(), values, "suite"))
+
+
+def table(name: str) -> Array:
+    with gzip.open(ROOT / "test" / "truth" / f"{name}.csv.gz", "rt") as file:
+        return np.genfromtxt(file, delimiter=",", skip_header=1)
+
+
+def new_memory() -> Any:
+    return np.zeros((), MEMORY)[()]
+
+
+@kernel
+def known_now(memory: Any) -> Any:
+    """What a filter knows."""
+    return recalled(memory, newest(memory))
+
+
+@kernel
+def write_knowledge(memory: Any, row: Any) -> None:
+    """Write q̂, b̂ and the standard deviations of δθ and δb: 13 numbers."""
+    q, b, theta, _, bias = known_now(memory)
+    for i in range(4):
+        row[i] = q[i]
+    for i in range(3):
+        row[4 + i] = b[i]
+    row[7], row[8], row[9] = theta[0] ** 0.5, theta[3] ** 0.5, theta[5] ** 0.5
+    row[10], row[11], row[12] = bias[0] ** 0.5, bias[3] ** 0.5, bias[5] ** 0.5
+
+
+@kernel
+def filtered(
+    memory: Any, settings: Any, rates: Any, valid: Any, arrival: Any, fixes: Any, rows: Any
+) -> None:
+    """Run a filter over gyro samples (row 0 at step 0) and fixes in the order of arrival.
+
+    Parameters
+    ----------
+    valid, arrival
+        Steps of each fix.
+    rows
+        What is known after each step, by `write_knowledge`; untouched without an estimate.
+    """
+    j = 0
+    for k in range(rates.shape[0]):
+        take_sample(memory, settings, k * STEP_NS, (rates[k, 0], rates[k, 1], rates[k, 2]))
+        while j < arrival.size and arrival[j] == k:
+            fix = (fixes[j, 0], fixes[j, 1], fixes[j, 2], fixes[j, 3])
+            take_fix(memory, settings, valid[j] * STEP_NS, fix)
+            j += 1
+        if memory.knows != 0.0:
+            write_knowledge(memory, rows[k])
+
+
+def angles_between(q: Array, p: Array) -> Array:
+    """Angles [rad] between attitudes, exact where the arc cosine is not."""
+    chord = np.minimum(np.linalg.norm(q - p, axis=-1), np.linalg.norm(q + p, axis=-1))
+    return np.asarray(4.0 * np.arcsin(0.5 * chord))

@@ -1,0 +1,109 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Records of guidance for tests, and the truth tables."""
+
+import gzip
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.science.guidance.goals import GUIDANCE, STATE, begin, motion_now
+from ppc_attitude.science.kernel import Quaternion
+from ppc_attitude.science.orbit import EARTH_RADIUS
+from ppc_attitude.science.orbit_elements import orbit_record
+
+TRUTH = Path(__file__).parent / "truth"
+Array = NDArray[np.float64]
+DEGREE = math.pi / 180.0
+
+
+def rows(name: str) -> tuple[list[str], Any]:
+    """Column names and the rows, as text, of a truth table; lines that begin with # are notes."""
+    with gzip.open(TRUTH / f"{name}.csv.gz", "rt") as file:
+        lines = [line.rstrip().split(",") for line in file if not line.startswith("#")]
+    return lines[0], np.array(lines[1:])
+
+
+def table(name: str) -> dict[str, Array]:
+    """Columns of a truth table by their names."""
+    names, body = rows(name)
+    return dict(zip(names, body.astype(float).T, strict=True))
+
+
+def scenes() -> list[dict[str, Any]]:
+    """Keep-out scenes of the truth data."""
+    with gzip.open(TRUTH / "keepout.json.gz", "rt") as file:
+        cases: list[dict[str, Any]] = json.load(file)["cases"]
+    return cases
+
+
+def columns(data: dict[str, Array], *names: str) -> Array:
+    """Several columns of a truth table side by side."""
+    return np.stack([data[name] for name in names], axis=-1)
+
+
+def truth_orbit() -> Any:
+    """Orbit of pointing.csv and goal_switch.csv: true anomaly 10° at t = 0."""
+    e, nu = 0.001, math.radians(10.0)
+    eccentric = 2.0 * math.atan(math.sqrt((1.0 - e) / (1.0 + e)) * math.tan(0.5 * nu))
+    mean = eccentric - e * math.sin(eccentric)
+    return orbit_record(6928137.0, e, *map(math.radians, (97.6, 30.0, 40.0)), mean)
+
+
+def guidance() -> Any:
+    """Configuration with the default limits, the truth's orbit and ground point."""
+    record = np.zeros((), GUIDANCE)[()]
+    record["limits"] = (2.0 * DEGREE, 0.4 * DEGREE, 0.2 * DEGREE)
+    record["sky"]["orbit"] = truth_orbit()
+    record["sky"]["days"] = 9132.0
+    record["sky"]["earth_angle"] = math.radians(350.0)
+    latitude, longitude = math.radians(47.0), math.radians(8.0)
+    record["sky"]["target"] = EARTH_RADIUS * np.array(
+        [
+            math.cos(latitude) * math.cos(longitude),
+            math.cos(latitude) * math.sin(longitude),
+            math.sin(latitude),
+        ]
+    )
+    record["spin_axis"] = (0.0, 0.6, 0.8)
+    record["spin_rate"] = DEGREE
+    return record
+
+
+def begun(attitude: Quaternion, t: float = 0.0) -> Any:
+    """State at rest at an attitude."""
+    state = np.zeros((), STATE)[()]
+    begin(t, attitude, state)
+    return state
+
+
+def motion(t: float, configuration: Any, state: Any) -> Array:
+    """q_d, ω_d, ω_d' as ten numbers."""
+    return np.array([x for part in motion_now(t, configuration, state) for x in part])
+
+
+def quaternion(values: Any) -> Quaternion:
+    """Four floats as a tuple."""
+    x, y, z, w = map(float, values)
+    return (x, y, z, w)
+
+
+def same_sign(q: Array, other: Array) -> Array:
+    """Q or −q, whichever is nearer to another, row by row."""
+    return np.where(np.sum(q * other, axis=-1, keepdims=True) < 0.0, -q, q)

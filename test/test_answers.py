@@ -1,0 +1,103 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a node answers: each instant once, a repeated one alike, and ahead where time decides."""
+
+import pytest
+
+from ppc_attitude.runtime.answers import Answers
+from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
+
+
+class Node:
+    """Notes what it computes; the answer says how often anything had been computed."""
+
+    def __init__(self, ahead: bool) -> None:
+        self.computed: list[int] = []
+        self.sent: list[int] = []
+        self.restarts: list[int] = []
+        self.answers = Answers(self._compute, ahead, self.restarts.append)
+
+    def _compute(self, stamp_ns: int, inputs: object) -> int:
+        self.computed.append(stamp_ns)
+        return len(self.computed)
+
+    def state(self, stamp_ns: int, now: float = 0.0) -> dict[int, int]:
+        given = dict(self.answers.to("attitude", stamp_ns, {}, now))
+        self.sent += given
+        return given
+
+
+@pytest.mark.parametrize("rate", [1.0, 100.0, 250.0, 500.0, 1000.0, 10000.0])
+def test_a_function_of_time_is_one_instant_ahead_from_the_second_state_on(rate: float) -> None:
+    node = Node(ahead=True)
+    for step in range(50):
+        node.state(stamp_of(step, rate))
+        if step:
+            assert node.sent[-1] == stamp_of(step + 1, rate) == node.answers.next_ns - period(rate)
+    assert node.sent == node.computed == [stamp_of(step, rate) for step in range(51)]
+
+
+def period(rate: float) -> int:
+    return round(NANOSECONDS / rate)
+
+
+@pytest.mark.parametrize("rate", [3.0, 7.0, 60.0, 300.0, 333.0])
+def test_stamps_that_are_rounded_are_never_foreseen(rate: float) -> None:
+    node = Node(ahead=True)
+    stamps = [stamp_of(step, rate) for step in range(400)]
+    for stamp in stamps:
+        assert list(node.state(stamp)) == [stamp]
+
+
+def test_who_reads_a_state_answers_it_and_no_other() -> None:
+    node = Node(ahead=False)
+    stamps = [stamp_of(step, 100.0) for step in range(20)]
+    assert [list(node.state(stamp)) for stamp in stamps] == [[stamp] for stamp in stamps]
+
+
+def test_a_repeated_state_gets_the_same_answers_without_computing_anew() -> None:
+    node = Node(ahead=True)
+    for step in range(3):
+        node.state(stamp_of(step, 100.0))
+    assert node.state(stamp_of(2, 100.0), 0.2) == {20_000_000: 3, 30_000_000: 4}
+    assert len(node.computed) == 4
+    assert node.state(stamp_of(3, 100.0)) == {40_000_000: 5}
+
+
+def test_after_lost_states_nothing_is_foreseen_until_the_rhythm_is_back() -> None:
+    node = Node(ahead=True)
+    for step in (0, 1, 5):
+        node.state(stamp_of(step, 100.0))
+    assert node.sent == [0, 10_000_000, 20_000_000, 50_000_000]
+    assert list(node.state(stamp_of(6, 100.0))) == [60_000_000, 70_000_000]
+
+
+def test_time_that_begins_again_is_told_and_answered_anew() -> None:
+    node = Node(ahead=True)
+    for step in range(5):
+        node.state(stamp_of(step, 100.0))
+    assert list(node.state(0)) == [0]
+    assert node.restarts == [0]
+    assert node.answers.next_ns is None
+    assert list(node.state(10_000_000)) == [10_000_000, 20_000_000]
+
+
+def test_a_stale_state_is_refused_and_answers_nothing() -> None:
+    node = Node(ahead=True)
+    node.state(50_000_000)
+    with pytest.raises(RefusedError, match=r"attitude: stamp 0\.010000 s is out of order"):
+        node.state(10_000_000)
+    assert node.sent == [50_000_000]

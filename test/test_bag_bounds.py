@@ -1,0 +1,265 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bags and configurations that claim more than they hold cost no more than they hold."""
+
+import contextlib
+import itertools
+import json
+import re
+import shutil
+import sqlite3
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import lz4.frame
+import yaml
+import zstandard
+from bag_helpers import messages, storage_file
+from synthetic import SAMPLED, normal_run
+
+from ppc_attitude.bags.foreign import SMALL, UNFOLDS
+from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.bags.writer import BagWriter
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.topics import ATTITUDE
+
+MIB = 2**20
+RUN = normal_run(duration=0.2)
+DEEP = "[" * 100_000
+LAUGHS = "l0: &l0 [lol, lol, lol, lol, lol, lol, lol, lol, lol, lol]\n" + "".join(
+    f"l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 10)}]\n" for n in range(1, 10)
+)
+# Reads each bag with so much memory on top of what reading a good one took.
+CHILD = """
+import resource, sys
+from pathlib import Path
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.scenario import load
+
+good, *rest = sys.argv[1:]
+read_run(good)
+with open("/proc/self/statm") as file:
+    used = int(file.read().split()[0]) * resource.getpagesize()
+for path, more in zip(rest[::2], map(int, rest[1::2])):
+    resource.setrlimit(resource.RLIMIT_AS, (used + more, resource.RLIM_INFINITY))
+    try:
+        if path.endswith(".yaml"):
+            load([Path(path)])
+        print("read;", *read_run(path).warnings)
+    except (BagError, ConfigurationError) as error:
+        print("refused;", error)
+"""
+
+
+def metadata(bag: Path, **entries: object) -> None:
+    content = yaml.safe_load((bag / "metadata.yaml").read_text())
+    content["rosbag2_bagfile_information"].update(entries)
+    (bag / "metadata.yaml").write_text(yaml.safe_dump(content))
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def text(*texts: bytes) -> bytes:
+    return b"".join(struct.pack("<I", len(each)) + each for each in texts)
+
+
+def append(bag: Path, added: bytes) -> None:
+    """Put records behind the magic number and the head of an MCAP file."""
+    file = storage_file(bag)
+    content = file.read_bytes()
+    place = 17 + struct.unpack_from("<Q", content, 9)[0]
+    file.write_bytes(content[:place] + added + content[place:])
+
+
+def chunk(compression: bytes, size: int, body: bytes) -> bytes:
+    head = struct.pack("<QQQI", 0, 0, size, 0) + text(compression)
+    return record(6, head + struct.pack("<Q", len(body)) + body)
+
+
+def zstd_head(size: int) -> bytes:
+    """An empty frame that claims to be so large."""
+    return bytes.fromhex("28b52ffd e0") + struct.pack("<Q", size) + bytes.fromhex("010000")
+
+
+def deep_metadata(bag: Path) -> None:
+    (bag / "metadata.yaml").write_text(DEEP)
+
+
+def deep_metadata_in_mcap(bag: Path) -> None:
+    (bag / "metadata.yaml").unlink()
+    table = text(b"serialized_metadata", b"custom_data: " + DEEP.encode())
+    append(bag, record(12, text(b"rosbag2") + struct.pack("<I", len(table)) + table))
+
+
+def laughing_custom_data(bag: Path) -> None:
+    (bag / "metadata.yaml").write_text(LAUGHS + "rosbag2_bagfile_information: {custom_data: *l9}")
+
+
+def recursive_custom_data(bag: Path) -> None:
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {custom_data: &a {b: *a}}")
+
+
+def number_to_base_60(bag: Path) -> None:
+    (bag / "metadata.yaml").write_text(
+        f"rosbag2_bagfile_information: {{custom_data: {{a: {'1:' * 1_000_000}1}}}}"
+    )
+
+
+def deep_json(bag: Path) -> None:
+    metadata(bag, custom_data={"ppc_attitude.parameters": DEEP})
+
+
+def deep_unfinished_json(bag: Path) -> None:
+    (bag / "metadata.yaml").unlink()
+    (bag / "unfinished.json").write_text(DEEP)
+
+
+def one_file_many_times(bag: Path) -> None:
+    metadata(bag, relative_file_paths=["bag.mcap"] * 2_000)
+
+
+def zstd_claim(bag: Path) -> None:
+    append(bag, chunk(b"zstd", 2**34, zstd_head(2**34)))
+
+
+def zstd_bomb(bag: Path) -> None:
+    append(bag, chunk(b"zstd", 2**30, zstandard.compress(bytes(2**30))))
+
+
+def zstd_bomb_without_claim(bag: Path) -> None:
+    compressor = zstandard.ZstdCompressor(write_content_size=False)
+    append(bag, chunk(b"zstd", 100, compressor.compress(bytes(2**30))))
+
+
+def lz4_claim(bag: Path) -> None:
+    append(bag, chunk(b"lz4", 2**40, lz4.frame.compress(b"few")))
+
+
+def lz4_claim_of_the_frame(bag: Path) -> None:
+    compressor = lz4.frame.LZ4FrameCompressor()
+    frame = compressor.begin(2**40) + compressor.compress(b"few")
+    append(bag, chunk(b"lz4", 100, frame))
+
+
+def zstd_file(bag: Path) -> None:
+    compressor = zstandard.ZstdCompressor(write_content_size=False)
+    name = storage_file(bag).name
+    packed = compressor.compress(storage_file(bag).read_bytes() + bytes(2**29))
+    (bag / f"{name}.zstd").write_bytes(packed)
+    storage_file(bag).unlink()
+    metadata(bag, relative_file_paths=[f"{name}.zstd"], compression_mode="FILE")
+
+
+def zstd_messages(bag: Path) -> None:
+    shutil.rmtree(bag)
+    with BagWriter(bag) as writer:
+        writer.add_topic("/attitude", ATTITUDE.msgtype)
+        writer.write("/attitude", 0, zstd_head(2**34))
+    metadata(bag, compression_mode="MESSAGE")
+
+
+def shared_pages(bag: Path) -> None:
+    """Let every branch of a table's tree lead to the same rows, whose payloads are large."""
+    with contextlib.closing(sqlite3.connect(storage_file(bag), isolation_level=None)) as database:
+        database.execute("PRAGMA page_size=512")
+        database.execute("VACUUM")
+        database.execute("DELETE FROM messages")
+        rows = [(bytes(30_000),)] * 400
+        database.executemany("INSERT INTO messages VALUES (NULL, 1, 0, ?)", rows)
+        query = "SELECT rootpage FROM sqlite_master WHERE name = 'messages'"
+        (root,) = database.execute(query).fetchone()
+    content = bytearray(storage_file(bag).read_bytes())
+    start = (root - 1) * 512
+    assert content[start] == 5  # a page of branches
+    (cells,) = struct.unpack_from(">H", content, start + 3)
+    places = [start + at for at in struct.unpack_from(f">{cells}H", content, start + 12)]
+    for place in places:
+        content[place : place + 4] = content[places[0] : places[0] + 4]
+    content[28:32] = struct.pack(">I", 2_000)  # pages, most of those that nothing leads to left out
+    storage_file(bag).write_bytes(content[: 2_000 * 512])
+
+
+def many_attitudes(bag: Path) -> Path:
+    """A bag with one message of all topics but one, in whose stamps are many gaps."""
+    facts = {"ppc_attitude.parameters": json.dumps({"spacecraft_plant": {"rate": 100.0}})}
+    codec, values = Codec(ATTITUDE), tuple(RUN["attitude"][0])
+    with BagWriter(bag, custom_data=facts) as writer:
+        for topic in SAMPLED:
+            writer.add_topic(f"/{topic.name}", topic.msgtype)
+        for topic, stamp, data in itertools.islice(messages(RUN), len(SAMPLED)):
+            writer.write(f"/{topic.name}", stamp, data)
+        for step in range(100, 1_500_000, 15):
+            writer.write("/attitude", 0, codec.encode(step * 10_000_000, values))
+    return bag
+
+
+HOSTILE: list[tuple[Callable[[Path], None], str, bool, str]] = [
+    (
+        deep_metadata,
+        "mcap",
+        False,
+        "its metadata.yaml is damaged: nested too deeply, allowed are 64",
+    ),
+    (deep_metadata_in_mcap, "mcap", False, "metadata in bag.mcap are damaged: nested too deeply"),
+    (laughing_custom_data, "mcap", False, "unfolds into .* characters, allowed are 4194304"),
+    (recursive_custom_data, "mcap", False, r"\*a stands before the end of what it means"),
+    (number_to_base_60, "mcap", False, "number of 2000001 characters, allowed are 1000"),
+    (deep_json, "mcap", False, "its ppc_attitude.parameters cannot be read: nested too deeply"),
+    (deep_unfinished_json, "mcap", False, "its unfinished.json is damaged: nested too deeply"),
+    (one_file_many_times, "mcap", False, "^read;$"),
+    (zstd_claim, "mcap", True, "data of bag.mcap claim 17179869184 bytes, allowed are"),
+    (zstd_bomb, "mcap", True, "data of bag.mcap claim 1073741824 bytes, allowed are"),
+    (zstd_bomb_without_claim, "mcap", True, "data of bag.mcap claim .* bytes, allowed are"),
+    (lz4_claim, "mcap", True, "data of bag.mcap claim 1099511627776 bytes, allowed are"),
+    (lz4_claim_of_the_frame, "mcap", True, "damaged lz4 data: the frame does not end after 100"),
+    (zstd_file, "mcap", True, "bag.mcap.zstd is damaged: .* claim .* bytes, allowed are"),
+    (zstd_messages, "mcap", True, "data of bag.mcap claim 17179869184 bytes, allowed are"),
+    (shared_pages, "sqlite3", False, "bag.db3 is damaged: its rows claim more than the .* bytes"),
+]
+
+
+def test_memory_stays_below_the_stated_multiple_of_the_bag(tmp_path: Path) -> None:
+    good = tmp_path / "good"
+    write_run(RUN, good)
+    given, expected = [], []
+    for make, storage, compressed, message in HOSTILE:
+        bag = tmp_path / make.__name__ / "bag"
+        bag.parent.mkdir()
+        write_run(RUN, bag, storage=storage)
+        make(bag)
+        size = sum(file.stat().st_size for file in bag.iterdir())
+        given += [bag, 256 * MIB + 8 * (SMALL + UNFOLDS * size if compressed else size)]
+        expected.append(message)
+    lonely = many_attitudes(tmp_path / "lonely")
+    given += [lonely, 8 * storage_file(lonely).stat().st_size]
+    expected.append("read; .* instants are missing")
+    for name, content in (("deep", DEEP), ("laughs", LAUGHS), ("recursive", "&a {b: *a}")):
+        file = tmp_path / f"{name}.yaml"
+        file.write_text(content)
+        given += [file, 256 * MIB]
+        expected.append(f"refused; configuration file .*{name}.yaml is not YAML: ")
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, good, *map(str, given)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    for line, message in zip(done.stdout.splitlines(), expected, strict=True):
+        assert re.search(message, line), f"{line} is not {message}"

@@ -1,0 +1,255 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bags that strangers send: they read nothing but themselves, and delete and overwrite nothing."""
+
+import contextlib
+import os
+import shutil
+import sqlite3
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from bag_helpers import STORAGES, assert_same, storage_file, unfinished
+from synthetic import normal_run
+
+from ppc_attitude.bags.errors import BagError, printable
+from ppc_attitude.bags.export import export_csv, export_parquet
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.recover import recover
+from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.bags.sqlite_source import settle
+from ppc_attitude.bags.writer import BagWriter
+from ppc_attitude.command_line.main import main
+
+RUN = normal_run(duration=1.0)
+
+
+def hot(tmp_path: Path, finished: bool = False, change: str = "") -> tuple[Path, Path]:
+    """A SQLite bag in the midst of a transaction that spoils every message, and its journal."""
+    bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
+    if finished:
+        recover(bag)
+    file = storage_file(bag)
+    database = sqlite3.connect(file, isolation_level=None)
+    database.execute("PRAGMA cache_size=1")  # write pages before the commit
+    database.executescript(change)
+    database.execute("BEGIN")
+    database.execute("UPDATE messages SET data = zeroblob(length(data) + 7)")
+    killed = tmp_path / "killed"
+    shutil.copytree(bag, killed)
+    database.close()
+    journal = killed / f"{file.name}-journal"
+    assert journal.stat().st_size > 0
+    return killed, journal
+
+
+def name_super_journal(journal: Path, named: Path) -> None:
+    """Let SQLite believe that the transaction is one of several files', listed in the one named."""
+    page = struct.unpack(">I", journal.read_bytes()[24:28])[0]
+    name = str(named).encode()
+    with journal.open("ab") as file:
+        file.write(struct.pack(">I", 2**30 // page + 1) + name)
+        file.write(struct.pack(">II", len(name), sum(name)))
+        file.write(bytes.fromhex("d9d505f920a163d7"))
+
+
+@pytest.mark.parametrize("finished", [False, True])
+@pytest.mark.parametrize("command", [read_run, recover])
+def test_a_journal_deletes_no_file_that_it_names(
+    tmp_path: Path, finished: bool, command: Callable[[Path], object]
+) -> None:
+    bag, journal = hot(tmp_path, finished)
+    mine = tmp_path / "thesis.tex"
+    mine.write_text("years of work")
+    name_super_journal(journal, mine)
+    with pytest.raises(BagError, match=r"|the unfinished transaction in .*-journal was left aside"):
+        command(bag)
+        raise BagError("")
+    assert mine.read_text() == "years of work"
+
+
+@pytest.mark.parametrize("change", ["", "PRAGMA synchronous=OFF", "PRAGMA locking_mode=EXCLUSIVE"])
+def test_what_is_undone_is_what_sqlite_would_undo(tmp_path: Path, change: str) -> None:
+    bag, journal = hot(tmp_path, change=change)
+    theirs = tmp_path / "theirs"
+    shutil.copytree(bag, theirs)
+    with contextlib.closing(sqlite3.connect(storage_file(theirs))) as database:
+        database.execute("SELECT count(*) FROM messages").fetchone()
+    before = storage_file(bag).read_bytes()
+    assert_same(read_run(bag), RUN)
+    assert storage_file(bag).read_bytes() == before and journal.exists()
+    settle(storage_file(bag), make(tmp_path / "work"))
+    assert storage_file(bag).read_bytes() == storage_file(theirs).read_bytes() != before
+    assert not journal.exists()
+
+
+def test_a_journal_beside_a_finished_bag_is_not_its_own(tmp_path: Path) -> None:
+    write_run(RUN, tmp_path / "bag", storage="sqlite3")
+    journal = Path(f"{storage_file(tmp_path / 'bag')}-journal")
+    for kind in ("-journal", "-wal"):
+        journal = Path(f"{storage_file(tmp_path / 'bag')}{kind}")
+        journal.write_bytes(b"whatever")
+        read = read_run(tmp_path / "bag")
+        assert_same(read, RUN)
+        assert f"the unfinished transaction in bag.db3{kind} was left aside" in read.warnings[0]
+        assert journal.read_bytes() == b"whatever"
+        journal.unlink()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            "CREATE VIEW messages AS SELECT id, topic_id, timestamp, data FROM stored",
+            "messages is a view",
+        ),
+        (
+            "CREATE VIEW Messages(id, topic_id, timestamp, data) AS WITH RECURSIVE n(i) AS "
+            "(SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i, 1, i, zeroblob(1e9) FROM n",
+            "messages is a view",
+        ),
+        (
+            "CREATE VIRTUAL TABLE messages USING fts4(id, topic_id, timestamp, data)",
+            "messages is a virtual table",
+        ),
+        (
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, "
+            "data AS (zeroblob(1e9)))",
+            "column data of table messages is none of rosbag2's",
+        ),
+        (
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, "
+            "data DEFAULT x'00')",
+            "column data of table messages is none of rosbag2's",
+        ),
+        (
+            "CREATE TABLE messages(id, topic_id, timestamp, data)",
+            "column id of table messages is none of rosbag2's",
+        ),
+        ("CREATE TABLE messages(id INTEGER PRIMARY KEY)", "has no column data, timestamp, topic"),
+    ],
+)
+def test_rows_that_do_not_lie_in_the_file_are_refused(
+    tmp_path: Path, change: str, message: str
+) -> None:
+    write_run(RUN, tmp_path / "bag", storage="sqlite3")
+    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database:
+        database.executescript(f"ALTER TABLE messages RENAME TO stored; {change};")
+    with pytest.raises(BagError, match=f"cannot be read as a rosbag2 database: .*{message}"):
+        read_run(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("finished", [True, False])
+@pytest.mark.parametrize(
+    ("put", "kind"),
+    [
+        (lambda place, moved: place.symlink_to(moved), "a symbolic link"),
+        (lambda place, _: place.symlink_to("/dev/zero"), "a symbolic link"),
+        (lambda place, _: os.mkfifo(place), "a FIFO"),
+        (lambda place, _: place.mkdir(), "a folder"),
+    ],
+)
+def test_what_is_no_plain_file_is_refused_by_name(
+    tmp_path: Path,
+    storage: str,
+    finished: bool,
+    put: Callable[[Path, Path], None],
+    kind: str,
+) -> None:
+    bag = tmp_path / "bag"
+    write_run(RUN, bag, storage=storage) if finished else unfinished(bag, storage, RUN)
+    file = storage_file(bag).name
+    names = [file, "metadata.yaml"] if finished else [file, "unfinished.json"]
+    if storage == "sqlite3" and not finished:
+        names += [f"{file}-journal", f"{file}-wal"]
+    for name in names:
+        place, moved = bag / name, tmp_path / f"moved_{name}"
+        place.touch()
+        place.rename(moved)
+        put(place, moved)
+        with pytest.raises(BagError, match=f"{name} is {kind}, allowed are plain files"):
+            read_run(bag)
+        place.rmdir() if kind == "a folder" else place.unlink()
+        if moved.stat().st_size:
+            moved.rename(place)
+
+
+@pytest.mark.parametrize("export", [export_csv, export_parquet])
+@pytest.mark.parametrize("name", ["run", "run.part"])
+def test_an_export_follows_no_link(
+    tmp_path: Path, export: Callable[[object, Path], None], name: str
+) -> None:
+    if export is export_parquet:
+        pytest.importorskip("pyarrow")
+    mine = tmp_path / "thesis.tex"
+    for there in (True, False):
+        if there:
+            mine.write_text("years of work")
+        (tmp_path / name).symlink_to(mine)
+        with pytest.raises(BagError, match=f"{name}.* exists already"):
+            export(RUN, tmp_path / "run")
+        assert not there or mine.read_text() == "years of work"
+        mine.unlink(missing_ok=not there)
+        assert not mine.exists() and (tmp_path / name).is_symlink()
+        (tmp_path / name).unlink()
+
+
+def test_a_recovery_follows_no_link(tmp_path: Path) -> None:
+    bag = unfinished(tmp_path / "bag", "mcap", RUN)
+    mine = make(tmp_path / "mine")
+    (mine / "thesis.tex").write_text("years of work")
+    (bag / ".recovering").symlink_to(mine)
+    with pytest.raises(BagError, match="cannot be recovered: Cannot call rmtree on a symbolic"):
+        recover(bag)
+    assert (mine / "thesis.tex").read_text() == "years of work"
+
+
+STEERING = "\x1b]0;owned\x07\x1b[2J\u202e\x9b<script>alert(1)</script>"
+
+
+def test_what_steers_a_terminal_or_a_page_is_escaped(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nodes = {f"{STEERING}": {STEERING: [STEERING]}, "ppc_controller": {"controller": STEERING}}
+    run = replace(
+        RUN, controller=STEERING, parameters=nodes, metadata={STEERING: STEERING, "seed": STEERING}
+    )
+    bag = tmp_path / "bag"
+    write_run(run, bag)
+    storage_file(bag).rename(bag / f"{STEERING.replace('/', '')}.mcap")
+    (bag / "metadata.yaml").write_text(f'a: "{STEERING}')
+    (bag / "unfinished.json").write_text(f'{{"{STEERING}')
+    page = tmp_path / "page.html"
+    main(["analyse", str(bag), "--report", str(page)])
+    assert read_run(bag).controller == printable(STEERING) != STEERING
+    with BagWriter(tmp_path / "chatter") as writer:
+        writer.add_topic(f"/{STEERING}", "std_msgs/msg/String")
+        writer.write(f"/{STEERING}", 1, b"")
+    assert main(["analyse", str(tmp_path / "chatter")]) == 2
+    assert main(["replay", str(bag)]) == 2
+    output = capsys.readouterr()
+    assert "x1b" in output.err
+    for text in (output.out, output.err, page.read_text()):
+        assert not set(text) & set("\x1b\x07\u202e\x9b")
+    assert "<script>alert" not in page.read_text()
+
+
+def make(folder: Path) -> Path:
+    folder.mkdir()
+    return folder

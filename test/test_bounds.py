@@ -1,0 +1,81 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""A run that cannot be held is refused, and one that leaves all bounds is no result."""
+
+import tracemalloc
+from pathlib import Path
+
+import pytest
+from process_helpers import PAPER
+
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.command_line import memory
+from ppc_attitude.command_line.main import main
+from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+
+
+def test_what_is_foreseen_holds_a_run_and_its_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = load([PAPER], {PLANT: {"duration": 300.0}})
+    analyse(simulate(scenario, 1.0))  # what is loaded once is not of the run
+    tracemalloc.start()
+    analyse(simulate(scenario, 300.0))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+    free = tmp_path / "meminfo"
+    monkeypatch.setattr(memory, "_MACHINE", free)
+    free.write_text(f"MemAvailable:  {peak // 1024} kB\n")
+    with pytest.raises(ConfigurationError, match=r"3e\+04 instants need .* allowed here: ≤"):
+        check_memory(scenario)
+    free.write_text(f"MemAvailable:  {3 * peak // 1024} kB\n")
+    check_memory(scenario)
+    with pytest.raises(ConfigurationError):
+        check_memory(scenario, at_once=10)
+
+
+def test_a_container_may_have_less_than_the_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit = tmp_path / "memory.max"
+    monkeypatch.setattr(memory, "_CONTAINER", limit)
+    limit.write_text("max\n")
+    check_memory(load([PAPER], {PLANT: {"duration": 100.0}}))
+    limit.write_text("1000000\n")
+    with pytest.raises(ConfigurationError, match=r"0\.000931 are free"):
+        check_memory(load([PAPER], {PLANT: {"duration": 100.0}}))
+
+
+def test_a_simulation_that_diverges_says_so_and_judges_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wild = tmp_path / "wild.yaml"
+    wild.write_text(
+        f"/**/{INJECTOR}:\n  ros__parameters:\n    pulse_times: [1.0]\n"
+        "    pulse_durations: [1000.0]\n    pulse_torques: [1.0e+6, 1.0e+6, 1.0e+6]\n"
+    )
+    report = tmp_path / "report.html"
+    options = ["--config", str(PAPER), "--config", str(wild), "--duration", "60"]
+    assert main(["simulate", *options, "--report", str(report)]) == 3
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: diverged: angular velocity (")
+    assert not report.exists()

@@ -1,0 +1,188 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Commands end in good order: whatever becomes of their output, and whenever they are asked to."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import StartProcess
+from process_helpers import (
+    COMMAND,
+    PAPER,
+    PATIENCE,
+    Process,
+    Run,
+    alive,
+    pause,
+    until,
+    workers_of,
+)
+
+from ppc_attitude.command_line.stack import Stack, StackError
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER
+from ppc_attitude.processes.child import Child
+from ppc_attitude.processes.telling import AT, BROKEN
+
+SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
+
+
+@pytest.mark.parametrize(
+    ("command", "outlets", "code", "told"),
+    [
+        (SIMULATE, ">/dev/full", 3, "error: No space left on device\n"),
+        (
+            [*COMMAND, "--help"],
+            ">/dev/full",
+            3,
+            "error: No space left on device\n",
+        ),
+        (SIMULATE, ">&-", 0, ""),
+        (SIMULATE, ">&- 2>&- <&-", 0, ""),
+        ([*COMMAND, "simulate", "--config", "none"], "2>/dev/full", 2, ""),
+        ([*SIMULATE, "--json"], "| true", 3, ""),
+    ],
+    ids=lambda each: each if isinstance(each, str) else "",
+)
+def test_output_that_nobody_takes(
+    command: list[str], outlets: str, code: int, told: str, start_process: StartProcess
+) -> None:
+    script = f'set -o pipefail; "$@" {outlets}'
+    environment = {**os.environ, "PYTHONUNBUFFERED": ""}  # argparse takes no note of what it meets
+    process = start_process(["bash", "-c", script, "bash", *command], env=environment)
+    out, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out, err) == (code, "", told)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    done = subprocess.run(SIMULATE, env=environment, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    shown = done.stdout.decode(encoding)
+    assert "<= 3 deg/s" in shown
+    assert ("N*m" if encoding == "ascii" else "N·m") in shown
+    done = subprocess.run([*SIMULATE, "--json"], env=environment, capture_output=True, check=False)
+    assert json.loads(done.stdout.decode(encoding))["steps"] == 101
+
+
+ASKED_AMIDST = """
+import os, pathlib, sys
+from ppc_attitude.command_line import main
+write = pathlib.Path.write_text
+def interrupted(path, *arguments, **named):
+    done = write(path, *arguments, **named)
+    if path.name.startswith("report.html"):
+        os.kill(os.getpid(), {number})
+    return done
+pathlib.Path.write_text = interrupted
+main.run()
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+def test_an_end_while_the_report_is_written(
+    name: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    (tmp_path / "report.html").write_text("the one before")
+    script = ASKED_AMIDST.format(number=int(signal.Signals[name]))
+    options = [*SIMULATE[len(COMMAND) :], "--report", "report.html"]
+    process = start_process([sys.executable, "-c", script, *options], cwd=tmp_path)
+    _, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err) == (3, "interrupted\n")
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["report.html"]
+    assert (tmp_path / "report.html").read_text() == "the one before"
+
+
+@pytest.mark.ros
+def test_a_run_that_is_interrupted_before_time_begins_leaves_no_bag(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    run = Run(start_process, tmp_path / "bag")
+    plant = until(lambda: run.nodes().get(PLANT), "the plant")
+    pause(plant)
+    until(run.bag.exists, "the recorder")
+    run.send(signal.SIGTERM)
+    os.kill(plant, signal.SIGCONT)
+    assert run.ends() == 3
+    assert run.err.endswith("error: interrupted before anything was recorded\n")
+    assert not run.bag.exists()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGQUIT", "SIGKILL"])
+def test_a_run_leaves_nothing_but_its_bag(
+    name: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    environment = {**os.environ, "TMPDIR": str(temporary)}
+    del environment["ROS_LOG_DIR"]
+    run = Run(start_process, tmp_path / "bag", "--duration", "10000", env=environment)
+    run.reaches(0.5)
+    nodes = run.nodes().values()
+    run.send(signal.Signals[name])
+    assert run.ends() == (-signal.SIGKILL if name == "SIGKILL" else 3)
+    until(lambda: not any(map(alive, nodes)), "the end of the nodes")
+    assert list(temporary.iterdir()) == []
+    assert (run.bag / "metadata.yaml").exists()
+
+
+def test_a_campaign_ends_with_all_its_workers_when_it_is_told_to(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    command = [*COMMAND, "campaign", "--config", str(PAPER), "--out", "out"]
+    command += ["--workers", "50", "--runs", "100000"]
+    campaign = Process(start_process, tmp_path, "campaign", command, cwd=tmp_path)
+    until(lambda: len(workers_of(campaign.pid)) > 2, "workers")
+    workers = workers_of(campaign.pid)
+    campaign.send(signal.SIGTERM)
+    assert campaign.ends() == 3
+    assert "interrupted after " in campaign.err
+    assert not any(map(alive, workers))
+
+
+def test_a_node_that_is_slow_to_begin_ends_when_it_is_asked_to(tmp_path: Path) -> None:
+    """Else its starter waits, and kills it: imports took half a minute on a busy machine."""
+    reached = tmp_path / "reached"
+    (tmp_path / "numba.py").write_text(
+        f"import pathlib, time\npathlib.Path({str(reached)!r}).touch()\ntime.sleep(1000.0)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    child = Child(f"ppc_attitude.nodes.{INJECTOR}", environment=environment)
+    try:
+        until(reached.exists, "the import")
+        child.process.send_signal(signal.SIGINT)
+        assert child.process.wait(PATIENCE) == 0
+    finally:
+        child.kill()
+
+
+@pytest.mark.ros
+def test_of_several_nodes_that_broke_the_first_is_named(tmp_path: Path) -> None:
+    wrong = "/**:\n  ros__parameters: {no_such: 1}\n"
+    stack = Stack([CONTROLLER, RECORDER], wrong, os.environ, lambda simulated: None)
+    stack.start()
+    until(lambda: None not in stack.exit_codes().values(), "the end of both")
+    with pytest.raises(StackError) as error:
+        stack.stop()
+    first = min(stack.told().items(), key=lambda each: each[1][AT])
+    assert str(error.value) == f"{first[0]} ended with exit code 2: {first[1][BROKEN]}"
+    assert "no parameter no_such" in str(error.value)

@@ -1,0 +1,128 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The adversary: it keeps its bounds, goes on where it was, and finds what is broken."""
+
+import json
+import math
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.falsify.goals import Goal, goal_of
+from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
+from ppc_attitude.falsify.space import Space
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.guarantee.surroundings import inertia_error
+from ppc_attitude.simulation.scenario import load
+
+CONFIG = Path(__file__).parent.parent / "config"
+PAPER = CONFIG / "paper.yaml"
+
+
+def space_of(**changes: Any) -> Space:
+    base = load([PAPER, CONFIG / "guaranteed.yaml"])
+    given = {
+        "rate": math.radians(1.0),
+        "disturbance": 4.374e-3,
+        "pieces": 4,
+        "e_S": 0.1,
+        "eta": 0.8,
+        "duration": 20.0,
+    }
+    return Space(base, **(given | changes))
+
+
+def search(space: Space, folder: Path, runs: int, goal: Goal | None = None) -> Found:
+    adversary = Search(space, goal or Goal("terminal"), folder, seed=1)
+    with ThreadPoolExecutor(2) as threads:
+        *_, last = adversary.run(runs, 60.0, threads, threading.Event())
+    return last
+
+
+def test_every_choice_keeps_its_bounds() -> None:
+    space = space_of()
+    random = np.random.default_rng(2)
+    known = np.array(space.base.parameters[PLANT]["inertia"])
+    for width in (0.1, 1.0, 10.0):
+        choice = space.choice(width * random.normal(size=space.size))
+        plant, injector = choice[PLANT], choice[INJECTOR]
+        assert np.linalg.norm(plant["initial_attitude"]) == pytest.approx(1.0)
+        assert np.linalg.norm(plant["initial_angular_velocity"]) <= space.rate * (1 + 1e-12)
+        assert np.abs(injector["pulse_torques"]).max() <= space.disturbance
+        assert inertia_error(known, np.array(plant["inertia"])) <= space.e_S * (1 + 1e-9)
+        assert 0.04 <= plant["max_torque"] <= 0.05
+
+
+def test_an_interrupted_search_goes_on_to_the_same_result(tmp_path: Path) -> None:
+    space = space_of(duration=5.0)
+    whole = search(space, tmp_path / "whole", 60)
+    search(space, tmp_path / "cut", 20)
+    file = tmp_path / "cut" / HISTORY
+    file.write_text(file.read_text() + "[0.1, 0.2")  # a line that an interruption cut
+    resumed = search(space, tmp_path / "cut", 60)
+    assert resumed.runs == whole.runs
+    assert resumed.value == whole.value
+    assert np.array_equal(resumed.x, whole.x)
+    assert file.read_text() == (tmp_path / "whole" / HISTORY).read_text()
+
+
+def test_a_folder_of_another_search_is_refused(tmp_path: Path) -> None:
+    search(space_of(duration=2.0), tmp_path, 20)
+    with pytest.raises(ConfigurationError, match="belongs to another search"):
+        search(space_of(duration=3.0), tmp_path, 20)
+
+
+def test_the_worst_case_is_a_configuration_that_gives_the_value(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    overlays = [f"--config={path}" for path in (PAPER, CONFIG / "guaranteed.yaml")]
+    bounds = ["--runs=40", "--pieces=3", f"--out={tmp_path}", "--duration=30", "--goal=terminal"]
+    code = main(["falsify", *overlays, *bounds, "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert code == (1 if told["passes_limit"] else 0)
+    main(["simulate", *overlays, f"--config={told['worst']}", "--json"])
+    verdict = json.loads(capsys.readouterr().out)
+    assert verdict["metrics"]["terminal_error"] == pytest.approx(told["largest"], rel=1e-12)
+
+
+def test_a_law_without_a_guarantee_is_broken() -> None:
+    """The paper's law leaves its envelope from a start that its table cannot follow."""
+    base = load([PAPER])
+    space = Space(base, math.radians(1.0), 4.374e-3, 0, 0.0, 1.0, 60.0)
+    goal = goal_of("attitude_error", base.controller, 5e-3, 0.0)
+    x = np.zeros(space.size)
+    x[0] = 1.0  # half a turn about x, in the inertial frame
+    assert evaluated(space, goal, x) > goal.limit
+
+
+def test_an_unknown_goal_is_refused() -> None:
+    law = load([PAPER]).controller
+    with pytest.raises(ConfigurationError, match="goal = speed; allowed for ppc: settling"):
+        goal_of("speed", law, 5e-3, 0.0)
+
+
+def test_no_short_attack_breaks_the_guarantee(tmp_path: Path) -> None:
+    space = space_of(pieces=10, e_S=0.0, eta=1.0, duration=40.0)
+    law = space.base.controller
+    for name in ("turn", "momentum_error", "rate"):
+        goal = goal_of(name, law, 5e-3, 6.0)
+        assert search(space, tmp_path / name, 80, goal).value <= goal.limit

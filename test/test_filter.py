@@ -1,0 +1,237 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from estimation_helpers import SUITES, Array, suite
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.estimators.filter import innovation, propagated, updated
+from ppc_attitude.science.estimators.steady_state import (
+    FLOOR,
+    after_gap,
+    floor_factor,
+    noise_floors,
+    steady_state,
+)
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.sensors.gyro import effective_white_noise
+
+ARCSEC = math.radians(1.0 / 3600.0)
+Q = tuple(Rotation.random(random_state=3).as_quat())
+BIAS = (0.01, -0.02, 0.03)
+
+
+def upper(a: Array) -> tuple[float, ...]:
+    return tuple(a[np.triu_indices(3)])
+
+
+def blocks(p: Array) -> tuple[Any, ...]:
+    return upper(p[:3, :3]), tuple(map(tuple, p[:3, 3:])), upper(p[3:, 3:])
+
+
+def whole(known: Any) -> Array:
+    """P, 6 × 6, of what is known."""
+    p = np.zeros((6, 6))
+    for start, block in ((0, known[2]), (3, known[4])):
+        half = np.zeros((3, 3))
+        half[np.triu_indices(3)] = block
+        p[start : start + 3, start : start + 3] = half + np.triu(half, 1).T
+    p[:3, 3:] = known[3]
+    p[3:, :3] = np.transpose(known[3])
+    return p
+
+
+def some_covariance() -> Array:
+    m = np.random.default_rng(1).normal(size=(6, 6))
+    return 1e-3 * m @ m.T
+
+
+def cross_matrix(a: Array) -> Array:
+    return np.cross(np.eye(3), a)
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-5, 9.9e-3, 1.01e-2, 0.3])
+def test_propagation_is_the_exponential_of_the_error_dynamics(angle: float) -> None:
+    p, h, white, walk = some_covariance(), 0.01, 1e-3, 2e-4
+    phi = angle * np.array([0.48, -0.6, 0.64])
+    known = propagated((Q, BIAS, *blocks(p)), tuple(phi / h + BIAS), h, white, walk)
+    # δθ' = −ω × δθ − δb, δb' = 0.
+    dynamics = np.zeros((6, 6))
+    dynamics[:3, :3] = -cross_matrix(phi / h)
+    dynamics[:3, 3:] = -np.eye(3)
+    f = expm(dynamics * h)
+    q = np.diag([white * h + walk * h**3 / 3.0] * 3 + [walk * h] * 3)
+    q[:3, 3:] = q[3:, :3] = -0.5 * walk * h**2 * np.eye(3)
+    assert np.abs(whole(known) - (f @ p @ f.T + q)).max() < 1e-16
+    turned = Rotation.from_quat(Q) * Rotation.from_rotvec(phi)
+    assert np.abs(np.array(known[0]) - turned.as_quat()).max() < 1e-15
+
+
+def test_the_update_is_josephs_form() -> None:
+    p, z = some_covariance(), (0.01, 0.02, -0.03)
+    r = np.diag([1e-3, 2e-3, 4e-3]) + 1e-4
+    known = (Q, BIAS, *blocks(p))
+    after = updated(known, z, upper(r))
+    s = p[:3, :3] + r
+    gain = p[:, :3] @ np.linalg.inv(s)
+    rest = np.eye(6) - gain @ np.eye(6)[:3]
+    assert np.abs(whole(after) - (rest @ p @ rest.T + gain @ r @ gain.T)).max() < 1e-17
+    step = gain @ z
+    assert np.allclose(np.array(after[1]) - BIAS, step[3:], rtol=1e-12)
+    turned = Rotation.from_quat(Q) * Rotation.from_rotvec(step[:3])
+    assert np.abs(np.array(after[0]) - turned.as_quat()).max() < 1e-15
+    nis = np.square(innovation(known, z, upper(r))).sum()
+    assert np.isclose(nis, z @ np.linalg.solve(s, z), rtol=1e-12)
+
+
+@kernel
+def cycles(known: Any, count: int, every: int, rate: Any, noise: Any, h: float) -> Any:
+    """Known before and after the last of many fixes without residual."""
+    fix, white, walk = noise
+    covariance = (fix * fix, 0.0, 0.0, fix * fix, 0.0, fix * fix)
+    before = known
+    for _ in range(count):
+        for _ in range(every):
+            known = propagated(known, rate, h, white * white, walk * walk)
+        before = known
+        known = updated(known, (0.0, 0.0, 0.0), covariance)
+    return before, known
+
+
+# Suite, σ_n, T; σ_θ before and after a fix ["], σ_b before and after [rad/s].
+ROWS = [
+    ("flagship", 1, 0.1, 0.0638066578, 0.0636771654, 3.172979494e-9, 3.172567929e-9),
+    ("flagship", 8, 0.1, 0.2115374, 0.211463486, 3.722210992e-9, 3.721860162e-9),
+    ("smallsat", 2, 0.1, 3.3226348, 1.71352365, 2.256260823e-6, 2.255959372e-6),
+    ("smallsat", 10, 0.1, 5.72998344, 4.97165346, 2.257070018e-6, 2.256768676e-6),
+    ("cubesat", 10, 0.2, 18.2916687, 8.77436889, 5.841090812e-5, 5.776345295e-5),
+    ("cubesat", 66, 0.2, 35.9614768, 31.5781664, 6.045589926e-5, 5.983057801e-5),
+]
+
+
+def noise_of(name: str, arcsec: float) -> tuple[float, float, float]:
+    """σ_n [rad], σ_v,eff and σ_u of a suite."""
+    values = suite(name)
+    white = effective_white_noise(
+        values["gyro.angular_random_walk"], values["gyro.resolution"], 0.01
+    )
+    return arcsec * ARCSEC, white, values["gyro.rate_random_walk"]
+
+
+@pytest.mark.parametrize(("name", "arcsec", "interval", "a", "b", "c", "d"), ROWS)
+def test_closed_form_has_the_published_digits(
+    name: str, arcsec: float, interval: float, a: float, b: float, c: float, d: float
+) -> None:
+    before, after = steady_state(*noise_of(name, arcsec), interval)
+    found = (
+        math.sqrt(before.attitude) / ARCSEC,
+        math.sqrt(after.attitude) / ARCSEC,
+        math.sqrt(before.bias),
+        math.sqrt(after.bias),
+    )
+    assert np.allclose(found, (a, b, c, d), rtol=5e-9)
+
+
+@pytest.mark.parametrize("spin", [0.0, 0.05])
+@pytest.mark.parametrize(("name", "arcsec", "interval"), [row[:3] for row in ROWS])
+def test_filter_settles_where_farrenkopf_says(
+    name: str, arcsec: float, interval: float, spin: float
+) -> None:
+    noise = noise_of(name, arcsec)
+    start = np.diag([noise[0] ** 2] * 3 + [suite(name)["gyro.initial_bias_sigma"] ** 2] * 3)
+    known = ((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), *blocks(start))
+    every = round(interval * 100)
+    for found, expected in zip(
+        cycles(known, 40_000, every, (0.0, 0.0, spin), noise, 0.01),
+        steady_state(*noise, interval),
+        strict=True,
+    ):
+        # About the spin axis each axis is alone; the other two turn into each other.
+        p = whole(found)
+        assert np.allclose([p[2, 2], p[2, 5], p[5, 5]], expected, rtol=1e-6, atol=0.0)
+        if spin == 0.0:
+            assert np.allclose(np.diag(p), [expected[0]] * 3 + [expected[2]] * 3, rtol=1e-6)
+
+
+GAPS = {
+    "flagship": (1, (0.075818, 0.124815, 0.319541)),
+    "smallsat": (2, (28.8953, 75.3992, 221.367)),
+    "cubesat": (10, (179.444, 1318.61, 12536.4)),
+}
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_a_gap_grows_as_the_closed_form_says(name: str) -> None:
+    arcsec, published = GAPS[name]
+    interval = 1.0 / suite(name)["star_tracker.rate"]
+    noise = noise_of(name, arcsec)
+    _, after = steady_state(*noise, interval)
+    p = np.kron([[after.attitude, after.cross], [after.cross, after.bias]], np.eye(3))
+    known: Any = ((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), *blocks(p))
+    step = 0
+    for gap, expected in zip((10, 60, 300), published, strict=True):
+        while step < 100 * gap:
+            known = propagated(known, (0.0, 0.0, 0.0), 0.01, noise[1] ** 2, noise[2] ** 2)
+            step += 1
+        form = after_gap(after, *noise[1:], float(gap))
+        assert np.isclose(math.sqrt(form.attitude) / ARCSEC, expected, rtol=5e-6)
+        assert np.allclose(np.diag(whole(known))[:3], form.attitude, rtol=1e-9)
+        assert np.allclose(np.diag(whole(known))[3:], form.bias, rtol=1e-9)
+        assert np.allclose(known[3][0][0], form.cross, rtol=1e-9)
+
+
+def test_the_floor_is_rices() -> None:
+    # p = 1 % an hour: 5.8 with the observer, 6.0 with a quarter of 100 Hz.
+    assert round(floor_factor(8.0, 3600.0, 0.01), 1) == 5.8
+    assert round(floor_factor(25.0, 3600.0, 0.01), 1) == 6.0
+    # A band-limited Gaussian signal, counted: ν0 = 10/√3 Hz for a flat spectrum up to 10 Hz.
+    rng = np.random.default_rng(5)
+    seconds, rate = 20_000, 200
+    spectrum = np.zeros(seconds * rate // 2 + 1, complex)
+    band = slice(1, 10 * seconds)
+    spectrum[band] = rng.normal(size=10 * seconds - 1) + 1j * rng.normal(size=10 * seconds - 1)
+    signal = np.fft.irfft(spectrum)
+    signal /= signal.std()
+    above = np.abs(signal) > 3.0
+    counted = np.count_nonzero(above[1:] & ~above[:-1])
+    # Three such axes leave ±3σ three times as often: the factor for that number is 3.
+    assert math.isclose(
+        floor_factor(10.0 / math.sqrt(3.0), seconds, 3.0 * counted), 3.0, rel_tol=0.01
+    )
+
+
+LAW = {"rate_observer": 0.0, "k": 3.0, "M_omega": 0.017, "beta": 3.6}
+
+
+@pytest.mark.parametrize(
+    ("name", "observer", "across", "along", "rate"),
+    [
+        ("cubesat", 1.0, 3.57e-4, 5.82e-4, 1.20e-3),
+        ("smallsat", 2.0, None, None, 4.15e-4),
+        ("smallsat", 0.0, None, None, 2.6e-3),
+        ("cubesat", 0.0, None, None, 1.03e-2),
+    ],
+)
+def test_published_noise_floors(
+    name: str, observer: float, across: float | None, along: float | None, rate: float
+) -> None:
+    found = noise_floors(suite(name), {**LAW, "rate_observer": observer}, 100.0)
+    if across is not None:
+        assert np.multiply(FLOOR, found.attitude) == pytest.approx([across, along], rel=2e-3)
+    assert FLOOR * found.rate[0] == pytest.approx(rate, rel=1e-2)

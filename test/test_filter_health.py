@@ -1,0 +1,90 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Records of a correct filter, and of filters that are wrong in one way each."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from estimation_helpers import ROOT
+
+from ppc_attitude.analysis.filter_health import filter_health
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+
+
+def run(seconds: float = 40.0, **nodes: Mapping[str, Any]) -> RunRecord:
+    files = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_smallsat")]
+    given = {"spacecraft_plant": {"seed": 3}, **nodes}
+    return simulate(load(files, given), seconds)
+
+
+def rows(record: RunRecord) -> dict[str, Any]:
+    return {each.key: each for each in analyse(record).requirements}
+
+
+def test_a_correct_filter_meets_its_requirements() -> None:
+    found = rows(run())
+    for key in ("knowledge_outside", "nis", "refused_fixes", "lost_messages"):
+        assert found[key].met is True, key
+
+
+def test_one_run_never_condemns_the_knowledge() -> None:
+    record = run()
+    estimate = record["estimate"].copy()
+    estimate[:, 4:10] *= 1e-2  # a filter that believes itself ten times better than it is
+    boastful = replace(record, columns={**record.columns, "estimate": estimate})
+    row = rows(boastful)["knowledge_outside"]
+    assert row.met is None
+    assert "one run cannot tell" in row.reason
+
+
+def test_wrong_noise_numbers_show_in_the_innovations() -> None:
+    timid = {"star_tracker.cross_noise": 5e-5, "star_tracker.boresight_noise": 3e-4}
+    assert rows(run(attitude_estimator=timid))["nis"].met is False
+
+
+def test_a_gate_that_is_too_narrow_refuses_good_fixes() -> None:
+    record = run(attitude_estimator={"gate": 4.0})
+    health = filter_health(record)
+    assert health is not None
+    # χ²_3 beyond 4: 26 % of the good fixes; they are good by the gate's own measure.
+    assert health.refused is not None and health.refused_limit is not None
+    assert health.refused > 10.0 > health.refused_limit
+    assert rows(record)["refused_fixes"].met is False
+
+
+def test_false_fixes_that_are_refused_are_no_good_ones() -> None:
+    given = {"star_tracker.outlier_probability": 0.1, "star_tracker.outlier_size": 0.05}
+    record = run(spacecraft_plant={"seed": 4, **given})
+    health = filter_health(record)
+    assert health is not None and health.refused == 0.0
+    refused = np.square(record["innovation"]).sum(axis=1) > 25.0
+    assert refused.sum() > 20
+
+
+def test_a_run_without_a_filter_is_not_judged_by_one() -> None:
+    record = simulate(load([ROOT / "config" / "paper.yaml"]), 1.0)
+    assert filter_health(record) is None
+    assert not {"knowledge_outside", "nis", "refused_fixes"} & set(rows(record))
+
+
+def test_a_run_too_short_says_so() -> None:
+    row = rows(run(5.0))["knowledge_outside"]
+    assert row.met is None
+    assert "before the filter settles" in row.reason

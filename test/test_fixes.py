@@ -1,0 +1,107 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from typing import Any
+
+import pytest
+
+from ppc_attitude.contract.declared import SAMPLED
+from ppc_attitude.contract.topics import LATE
+from ppc_attitude.runtime.fixes import Fixes, Slots
+from ppc_attitude.science.sensors.star_tracker import slots as steps_of
+from ppc_attitude.science.stamps import stamp_of
+
+STEP = 10_000_000  # [ns] of 100 Hz
+
+
+def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int, float, float]]:
+    """Stamp, sample and first number of the fix of what became complete, in order."""
+    found = []
+    for kind, stamp, value in events:
+        take = fixes.fix if kind == "fix" else fixes.sample
+        found += [(at, sample[0], fix[0]) for at, sample, fix in take(stamp, (value,))]
+    return found
+
+
+def new(latency: float = 0.1, initial: bool = True, **given: Any) -> Fixes:
+    return Fixes(Slots(10.0, latency, initial), 1, **given)
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 90.0, 1000.0, 3000.0])
+@pytest.mark.parametrize("latency", [0.0, 0.1, 0.1234])
+@pytest.mark.parametrize("initial", [True, False])
+def test_slots_arrive_where_the_sensors_send_them(
+    rate: float, latency: float, initial: bool
+) -> None:
+    every, delay = steps_of(rate, {"star_tracker.rate": 10.0, "star_tracker.latency": latency})
+    slots, last, found = Slots(10.0, latency, initial), None, {}
+    for k in range(5 * every):
+        stamp = stamp_of(k, rate)
+        valid = slots.due(last, stamp)
+        if valid is not None:
+            found[k] = valid
+        last = stamp
+    expected = {k: stamp_of(k - delay, rate) for k in range(delay, 5 * every, every)}
+    if initial:
+        expected.pop(delay)
+        expected[0] = 0
+    assert found == expected
+
+
+def test_a_sample_waits_for_its_fix_and_others_for_that_sample() -> None:
+    events: list[tuple[str, int, float]] = [("fix", 0, 1.0)]
+    events += [("sample", k * STEP, float(k)) for k in range(23)]
+    fixes = new()
+    assert [at // STEP for at, *_ in joined(fixes, events)] == list(range(20))
+    assert fixes.waits_for_fix
+    late = joined(fixes, [("fix", 10 * STEP, 2.0)])
+    assert late == [(20 * STEP, 20.0, 2.0), (21 * STEP, 21.0, 0.0), (22 * STEP, 22.0, 0.0)]
+    assert not fixes.waits_for_fix
+
+
+def test_a_fix_has_its_age() -> None:
+    fixes = new()
+    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(20))])
+    joined(fixes, [("fix", 10 * STEP, 2.0)])
+    ((_, _, row),) = fixes.sample(20 * STEP, (0.0,))
+    assert row == (2.0, 10 * STEP * 1e-9)
+
+
+def test_a_repeated_sample_is_complete_at_once() -> None:
+    fixes = new()
+    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(5))])
+    assert joined(fixes, [("sample", 4 * STEP, 0.0)]) == [(4 * STEP, 0.0, 0.0)]
+
+
+def test_time_that_begins_again_begins_with_slot_zero() -> None:
+    fixes = new()
+    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(8))])
+    assert joined(fixes, [("sample", 0, 0.0)]) == []
+    assert joined(fixes, [("fix", 0, 3.0)]) == [(0, 0.0, 3.0)]
+
+
+def test_who_begins_in_the_middle_waits_for_no_fix_of_before() -> None:
+    fixes = new()
+    assert joined(fixes, [("sample", 20 * STEP, 5.0)]) == [(20 * STEP, 5.0, 0.0)]
+
+
+def test_a_fix_that_never_comes_is_given_up() -> None:
+    fixes = new(depth=4)
+    events = [("sample", k * STEP, 0.0) for k in range(6)]
+    assert len(joined(fixes, [*events])) == 6
+    assert fixes.lost == 1
+
+
+def test_the_recorder_knows_what_is_late() -> None:
+    assert {topic.name for topic in SAMPLED if topic.late} == LATE

@@ -1,0 +1,305 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Mode `goal` of the reference in the loop: from parameters to slews that the law follows."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from guidance_helpers import same_sign
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.analysis.keep_out import approaches_of
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.contract.run_record import Change
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.guidance.orders import (
+    goal_order,
+    hold_order,
+    profile_order,
+    schedule_of,
+    scheduled_orders,
+)
+from ppc_attitude.science.guidance.slew import slew_torque
+from ppc_attitude.science.guidance.trajectory import points
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references.goal import COMPONENT, configuration_of
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.flight_plan import goals_told
+from ppc_attitude.simulation.replay import replay
+from ppc_attitude.simulation.scenario import Scenario, scenario
+
+DESIRED_ATTITUDE = [
+    0.20000447615026493,
+    -0.5000111903756623,
+    -0.5000111903756623,
+    -0.6782151786255484,
+]
+STRAIGHT = [0.0, 0.0, 0.0, 1.0]
+START = [0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318]
+DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.parameters}
+
+
+def flight(rate: float = 20.0, **reference: Any) -> Scenario:
+    values = {"mode": "goal", **{name.replace("__", "."): v for name, v in reference.items()}}
+    return scenario(
+        {
+            "reference_generator": values,
+            "spacecraft_plant": {"initial_attitude": START, "rate": rate, "min_torque": 0.0},
+            "disturbance_injector": {"environment": False},
+        }
+    )
+
+
+def tour(rate: float = 20.0) -> Scenario:
+    return flight(
+        rate,
+        goals__times=[5.0, 20.0, 130.0],
+        goals__frames=["inertial", "nadir", "spin"],
+        goals__attitudes=DESIRED_ATTITUDE + 2 * STRAIGHT,
+    )
+
+
+def test_law_follows_slews_from_no_error_at_all() -> None:
+    record = simulate(tour(100.0), 220.0)
+    error, rate_error = record.columns["attitude_error"][:, :3], record.columns["rate_error"]
+    assert np.abs(error[0]).max() < 1e-15
+    assert np.abs(error).max() < 5e-3
+    assert (np.abs(error) < record.columns["attitude_envelope"]).all()
+    assert (np.abs(rate_error) < record.columns["rate_envelope"]).all()
+    rate = np.linalg.norm(record.columns["reference_angular_velocity"], axis=1)
+    assert math.radians(1.99) < rate.max() < 1.002 * math.radians(2.0)
+
+
+def test_motion_does_not_depend_on_the_rate_of_the_loop() -> None:
+    slow, fast = simulate(tour(10.0), 200.0), simulate(tour(50.0), 200.0)
+    for name in ("attitude", "angular_velocity", "angular_acceleration"):
+        column = f"reference_{name}"
+        assert np.abs(fast.columns[column][::5] - slow.columns[column]).max() < 1e-12
+
+
+def test_signs_of_the_quaternion_are_continuous() -> None:
+    q = simulate(tour(), 220.0).columns["reference_attitude"]
+    assert (np.sum(q[1:] * q[:-1], axis=1) > 0.9).all()
+
+
+def test_two_runs_give_the_same_bits() -> None:
+    first, second = (simulate(tour(), 60.0).columns["torque_command"] for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_what_becomes_of_the_goals_is_told() -> None:
+    told = goals_told(
+        flight(
+            goals__times=[5.0, 10.0],
+            goals__attitudes=DESIRED_ATTITUDE + STRAIGHT,
+            keep_out__axes=[0.0, 0.0, 1.0],
+            keep_out__directions=["0 0 2"],
+            keep_out__half_angles=[0.1],
+        )
+    )
+    assert [each.time for each in told] == [5.0, 10.0]
+    assert "inertial frame, turns by 42.71° in 1 legs, there at t = 33.357 s" in told[0].advice.text
+    assert told[1].advice.warning
+    assert "order 2 is refused: it is inside keep-out cone 0" in told[1].advice.text
+    assert goals_told(scenario({})) == []
+
+
+def test_start_inside_a_cone_is_led_out_with_a_warning() -> None:
+    axis = Rotation.from_quat(START).apply([0.0, 0.0, 1.0])
+    (told,) = goals_told(
+        flight(
+            goals__times=[0.0],
+            goals__attitudes=DESIRED_ATTITUDE,
+            keep_out__axes=[0.0, 0.0, 3.0],
+            keep_out__directions=[" ".join(map(str, axis))],
+            keep_out__half_angles=[0.1],
+        )
+    )
+    assert told.advice.warning
+    assert "begins inside keep-out cone 0 and is led out" in told.advice.text
+
+
+def part_with(orders: Any) -> Part:
+    """Reference at rest at START since t = 0, with orders."""
+    part = Part(COMPONENT, DEFAULTS)
+    part.hold(configuration_of(DEFAULTS, orders)[0])
+    part.step(0, START)
+    return part
+
+
+def test_live_orders_act_from_their_stamp() -> None:
+    second = 1_000_000_000
+    start = Rotation.from_quat(START)
+    attitudes = [START, (start * Rotation.from_rotvec([0.0, 0.2, 0.0])).as_quat()]
+    profile = np.array([points([110.0, 150.0], attitudes, [None] * 2, [None] * 2)])
+    orders = np.concatenate(
+        [
+            goal_order(3 * second, "sun", STRAIGHT),
+            hold_order(20 * second),
+            profile_order(40 * second, profile),
+        ]
+    )
+    part = part_with(orders)
+    assert part.step(3 * second, START)[4:] == [0.0] * 6
+    assert np.linalg.norm(part.step(20 * second, START)[4:7]) > 0.01
+    assert part.step(39 * second, START)[4:] == [0.0] * 6
+    assert "order 2 is followed" in part.advice.text
+    part.step(40 * second, START)
+    end = np.array(part.step(150 * second, START))
+    assert np.abs(same_sign(end[:4], attitudes[1]) - attitudes[1]).max() < 1e-12
+    assert not end[4:].any()
+
+
+def test_orders_before_the_begin_act_at_the_begin() -> None:
+    orders = goal_order(1_000_000_000, "inertial", DESIRED_ATTITUDE)
+    part = Part(COMPONENT, DEFAULTS)
+    part.hold(configuration_of(DEFAULTS, orders)[0])
+    # No attitude yet: nothing begins.
+    assert part.step(2_000_000_000, [0.0] * 4) == [*STRAIGHT, *[0.0] * 6]
+    part.step(7_000_000_000, START)
+    assert "there at t = 35.357 s" in part.advice.text
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"goals__times": [1.0]}, "goals.times has 1 values, goals.attitudes 0"),
+        (
+            {"goals__times": [2.0, 1.0], "goals__attitudes": 2 * STRAIGHT},
+            r"goals.times = \[2.0, 1.0\]; allowed: none before the last",
+        ),
+        (
+            {"goals__times": [1.0], "goals__attitudes": [1.0, 1.0, 0.0, 0.0]},
+            "attitude of a goal = .* has norm 1.41421",
+        ),
+        (
+            {"goals__times": [1.0], "goals__attitudes": [math.nan, 0.0, 0.0, 1.0]},
+            "goals.attitudes",
+        ),
+        ({"goals__frames": ["moon"]}, "goals.frames = 'moon'"),
+        (
+            {"goals__frames": ["sun", "sun", "sun"], "goals__times": [1.0]},
+            "goals.frames has 3 values; allowed: 1 or 1",
+        ),
+        ({"keep_out__half_angles": [0.1]}, "keep_out.axes has 0 values, keep_out.half_angles 1"),
+        (
+            {"keep_out__half_angles": [0.1], "keep_out__axes": [0.0, 0.0, 0.0]},
+            "keep_out.axes has .* which is no direction",
+        ),
+        (
+            {
+                "keep_out__half_angles": [0.1],
+                "keep_out__axes": [0.0, 0.0, 1.0],
+                "keep_out__directions": ["mars"],
+            },
+            "keep_out.directions has 'mars'; allowed: sun, nadir, or three numbers",
+        ),
+        (
+            {"keep_out__half_angles": [0.1] * 17, "keep_out__axes": [0.0, 0.0, 1.0] * 17},
+            "keep_out.half_angles has 17 values; allowed: up to 16",
+        ),
+        ({"orbit__eccentricity": 0.5}, "perigee is"),
+        ({"orbit__epoch": "soon"}, "orbit.epoch = 'soon'"),
+        ({"guidance__max_jerk": 0.0}, "guidance.max_jerk"),
+        ({"spin__axis": [0.0, 0.0, 0.0]}, "spin.axis has .* which is no direction"),
+    ],
+)
+def test_bad_parameters_are_refused(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        flight(**values)
+
+
+@pytest.mark.parametrize("frame", ["moon", ""])
+def test_unknown_frame_is_refused(frame: str) -> None:
+    with pytest.raises(ConfigurationError, match="allowed: inertial, nadir, ground, sun, spin"):
+        goal_order(0, frame, STRAIGHT)
+
+
+def test_torque_of_a_slew_is_the_largest_of_all_axes() -> None:
+    inertia = np.diag([2.8, 2.5, 1.9])
+    need = slew_torque(inertia, math.radians(2.0), math.radians(0.4))
+    assert need == pytest.approx(0.0201, abs=5e-5)
+    axes = Rotation.random(2000, random_state=0).apply([0.0, 0.0, 1.0])
+    bent = math.radians(0.4) * np.linalg.norm(axes @ inertia, axis=1)
+    spun = math.radians(2.0) ** 2 * np.linalg.norm(np.cross(axes, axes @ inertia), axis=1)
+    assert bent.max() + spun.max() <= need
+    assert bent.max() + spun.max() == pytest.approx(need, rel=0.01)
+
+
+def test_analysis_tells_how_near_the_craft_itself_came() -> None:
+    axis, direction = np.array([0.0, 0.6, 0.8]), np.array([0.0, 0.0, -1.0])
+    record = simulate(
+        flight(
+            goals__times=[1.0],
+            goals__attitudes=DESIRED_ATTITUDE,
+            keep_out__axes=[*axis, 1.0, 0.0, 0.0],
+            keep_out__directions=["0 0 -2", "nadir"],
+            keep_out__half_angles=[0.3, 0.1],
+        ),
+        40.0,
+    )
+    attitudes = record.columns["attitude"]
+    fixed, nadir = approaches_of(record)
+    pointed = Rotation.from_quat(attitudes).apply(axis)
+    assert fixed.angle == pytest.approx(np.arccos(pointed @ direction).min(), abs=1e-9)
+    assert (fixed.direction, fixed.half_angle) == ("0 0 -2", 0.3)
+    # A circular orbit of the default altitude and inclination, from the ascending node on.
+    radius = 6378137.0 + 550e3
+    turned = np.sqrt(3.986004418e14 / radius**3) * record.stamps_ns * 1e-9
+    tilt = math.radians(97.6)
+    place = [np.cos(turned), np.sin(turned) * math.cos(tilt), np.sin(turned) * math.sin(tilt)]
+    looked = Rotation.from_quat(attitudes).apply([1.0, 0.0, 0.0])
+    expected = np.arccos(-np.sum(looked * np.transpose(place), axis=1)).min()
+    assert nadir.angle == pytest.approx(expected, abs=1e-3)  # J2 is not in the circle
+    (row,) = (row for row in analyse(record).requirements if row.key == "keep_out")
+    inside = max(each.half_angle - each.angle for each in (fixed, nadir))
+    assert row.value == pytest.approx(math.degrees(inside))
+    assert row.met is (inside <= 0.0)
+    assert not [row for row in analyse(simulate(tour(), 2.0)).requirements if row.key == "keep_out"]
+
+
+def test_orders_given_in_flight_are_replayed_from_what_was_told() -> None:
+    scheduled = simulate(
+        flight(
+            goals__times=[1.0, 6.0, 6.0, 12.3],
+            goals__frames=["inertial", "hold", "nadir", "inertial"],
+            goals__attitudes=DESIRED_ATTITUDE + 2 * STRAIGHT + [0.6, 0.0, 0.0, 0.8],
+        ),
+        20.0,
+    )
+    values = scheduled.parameters["reference_generator"]
+    orders = scheduled_orders(values)
+    told = schedule_of(orders)
+    assert np.array_equal(scheduled_orders({**values, **told}), orders)
+    # The same run as if all but the first goal had been given in flight, at 5 s.
+    first = schedule_of(orders[:1])
+    flown = replace(
+        scheduled,
+        parameters={**scheduled.parameters, "reference_generator": {**values, **first}},
+        changes=tuple(
+            Change(5_000_000_000, "reference_generator", name, value)
+            for name, value in told.items()
+        ),
+    )
+    (reference,) = (each for each in replay(flown).others if each.component == "goal")
+    assert reference.steps == 401
+    assert reference.largest == 0.0
+    (without,) = (
+        each for each in replay(replace(flown, changes=())).others if each.component == "goal"
+    )
+    assert without.largest > 0.01

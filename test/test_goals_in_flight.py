@@ -1,0 +1,230 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Goals by topic and service: what the reference generator flies, refuses and tells."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    GOAL_POSE,
+    GOAL_TRAJECTORY,
+    GUIDANCE_STATUS,
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+    Topic,
+)
+from ppc_attitude.nodes.executors import new_executor
+from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.qos import published
+from ppc_attitude.nodes.reference_generator import ReferenceGenerator
+from ppc_attitude.science.guidance.orders import ORDER, goal_order, hold_order, profile_order
+from ppc_attitude.science.guidance.trajectory import points
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references.goal import COMPONENT, configuration_of
+from ppc_attitude.science.stamps import nanoseconds
+
+START = (0.0, 0.0, 0.0, 1.0)
+GOAL = (0.6, 0.0, 0.0, 0.8)
+NEAR = (0.0, 0.28, 0.0, 0.96)
+DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.parameters}
+REFERENCE = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
+
+
+class Pilot:
+    """A reference generator in this process, and a peer that feeds it and gives it goals."""
+
+    def __init__(self) -> None:
+        rclpy.init(args=["--ros-args", "-r", "__ns:=/craft", "-p", "mode:=goal"])
+        self.node = ReferenceGenerator()
+        self.peer = Node("pilot", namespace="/craft")
+        self.heard: dict[str, dict[int, tuple[float, ...]]] = {}
+        self.told: list[DiagnosticStatus] = []
+        for topic in REFERENCE:
+            self._hear(topic)
+        self.peer.create_subscription(
+            DiagnosticArray, GUIDANCE_STATUS.name, lambda m: self.told.extend(m.status), 100
+        )
+        self._send = {
+            topic: self.peer.create_publisher(
+                message_class(topic.msgtype), topic.name, published(topic)
+            )
+            for topic in (ATTITUDE, GOAL_POSE, GOAL_TRAJECTORY)
+        }
+        self.executor = new_executor()
+        for each in (self.node, self.peer):
+            self.executor.add_node(each)
+        self.until(lambda: all(each.get_subscription_count() for each in self._send.values()))
+        self.until(lambda: self.peer.count_publishers(GUIDANCE_STATUS.name) > 0)
+
+    def _hear(self, topic: Topic) -> None:
+        heard = self.heard.setdefault(topic.name, {})
+
+        def receive(data: bytes) -> None:
+            sample = Codec(topic).decode(data)
+            heard[sample.stamp_ns] = sample.values
+
+        kind = message_class(topic.msgtype)
+        self.peer.create_subscription(kind, topic.name, receive, 100, raw=True)
+
+    def until(self, condition: Callable[[], Any]) -> None:
+        deadline = time.monotonic() + 60.0
+        while not condition():
+            assert time.monotonic() < deadline, "what was waited for did not come"
+            self.executor.spin_once(timeout_sec=0.01)
+
+    def state(self, t: float) -> list[float]:
+        """Feed the state of an instant [s]; the ten numbers of the reference that answer it."""
+        stamp_ns = nanoseconds(t)
+        self._send[ATTITUDE].publish(Codec(ATTITUDE).encode(stamp_ns, START))
+        self.until(lambda: all(stamp_ns in self.heard[topic.name] for topic in REFERENCE))
+        return [x for topic in REFERENCE for x in self.heard[topic.name][stamp_ns]]
+
+    def pose(self, attitude: tuple[float, ...], frame: str = "inertial", at: float = 0.0) -> None:
+        goal = PoseStamped()
+        goal.header.frame_id = frame
+        goal.header.stamp.sec = int(at)
+        x, y, z, w = attitude
+        goal.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+        self.give(GOAL_POSE, goal)
+
+    def give(self, topic: Topic, message: Any) -> None:
+        """Publish, and wait until the node has looked at it."""
+        before = self.seen()
+        self._send[topic].publish(message)
+        self.until(lambda: self.seen() > before)
+
+    def seen(self) -> int:
+        """How many orders the node has taken or refused."""
+        return self.node._desk._book.given + self.node.health.refused.total()
+
+    def hold(self) -> Any:
+        client = self.peer.create_client(Trigger, "reference_generator/hold")
+        self.until(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.until(future.done)
+        return future.result()
+
+    def hears(self, text: str) -> DiagnosticStatus:
+        def found() -> list[DiagnosticStatus]:
+            return [each for each in self.told if text in each.message]
+
+        self.until(found)
+        return found()[0]
+
+
+@pytest.fixture
+def pilot(ros_domain: int) -> Iterator[Pilot]:
+    try:
+        made = Pilot()
+        yield made
+        made.executor.shutdown()
+        made.node.close()
+        made.node.destroy_node()
+        made.peer.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+def flown(orders: list[Any], times: list[float]) -> list[list[float]]:
+    """What the component alone gives with the same orders."""
+    part = Part(COMPONENT, DEFAULTS)
+    kept = np.concatenate([np.zeros(0, ORDER), *orders])
+    part.hold(configuration_of(DEFAULTS, kept)[0])
+    return [part.step(nanoseconds(t), START) for t in times]
+
+
+def test_goals_and_hold_act_from_the_next_state_as_in_process(pilot: Pilot) -> None:
+    times = [float(t) for t in range(30)]
+    given = [pilot.state(t) for t in times[:2]]
+    pilot.pose(GOAL)
+    given += [pilot.state(t) for t in times[2:8]]
+    assert pilot.hold().success
+    pilot.pose(NEAR, "nadir", at=20.0)
+    given += [pilot.state(t) for t in times[8:]]
+    orders = [
+        goal_order(nanoseconds(2.0), "inertial", GOAL),
+        hold_order(nanoseconds(8.0)),
+        goal_order(nanoseconds(20.0), "nadir", NEAR),
+    ]
+    assert given == flown(orders, times)
+    status = pilot.hears("order 3 is followed: nadir frame")
+    assert status.level == DiagnosticStatus.OK
+    assert {entry.key: entry.value for entry in status.values}["frame"] == "nadir"
+
+
+def test_timed_profile_by_topic(pilot: Pilot) -> None:
+    pilot.state(0.0)
+    message = MultiDOFJointTrajectory(joint_names=["body"])
+    for seconds, q in ((60, START), (110, NEAR)):
+        x, y, z, w = q
+        point = MultiDOFJointTrajectoryPoint(
+            transforms=[Transform(rotation=Quaternion(x=x, y=y, z=z, w=w))], velocities=[Twist()]
+        )
+        point.time_from_start.sec = seconds
+        message.points.append(point)
+    pilot.give(GOAL_TRAJECTORY, message)
+    times = [1.0 + 4.5 * k for k in range(26)]
+    given = [pilot.state(t) for t in times]
+    profile = np.array([points([61.0, 111.0], [START, NEAR], [[0.0] * 3] * 2, [None] * 2)])
+    orders = [profile_order(nanoseconds(1.0), profile)]
+    assert given == flown(orders, [0.0, *times])[1:]
+    assert given[-1] == pytest.approx([*NEAR, *[0.0] * 6])
+    message.joint_names = ["wing"]
+    pilot.give(GOAL_TRAJECTORY, message)
+    pilot.hears("refused goal_trajectory: joint_names = ['wing']; allowed: ['body']")
+
+
+@pytest.mark.parametrize(
+    ("attitude", "frame", "reason"),
+    [
+        ((1.0, 1.0, 0.0, 0.0), "inertial", "has norm 1.41421"),
+        ((float("nan"), 0.0, 0.0, 1.0), "inertial", "has norm nan"),
+        (GOAL, "moon", "frame of a goal = 'moon'; allowed: inertial, nadir, ground, sun, spin"),
+    ],
+)
+def test_bad_goal_is_refused_and_the_present_one_goes_on(
+    pilot: Pilot, attitude: tuple[float, ...], frame: str, reason: str
+) -> None:
+    pilot.state(0.0)
+    pilot.pose(GOAL)
+    pilot.state(1.0)
+    pilot.pose(attitude, frame)
+    assert pilot.hears(reason).level == DiagnosticStatus.WARN
+    orders = [goal_order(nanoseconds(1.0), "inertial", GOAL)]
+    assert pilot.state(6.0) == flown(orders, [0.0, 1.0, 6.0])[-1]
+
+
+def test_time_that_begins_again_forgets_the_goals(pilot: Pilot) -> None:
+    pilot.state(0.0)
+    pilot.pose(GOAL)
+    pilot.state(4.0)
+    assert any(pilot.state(8.0)[4:])
+    for topic in REFERENCE:
+        pilot.heard[topic.name].clear()
+    assert pilot.state(0.0) == [*START, *[0.0] * 6]
+    assert pilot.state(4.0) == [*START, *[0.0] * 6]

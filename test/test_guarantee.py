@@ -1,0 +1,337 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The certificate: two libraries agree, no random state passes a bound, changes void it."""
+
+import json
+import math
+from dataclasses import replace
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpmath import iv
+
+from ppc_attitude.command_line.guarantee_view import certificate_path, stored_certificate
+from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.controllers.brake import capped_brake
+from ppc_attitude.science.controllers.momentum_tube import axis_rate
+from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, digest_of
+from ppc_attitude.science.guarantee.arithmetic import FLOATS, Arithmetic, balls
+from ppc_attitude.science.guarantee.assumptions import (
+    Assumptions,
+    Law,
+    assumptions_of,
+    law_of,
+    parameters_of,
+)
+from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.certificate import certify, differences
+from ppc_attitude.science.guarantee.design import InfeasibleError, Wishes, design, designed, nearest
+from ppc_attitude.science.guarantee.envelope import Envelope
+from ppc_attitude.science.guarantee.inequalities import inequalities
+from ppc_attitude.science.guarantee.surroundings import broken_assumptions, inertia_error
+from ppc_attitude.simulation.scenario import load
+
+CONFIG = Path(__file__).parent.parent / "config"
+SHIPPED = ("guaranteed", "guaranteed_sharp", "guaranteed_quiet")
+
+
+def values_of(name: str = "guaranteed") -> dict[str, Any]:
+    return dict(load([CONFIG / "paper.yaml", CONFIG / f"{name}.yaml"]).parameters[CONTROLLER])
+
+
+class Intervals:
+    """mpmath's intervals: the second library."""
+
+    pi = iv.pi
+
+    def number(self, value: float) -> Any:
+        return iv.mpf(value)
+
+    def sqrt(self, x: Any) -> Any:
+        return iv.sqrt(x)
+
+    def sin(self, x: Any) -> Any:
+        return iv.sin(x)
+
+    def cos(self, x: Any) -> Any:
+        return iv.cos(x)
+
+    def largest(self, *values: Any) -> Any:
+        return reduce(lambda a, b: iv.mpf([max(a.a, b.a), max(a.b, b.b)]), map(iv.mpf, values))
+
+    def least(self, *values: Any) -> Any:
+        return reduce(lambda a, b: iv.mpf([min(a.a, b.a), min(a.b, b.b)]), map(iv.mpf, values))
+
+    def upper(self, x: Any) -> Any:
+        return iv.mpf(x.b)
+
+    def outward(self, x: Any) -> tuple[float, float]:
+        low, high = float(iv.mpf(x).a), float(iv.mpf(x).b)
+        return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_certificate_is_proved_again_and_says_no_more(name: str) -> None:
+    path = CONFIG / f"{name}.yaml"
+    stored = stored_certificate([path])
+    assert stored is not None
+    values = values_of(name)
+    certificate = certify(values, stored["accuracy"])
+    assert certificate.holds
+    assert differences(stored, certificate) == []
+    assert values[CERTIFICATE.name] == stored["digest"] == digest_of(values)
+    times = {each["rate"]: each["time"] for each in stored["promises"]}
+    assert times[1.0] <= 96.0
+    if name == "guaranteed":
+        assert times[0.0] <= 90.0
+        assert times[1.0] <= 92.0
+
+
+def test_a_second_library_proves_the_same() -> None:
+    values = values_of()
+    assumed, law = assumptions_of(values), law_of(values)
+    count = (40, 2)  # wider cells: a weaker statement, the same formulas
+    law = replace(designed(assumed, Wishes(), law.h, law.k, law.kappa, law.ell).law, a=0.0125)
+    judged = {}
+    for name, arithmetic in (("arb", balls()), ("mpmath", Intervals()), ("floats", FLOATS)):
+        bounds = bounds_of(assumed, law, arithmetic, count)
+        judged[name] = inequalities(assumed, law, bounds, arithmetic)
+    for ball, interval, number in zip(*judged.values(), strict=True):
+        assert ball.holds is interval.holds is number.holds
+        for side in ("left", "right"):
+            (low, high), (below, above) = getattr(ball, side), getattr(interval, side)
+            middle = getattr(number, side)[0]
+            assert max(low, below) <= min(high, above), "both contain the true value"
+            slack = 1e-12 * abs(middle)  # floats are rounded at every step
+            assert low - slack <= middle <= high + slack
+
+
+def test_settling_times_of_both_libraries_agree() -> None:
+    values = values_of()
+    assumed, law = assumptions_of(values), law_of(values)
+    times = []
+    arithmetics: tuple[Arithmetic, ...] = (balls(), Intervals(), FLOATS)
+    for arithmetic in arithmetics:
+        bounds = bounds_of(assumed, law, arithmetic, (40, 1))
+        envelope = Envelope(assumed, law, bounds, arithmetic)
+        times.append(envelope.near_time(arithmetic.number(0.2), 0.02, 5e-3))
+    assert times[1:] == pytest.approx(times[:1] * 2, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def standard() -> tuple[Assumptions, Law]:
+    values = values_of()
+    return assumptions_of(values), law_of(values)
+
+
+def test_no_random_state_needs_more_than_the_load(standard: tuple[Assumptions, Law]) -> None:
+    """Torque M0 − J v' of random states, by differences along their own motion, against C3's."""
+    assumed, law = standard
+    bounds = bounds_of(assumed, law, FLOATS)
+    J = np.array(assumed.inertia).reshape(3, 3)
+    random = np.random.default_rng(3)
+    largest = np.zeros(3)
+    for _ in range(4000):
+        largest = np.maximum(largest, np.abs(_torque(assumed, law, J, random)))
+    share = largest / np.array(bounds.load)
+    assert (share <= 1.0).all()
+    assert share.max() > 0.8, "the bound is near what states need"
+
+
+def _unit(random: np.random.Generator) -> Any:
+    vector = random.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def _torque(assumed: Assumptions, law: Law, J: Any, random: np.random.Generator) -> Any:
+    """F = M0 − J v' of a state in the main phase, v' by central differences."""
+    phi = math.exp(random.uniform(math.log(1e-3), math.log(math.pi + 1)))
+    n, z = _unit(random), law.z_bar * _unit(random)
+    rate_d = assumed.W * random.uniform(0.5, 1.0) * _unit(random)
+    acceleration_d = assumed.W1 * _unit(random)
+
+    def limit(axis: Any, rate: Any) -> float:
+        b = axis @ rate
+        return float(b + math.sqrt(b * b + law.Omega_e**2 - rate @ rate))
+
+    f = capped_brake(phi, law.k, law.a, limit(n, rate_d))[0]
+    omega = -f * n + z
+    n_rate = np.array(axis_rate(tuple(n), phi, tuple(omega))) / (2 * math.sin(phi / 2))
+
+    def command(t: float) -> Any:
+        axis = n + t * n_rate
+        axis /= np.linalg.norm(axis)
+        cap = limit(axis, rate_d + t * acceleration_d)
+        return -capped_brake(phi + t * (n @ omega), law.k, law.a, cap)[0] * axis
+
+    v_rate = (command(1e-5) - command(-1e-5)) / 2e-5
+    # In the desired frame turned by φ about n the numbers of w_d are those of C_e ω_d.
+    half = phi / 2
+    q, q0 = math.sin(half) * n, math.cos(half)
+
+    def to_body(a: Any) -> Any:
+        return (q0 * q0 - q @ q) * a + 2 * (q @ a) * q - 2 * q0 * np.cross(q, a)
+
+    w_d = to_body(rate_d)
+    omega_s = omega + w_d
+    m_0 = J @ (np.cross(omega, w_d) - to_body(acceleration_d)) - np.cross(omega_s, J @ omega_s)
+    assert np.linalg.norm(omega_s) <= assumed.Omega
+    return m_0 - J @ v_rate
+
+
+def test_every_assumption_matters() -> None:
+    """A worse craft, reference or measurement fails an inequality of the shipped law."""
+    values = values_of()
+    assumed, law = assumptions_of(values), law_of(values)
+    for change in (
+        {"max_torque": 0.049},
+        {"dead_band": 2e-4},
+        {"d": 4.5e-3},
+        {"W": 0.0145},
+        {"W1": 7e-4},
+        {"W2": 1e-2},
+        {"Omega": 0.0523},
+        {"eta": 0.99},
+        {"e_S": 0.01},
+        {"e_W": 1e-6},
+        {"e_A": 1e-6},
+        {"late": 1.0},
+        {"inertia": (2.9, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9)},
+    ):
+        certificate = certify(
+            values | parameters_of(replace(assumed, **change), law), arithmetic=FLOATS
+        )
+        assert not certificate.holds, change
+        assert certificate.promises == ()
+
+
+def test_a_changed_number_voids_the_certificate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shipped = CONFIG / "guaranteed.yaml"
+    changed = tmp_path / "changed.yaml"
+    changed.write_text(shipped.read_text().replace("kappa: 15.0", "kappa: 15.1"))
+    certificate_path(changed).write_text(certificate_path(shipped).read_text())
+    paper = ["check", "--config", str(CONFIG / "paper.yaml"), "--config"]
+    assert main([*paper, str(shipped)]) == 0
+    assert "guaranteed: |q_ev,i| < 0.005 from t =" in capsys.readouterr().out
+    assert main([*paper, str(changed)]) == 1
+    told = capsys.readouterr().out
+    assert "the certificate does not apply: it was issued for other numbers" in told
+    assert "guaranteed: " not in told.partition("nothing is")[0]
+
+
+def test_a_certificate_that_promises_too_much_is_found_out() -> None:
+    values = values_of()
+    stored = json.loads(certificate_path(CONFIG / "guaranteed.yaml").read_text())
+    stored["promises"][0]["time"] -= 1.0
+    found = differences(stored, certify(values))
+    assert len(found) == 1
+    assert "can be promised" in found[0]
+
+
+@pytest.mark.parametrize(
+    ("node", "values", "told"),
+    [
+        (PLANT, {"rate": 50.0}, "rate = 50 Hz"),
+        (PLANT, {"max_torque": 0.04}, "max_torque = 0.04"),
+        (PLANT, {"min_torque": 2e-4}, "min_torque = 0.0002"),
+        (PLANT, {"rate_noise": 1e-6}, "rate_noise"),
+        (PLANT, {"inertia": [2.9, 0, 0, 0, 2.5, 0, 0, 0, 1.9]}, "inertia is 0.0357 off"),
+        (REFERENCE, {"amplitude": [0.014, 0.0, 0.0]}, "the reference reaches 0.014"),
+    ],
+)
+def test_a_scenario_outside_the_assumptions_is_named(
+    node: str, values: dict[str, Any], told: str
+) -> None:
+    case = load([CONFIG / "paper.yaml", CONFIG / "guaranteed.yaml"], {node: values})
+    law = case.parameters[CONTROLLER]
+    nodes = (case.parameters[each] for each in (PLANT, REFERENCE, INJECTOR))
+    found = list(broken_assumptions(assumptions_of(law), law_of(law).h, *nodes, duration=120.0))
+    assert len(found) == 1
+    assert told in found[0]
+
+
+def test_inertia_error_is_the_one_of_the_definition() -> None:
+    known = np.diag([2.8, 2.5, 1.9])
+    S = np.array([[0.05, 0.02, 0.0], [0.02, -0.03, 0.01], [0.0, 0.01, 0.04]])
+    root = np.sqrt(known)
+    true = root @ (np.eye(3) + S) @ root
+    expected = np.abs(np.linalg.eigvalsh(S)).max()
+    assert inertia_error(known.ravel(), true.ravel()) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-2, 1.0, 1e2])
+def test_design_scales_with_the_craft(standard: tuple[Assumptions, Law], scale: float) -> None:
+    """The same craft in other units of mass: the same gains, momenta scaled, the same times."""
+    assumed, law = standard
+    torques = ("max_torque", "dead_band", "d", "D1")
+    other = replace(
+        assumed,
+        inertia=tuple(scale * each for each in assumed.inertia),
+        **{name: scale * getattr(assumed, name) for name in torques},
+    )
+    found = designed(other, Wishes(), law.h, law.k, law.kappa, law.ell)
+    assert found.law.a == pytest.approx(law.a, rel=1e-6)
+    assert np.array(found.law.Y) == pytest.approx(scale * np.array(law.Y), rel=1e-6)
+    assert certify(_complete(other, found.law), rates=(1.0,)).holds
+
+
+def _complete(assumed: Assumptions, law: Law) -> dict[str, Any]:
+    return values_of() | parameters_of(assumed, law)
+
+
+def test_full_inertia_and_every_error_are_designed_and_proved(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    assumed, _ = standard
+    full = replace(assumed, inertia=(2.8, 0.1, -0.05, 0.1, 2.5, 0.08, -0.05, 0.08, 1.9))
+    weak = replace(full, eta=0.8, e_S=0.05, e_A=1e-4, e_W=1e-5)
+    for case, gains in ((full, (1.0, 15.0, 0.2)), (weak, (0.6, 20.0, 0.5))):
+        found = designed(case, Wishes(), 0.01, *gains)
+        certificate = certify(_complete(case, found.law), rates=(1.0,))
+        assert certificate.holds
+        assert certificate.promises[0].time < 130.0
+
+
+@pytest.mark.long
+def test_an_impossible_craft_is_refused_with_what_would_help(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    assumed, law = standard
+    weak = replace(assumed, max_torque=0.01)
+    with pytest.raises(InfeasibleError, match=r"nothing can be guaranteed: C\d") as refusal:
+        design(weak, Wishes(), law.h)
+    assert not refusal.value.failing.holds
+    helps = nearest(weak, law.h)
+    assert 0.01 < helps["max_torque"] < 0.05
+    assert design(replace(weak, max_torque=helps["max_torque"]), Wishes(), law.h)
+
+
+def test_contradicting_wishes_are_refused(standard: tuple[Assumptions, Law]) -> None:
+    assumed, law = standard
+    gains = (law.h, law.k, law.kappa, law.ell)
+    with pytest.raises(ValueError, match="settling within 60 s cannot be guaranteed"):
+        designed(assumed, Wishes(time=60.0), *gains)
+    quiet = Wishes(torque_noise=1e-5, rate_noise=2e-5)
+    with pytest.raises(ValueError, match="a torque noise of 1e-05"):
+        designed(assumed, quiet, *gains)
+    with pytest.raises(ValueError, match="never guaranteed"):
+        designed(assumed, Wishes(accuracy=1e-4), *gains)

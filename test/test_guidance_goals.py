@@ -1,0 +1,362 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Goals in flight: the truth's slews and switches, and what must hold for any."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from guidance_helpers import (
+    DEGREE,
+    Array,
+    begun,
+    columns,
+    guidance,
+    motion,
+    quaternion,
+    same_sign,
+    scenes,
+    table,
+)
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.attitude import conjugate, product, rotate
+from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, NADIR, SPIN, SUN
+from ppc_attitude.science.guidance.goals import (
+    ACCEPTED,
+    CROSSES,
+    ILL_DEFINED,
+    INSIDE_CONE,
+    NO_WAY,
+    SPIN_TOO_FAST,
+    TOO_FAST,
+    TOO_LATE,
+    hold,
+    pursue,
+)
+from ppc_attitude.science.guidance.rotation import axis_and_angle
+from ppc_attitude.science.guidance.trajectory import follow, points, quintic
+from ppc_attitude.science.keep_out import FIXED, angle_between
+from ppc_attitude.science.keep_out import NADIR as TO_EARTH
+from ppc_attitude.science.orbit import orbit_at
+
+PAPER = (0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318)
+DESIRED = (0.20000447615026493, -0.5000111903756623, -0.5000111903756623, -0.6782151786255484)
+OTHER = (0.5241424183609591, 0.5241424183609591, -0.5241424183609591, 0.4193139346887673)
+STRAIGHT = (0.0, 0.0, 0.0, 1.0)
+SWITCHES = [(0.0, INERTIAL, DESIRED), (12.0, NADIR, STRAIGHT), (60.0, INERTIAL, OTHER)]
+MOTION = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
+V, A = 2.0 * DEGREE, 0.4 * DEGREE
+STEP = 1e-4  # [s] of difference quotients
+
+
+def active(state: Any) -> Any:
+    return state["plans"][state["active"]]
+
+
+def assert_same(ours: Array, truth: Array, attitude: float, rate: float, bend: float) -> None:
+    ours[:4] = same_sign(ours[:4], truth[:4])
+    assert np.abs(ours[:4] - truth[:4]).max() <= attitude
+    assert np.abs(ours[4:7] - truth[4:7]).max() <= rate
+    assert np.abs(ours[7:] - truth[7:]).max() <= bend
+
+
+def assert_moves_by_its_rates(t: float, configuration: Any, state: Any) -> None:
+    """ω_d and ω_d' at t [s] equal the difference quotients of q_d and ω_d."""
+    before, now, after = (motion(t + s, configuration, state) for s in (-STEP, 0.0, STEP))
+    turn = product(conjugate(quaternion(before[:4])), quaternion(after[:4]))
+    axis, angle = axis_and_angle(turn)
+    assert np.allclose(np.array(axis) * angle / (2.0 * STEP), now[4:7], rtol=0.0, atol=1e-9)
+    assert np.allclose((after[4:7] - before[4:7]) / (2.0 * STEP), now[7:], rtol=0.0, atol=1e-6)
+
+
+def fly(goals: list[tuple[float, int, Any]], configuration: Any, until: float) -> Any:
+    """Follow goals; every change is without a jump, and the motion is always its own derivative."""
+    state = begun(PAPER)
+    times = [*(goal[0] for goal in goals[1:]), until]
+    for (t, frame, attitude), end in zip(goals, times, strict=True):
+        before = motion(t, configuration, state)
+        assert pursue(t, frame, quaternion(attitude), configuration, state) == ACCEPTED
+        assert_same(motion(t, configuration, state), before, 1e-12, 1e-12, 1e-12)
+        plan = active(state)
+        joints = [leg["begin"] for leg in plan["legs"][1 : plan["count"]]] + [plan["end"]]
+        for joint in (joint for joint in joints if t < joint < end):
+            left, right = (motion(joint + s, configuration, state) for s in (-1e-9, 1e-9))
+            assert_same(left, right, 1e-10, 1e-10, 1e-10)
+        for s in np.linspace(t + STEP, end - STEP, 41):
+            assert_moves_by_its_rates(s, configuration, state)
+    return state
+
+
+def test_slew_from_rest_is_the_truths() -> None:
+    truth = table("slew_samples")
+    configuration, state = guidance(), begun(PAPER)
+    pursue(5.0, INERTIAL, DESIRED, configuration, state)
+    assert active(state)["end"] == pytest.approx(5.0 + 28.357009755863345, abs=1e-9)
+    still = begun(PAPER)
+    for row in columns(truth, "t", *MOTION):
+        ours = motion(row[0], configuration, state if row[0] >= 5.0 else still)
+        assert_same(ours, row[1:], 1e-12, 1e-12, 1e-13)
+
+
+def test_switches_in_flight_are_the_truths() -> None:
+    configuration, state, left = guidance(), begun(PAPER), list(SWITCHES)
+    lengths = []
+    for row in columns(table("goal_switch"), "t", *MOTION):
+        while left and left[0][0] <= row[0]:
+            t, frame, attitude = left.pop(0)
+            assert pursue(t, frame, attitude, configuration, state) == ACCEPTED
+            plan = active(state)
+            lengths.append((plan["end"] - t, plan["legs"][0]["duration"]))
+        assert_same(motion(row[0], configuration, state), row[1:], 1e-12, 1e-12, 1e-9)
+    assert lengths[1] == pytest.approx((94.33848142218557, 8.319633775351878), abs=1e-9)
+    assert lengths[2] == pytest.approx((87.27504155948724, 8.00066191671642), abs=1e-9)
+
+
+@pytest.mark.parametrize("frame", range(len(FRAME_NAMES)), ids=FRAME_NAMES)
+def test_every_frame_is_reached_from_rest_and_left_in_motion(frame: int) -> None:
+    state = fly(
+        [(3.0, frame, OTHER), (150.0, INERTIAL, DESIRED), (330.0, frame, PAPER)],
+        guidance(),
+        480.0,
+    )
+    assert active(state)["end"] < 480.0
+
+
+def test_goal_during_a_brake() -> None:
+    goals = [(0.0, INERTIAL, DESIRED), (12.0, NADIR, STRAIGHT), (15.0, SUN, OTHER)]
+    fly([*goals, (18.5, INERTIAL, PAPER), (19.0, SPIN, STRAIGHT)], guidance(), 200.0)
+
+
+def brake_attempts(t: float, configuration: Any) -> int:
+    """Number k of lengthenings of the brake, if a goal comes t [s] after another."""
+    state = begun(PAPER)
+    pursue(0.0, INERTIAL, DESIRED, configuration, state)
+    now = motion(t, configuration, state)
+    pursue(t, INERTIAL, OTHER, configuration, state)
+    limits = configuration["limits"]
+    shortest = max(
+        1.5 * np.linalg.norm(now[4:7]) / limits["max_acceleration"],
+        2.0 * np.linalg.norm(now[7:]) / limits["max_jerk"],
+        1.0,
+    )
+    return round(np.log(active(state)["legs"][0]["duration"] / shortest) / np.log(1.1))
+
+
+def test_brake_that_has_to_be_lengthened() -> None:
+    configuration = guidance()
+    attempts = {t: brake_attempts(t, configuration) for t in np.arange(0.5, 28.0, 0.5)}
+    assert max(attempts.values()) > 0
+    for t in [t for t, k in attempts.items() if k == max(attempts.values())][:2]:
+        fly([(0.0, INERTIAL, DESIRED), (t, INERTIAL, OTHER)], configuration, 150.0)
+
+
+def test_random_switches_keep_the_limits() -> None:
+    configuration, random = guidance(), np.random.default_rng(11)
+    for attitudes in Rotation.random(200, random_state=4).as_quat().reshape(50, 4, 4):
+        state = begun(quaternion(attitudes[0]))
+        t = 0.0
+        for attitude in attitudes[1:]:
+            frame = int(random.integers(0, len(FRAME_NAMES)))
+            before = motion(t, configuration, state)
+            assert pursue(t, frame, quaternion(attitude), configuration, state) == ACCEPTED
+            assert_same(motion(t, configuration, state), before, 1e-12, 1e-12, 1e-12)
+            rest = float(random.uniform(0.0, 120.0))
+            samples = np.array(
+                [motion(s, configuration, state) for s in np.linspace(t, t + rest, 50)]
+            )
+            # The frames turn by up to 0.018 rad/s of their own; the brake may pass V by 0.2 %.
+            assert np.linalg.norm(samples[:, 4:7], axis=1).max() < 1.002 * V
+            t += rest
+
+
+def test_half_a_turn_from_rest_to_rest() -> None:
+    state = begun(STRAIGHT)
+    pursue(0.0, INERTIAL, (1.0, 0.0, 0.0, 0.0), guidance(), state)
+    assert active(state)["end"] == pytest.approx(97.0, abs=1e-9)
+
+
+def test_goal_where_it_is_already_takes_no_time() -> None:
+    state = begun(PAPER)
+    assert pursue(1.0, INERTIAL, quaternion(-np.array(PAPER)), guidance(), state) == ACCEPTED
+    assert active(state)["end"] == 1.0
+
+
+def test_hold_brakes_and_stays() -> None:
+    configuration, state = guidance(), begun(PAPER)
+    pursue(0.0, NADIR, STRAIGHT, configuration, state)
+    before = motion(20.0, configuration, state)
+    assert hold(20.0, configuration, state) == ACCEPTED
+    assert_same(motion(20.0, configuration, state), before, 1e-12, 1e-12, 1e-12)
+    end = active(state)["end"]
+    for s in np.linspace(20.0 + STEP, end + 1.0, 31):
+        assert_moves_by_its_rates(s, configuration, state)
+    stand = motion(end, configuration, state)
+    assert not stand[4:].any()
+    assert hold(end + 5.0, configuration, state) == ACCEPTED
+    assert_same(motion(end + 50.0, configuration, state), stand, 1e-15, 0.0, 0.0)
+
+
+def test_spin_turns_at_its_rate_about_its_axis() -> None:
+    configuration, state = guidance(), begun(PAPER)
+    pursue(0.0, SPIN, OTHER, configuration, state)
+    end = float(active(state)["end"])
+    turn = Rotation.from_rotvec(DEGREE * (end + 7.0) * configuration["spin_axis"])
+    expected = (Rotation.from_quat(OTHER) * turn).as_quat()
+    now = motion(end + 7.0, configuration, state)
+    assert np.abs(same_sign(now[:4], expected) - expected).max() < 1e-12
+    assert now[4:7] == pytest.approx(DEGREE * configuration["spin_axis"], abs=1e-16)
+
+
+def assert_refused(outcome: int, expected: int, t: float, configuration: Any, state: Any) -> None:
+    assert outcome == expected == state["outcome"]
+    other = begun(PAPER)
+    pursue(0.0, INERTIAL, DESIRED, guidance(), other)
+    assert np.array_equal(motion(t, configuration, state), motion(t, guidance(), other))
+
+
+def test_refused_goals_leave_the_present_one() -> None:
+    configuration, state = guidance(), begun(PAPER)
+    pursue(0.0, INERTIAL, DESIRED, configuration, state)
+    configuration["spin_rate"] = 0.91 * V
+    outcome = pursue(10.0, SPIN, OTHER, configuration, state)
+    assert_refused(outcome, SPIN_TOO_FAST, 10.0, configuration, state)
+    # Straight above the velocity: z × v is 0.
+    position, velocity = configuration["sky"]["orbit"]["position"], 7500.0
+    configuration["sky"]["orbit"]["velocity"] = velocity * position / np.linalg.norm(position)
+    state["look"] = 0
+    outcome = pursue(10.0, NADIR, OTHER, configuration, state)
+    assert_refused(outcome, ILL_DEFINED, 10.0, configuration, state)
+
+
+def with_cones(cones: list[tuple[Any, int, Any, float]]) -> Any:
+    """Configuration with cones: body axis, kind, direction, half angle [rad]."""
+    configuration = guidance()
+    configuration["cones"]["count"] = len(cones)
+    for i, cone in enumerate(cones):
+        for name, value in zip(("body_axis", "kind", "direction", "half_angle"), cone, strict=True):
+            configuration["cones"][name][i] = value
+    return configuration
+
+
+def test_goal_in_a_cone_and_a_closed_way_are_refused() -> None:
+    z = (0.0, 0.0, 1.0)
+    configuration, state = with_cones([(z, FIXED, rotate(quaternion(OTHER), z), 0.3)]), begun(PAPER)
+    pursue(0.0, INERTIAL, DESIRED, configuration, state)
+    outcome = pursue(10.0, INERTIAL, OTHER, configuration, state)
+    assert_refused(outcome, INSIDE_CONE, 10.0, configuration, state)
+    assert state["cone"] == 0
+    ring = next(case for case in scenes() if case["case"].startswith("closed ring"))
+    configuration, state = (
+        with_cones(
+            [
+                (cone["body_axis"], FIXED, cone["direction"], DEGREE * cone["half_angle_deg"])
+                for cone in ring["cones"]
+            ]
+        ),
+        begun(quaternion(ring["start"])),
+    )
+    assert pursue(0.0, INERTIAL, quaternion(ring["goal"]), configuration, state) == NO_WAY
+
+
+@pytest.mark.parametrize("frame", [INERTIAL, NADIR, SUN])
+def test_craft_keeps_away_from_earth_on_the_whole_way(frame: int) -> None:
+    x = (1.0, 0.0, 0.0)
+    random = np.random.default_rng(2)
+    configuration = with_cones([(x, TO_EARTH, (0.0, 0.0, 0.0), 40.0 * DEGREE)])
+    outcomes, stops = [], 0
+    for first, second in Rotation.random(120, random_state=9).as_quat().reshape(60, 2, 4):
+        state = begun(quaternion(first))
+        t = float(random.uniform(0.0, 3000.0))
+        outcome = pursue(t, frame, quaternion(second), configuration, state)
+        outcomes.append(outcome)
+        assert outcome in (ACCEPTED, INSIDE_CONE, CROSSES, NO_WAY)
+        plan = active(state)
+        cursor = np.zeros(1, state["look"]["now"].dtype)[0]
+        inside = True  # until it has come out for the first time
+        for s in np.arange(t, plan["end"], 0.5) if outcome == ACCEPTED else []:
+            r = np.array(orbit_at(s, configuration["sky"]["orbit"], cursor)[0])
+            b = rotate(quaternion(motion(s, configuration, state)[:4]), x)
+            clear = angle_between(b, tuple(-r / np.linalg.norm(r))) >= 40.0 * DEGREE - 1e-9
+            assert clear or inside
+            inside = inside and not clear
+        stops += outcome == ACCEPTED and plan["count"] > 2
+    assert outcomes.count(ACCEPTED) > 20
+    assert stops > 0
+
+
+def test_timed_profile_goes_through_its_points() -> None:
+    configuration, state = guidance(), begun(PAPER)
+    attitudes = [
+        (Rotation.from_quat(PAPER) * Rotation.from_rotvec(v)).as_quat()
+        for v in ([0.1, 0.0, 0.0], [0.2, 0.1, 0.0], [0.3, 0.1, 0.1], [0.3, 0.2, 0.0])
+    ]
+    times = [60.0, 85.0, 110.0, 140.0]
+    rate = [0.004, 0.001, -0.002]
+    profile = points(times, attitudes, [None, rate, None, None], [None, [1e-4, 0, 0], None, None])
+    assert follow(2.0, profile, configuration, state) == ACCEPTED
+    for time, attitude in zip(times, attitudes, strict=True):
+        now = motion(time, configuration, state)
+        assert np.abs(same_sign(now[:4], attitude) - attitude).max() < 1e-12
+        left, right = (motion(time + s, configuration, state) for s in (-1e-9, 1e-9))
+        assert_same(left, right, 1e-10, 1e-10, 1e-10)
+    now = motion(85.0, configuration, state)
+    assert now[4:] == pytest.approx([*rate, 1e-4, 0.0, 0.0], abs=1e-14)
+    assert not motion(150.0, configuration, state)[4:].any()
+    for s in np.linspace(2.1, 145.0, 101):
+        assert_moves_by_its_rates(s, configuration, state)
+
+
+def test_timed_profile_that_cannot_be_flown_is_refused() -> None:
+    far = [PAPER, OTHER]
+    for times, expected in (([20.0, 200.0], TOO_FAST), ([2.0, 400.0], TOO_LATE)):
+        configuration, state = guidance(), begun(PAPER)
+        pursue(0.0, INERTIAL, DESIRED, configuration, state)
+        attitudes = far if expected == TOO_LATE else [DESIRED, OTHER]
+        times = times if expected == TOO_LATE else [40.0, 70.0]
+        outcome = follow(
+            1.0, points(times, attitudes, [None] * 2, [None] * 2), configuration, state
+        )
+        assert_refused(outcome, expected, 10.0, configuration, state)
+
+
+@pytest.mark.parametrize(
+    ("times", "attitudes", "rates", "message"),
+    [
+        ([1.0], [PAPER], [None], "a trajectory of 1 points; allowed: 2 to 40"),
+        ([1.0, 1.0], [PAPER, OTHER], [None, None], "allowed: finite and increasing"),
+        ([1.0, np.nan], [PAPER, OTHER], [None, None], "allowed: finite and increasing"),
+        ([1.0, 2.0], [PAPER, (1.0, 1.0, 0.0, 0.0)], [None, None], "point 1 has attitude"),
+        ([1.0, 2.0], [(np.nan,) * 4, PAPER], [None, None], "point 0 has attitude"),
+        ([1.0, 2.0], [PAPER, OTHER], [(0.1, 0.0, 0.0), None], "point 0 is in motion"),
+        ([1.0, 2.0, 3.0], [PAPER, OTHER, PAPER], [None, (np.inf, 0, 0), None], "not finite"),
+    ],
+)
+def test_bad_timed_profile_is_refused(times: Any, attitudes: Any, rates: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        points(times, attitudes, rates, [None] * len(times))
+
+
+def test_quintic_takes_the_blends_to_rest() -> None:
+    blend = table("blend")
+    for case in np.unique(blend["case"]):
+        rows = blend["case"] == case
+        t, phi = blend["t"][rows], columns(blend, "phix", "phiy", "phiz")[rows]
+        fits = [np.polynomial.Polynomial.fit(t, phi[:, i], 5) for i in range(3)]
+        first, second = (tuple(float(p.deriv(n)(0.0)) for p in fits) for n in (1, 2))
+        zero = (0.0, 0.0, 0.0)
+        c = quintic(tuple(-phi[0]), first, second, zero, zero, float(t[-1]))
+        ours = phi[0] + sum(np.outer(t ** (n + 1), c[n]) for n in range(5))
+        assert np.abs(ours - phi).max() < 1e-12

@@ -1,0 +1,208 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Slew profiles, rotation vectors and moving frames, each against its truth table."""
+
+import math
+
+import numpy as np
+import pytest
+from guidance_helpers import (
+    DEGREE,
+    Array,
+    columns,
+    guidance,
+    quaternion,
+    same_sign,
+    table,
+)
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.attitude import conjugate, product
+from ppc_attitude.science.guidance.frames import (
+    GROUND,
+    NADIR,
+    SPINNING,
+    SUN,
+    frame_at,
+    quaternion_of,
+)
+from ppc_attitude.science.guidance.plan import LOOK
+from ppc_attitude.science.guidance.profile import duration, profile, turned
+from ppc_attitude.science.guidance.rotation import (
+    about,
+    axis_and_angle,
+    composed,
+    exponential,
+    exponential_motion,
+    relative_to,
+    rotation_vector_rates,
+)
+
+SLEWS = table("slews")
+BLEND = table("blend")
+POINTING = table("pointing")
+MOTION = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
+RANDOM = np.random.default_rng(7)
+
+
+@pytest.mark.parametrize("i", range(len(SLEWS["angle_deg"])))
+def test_profile_takes_the_least_time(i: int) -> None:
+    row = {name: float(values[i]) for name, values in SLEWS.items()}
+    limits = [DEGREE * row[f"{name}_limit"] for name in ("rate", "acceleration", "jerk")]
+    slew = profile(DEGREE * row["angle_deg"], *limits)
+    assert duration(slew) == pytest.approx(row["duration"], abs=1e-9)
+    assert slew[1:] == pytest.approx(
+        (row["jerk_time"], row["acceleration_time"], row["cruise_time"]), abs=1e-9
+    )
+    half, peak, _ = turned(0.5 * duration(slew), slew, limits[2])
+    assert half == pytest.approx(DEGREE * row["angle_at_half"], abs=1e-13)
+    assert peak == pytest.approx(DEGREE * row["peak_rate"], rel=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.01, 1.0, 5.0, 90.0])
+@pytest.mark.parametrize("jerk", [0.05, 0.2, 2.0])
+def test_profile_is_smooth_and_ends_at_rest(angle: float, jerk: float) -> None:
+    slew = profile(DEGREE * angle, 2.0 * DEGREE, 0.4 * DEGREE, jerk * DEGREE)
+    total = duration(slew)
+    assert turned(0.0, slew, jerk * DEGREE) == (0.0, 0.0, 0.0)
+    assert turned(total, slew, jerk * DEGREE) == pytest.approx((DEGREE * angle, 0.0, 0.0))
+    times = np.linspace(0.0, total, 2001)
+    motion = np.array([turned(t, slew, jerk * DEGREE) for t in times])
+    h = times[1]
+    for lower, upper in ((0, 1), (1, 2)):
+        quotient = np.diff(motion[:, lower]) / h
+        mean = 0.5 * (motion[1:, upper] + motion[:-1, upper])
+        assert np.abs(quotient - mean).max() < jerk * DEGREE * h
+
+
+def test_rates_of_the_rotation_vector_are_those_of_the_blend() -> None:
+    for case in np.unique(BLEND["case"]):
+        rows = BLEND["case"] == case
+        t = BLEND["t"][rows]
+        phi = columns(BLEND, "phix", "phiy", "phiz")[rows]
+        truth = columns(BLEND, *MOTION)[rows]
+        # The quintic through the rows themselves: scaled, so that the fit loses nothing.
+        quintic = [np.polynomial.Polynomial.fit(t, phi[:, axis], 5) for axis in range(3)]
+        for k, time in enumerate(t):
+            first, second = (
+                tuple(float(p.deriv(order)(time)) for p in quintic) for order in (1, 2)
+            )
+            q, omega, alpha = exponential_motion(tuple(phi[k]), first, second)
+            assert np.abs(same_sign(np.array(q), truth[k, :4]) - truth[k, :4]).max() < 1e-12
+            assert np.abs(omega - truth[k, 4:7]).max() < 1e-12
+            assert np.abs(alpha - truth[k, 7:]).max() < 1e-13
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-4, 0.009999, 0.010001, 0.5, 3.0])
+def test_exponential_is_scipys_and_its_rates_invert(size: float) -> None:
+    direction, first, second = RANDOM.normal(size=(3, 3))
+    phi = size * direction / np.linalg.norm(direction)
+    expected = Rotation.from_rotvec(phi).as_quat()
+    assert np.allclose(same_sign(np.array(exponential(tuple(phi))), expected), expected, atol=1e-15)
+    _, omega, alpha = exponential_motion(tuple(phi), tuple(first), tuple(second))
+    back = rotation_vector_rates(tuple(phi), omega, alpha)
+    assert np.allclose(back, (first, second), rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("scale", [0.003, 1.0, 2.5])
+def test_rates_are_difference_quotients(scale: float) -> None:
+    c1, c2, c3 = RANDOM.normal(size=(3, 3)) * scale
+
+    def moved(t: float) -> tuple[Array, Array, Array]:
+        phi, first = c1 + c2 * t + c3 * t * t, c2 + 2.0 * c3 * t
+        q, omega, alpha = exponential_motion(tuple(phi), tuple(first), tuple(2.0 * c3))
+        return np.array(q), np.array(omega), np.array(alpha)
+
+    h = 1e-5
+    (before, slower, _), (_, omega, alpha), (after, faster, _) = map(moved, (-h, 0.0, h))
+    turn = Rotation.from_quat(before).inv() * Rotation.from_quat(after)
+    assert np.allclose(turn.as_rotvec() / (2.0 * h), omega, rtol=1e-7, atol=1e-7 * scale)
+    assert np.allclose((faster - slower) / (2.0 * h), alpha, rtol=1e-7, atol=1e-7 * scale)
+
+
+def test_axis_of_half_a_turn_has_a_positive_first_component() -> None:
+    assert axis_and_angle((-0.6, 0.8, 0.0, 0.0))[0] == (0.6, -0.8, 0.0)
+    assert axis_and_angle((0.0, -1.0, 0.0, -0.0))[0] == pytest.approx((0.0, 1.0, 0.0))
+    assert axis_and_angle((0.0, 0.0, -1.0, 1e-13)) == ((0.0, 0.0, 1.0), pytest.approx(math.pi))
+
+
+def test_short_way_of_a_quaternion_with_a_negative_scalar() -> None:
+    axis, angle = axis_and_angle(tuple(-x for x in about((0.0, 0.6, 0.8), 1.0)))
+    assert axis == pytest.approx((0.0, 0.6, 0.8))
+    assert angle == pytest.approx(1.0)
+    assert axis_and_angle((0.0, 0.0, 0.0, -1.0))[1] == 0.0
+
+
+def test_matrix_to_quaternion_on_every_branch() -> None:
+    for rotation in Rotation.random(50, random_state=3):
+        for turn in (Rotation.identity(), *(Rotation.from_rotvec(3.0 * e) for e in np.eye(3))):
+            expected = (turn * Rotation.from_rotvec(0.1 * rotation.as_rotvec())).as_quat()
+            x, y, z = Rotation.from_quat(expected).as_matrix().T
+            q = np.array(quaternion_of(tuple(x), tuple(y), tuple(z)))
+            assert np.abs(same_sign(q, expected) - expected).max() < 1e-15
+
+
+def test_relative_motion_composes_back() -> None:
+    frame, motion = (
+        (
+            quaternion(Rotation.random(random_state=i).as_quat()),
+            *map(tuple, RANDOM.normal(size=(2, 3))),
+        )
+        for i in (1, 2)
+    )
+    back = composed(frame, relative_to(frame, motion))
+    assert np.abs(same_sign(np.array(back[0]), np.array(motion[0])) - motion[0]).max() < 1e-15
+    assert np.allclose(back[1:], motion[1:], atol=1e-14)
+
+
+@pytest.mark.parametrize(("frame", "name"), [(NADIR, "nadir"), (GROUND, "ground")])
+def test_pointing_frames_are_the_truths(frame: int, name: str) -> None:
+    sky, spinning = guidance()["sky"], np.zeros((), SPINNING)[()]
+    truth = columns(
+        POINTING,
+        *(f"{name}_{x}" for x in MOTION),
+    )
+    for k, t in enumerate(POINTING["t"]):
+        cursor = np.zeros((), LOOK)[()]["now"]
+        # The truth's own state at t: the orbit has its own test.
+        sky["orbit"]["position"] = columns(POINTING, "rx", "ry", "rz")[k]
+        sky["orbit"]["velocity"] = columns(POINTING, "vx", "vy", "vz")[k]
+        sky["earth_angle"] = math.radians(350.0) + 7.292115e-5 * t
+        (q, omega, alpha), _ = frame_at(0.0, frame, spinning, sky, cursor)
+        assert np.abs(same_sign(np.array(q), truth[k, :4]) - truth[k, :4]).max() < 1e-12
+        assert np.abs(omega - truth[k, 4:7]).max() < 1e-12
+        assert np.abs(alpha - truth[k, 7:]).max() < 1e-13
+
+
+@pytest.mark.parametrize("frame", [NADIR, GROUND, SUN])
+def test_frames_move_by_their_rates(frame: int) -> None:
+    sky, spinning = guidance()["sky"], np.zeros((), SPINNING)[()]
+    cursor = np.zeros((), LOOK)[()]["now"]
+    t, h = 1000.25, 0.2  # within one step of the orbit's grid
+    before, now, after = (frame_at(t + s, frame, spinning, sky, cursor)[0] for s in (-h, 0.0, h))
+    turn = product(conjugate(before[0]), after[0])
+    axis, angle = axis_and_angle(turn)
+    assert np.allclose(np.array(axis) * angle / (2.0 * h), now[1], rtol=1e-6, atol=1e-12)
+    assert np.allclose((np.array(after[1]) - before[1]) / (2.0 * h), now[2], rtol=1e-5, atol=1e-12)
+
+
+def test_sun_frame_looks_at_the_sun_across_the_orbits_normal() -> None:
+    record = guidance()
+    cursor = np.zeros((), LOOK)[()]["now"]
+    q = frame_at(0.0, SUN, np.zeros((), SPINNING)[()], record["sky"], cursor)[0][0]
+    _, y, z = Rotation.from_quat(q).as_matrix().T
+    normal = np.cross(record["sky"]["orbit"]["position"], record["sky"]["orbit"]["velocity"])
+    assert abs(y @ normal) < 1e-12 * np.linalg.norm(normal)
+    assert z[2] < 0.0  # January: the Sun is south

@@ -1,0 +1,109 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Injected torques: from which stamp to which they act, what the injector says, what it refuses."""
+
+import numpy as np
+import pytest
+
+from ppc_attitude.runtime.injection import Injections
+from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.disturbances.pulses import pulse, with_pulses
+from ppc_attitude.science.stamps import stamp_of
+
+TORQUE = (0.1, -0.2, 0.3)
+LIMIT = 1.0
+
+
+class Injector:
+    """Sums up the pulses of every instant, as the node does, one instant ahead of the states."""
+
+    def __init__(self) -> None:
+        self.injections = Injections(pulse)
+        self._pulses = np.zeros(0, pulse(0, 1.0, TORQUE).dtype)
+        self.step = 0
+        self.acted: list[float] = []
+
+    def runs(self, until: int) -> None:
+        for step in range(self.step, until):
+            changed = self.injections.at(stamp_of(step, 100.0))
+            if changed is not None:
+                self._pulses = np.concatenate([self._pulses[:0], *changed])
+            self.acted.append(with_pulses(stamp_of(step, 100.0), (0.0, 0.0, 0.0), self._pulses)[0])
+        self.step = until
+
+    def accept(self, start: float, duration: float, known: bool = True) -> str:
+        now = stamp_of(self.step, 100.0) if known else None
+        return self.injections.accept(TORQUE, round(start * 1e9), duration, LIMIT, now)
+
+    def steps(self) -> list[int]:
+        return [step for step, torque in enumerate(self.acted) if torque]
+
+
+def test_what_comes_now_acts_from_the_first_stamp_that_was_not_sent() -> None:
+    injector = Injector()
+    injector.runs(7)
+    assert injector.accept(0.0, 0.05).endswith("acts from t = 0.070000 s to 0.120000 s")
+    injector.runs(30)
+    assert injector.steps() == [7, 8, 9, 10, 11]
+
+
+def test_what_is_past_acts_now_and_what_is_to_come_when_it_says() -> None:
+    injector = Injector()
+    injector.runs(7)
+    assert "from t = 0.070000 s" in injector.accept(0.03, 0.02)
+    assert "from t = 0.150000 s to 0.170000 s" in injector.accept(0.15, 0.02)
+    injector.runs(30)
+    assert injector.steps() == [7, 8, 15, 16]
+
+
+def test_before_any_state_it_acts_from_the_first_one_on() -> None:
+    injector = Injector()
+    assert injector.accept(0.0, 0.03, known=False).endswith("from the next state on for 0.03 s")
+    injector.step = 500
+    injector.runs(520)
+    assert injector.steps() == [0, 1, 2]
+
+
+def test_overlapping_ones_add_up_each_with_its_own_duration() -> None:
+    injector = Injector()
+    injector.accept(0.0, 0.02)
+    injector.accept(0.0, 0.04)
+    injector.runs(6)
+    assert injector.acted == pytest.approx([0.2, 0.2, 0.1, 0.1, 0.0, 0.0])
+
+
+def test_time_that_begins_again_ends_them() -> None:
+    injector = Injector()
+    injector.runs(3)
+    injector.accept(0.0, 10.0)
+    injector.runs(5)
+    injector.injections.begin_again()
+    injector.step = 0
+    injector.runs(5)
+    assert injector.acted[5:] == [0.0] * 5
+
+
+def test_too_much_is_refused_with_what_is_allowed_and_changes_nothing() -> None:
+    injector = Injector()
+    with pytest.raises(RefusedError, match=r"allowed: up to 1\.0 N·m per axis"):
+        injector.injections.accept((0.0, 0.0, -1.5), 0, 1.0, LIMIT, None)
+    assert (injector.injections.accepted, injector.injections.pending) == (0, 0)
+    for _ in range(1000):
+        injector.accept(1.0, 0.05)
+    with pytest.raises(RefusedError, match="1000 pulses are pending"):
+        injector.accept(1.0, 0.05)
+    injector.runs(200)
+    injector.accept(3.0, 0.05)
+    assert injector.injections.pending == 1

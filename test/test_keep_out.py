@@ -1,0 +1,301 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Keep-out cones: the exact test, the planner on the truth's scenes and on random ones."""
+
+import math
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+import pytest
+from guidance_helpers import DEGREE, Array, guidance, quaternion, scenes
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.attitude import conjugate, product, rotate
+from ppc_attitude.science.guidance.profile import duration, profile, turned
+from ppc_attitude.science.guidance.rotation import about, axis_and_angle
+from ppc_attitude.science.keep_out import (
+    CONES,
+    FOUND,
+    GOAL_INSIDE,
+    NO_WAY,
+    angle_between,
+    closest_angle,
+    cones_around,
+    rest_to_rest,
+    route,
+)
+from ppc_attitude.science.kernel import Quaternion
+
+LIMITS = guidance()["limits"]
+SCENES = scenes()
+
+
+class Plan(NamedTuple):
+    """What `route` answers."""
+
+    outcome: int
+    attitudes: Array
+    axes: Array
+    angles: Array
+
+    @property
+    def duration(self) -> float:
+        return float(sum(rest_to_rest(angle, LIMITS) for angle in self.angles))
+
+
+def cones(body_axes: Any, half_angles: Any) -> Any:
+    record = np.zeros((), CONES)[()]
+    record["count"] = len(half_angles)
+    record["body_axis"][: len(half_angles)] = body_axes
+    record["half_angle"][: len(half_angles)] = half_angles
+    return record
+
+
+def scene(case: dict[str, Any]) -> tuple[Any, Array]:
+    """Cones of a scene of the truth data, and their directions."""
+    parts = case["cones"]
+    half_angles = [DEGREE * part["half_angle_deg"] for part in parts]
+    directions = np.array([part["direction"] for part in parts])
+    return cones([part["body_axis"] for part in parts], half_angles), directions
+
+
+@numba.njit
+def sampled_angles(
+    q: Quaternion, axis: Any, angle: float, limits: Any, record: Any, directions: Any, h: float
+) -> Any:
+    """Smallest angle [rad] to each cone's direction over a turn, at instants h [s] apart."""
+    turn = profile(angle, limits.max_rate, limits.max_acceleration, limits.max_jerk)
+    smallest = np.full(record.count, math.pi)
+    for k in range(math.ceil(duration(turn) / h) + 1):
+        psi = turned(min(k * h, duration(turn)), turn, limits.max_jerk)[0]
+        attitude = product(q, about(axis, psi))
+        for i in range(record.count):
+            b, s = record.body_axis[i], directions[i]
+            there = rotate(attitude, (b[0], b[1], b[2]))
+            smallest[i] = min(smallest[i], angle_between(there, (s[0], s[1], s[2])))
+    return smallest
+
+
+def planned(start: Any, goal: Any, record: Any, directions: Array) -> Plan:
+    return Plan(*route(quaternion(start), quaternion(goal), record, directions, LIMITS))
+
+
+def assert_leads_there(plan: Plan, start: Any, goal: Any, record: Any, directions: Array) -> None:
+    """The turns join start and goal and keep the cones; the first may leave those it begins in."""
+    exempt = cones_around(quaternion(start), record, directions)
+    q = quaternion(start)
+    for k, (begin, axis, angle) in enumerate(
+        zip(plan.attitudes, plan.axes, plan.angles, strict=True)
+    ):
+        assert abs(abs(np.dot(begin, q)) - 1.0) < 1e-12
+        q = quaternion(begin)
+        smallest = sampled_angles(q, tuple(axis), angle, LIMITS, record, directions, 0.01)
+        for i in range(record["count"]):
+            if k > 0 or not exempt >> i & 1:
+                assert smallest[i] >= record["half_angle"][i] - 1e-9
+        q = product(q, about(tuple(axis), angle))
+    assert abs(abs(np.dot(goal, q)) - 1.0) < 1e-12
+
+
+@pytest.mark.parametrize("case", SCENES, ids=lambda case: case["case"])
+def test_closest_angles_of_the_direct_turn(case: dict[str, Any]) -> None:
+    record, directions = scene(case)
+    q = quaternion(case["start"])
+    axis, angle = axis_and_angle(product(conjugate(q), quaternion(case["goal"])))
+    assert angle == pytest.approx(DEGREE * case["direct"]["angle_deg"], abs=1e-9)
+    assert rest_to_rest(angle, LIMITS) == pytest.approx(case["direct"]["duration"], abs=1e-9)
+    for i, expected in enumerate(case["direct"]["closest_deg"]):
+        b = rotate(q, tuple(record["body_axis"][i]))
+        closest = closest_angle(b, rotate(q, axis), angle, tuple(directions[i]))
+        assert closest == pytest.approx(DEGREE * expected, abs=1e-9)
+
+
+def test_closest_angle_of_random_turns_is_that_of_the_samples() -> None:
+    for turn, first, second, angle in zip(
+        *(Rotation.random(300, random_state=k) for k in range(3)),
+        np.random.default_rng(0).uniform(0.0, np.pi, 300),
+        strict=True,
+    ):
+        e, b, s = (tuple(r.apply([0.0, 0.0, 1.0])) for r in (turn, first, second))
+        swept = Rotation.from_rotvec(np.outer(np.linspace(0.0, angle, 2001), e)).apply(b)
+        sampled = np.arccos(np.clip(swept @ np.array(s), -1.0, 1.0)).min()
+        exact = closest_angle(b, e, angle, s)
+        assert exact <= sampled + 2e-8
+        assert exact >= sampled - 0.5 * angle / 2000.0
+
+
+@pytest.mark.parametrize("case", SCENES, ids=lambda case: case["case"])
+def test_planner_on_the_truths_scenes(case: dict[str, Any]) -> None:
+    record, directions = scene(case)
+    plan = planned(case["start"], case["goal"], record, directions)
+    if case["feasible"]:
+        assert plan.outcome == FOUND
+        assert plan.duration <= 1.3 * case["example"]["duration"] + 1e-9
+        assert_leads_there(plan, case["start"], case["goal"], record, directions)
+    elif case["reason"] == "goal inside":
+        assert plan.outcome == GOAL_INSIDE
+    elif case["reason"] == "enclosed" or len(case["cones"]) == 2:
+        assert plan.outcome != FOUND
+    else:  # The start is inside: it is led out.
+        assert plan.outcome == FOUND
+        assert_leads_there(plan, case["start"], case["goal"], record, directions)
+
+
+def test_way_out_is_the_smallest_turn() -> None:
+    record = cones([[0.0, 0.0, 1.0]], [30.0 * DEGREE])
+    start = Rotation.from_euler("x", 20.0, degrees=True).as_quat()
+    goal = Rotation.from_euler("x", -90.0, degrees=True).as_quat()
+    plan = planned(start, goal, record, np.array([[0.0, 0.0, 1.0]]))
+    # The axis is 20° from the direction and leaves to 33°: 13° is the least that any way takes.
+    assert plan.angles[0] == pytest.approx(13.0 * DEGREE, abs=1e-9)
+
+
+def test_half_a_turn_goes_the_way_that_is_clear() -> None:
+    record = cones([[0.0, 0.0, 1.0]], [30.0 * DEGREE])
+    for side in (-1.0, 1.0):
+        plan = planned(
+            (0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0), record, np.array([[0.0, side, 0.0]])
+        )
+        assert plan.axes.tolist() == [[side, 0.0, 0.0]]
+
+
+def test_same_scene_gives_the_same_plan() -> None:
+    case = next(case for case in SCENES if case["case"].startswith("camera, two"))
+    record, directions = scene(case)
+    first, second = (planned(case["start"], case["goal"], record, directions) for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def enclosed(start: Array, goal: Array, centres: Array, radii: Array) -> bool:
+    """Tell if caps on the sphere separate two points outside of them: a proof, not a search.
+
+    Seen from the goal by stereographic projection caps become discs of a plane, and where the
+    discs that hang together wind round the start, no way leads from it to infinity.
+    """
+    to_pole, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [goal])
+
+    def plane(points: Array) -> Array:
+        x, y, z = to_pole.apply(points).T
+        return np.asarray((x + 1j * y) / (1.0 - z))
+
+    p = plane(start[None])[0]
+    middles = []
+    for centre, radius in zip(centres, radii, strict=True):
+        side = np.cross(centre, np.eye(3)[np.argmin(abs(centre))])
+        side /= np.linalg.norm(side)
+        rim = [
+            np.cos(radius) * centre
+            + np.sin(radius) * (np.cos(a) * side + np.sin(a) * np.cross(centre, side))
+            for a in np.array([0.0, 2.0, 4.0])
+        ]
+        a, b, c = plane(np.array(rim)) - p
+        # The centre of the circle through three points.
+        top = abs(a) ** 2 * (b - c) + abs(b) ** 2 * (c - a) + abs(c) ** 2 * (a - b)
+        bottom = np.conj(a) * (b - c) + np.conj(b) * (c - a) + np.conj(c) * (a - b)
+        middle = top / bottom
+        middles.append((middle, abs(a - middle)))
+    winding: dict[int, float] = {}
+    for root in range(len(middles)):
+        if root in winding:
+            continue
+        winding[root] = 0.0
+        queue = [root]
+        for i in queue:
+            for j in range(len(middles)):
+                (m, r), (n, s) = middles[i], middles[j]
+                gap = abs(n - m)
+                # The chain is proof only where the discs overlap for certain.
+                if i == j or gap >= (r + s) * (1.0 - 1e-9):
+                    continue
+                low, high = max(-r, gap - s), min(r, gap + s)
+                shared = m + (n - m) / gap * 0.5 * (low + high) if gap > 0.0 else m
+                turn = np.angle(shared / m) + np.angle(n / shared)
+                if j not in winding:
+                    winding[j] = winding[i] + turn
+                    queue.append(j)
+                elif abs(winding[i] + turn - winding[j]) > 1.0:
+                    return True
+    return False
+
+
+def test_ring_of_the_truth_is_proved_closed_and_the_open_one_is_not() -> None:
+    for name, expected in (("closed ring", True), ("the ring with one", False)):
+        case = next(case for case in SCENES if case["case"].startswith(name))
+        record, directions = scene(case)
+        axis = [0.0, 0.0, 1.0]
+        start, goal = (Rotation.from_quat(case[end]).apply(axis) for end in ("start", "goal"))
+        radii = record["half_angle"][: record["count"]]
+        assert enclosed(start, goal, directions, radii) is expected
+
+
+def random_scene(seed: int) -> tuple[Array, Array, Any, Array]:
+    """Start, goal, cones of one to three body axes, and their directions."""
+    random = np.random.default_rng(seed)
+
+    def units(count: int) -> Array:
+        vectors = random.normal(size=(count, 3))
+        return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+    count = int(random.integers(2, 9))
+    axes = units(int(random.integers(1, 4)))
+    chosen = axes[random.integers(0, len(axes), count)]
+    half_angles = DEGREE * random.uniform(5.0, 40.0, count)
+    start, goal = Rotation.random(2, random_state=seed).as_quat()
+    return start, goal, cones(chosen, half_angles), units(count)
+
+
+def proved_closed(start: Array, goal: Array, record: Any, directions: Array) -> bool:
+    """Tell if the cones of one body axis alone separate start and goal."""
+    count = record["count"]
+    body_axes = record["body_axis"][:count]
+    for axis in np.unique(body_axes, axis=0):
+        same = (body_axes == axis).all(axis=1)
+        ends = (Rotation.from_quat(q).apply(axis) for q in (start, goal))
+        if enclosed(*ends, directions[same], record["half_angle"][:count][same]):
+            return True
+    return False
+
+
+def outcomes(seeds: range) -> dict[str, int]:
+    """Count what became of random scenes; a plan that violates a cone fails."""
+    counts = dict.fromkeys(("direct", "stops", "led out", "goal inside", "closed", "unsolved"), 0)
+    for seed in seeds:
+        start, goal, record, directions = random_scene(seed)
+        plan = planned(start, goal, record, directions)
+        inside = cones_around(quaternion(start), record, directions)
+        if plan.outcome == FOUND:
+            assert_leads_there(plan, start, goal, record, directions)
+            name = "led out" if inside else "stops" if len(plan.angles) > 1 else "direct"
+        elif plan.outcome == GOAL_INSIDE:
+            name = "goal inside"
+        else:
+            assert plan.outcome == NO_WAY
+            closed = not inside and proved_closed(start, goal, record, directions)
+            name = "closed" if closed else "unsolved"
+        counts[name] += 1
+    print(counts)
+    return counts
+
+
+def test_random_scenes_are_never_violated() -> None:
+    counts = outcomes(range(300))
+    assert min(counts[name] for name in ("direct", "stops", "led out", "goal inside")) > 10
+    assert counts["unsolved"] == 0
+
+
+@pytest.mark.long
+def test_ten_thousand_random_scenes_are_never_violated() -> None:
+    assert outcomes(range(10_000))["unsolved"] <= 2

@@ -1,0 +1,207 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from typing import Any
+
+import numpy as np
+import pytest
+from estimation_helpers import (
+    STEP_NS,
+    Array,
+    angles_between,
+    filtered,
+    known_now,
+    new_memory,
+    suite,
+    table,
+)
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.estimators.late_fixes import take_fix, take_sample
+from ppc_attitude.science.estimators.mekf import filter_record
+
+MOUNTINGS = {
+    "smallsat_slew": [0.0, 0.573576436351046, 0.0, 0.819152044288992],
+    "cubesat_tumble": [
+        0.33441742171096,
+        0.668834843421919,
+        -0.33441742171096,
+        0.573576436351046,
+    ],
+}
+REFUSED = {"smallsat_slew": 0, "cubesat_tumble": 7}  # the false fixes, and no other
+
+
+def recording(case: str) -> tuple[Any, Array, Any, Any, Array]:
+    """Settings, gyro samples from step 0 on, steps of validity and arrival, and fixes."""
+    settings = filter_record(suite(case.partition("_")[0], star_tracker__mounting=MOUNTINGS[case]))
+    rates = np.vstack([np.zeros(3), table(f"{case}_gyro") * 1e-7])
+    star = table(f"{case}_star")
+    valid, arrival = (star[:, i].astype(np.int64) for i in (0, 1))
+    return settings, rates, valid, arrival, np.ascontiguousarray(star[:, 2:])
+
+
+def run(settings: Any, rates: Array, valid: Any, arrival: Any, fixes: Array) -> tuple[Any, Array]:
+    memory, rows = new_memory(), np.full((len(rates), 13), np.nan)
+    filtered(memory, settings, rates, valid, arrival, fixes, rows)
+    return memory, rows
+
+
+@pytest.mark.parametrize("case", MOUNTINGS)
+def test_recorded_data_give_what_the_reference_filter_knows(case: str) -> None:
+    memory, rows = run(*recording(case))
+    oracle = table(f"{case}_oracle")
+    rows = rows[oracle[:, 0].astype(int)]
+    known = ~np.isnan(oracle[:, 1])
+    assert np.array_equal(~np.isnan(rows[:, 0]), known)
+    rows, oracle = rows[known], oracle[known]
+    assert angles_between(rows[:, :4], oracle[:, 1:5]).max() < 1e-9
+    assert np.abs(rows[:, 4:7] - oracle[:, 5:8]).max() < 5e-9
+    assert np.allclose(rows[:, 7:], oracle[:, 8:], rtol=1e-6)  # the file has seven digits
+    assert (memory["refused"], memory["unmatched"]) == (REFUSED[case], 0)
+
+
+@pytest.mark.parametrize("case", MOUNTINGS)
+def test_a_late_filter_is_a_prompt_one_without_the_later_fixes(case: str) -> None:
+    settings, rates, valid, arrival, fixes = recording(case)
+    # From a first estimate, over a false fix, and between two arrivals.
+    for last in (25, 647, 1999):
+        late_memory, late = run(settings, rates[: last + 1], valid, arrival, fixes)
+        arrived = arrival <= last
+        assert arrived.any()
+        prompt_memory, prompt = run(
+            settings, rates[: last + 1], valid[arrived], valid[arrived], fixes[arrived]
+        )
+        assert np.array_equal(late[-1], prompt[-1])
+        assert known_now(late_memory) == known_now(prompt_memory)
+
+
+def turning(seconds: float, amplitude: float = 0.02) -> tuple[Array, Array]:
+    """Rates [rad/s] held over each step of 0.01 s (row k ends at step k) and exact attitudes."""
+    t = 0.01 * np.arange(round(100 * seconds) + 1)
+    rates = amplitude * np.stack([np.cos(t / 3), np.sin(t / 2), -np.cos(t / 4)], axis=1)
+    q = [Rotation.from_quat([0.1554, 0.4271, 0.4792, 0.7509])]
+    for turn in Rotation.from_rotvec(0.01 * rates[1:]):
+        q.append(q[-1] * turn)
+    return rates, Rotation.concatenate(q).as_quat()
+
+
+def test_without_noise_one_fix_is_enough() -> None:
+    rates, truth = turning(100.0)
+    settings = filter_record(suite("flagship"))
+    steps = np.zeros(1, np.int64)
+    _, rows = run(settings, rates, steps, steps, truth[:1])
+    assert angles_between(rows[:, :4], truth).max() <= 1e-12
+    assert np.array_equal(rows[:, 4:7], np.zeros_like(rates))
+
+
+SLOTS = {"smallsat": 10, "cubesat": 20}
+
+
+def noisy(name: str, seconds: float, seed: int) -> tuple[Any, Array, Array, Any, Any, Array]:
+    """`turning` as the sensors of a suite see it; noise of NumPy's generator, bias as drawn."""
+    values, rng = suite(name), np.random.default_rng(seed)
+    every = SLOTS[name]
+    rates, truth = turning(seconds)
+    n, h = len(rates), 0.01
+    white = np.hypot(
+        values["gyro.angular_random_walk"], values["gyro.resolution"] * np.sqrt(h / 12.0)
+    )
+    walk = values["gyro.rate_random_walk"] * np.sqrt(h) * rng.normal(size=(n, 3))
+    bias = values["gyro.initial_bias_sigma"] * rng.normal(size=3) + walk.cumsum(axis=0)
+    measured = rates + bias + white / np.sqrt(h) * rng.normal(size=(n, 3))
+    valid = np.arange(0, n, every)
+    sigma = [values["star_tracker.cross_noise"]] * 2 + [values["star_tracker.boresight_noise"]]
+    noise = Rotation.from_rotvec(rng.normal(size=(valid.size, 3)) * sigma)
+    fixes = (Rotation.from_quat(truth[valid]) * noise).as_quat()
+    return filter_record(values), measured, truth, valid, valid + every, fixes
+
+
+@pytest.mark.parametrize("name", SLOTS)
+def test_false_fixes_are_refused_and_good_ones_are_not(name: str) -> None:
+    for seed in range(100, 120):  # by chance the gate refuses one good fix in 65 000
+        settings, rates, _, valid, arrival, fixes = noisy(name, 20.0, seed)
+        rng = np.random.default_rng(1000 + seed)
+        false = rng.random(valid.size) < 0.05
+        false[:6] = False  # a first fix that is false is another test's
+        axis = rng.normal(size=(valid.size, 3))
+        size = rng.uniform(3e-3, 0.1, valid.size) * false
+        turns = axis * (size / np.linalg.norm(axis, axis=1))[:, None]
+        fixes = (Rotation.from_quat(fixes) * Rotation.from_rotvec(turns)).as_quat()
+        memory, _ = run(settings, rates, valid, arrival, fixes)
+        arrived = arrival < len(rates)
+        assert memory["fixes"] == arrived.sum()
+        assert memory["refused"] == (false & arrived).sum()
+        assert memory["begun_anew"] == 0
+
+
+TURN = Rotation.from_rotvec([0.2, -0.25, 0.18])  # 21°
+
+
+@pytest.mark.parametrize(("name", "right_at"), [("smallsat", 30), ("cubesat", 60)])
+def test_a_false_first_fix_is_soon_forgotten(name: str, right_at: int) -> None:
+    settings, rates, truth, valid, arrival, fixes = noisy(name, 2.0, 7)
+    fixes[0] = (TURN * Rotation.from_quat(fixes[0])).as_quat()
+    memory, rows = run(settings, rates, valid, arrival, fixes)
+    error = angles_between(rows[:, :4], truth)
+    assert error[right_at - 1] > 0.3
+    assert error[right_at:].max() < 0.01
+    assert memory["begun_anew"] == 1
+
+
+@pytest.mark.parametrize(("name", "followed_after"), [("smallsat", 100), ("cubesat", 200)])
+def test_a_turn_of_all_fixes_in_inertial_axes_is_followed(name: str, followed_after: int) -> None:
+    settings, rates, _, valid, arrival, fixes = noisy(name, 14.0, 7)
+    turned = valid >= 1000
+    fixes[turned] = (TURN * Rotation.from_quat(fixes[turned])).as_quat()
+    memory, rows = run(settings, rates, valid, arrival, fixes)
+    at = 1000 + followed_after
+    error = angles_between(rows[valid, :4], fixes)
+    assert memory["begun_anew"] == 1
+    assert error[(valid > 1000) & (valid < at)].min() > 0.3
+    assert error[valid >= at].max() < 0.01
+
+
+def test_fixes_that_disagree_are_never_believed() -> None:
+    settings, rates, truth, valid, arrival, fixes = noisy("smallsat", 14.0, 3)
+    count = (valid >= 500).sum()
+    random = Rotation.random(count, random_state=3)
+    fixes[valid >= 500] = random.as_quat()
+    memory, rows = run(settings, rates, valid, arrival, fixes)
+    assert memory["refused"] == (arrival[valid >= 500] < len(rates)).sum() > 80
+    assert memory["begun_anew"] == 0
+    assert angles_between(rows[-1, :4], truth[-1]) < 1e-3
+
+
+def test_a_fix_of_no_remembered_step_is_counted_and_changes_nothing() -> None:
+    settings, rates, truth, *_ = noisy("smallsat", 12.0, 3)
+    memory = new_memory()
+    for k, rate in enumerate(rates.tolist()):
+        take_sample(memory, settings, k * STEP_NS, tuple(rate))
+        if k == 0:
+            take_fix(memory, settings, 0, tuple(truth[0]))
+    before = known_now(memory)
+    last = len(rates) - 1
+    for stamp in (0, last * STEP_NS + 1, (last + 1) * STEP_NS):
+        _, told = take_fix(memory, settings, stamp, tuple(truth[0]))
+        assert not told
+    assert memory["unmatched"] == 3
+    assert known_now(memory) == before
+
+
+@pytest.mark.parametrize("name", ["star_tracker.cross_noise", "star_tracker.boresight_noise"])
+def test_a_tracker_without_noise_is_refused(name: str) -> None:
+    with pytest.raises(ConfigurationError, match=rf"{name} = 0.0 rad; allowed: > 0"):
+        filter_record({**suite("smallsat"), name: 0.0})

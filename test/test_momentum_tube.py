@@ -1,0 +1,218 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from record_helpers import inputs_of, outputs_of, state_of
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.science.controllers import momentum_tube, tube_parameters
+from ppc_attitude.science.controllers.brake import BLEND, brake, capped_brake
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import resolved
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import scenario
+
+LAW = {"controller": "momentum_tube"}
+STEP = 1e-6
+
+
+def run(duration: float = 120.0, **nodes: dict[str, Any]) -> RunRecord:
+    return simulate(scenario({"ppc_controller": LAW} | nodes), duration)
+
+
+def settled_after(record: RunRecord, start: float = 0.0) -> float:
+    """Last instant with an error of 5e-3 or more, counted from `start` [s]."""
+    error = np.abs(record["attitude_error"][:, :3]).max(axis=1)
+    return float(record.t[np.flatnonzero(error >= 5e-3)[-1]] - start)
+
+
+def inside(record: RunRecord) -> bool:
+    return bool(
+        (np.abs(record["attitude_error"][:, :3]) <= record["attitude_envelope"]).all()
+        and (np.abs(record["momentum_error"]) <= record["momentum_tube"]).all()
+    )
+
+
+def hit(torque: float, time: float, duration: float) -> dict[str, Any]:
+    return {
+        "pulse_times": [time],
+        "pulse_durations": [duration],
+        "pulse_torques": [torque] * 3,
+    }
+
+
+@pytest.mark.parametrize("cap", [0.01, 0.03, 0.06])
+def test_brake_is_smooth_and_never_asks_for_more_than_its_deceleration(cap: float) -> None:
+    k, a = 1.0, 0.0127
+    for phi in np.linspace(1e-4, 4.0, 2001):
+        f, f_phi, f_cap = capped_brake(phi, k, a, cap)
+        right, left = (capped_brake(phi + d, k, a, cap)[0] for d in (STEP, -STEP))
+        assert f_phi == pytest.approx((right - left) / (2 * STEP), abs=2e-6)
+        right, left = (capped_brake(phi, k, a, cap + d)[0] for d in (STEP, -STEP))
+        assert f_cap == pytest.approx((right - left) / (2 * STEP), abs=1e-4)
+        assert f <= min(brake(phi, k, a)[0], cap) * (1 + 1e-15)
+        assert f * f_phi <= a * (1 + 1e-12)
+
+
+def test_full_cap_and_no_cap_meet_the_parabola() -> None:
+    k, a, cap = 1.0, 0.0127, 0.03
+    for x, f in ((1.0 - BLEND, 1.0 - BLEND), (1.0 + BLEND, 1.0)):
+        phi = ((x * cap) ** 2 + (a / k) ** 2) / (2 * a)  # where g = x V
+        assert capped_brake(phi, k, a, cap)[0] == pytest.approx(f * cap, rel=1e-12)
+
+
+# The numbers that an independent implementation of the law ran with.
+REFERENCE = {
+    "momentum_tube.a": 0.0127476693,
+    "momentum_tube.Omega_e": 0.0514351379,
+    "momentum_tube.Y": [1.29068353e-3, 1.25668278e-3, 1.18651711e-3],
+    "momentum_tube.B": [0.0428397211, 0.0431208910, 0.0437035157],
+    "momentum_tube.z_bar": 9.247386e-4,
+    "momentum_tube.V_rate": 1.35e-3,
+    "momentum_tube.far": 0.699525426,
+    "momentum_tube.w_far": 0.0349,
+    "momentum_tube.omega0": 0.104719755,
+}
+
+
+def test_papers_case_settles_at_the_reference_numbers() -> None:
+    """17.13 s, 1.4e-6 in the last 20 s, 2.948 deg/s: of that implementation."""
+    record = run(ppc_controller=LAW | REFERENCE)
+    error = np.abs(record["attitude_error"][:, :3]).max(axis=1)
+    rate = np.degrees(np.linalg.norm(record["angular_velocity"], axis=1))
+    assert settled_after(record) == pytest.approx(17.13, abs=0.02)
+    assert error[record.t > 100.0].max() == pytest.approx(1.4e-6, rel=0.02)
+    assert rate.max() == pytest.approx(2.948, abs=1e-3)
+    assert np.abs(record["applied_torque"]).max() <= 0.05
+    assert inside(record)
+
+
+@pytest.mark.parametrize(("duration", "recovery"), [(0.1, 4.12), (0.2, 9.98), (0.5, 37.1)])
+def test_recovers_from_a_hit_as_the_reference_does(duration: float, recovery: float) -> None:
+    record = run(
+        160.0, disturbance_injector=hit(0.8, 80.0, duration), ppc_controller=LAW | REFERENCE
+    )
+    assert settled_after(record, 80.0) == pytest.approx(recovery, abs=0.02)
+
+
+def test_recovers_when_a_hit_makes_the_craft_tumble() -> None:
+    record = run(140.0, disturbance_injector=hit(0.8, 80.0, 1.0))
+    assert settled_after(record, 80.0) < 48.0
+    tumbling = record["attitude_envelope"][:, 0] == 1.0
+    assert tumbling.any()
+    assert inside(record)
+
+
+def law_of(**values: Any) -> Any:
+    given = {tube_parameters.PREFIX + name: value for name, value in values.items()}
+    return tube_parameters.configure(resolved(tube_parameters.PARAMETERS, given, "law"))
+
+
+def new_records() -> tuple[Any, Any]:
+    return state_of(momentum_tube.COMPONENT), outputs_of(momentum_tube.COMPONENT)
+
+
+def measurement_of(error: Rotation, rate: Any) -> Any:
+    measurement = inputs_of(momentum_tube.COMPONENT)
+    measurement["attitude"] = error.as_quat()
+    measurement["angular_velocity"] = rate
+    measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
+    return measurement
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.01, 0.3, 2.0, math.pi])
+@pytest.mark.parametrize("speed", [0.0, 0.01, 0.1])
+def test_an_event_forgives_the_momentum_error(angle: float, speed: float) -> None:
+    measurement = measurement_of(
+        Rotation.from_rotvec(angle * np.array([0.6, -0.64, 0.48])), speed * np.array([0.8, 0.6, 0])
+    )
+    memory, command = new_records()
+    momentum_tube.step(measurement, memory, law_of(), command)
+    assert memory["events"] == 1
+    assert np.all(command["momentum_error"] == 0.0)
+    assert memory["envelope"] == pytest.approx(angle, abs=1e-7)
+    assert command["attitude_envelope"] == pytest.approx(np.sin(angle / 2), abs=1e-7)
+
+
+def test_the_way_round_is_kept_across_180_degrees() -> None:
+    """No event, no chattering: the angle counts on beyond π."""
+    memory, command = new_records()
+    gains = law_of()
+    expected = [math.pi - 1e-4, math.pi, math.pi + 1e-4]
+    angles = []
+    for k, angle in enumerate(expected):
+        measurement = measurement_of(Rotation.from_rotvec([angle, 0, 0]), (0.01, 0.0, 0.0))
+        measurement["t"] = 0.01 * k
+        momentum_tube.step(measurement, memory, gains, command)
+        angles.append(float(memory["phi"]))
+    assert angles == pytest.approx(expected, abs=1e-9)
+    assert memory["events"] == 1
+
+
+def test_feedforward_is_what_the_commanded_rate_needs() -> None:
+    """y' = F + τ + d exactly: without disturbance and dead band y stays orders inside its tube."""
+    still = {"environment": False}
+    record = run(60.0, spacecraft_plant={"min_torque": 0.0}, disturbance_injector=still)
+    assert (np.abs(record["momentum_error"]) / record["momentum_tube"]).max() < 0.02
+
+
+def test_tumbling_ends_whatever_the_start() -> None:
+    random = np.random.default_rng(1)
+    for _ in range(4):
+        rate = random.normal(size=3)
+        rate *= math.radians(25.0) / np.linalg.norm(rate)
+        record = run(
+            150.0,
+            spacecraft_plant={
+                "initial_attitude": Rotation.random(random_state=random).as_quat().tolist(),
+                "initial_angular_velocity": rate.tolist(),
+            },
+        )
+        assert settled_after(record) < 140.0
+        assert inside(record)
+
+
+@pytest.mark.parametrize("strength", [0.8, 0.6])
+def test_a_weak_actuator_makes_no_cycle_of_events(strength: float) -> None:
+    """Outside its assumptions the law counts on less torque instead of beginning for ever anew."""
+    random = np.random.default_rng(5)
+    for attitude in Rotation.random(6, random_state=random):
+        record = run(
+            200.0,
+            spacecraft_plant={
+                "max_torque": strength * 0.05,
+                "initial_attitude": attitude.as_quat().tolist(),
+            },
+        )
+        assert settled_after(record) < 90.0
+        assert record["phase"][-1, 1] <= 6
+
+
+def test_torque_that_was_short_twice_is_not_counted_on_and_said() -> None:
+    memory = state_of(momentum_tube.COMPONENT)
+    memory["events"], memory["slips"], memory["loss"] = 3.0, 2.0, 0.2
+    told = momentum_tube.advice(memory)
+    assert told.warning
+    assert told.text.startswith("the guarantee is suspended: torque was short 2 times, so 20 %")
+
+
+def test_an_impossible_torque_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"momentum_tube.B = .*at most max_torque"):
+        scenario({"ppc_controller": {**LAW, "momentum_tube.B": [0.06, 0.04, 0.04]}})

@@ -1,0 +1,127 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parts from a package of somebody else's go through loop, nodes, bag, replay and report."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+OUTSIDE = Path(__file__).parent / "outside"
+POINTS = """[ppc_attitude.plants]
+ringed = outside_parts:PLANT
+[ppc_attitude.sensors]
+rounding = outside_parts:SENSORS
+[ppc_attitude.estimators]
+two_rates = outside_parts:ESTIMATOR
+[ppc_attitude.references]
+turn = outside_parts:REFERENCE
+[ppc_attitude.controllers]
+share = outside_parts:LAW
+"""
+CONFIGS = ["--config", str(ROOT / "config/paper.yaml"), "--config", str(OUTSIDE / "outside.yaml")]
+OWN = {"ring_momentum", "rounded_attitude", "rounded_rate", "rate_change", "torque_use"}
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def run_outside(tmp_path: Path) -> Run:
+    """Run Python where the package of somebody else's is installed."""
+    installed = tmp_path / "installed" / "outside_parts-1.0.dist-info"
+    installed.mkdir(parents=True)
+    (installed / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: outside_parts\nVersion: 1.0\n"
+    )
+    (installed / "entry_points.txt").write_text(POINTS)
+    paths = [str(installed.parent), str(OUTSIDE), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+    def run(*words: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            [sys.executable, *words],
+            env=environment,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=120.0,
+        )
+        assert done.returncode == code, done.stdout + done.stderr
+        return done
+
+    return run
+
+
+COMPARE = """
+import sys
+import numpy as np
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+bag, *configs = sys.argv[1:]
+recorded, computed = read_run(bag), simulate(load(configs), 5.0)
+assert not recorded.missing, recorded.missing
+assert set(recorded.columns) == set(computed.columns), set(recorded.columns) ^ set(computed.columns)
+for name, column in computed.columns.items():
+    assert recorded[name].tobytes() == column.tobytes(), name
+print(*computed.columns)
+"""
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> None:
+    bag = str(tmp_path / "bag")
+    command = ["-m", "ppc_attitude.command_line.main"]
+    report = str(tmp_path / "report.html")
+    run_outside(*command, "run", *CONFIGS, "--duration", "5", "--bag", bag, "--report", report)
+    same = run_outside("-c", COMPARE, bag, CONFIGS[1], CONFIGS[3])
+    assert set(same.stdout.split()) >= OWN
+    replayed = json.loads(run_outside(*command, "replay", bag, "--json").stdout)
+    assert {each["component"] for each in replayed["components"]} == {
+        "ringed",
+        "rounding",
+        "two_rates",
+        "turn",
+        "share",
+        "ideal",
+    }
+    assert all(each["largest"] == 0.0 for each in replayed["components"])
+    page = Path(report).read_text(encoding="utf-8")
+    assert "share" in page
+    assert "<svg" in page or "<img" in page
+
+
+def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: Path) -> None:
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text(
+        "[ppc_attitude.controllers]\nbroken = outside_parts:NOWHERE\nwrong = outside_parts:RING\n"
+        "[ppc_attitude.plants]\nshare = outside_parts:LAW\n"
+    )
+    code = (
+        "from ppc_attitude.science.kinds import all_components as a; print(*(c.name for c in a()))"
+    )
+    done = run_outside("-c", code)
+    assert "share" not in done.stdout
+    assert "ppc" in done.stdout
+    assert (
+        "broken = outside_parts:NOWHERE of ppc_attitude.controllers cannot be loaded" in done.stderr
+    )
+    assert "is left out: it is a Parameter, not a Component" in done.stderr
+    assert "is left out: share does not give truth_attitude" in done.stderr

@@ -1,0 +1,317 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The pace of the plant: lock-step and free-running with a clock and peers of the test's own."""
+
+from collections.abc import Mapping
+from random import Random
+from typing import Any
+
+import pytest
+
+from ppc_attitude.runtime.health import OK, STALE, WARN
+from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Pace, Rules
+from ppc_attitude.runtime.stamps import RefusedError, Values
+
+PERIOD = 0.01  # [s]
+TORQUE = (0.01, -0.02, 0.03)
+ZERO = (0.0, 0.0, 0.0)
+COMMAND, DISTURBANCE = "torque_command", "disturbance/torque"
+RULES: dict[str, Any] = {
+    "rate": 100.0,
+    "last_step": None,
+    "inputs": {COMMAND: ZERO, DISTURBANCE: ZERO},
+    "wait_for": (COMMAND, DISTURBANCE),
+    "waits": False,
+    "timeout_ns": 500_000_000,
+}
+
+
+class Bench:
+    """A pace, the craft that it moves, and the time."""
+
+    def __init__(self, kind: type[Pace], **rules: Any) -> None:
+        self.now = 1000.0
+        self.stamp = 0
+        self.shown: list[int] = []
+        self.acted: list[tuple[int, Mapping[str, Values]]] = []
+        self.said: list[str] = []
+        self.absent: set[str] = set()
+        self.pace: Any = kind(self, Rules(**{**RULES, **rules}), self.now)
+        self.wake()
+        self.begun = self.now
+
+    # What a craft does.
+
+    def begin(self) -> None:
+        self.stamp = 0
+
+    def act(self, stamp_ns: int, inputs: Mapping[str, Values]) -> None:
+        self._acting = stamp_ns, dict(inputs)
+
+    def move_to(self, stamp_ns: int) -> None:
+        self.stamp = stamp_ns
+
+    def show(self) -> None:
+        self.shown.append(self.stamp)
+
+    def tell_acted(self) -> None:
+        self.acted.append(self._acting)
+
+    def is_published(self, name: str) -> bool:
+        return name not in self.absent
+
+    def complain(self, kind: str, text: str) -> None:
+        self.said.append(text)
+
+    def announce(self, text: str, warning: bool) -> None:
+        self.said.append(text)
+
+    # What the test does.
+
+    def wake(self) -> float:
+        return float(self.pace.wake(self.now))
+
+    def passes(self, seconds: float) -> None:
+        """Let wall time pass, and wake the pace as often as it asks for."""
+        self.now += seconds
+        while self.wake() <= 0.0:
+            pass
+
+    def runs(self, seconds: float) -> None:
+        """Let wall time pass without a hitch."""
+        for _ in range(round(seconds / PERIOD)):
+            self.passes(PERIOD)
+
+    def give(self, name: str, values: Values, ahead: int = 0) -> None:
+        """Answer the present state, or one that is to come."""
+        self.pace.take(name, self.stamp + ahead * 10_000_000, values, self.now)
+
+    @property
+    def time(self) -> float:
+        return self.shown[-1] * 1e-9
+
+    @property
+    def torque(self) -> Values:
+        return self.acted[-1][1][COMMAND]
+
+
+def steps(count: int) -> list[int]:
+    return [step * 10_000_000 for step in range(count)]
+
+
+def test_lockstep_steps_when_all_has_come_and_holds_what_came() -> None:
+    bench = Bench(Lockstep)
+    for step in range(50):
+        bench.give(COMMAND, (float(step), 0.0, 0.0))
+        assert len(bench.acted) == step
+        bench.give(DISTURBANCE, (0.0, float(step), 0.0))
+    assert bench.shown == steps(51)
+    assert bench.acted == [
+        (stamp, {COMMAND: (float(step), 0.0, 0.0), DISTURBANCE: (0.0, float(step), 0.0)})
+        for step, stamp in enumerate(steps(50))
+    ]
+
+
+def test_what_comes_one_instant_ahead_is_kept_for_it() -> None:
+    bench = Bench(Lockstep)
+    bench.give(DISTURBANCE, (0.0, 0.0, 0.0))
+    for step in range(50):
+        bench.give(DISTURBANCE, (0.0, step + 1.0, 0.0), ahead=1)
+        bench.give(COMMAND, TORQUE)
+    assert [given[DISTURBANCE][1] for _, given in bench.acted] == [float(k) for k in range(50)]
+    assert bench.shown == steps(51)
+
+
+def test_what_is_further_ahead_or_behind_is_refused() -> None:
+    bench = Bench(Lockstep)
+    for _ in range(3):
+        bench.give(COMMAND, TORQUE)
+        bench.give(DISTURBANCE, ZERO)
+    with pytest.raises(RefusedError, match=r"torque_command: stamp 0\.050000 s is in the future"):
+        bench.give(COMMAND, TORQUE, ahead=2)
+    with pytest.raises(RefusedError, match=r"torque_command: stamp 0\.010000 s is out of order"):
+        bench.give(COMMAND, TORQUE, ahead=-2)
+    bench.give(COMMAND, TORQUE, ahead=-1)  # a repeated answer
+
+
+def test_an_unanswered_state_is_repeated_less_and_less_often_and_told() -> None:
+    bench = Bench(Lockstep)
+    for _ in range(40):
+        bench.passes(0.1)
+    assert set(bench.shown) == {0}
+    assert len(bench.shown) == pytest.approx(1 + 3 + 3, abs=1)  # 0.2, 0.4, 0.8, then each second
+    bench.absent = {DISTURBANCE}
+    level, text = bench.pace.status(bench.now)
+    assert level == STALE
+    assert text == (
+        "waiting at t = 0.000 s for torque_command, disturbance/torque; "
+        "nobody publishes disturbance/torque"
+    )
+    bench.give(COMMAND, TORQUE)
+    bench.give(DISTURBANCE, ZERO)
+    assert bench.pace.status(bench.now) == (OK, "running")
+
+
+def test_lockstep_keeps_the_pace_that_is_asked_for() -> None:
+    bench = Bench(Lockstep, factor=2.0)
+    for _ in range(4000):
+        if bench.shown[-1] == bench.stamp:
+            bench.give(COMMAND, TORQUE)
+            bench.give(DISTURBANCE, ZERO)
+        bench.passes(0.001)
+    assert bench.time == pytest.approx(2.0 * 4.0, abs=2.0 * PERIOD)
+    assert bench.shown == steps(len(bench.shown))
+
+
+def test_an_input_that_is_ahead_alone_drives_the_loop() -> None:
+    bench = Bench(Lockstep, wait_for=(DISTURBANCE,))
+    bench.give(DISTURBANCE, ZERO)
+    for step in range(20):
+        assert bench.stamp == steps(40)[step + 1]
+        bench.give(DISTURBANCE, ZERO)
+    assert bench.shown == steps(22)
+
+
+def test_the_last_step_tells_what_acts_and_ends() -> None:
+    bench = Bench(Lockstep, last_step=5)
+    while not bench.pace.finished:
+        bench.give(COMMAND, TORQUE)
+        bench.give(DISTURBANCE, ZERO)
+    assert bench.shown == steps(6)
+    assert [stamp for stamp, _ in bench.acted] == steps(6)
+
+
+def test_lockstep_waits_for_a_recorder_that_lags_and_for_no_other() -> None:
+    def answer() -> None:
+        bench.give(COMMAND, TORQUE)
+        bench.give(DISTURBANCE, ZERO)
+
+    bench = Bench(Lockstep)
+    for _ in range(6000):
+        answer()
+    assert bench.pace.step == 6000, "nobody says that he records"
+    bench.pace.record(bench.stamp, bench.now)
+    for _ in range(4000):
+        answer()
+    assert bench.pace.step == 6000 + 2501
+    assert bench.pace.waits_for_recorder
+    assert bench.pace.waiting().endswith("for the recorder to follow")
+    bench.pace.record(steps(7001)[-1], bench.now)
+    for _ in range(4000):
+        answer()
+    assert bench.pace.step == 7000 + 2501
+    bench.pace.forget_recorder(bench.now)
+    for _ in range(4000):
+        answer()
+    assert bench.pace.step > 13000
+
+
+def test_reset_begins_again_and_forgets_what_was_ahead() -> None:
+    bench = Bench(Lockstep)
+    for _ in range(5):
+        bench.give(COMMAND, TORQUE)
+        bench.give(DISTURBANCE, ZERO)
+    bench.give(DISTURBANCE, TORQUE, ahead=1)
+    bench.pace.begin(bench.now)
+    bench.wake()
+    assert bench.shown[-1] == 0
+    bench.give(COMMAND, TORQUE)
+    assert bench.pace.step == 0
+    bench.give(DISTURBANCE, ZERO)
+    assert bench.pace.step == 1
+
+
+def test_time_does_not_drift_from_the_wall_clock() -> None:
+    bench = Bench(FreeRunning)
+    random = Random(0)
+    for _ in range(5000):
+        bench.passes(random.uniform(0.0, 1.9 * PERIOD))
+        assert 0.0 <= bench.now - bench.begun - bench.time <= PERIOD + 1e-6
+    assert bench.time > 40.0
+    assert bench.shown == steps(len(bench.shown))
+
+
+def test_a_step_that_is_late_is_caught_up_and_counted() -> None:
+    bench = Bench(FreeRunning)
+    bench.runs(0.1)
+    assert bench.pace.overruns == 0
+    bench.passes(0.2)
+    assert bench.time == pytest.approx(0.3, abs=PERIOD)
+    assert bench.pace.overruns > 0
+
+
+def test_a_long_pause_moves_the_time_base_and_leaves_no_gap() -> None:
+    bench = Bench(FreeRunning)
+    bench.passes(0.1)
+    bench.passes(30.0)
+    assert bench.time < 0.7, "half a minute is not caught up"
+    bench.passes(1.0)
+    assert bench.shown == steps(len(bench.shown))
+    assert any("paused for" in text for text in bench.said)
+
+
+def test_a_command_acts_a_sample_late_and_not_for_ever() -> None:
+    bench = Bench(FreeRunning)
+    bench.runs(0.05)
+    bench.give(COMMAND, TORQUE)
+    given_at = bench.time
+    while bench.torque != TORQUE:
+        bench.passes(PERIOD)
+    assert bench.acted[-1][0] * 1e-9 == pytest.approx(given_at + PERIOD)
+    while bench.torque == TORQUE:
+        bench.passes(PERIOD)
+    assert bench.torque == ZERO
+    silent = bench.acted[-1][0] * 1e-9 - given_at
+    assert silent == pytest.approx(0.5, abs=2.5 * PERIOD)
+    assert bench.pace.status(bench.now) == (WARN, f"no {COMMAND}: zero torque")
+
+    bench.give(COMMAND, TORQUE)
+    bench.passes(3 * PERIOD)
+    assert bench.torque == TORQUE
+    assert bench.pace.status(bench.now) == (OK, "running")
+    assert any(text.startswith(f"{COMMAND} is back at") for text in bench.said)
+
+
+def test_a_disturbance_acts_at_its_own_instant_even_if_it_came_before() -> None:
+    bench = Bench(FreeRunning)
+    bench.passes(PERIOD)
+    for _ in range(30):
+        bench.give(DISTURBANCE, (bench.stamp + 10_000_000.0, 0.0, 0.0), ahead=1)
+        bench.passes(PERIOD)
+    later = [(stamp, given[DISTURBANCE][0]) for stamp, given in bench.acted[3:]]
+    assert later
+    assert all(torque == stamp for stamp, torque in later)
+
+
+def test_the_torque_of_a_silent_injector_does_not_act_for_ever() -> None:
+    bench = Bench(FreeRunning)
+    bench.passes(PERIOD)
+    bench.give(DISTURBANCE, TORQUE)
+    bench.runs(2.0)
+    acted = [stamp for stamp, given in bench.acted if given[DISTURBANCE] == TORQUE]
+    assert len(acted) == pytest.approx(50, abs=2)
+    assert DISTURBANCE in bench.pace.status(bench.now)[1]
+
+
+def test_free_running_time_begins_with_the_first_answers_if_it_is_to_wait() -> None:
+    bench = Bench(FreeRunning, waits=True)
+    for _ in range(20):
+        bench.passes(0.1)
+    assert set(bench.shown) == {0}
+    bench.give(COMMAND, TORQUE)
+    bench.give(DISTURBANCE, ZERO)
+    bench.begun = bench.now
+    bench.runs(1.0)
+    assert bench.time == pytest.approx(1.0, abs=2.0 * PERIOD)

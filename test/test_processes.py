@@ -1,0 +1,154 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Processes execute nothing from the folder where the user stands, and tell why they break off."""
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import StartProcess
+from process_helpers import PAPER, PATIENCE
+
+from ppc_attitude.processes.child import Child
+from ppc_attitude.processes.telling import AT, BROKEN
+
+COMMAND = str(Path(sys.executable).with_name("ppc_attitude"))
+OTHERS = ("matplotlib", "numba", "numpy", "pyarrow", "rclpy", "rosbags", "scipy", "yaml")
+
+
+def set_traps(folder: Path, *names: str) -> None:
+    """Put modules of these names into a folder; each tells that it was executed."""
+    folder.mkdir()
+    caught = folder.with_name("caught")
+    caught.touch()
+    for name in names:
+        source = f"open({str(caught)!r}, 'a').write('{name} ')\nraise ImportError\n"
+        (folder / f"{name}.py").write_text(source)
+
+
+@pytest.fixture
+def trap(tmp_path: Path) -> Path:
+    """A folder with a module of every name that may be imported."""
+    folder = tmp_path / "trap"
+    set_traps(folder, *sys.stdlib_module_names, *OTHERS, "ppc_attitude")
+    # Numba reads this; machine code in its cache is executed.
+    (folder / ".numba_config.yaml").write_text(f"cache_dir: {folder / 'cache'}")
+    return folder
+
+
+SECOND = ["--config", str(PAPER), "--duration", "1"]
+CALLS = {
+    "simulate": ["simulate", *SECOND],
+    "campaign": ["campaign", "--config", str(PAPER), "--runs", "4"],
+    "run": ["run", *SECOND, "--report", "report.html"],
+    "latency": ["latency", *SECOND],
+}
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("call", CALLS)
+def test_a_command_executes_nothing_of_the_current_folder(
+    call: str, trap: Path, start_process: StartProcess
+) -> None:
+    process = start_process([COMMAND, *CALLS[call]], cwd=trap)
+    _, err = process.communicate(timeout=PATIENCE)
+    assert trap.with_name("caught").read_text() == "", err
+    assert not (trap / "cache").exists()
+    assert process.returncode in (0, 1), err  # a second is too short to settle
+
+
+@pytest.mark.parametrize(
+    ("command", "entries"),
+    [([COMMAND], ":"), ([sys.executable, "-m", "ppc_attitude.command_line.main"], "")],
+    ids=["empty entry", "-m"],
+)
+def test_what_python_has_put_on_the_path_is_taken_from_it(
+    command: list[str], entries: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    """Python itself may have looked there by then, so the traps are modules that only we import."""
+    set_traps(tmp_path / "trap", *OTHERS)
+    program = tmp_path / "trap" / "git"
+    program.write_text(f"#!/bin/sh\necho git > {tmp_path / 'caught'}\n")
+    program.chmod(0o755)
+    process = start_process(
+        [*command, *CALLS["simulate"]],
+        cwd=tmp_path / "trap",
+        env={**os.environ, "PYTHONPATH": entries, "PATH": f":{os.environ['PATH']}"},
+    )
+    _, err = process.communicate(timeout=PATIENCE)
+    assert (tmp_path / "caught").read_text() == ""
+    assert process.returncode == 0, err
+
+
+@pytest.mark.parametrize("entries", ["", ":", ":{named}", "{named}::", "relative:"])
+def test_a_child_knows_the_named_folders_and_not_the_current_one(
+    entries: str,
+    trap: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    seen = tmp_path / "seen"
+    for folder in (tmp_path / "named", trap / "relative"):
+        folder.mkdir()
+        # Python executes this at its start wherever it finds it.
+        (folder / "sitecustomize.py").write_text(f"open({str(seen)!r}, 'w').write(__file__)")
+    monkeypatch.chdir(trap)
+    environment = {**os.environ, "PYTHONPATH": entries.format(named=tmp_path / "named")}
+    code, _ = ended(Child("ppc_attitude.contract.parameters_doc", environment=environment))
+    assert trap.with_name("caught").read_text() == ""
+    assert code == 0
+    assert "# Parameters" in capfd.readouterr().out
+    assert seen.exists() == bool(entries.strip(":"))
+
+
+def test_a_child_runs_the_package_of_its_starter(tmp_path: Path) -> None:
+    """Another one is first on the path."""
+    (tmp_path / "ppc_attitude").mkdir()
+    (tmp_path / "ppc_attitude" / "__init__.py").write_text("raise ImportError('the wrong one')")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    code, _ = ended(Child("ppc_attitude.contract.parameters_doc", environment=environment))
+    assert code == 0
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("module", "options", "reason"),
+    [
+        ("nodes.bag_recorder", ["-p", "storage:=tape"], "storage = 'tape'"),
+        ("nodes.bag_recorder", ["-r", "half"], "half"),
+        ("nodes.no_node", [], "No module named ppc_attitude.nodes.no_node"),
+    ],
+)
+def test_a_child_tells_why_it_breaks_off(
+    module: str, options: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    begin = time.monotonic()
+    code, told = ended(Child(f"ppc_attitude.{module}", "--ros-args", *options))
+    assert code != 0
+    assert reason in told[BROKEN]
+    assert begin < told[AT] < time.monotonic()
+
+
+def ended(child: Child) -> tuple[int, dict[str, Any]]:
+    """Exit code of a child that ends by itself, and what it has told."""
+    code = child.process.wait(PATIENCE)
+    child.listen()
+    return code, child.told

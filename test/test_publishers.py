@@ -1,0 +1,80 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Two publishers of one topic are told from one, from a restarted one, and from bad messages."""
+
+from collections.abc import Iterator
+
+from ppc_attitude.runtime.publishers import Publishers
+
+PERIOD = 10_000_000  # [ns]
+
+
+def numbers(begin: int) -> Iterator[tuple[int, int]]:
+    """Numbers and stamps that one publisher gives to its messages."""
+    return ((begin + step, step * PERIOD) for step in range(10_000))
+
+
+def judged(*messages: tuple[int, int]) -> bool:
+    publishers = Publishers()
+    for number, stamp in messages:
+        publishers.hear(number, stamp, 0.0)
+    return publishers.several
+
+
+def alternating(first: int, second: int, count: int) -> list[tuple[int, int]]:
+    pairs = zip(numbers(first), numbers(second), strict=True)
+    return [message for pair in pairs for message in pair][: 2 * count]
+
+
+def test_one_that_loses_messages_is_one() -> None:
+    assert not judged(*((number, stamp) for number, stamp in numbers(1) if number % 7))
+
+
+def test_a_restarted_one_is_one_again_and_again() -> None:
+    assert not judged(*(list(numbers(1))[:500] * 20))
+
+
+def test_two_in_turns_are_two_wherever_they_began_to_count() -> None:
+    assert judged(*alternating(1, 1, 30))
+    assert judged(*alternating(5000, 1, 30))
+    assert judged(*alternating(1, 5000, 30))
+
+
+def test_two_that_speak_in_bursts_are_two() -> None:
+    first, second = numbers(300), numbers(1)
+    messages = []
+    for _ in range(40):
+        messages += [next(first) for _ in range(13)] + [next(second) for _ in range(5)]
+    assert judged(*messages)
+
+
+def test_bad_messages_and_single_ones_make_no_publisher() -> None:
+    ours, messages = numbers(1), []
+    for number in range(1, 2000):
+        messages += [next(ours), (number, -1)]  # what cannot be used, in a flood
+    assert not judged(*messages)
+    ours, messages = numbers(1), []
+    for number in range(1, 9):
+        messages += [next(ours) for _ in range(50)] + [(number, number * 50 * PERIOD)]
+    assert not judged(*messages)
+
+
+def test_who_has_ended_is_forgotten_but_what_was_is_not() -> None:
+    publishers = Publishers()
+    for number, stamp in alternating(1, 1, 30):
+        publishers.hear(number, stamp, 1.0)
+    assert publishers.lasts(2.0)
+    assert not publishers.lasts(10.0)
+    assert publishers.several

@@ -1,0 +1,178 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from estimation_helpers import STEP_NS, Array, suite
+
+from ppc_attitude.science.controllers import momentum_tube, ppc
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import kernel, matrix
+from ppc_attitude.science.observed_law import with_front
+from ppc_attitude.science.plants.rigid_body import angular_acceleration
+from ppc_attitude.science.rate_observer import (
+    MEMORY,
+    PARAMETERS,
+    compensate,
+    disturbance_sigma,
+    observe,
+    observer_record,
+    rate_sigma,
+    zero_crossings,
+)
+
+INERTIA = np.array([[2.8, 0.15, -0.1], [0.15, 2.5, 0.2], [-0.1, 0.2, 1.9]])
+INVERSE = np.linalg.inv(INERTIA)
+WHITE = 1.70872639588e-4  # the cubesat's σ_v,eff [rad/√s]
+H = 1e-9 * STEP_NS
+
+
+def observer(
+    frequency: float, inertia: Array = INERTIA, suite_name: str = "cubesat", **given: Any
+) -> Any:
+    values = {parameter.name: parameter.default for parameter in PARAMETERS}
+    values |= {k: v for k, v in suite(suite_name).items() if k in values}
+    values |= {"rate_observer": frequency, "disturbance_feedforward": True, "max_torque": 0.05}
+    return observer_record({**values, **given}, inertia)
+
+
+def new_memory() -> Any:
+    return np.zeros((), MEMORY)[()]
+
+
+@kernel
+def observed(settings: Any, memory: Any, measured: Any, torques: Any, rows: Any) -> None:
+    """ω̂ and d̂ at every step, the law's torques given."""
+    for k in range(measured.shape[0]):
+        rate = observe(
+            settings, memory, k * STEP_NS, (measured[k, 0], measured[k, 1], measured[k, 2])
+        )
+        compensate(settings, memory, (torques[k, 0], torques[k, 1], torques[k, 2]))
+        for i in range(3):
+            rows[k, i] = rate[i]
+            rows[k, 3 + i] = memory.disturbance[i]
+
+
+def run(settings: Any, measured: Array, torques: Array | None = None) -> Array:
+    rows = np.empty((len(measured), 6))
+    zero = np.zeros_like(measured)
+    observed(settings, new_memory(), measured, zero if torques is None else torques, rows)
+    return rows
+
+
+def motion(torques: Array, disturbance: Array, substeps: int = 20) -> tuple[Array, Array]:
+    """Rates at the steps, and mean rates of the intervals before them, under held torques."""
+    j, inverse = matrix(INERTIA), matrix(INVERSE)
+    omega = np.array([0.01, -0.02, 0.015])
+    rates, means = [omega], [omega]
+    h = H / substeps
+    for torque in torques[:-1]:
+        start = omega
+        total = tuple(torque + disturbance)
+        path = [omega]
+        for _ in range(substeps):
+            middle = omega + 0.5 * h * np.array(
+                angular_acceleration(tuple(omega), total, j, inverse)
+            )
+            omega = omega + h * np.array(angular_acceleration(tuple(middle), total, j, inverse))
+            path.append(omega)
+        rates.append(omega)
+        means.append(np.trapezoid(path, dx=1.0 / substeps, axis=0))
+        assert np.abs(omega - start).max() < 1e-2
+    return np.array(rates), np.array(means)
+
+
+def test_noise_behind_the_observer_is_that_of_its_transfer() -> None:
+    noise = WHITE / math.sqrt(H) * np.random.default_rng(1).normal(size=(200_000, 3))
+    frequency = 2.0
+    inertia = np.diag([2.8, 2.5, 1.9])
+    rows = run(observer(frequency, inertia, disturbance_feedforward=False), noise)[2000:]
+    assert rows[:, :3].std(axis=0) == pytest.approx([rate_sigma(frequency, WHITE)] * 3, rel=0.05)
+    expected = [disturbance_sigma(frequency, WHITE, moment) for moment in np.diag(inertia)]
+    assert rows[:, 3:].std(axis=0) == pytest.approx(expected, rel=0.05)
+    crossings = np.count_nonzero((rows[1:, :3] > 0) & (rows[:-1, :3] <= 0)) / (3 * H * len(rows))
+    assert crossings == pytest.approx(zero_crossings(frequency, 100.0), rel=0.05)
+    assert zero_crossings(0.0, 100.0) == 25.0
+
+
+def test_the_published_sigma() -> None:
+    # 6σ of the observed rate: smallsat 2 rad/s, cubesat 1 rad/s.
+    assert 6.0 * rate_sigma(2.0, 4.36332421363e-5) == pytest.approx(4.14e-4, rel=1e-3)
+    assert 6.0 * rate_sigma(1.0, WHITE) == pytest.approx(1.15e-3, rel=5e-3)
+
+
+def test_a_slew_does_not_disturb_the_estimate() -> None:
+    """A gyro's mean rate is half a sample old; the observer compares it at that instant."""
+    torques = 0.05 * np.ones((400, 3)) * np.array([1.0, -1.0, 0.5])
+    rates, means = motion(torques, np.zeros(3))
+    rows = run(observer(4.0, suite_name="flagship"), means, torques)
+    lag = np.abs(means - rates)[1:].max()  # what a law would be told without the observer
+    assert lag > 5e-5
+    assert np.abs(rows[:, :3] - rates).max() < lag / 138.0
+
+
+def test_a_disturbance_is_learnt_and_taken_off_the_command() -> None:
+    disturbance = np.array([0.002, -0.003, 0.004])
+    torques = np.zeros((1000, 3))
+    _, means = motion(torques, disturbance)
+    settings = observer(2.0, disturbance_feedforward=False)
+    rows = run(settings, means)
+    # J_ii in the gain and a full J in the model: the estimate still ends at the torque itself.
+    assert np.abs(rows[-1, 3:] - disturbance).max() < 1e-5
+    memory = new_memory()
+    memory["disturbance"] = disturbance
+    forward = observer(2.0)
+    assert compensate(forward, memory, (0.01, 0.01, -0.049)) == pytest.approx((0.008, 0.013, -0.05))
+    assert memory["torque"] == pytest.approx([0.008, 0.013, -0.05])
+    assert compensate(settings, memory, (0.01, 0.0, 0.0)) == (0.01, 0.0, 0.0)
+
+
+def test_the_disturbance_estimate_has_a_limit() -> None:
+    _, means = motion(np.zeros((1000, 3)), np.array([0.02, 0.0, -0.02]))
+    rows = run(observer(2.0), means)
+    assert np.abs(rows[:, 3:]).max() == 6e-3
+
+
+def test_a_hit_is_believed_at_its_second_sample() -> None:
+    rates = np.zeros((300, 3))
+    rates[100:] = [0.05, 0.0, 0.0]
+    rows = run(observer(1.0, suite_name="flagship"), rates)
+    assert np.abs(rows[100, 0]) < 0.01
+    assert np.abs(rows[101:, :3] - rates[101:]).max() < 1e-3
+    assert np.abs(rows[101, 3:] - rows[100, 3:]).max() == 0.0
+    # One odd sample is no hit.
+    rates[101:] = 0.0
+    rows = run(observer(1.0, suite_name="flagship"), rates)
+    assert np.abs(rows[:, 0]).max() < 0.01
+
+
+def test_a_law_with_its_own_observer_gets_no_second_one() -> None:
+    values = {each.name: each.default for each in (*PARAMETERS, *ppc.COMPONENT.parameters)}
+    for observes, frequency in ((False, 2.0), (True, 0.0)):
+        law = with_front(replace(ppc.COMPONENT, observes=observes))
+        record, *_ = law.configure({**values, "rate_observer": 2.0})
+        assert record["observer"]["frequency"] == frequency
+    assert momentum_tube.COMPONENT.observes
+
+
+def test_a_limit_within_the_estimates_own_noise_is_refused() -> None:
+    ten = np.diag([10.0, 9.0, 8.0])
+    assert disturbance_sigma(4.0, WHITE, 10.0) == pytest.approx(6.9e-3, rel=0.02)
+    with pytest.raises(ConfigurationError, match=r"rate_observer = 4.0 rad/s .* 0.002 N·m"):
+        observer(4.0, ten)
+    observer(1.0, ten, max_disturbance=1e-2)

@@ -1,0 +1,176 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is written of a run: each sample once its state has come, and nothing that never got one."""
+
+import itertools
+from random import Random
+
+import pytest
+
+from ppc_attitude.contract.topics import ATTITUDE, DISTURBANCE, TORQUE_COMMAND
+from ppc_attitude.runtime.recording import Recording
+from ppc_attitude.science.stamps import stamp_of
+
+STATE, TORQUE, AHEAD = ATTITUDE.name, TORQUE_COMMAND.name, DISTURBANCE.name
+ALL = (STATE, TORQUE, AHEAD)
+
+
+class Bag:
+    """A recording, and what it has written."""
+
+    def __init__(self) -> None:
+        self.written: list[tuple[str, int, bytes]] = []
+        self.recording = Recording(lambda *message: self.written.append(message))
+        self._numbers = {name: itertools.count(1) for name in ALL}
+
+    def take(self, name: str, step: int, data: bytes = b"") -> None:
+        stamp = stamp_of(step, 100.0)
+        number = next(self._numbers[name])
+        self.recording.sample(name, stamp, data or b"%d" % step, number, 0.0)
+
+    def run(self, steps: range) -> None:
+        for step in steps:
+            self.take(STATE, step)
+            self.take(TORQUE, step)
+            for ahead in (step, step + 1) if step == 0 else (step + 1,):
+                self.take(AHEAD, ahead)
+
+    def steps(self, name: str) -> list[int]:
+        return [time // 10_000_000 for topic, time, _ in self.written if topic == name]
+
+    def gaps(self) -> list[str]:
+        return self.recording.gaps(ALL)
+
+
+def test_what_was_sent_beyond_the_end_is_no_part_of_the_record() -> None:
+    bag = Bag()
+    bag.run(range(20))
+    assert {name: bag.steps(name) for name in ALL} == {name: list(range(20)) for name in ALL}
+    assert bag.gaps() == []
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_in_whatever_order_topics_are_read_the_record_is_the_same(seed: int) -> None:
+    """Each topic keeps its order; how far each has been read at a time is chance."""
+    random = Random(seed)
+    epochs = [range(30), range(25)]
+    sent = {
+        STATE: [step for steps in epochs for step in steps],
+        TORQUE: [step for steps in epochs for step in steps],
+        AHEAD: [step for steps in epochs for step in range(len(steps) + 1)],
+    }
+    bag = Bag()
+    left = {name: iter(steps) for name, steps in sent.items()}
+    while left:
+        name = random.choice(sorted(left))
+        for _ in range(random.randint(1, 12)):
+            step = next(left[name], None)
+            if step is None:
+                del left[name]
+                break
+            bag.take(name, step)
+    for name in ALL:
+        assert bag.steps(name) == sent[STATE], name
+    assert bag.gaps() == []
+
+
+def test_repeated_states_and_answers_are_written_once() -> None:
+    bag = Bag()
+    bag.run(range(5))
+    for name, step in ((STATE, 4), (TORQUE, 4), (AHEAD, 4), (AHEAD, 5)):
+        bag.take(name, step)
+    bag.run(range(5, 10))
+    assert {name: bag.steps(name) for name in ALL} == {name: list(range(10)) for name in ALL}
+    assert (bag.gaps(), bag.recording.surplus()) == ([], {})
+
+
+def test_a_stranger_s_messages_are_told_apart_and_make_no_gap() -> None:
+    bag = Bag()
+    bag.run(range(10))
+    for step in (3, 9, 400):
+        bag.take(TORQUE, step, b"not ours")
+    bag.run(range(10, 20))
+    assert bag.gaps() == []
+    assert bag.recording.surplus() == {TORQUE: 2}
+    assert 400 not in bag.steps(TORQUE)
+
+
+def test_a_lost_message_is_a_gap() -> None:
+    bag = Bag()
+    bag.run(range(10))
+    bag.take(STATE, 10)
+    bag.take(AHEAD, 11)
+    bag.run(range(11, 15))
+    (gap,) = bag.gaps()
+    assert gap.startswith("torque_command has 14 messages")
+
+
+def test_who_joins_a_run_begins_with_the_first_state_that_it_hears() -> None:
+    bag = Bag()
+    bag.take(TORQUE, 6)
+    bag.take(AHEAD, 7)
+    bag.take(AHEAD, 8)
+    bag.run(range(8, 20))
+    assert {name: bag.steps(name) for name in ALL} == {name: list(range(8, 20)) for name in ALL}
+    assert bag.gaps() == []
+
+
+def test_a_recorder_whose_states_lag_by_all_that_publishers_keep_loses_nothing() -> None:
+    bag = Bag()
+    for step in range(5000):
+        bag.take(TORQUE, step)
+        bag.take(AHEAD, step)
+    for step in range(5000):
+        bag.take(STATE, step)
+    assert {name: bag.steps(name) for name in ALL} == {name: list(range(5000)) for name in ALL}
+    assert (bag.gaps(), bag.recording.surplus()) == ([], {})
+
+
+def test_two_publishers_of_a_topic_are_seen_and_one_after_the_other_are_not() -> None:
+    bag = Bag()
+    for step in range(40):
+        bag.take(STATE, step)
+        bag.take(TORQUE, step)
+    bag._numbers[TORQUE] = itertools.count(1)  # restarted
+    for step in range(40, 80):
+        bag.take(STATE, step)
+        bag.take(TORQUE, step)
+    assert bag.recording.shared() == []
+    other = itertools.count(1)
+    for step in range(80, 120):
+        bag.take(STATE, step)
+        bag.take(TORQUE, step)
+        bag.recording.sample(TORQUE, stamp_of(step, 100.0), b"other", next(other), 0.0)
+    assert bag.recording.shared() == [TORQUE]
+
+
+def test_progress_is_told_now_and_then() -> None:
+    bag = Bag()
+    told = []
+    for step in range(2000):
+        bag.take(STATE, step)
+        told.append(bag.recording.progress())
+    told = [stamp for stamp in told if stamp is not None]
+    assert told == [stamp_of(step, 100.0) for step in (499, 999, 1499, 1999)]
+
+
+def test_what_is_no_sample_is_written_at_its_time_or_at_that_of_the_newest_state() -> None:
+    bag = Bag()
+    bag.recording.event("/diagnostics", None, b"early")
+    bag.run(range(3))
+    bag.recording.event("/diagnostics", None, b"late")
+    bag.recording.event("/clock", 5, b"clock")
+    assert bag.written[0] == ("/diagnostics", 0, b"early")
+    assert bag.written[-2:] == [("/diagnostics", 20_000_000, b"late"), ("/clock", 5, b"clock")]

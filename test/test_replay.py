@@ -1,0 +1,95 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Replay finds no difference in a run of ours, whatever was changed in flight."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import columns_of, new_samples, simulate, stamps_of
+from ppc_attitude.simulation.diagram import Diagram
+from ppc_attitude.simulation.replay import replay
+from ppc_attitude.simulation.scenario import scenario
+
+NOISY = {"spacecraft_plant": {"attitude_noise": 1e-4, "rate_noise": 1e-5, "seed": 2}}
+
+
+@pytest.mark.parametrize("given", [{}, NOISY], ids=["exact", "noisy"])
+def test_every_component_gives_again_what_is_on_record(given: dict[str, dict[str, float]]) -> None:
+    found = replay(simulate(scenario(given), 5.0))
+    names = [each.component for each in (found.law, *found.others)]
+    assert names == ["ppc", "rigid_body", "direct", "ideal", "paper"]
+    assert all(each.largest == 0.0 for each in (found.law, *found.others))
+    assert {(each.steps, each.skipped) for each in (found.law, *found.others)} == {(501, 0)}
+
+
+def test_another_number_is_found_where_it_is() -> None:
+    record = simulate(scenario({}), 2.0)
+    torque = record["torque_command"].copy()
+    torque[77, 1] += 1e-3
+    found = replay(replace(record, columns={**record.columns, "torque_command": torque}))
+    assert found.law.largest == pytest.approx(1e-3)
+    assert (found.law.column, found.law.at, found.law.unit) == ("torque_command", 0.77, "N·m")
+
+
+def changed_in_flight() -> RunRecord:
+    """Run of a loop whose law, actuator and body get other numbers after the instant of 1 s."""
+    before = scenario(NOISY)
+    stamps = stamps_of(100.0, 3.0)
+    diagram, early = Diagram(before.parameters), new_samples(before, 100)
+    diagram.run(stamps[:100], early)
+    changes = (
+        Change(int(stamps[100]), "ppc_controller", "k", 2.0),
+        Change(int(stamps[100]), "spacecraft_plant", "max_torque", 0.01),
+        Change(int(stamps[99]), "spacecraft_plant", "inertia", [3.0, 0, 0, 0, 2.5, 0, 0, 0, 2.0]),
+    )
+    values = {node: dict(own) for node, own in before.parameters.items()}
+    for change in changes:
+        values[change.node][change.name] = change.value
+    for part, node in (("controllers", "ppc_controller"), ("actuators", "spacecraft_plant")):
+        diagram.parts[part].configure(values[node])
+    diagram.parts["plants"].configure(values["spacecraft_plant"])
+    late = new_samples(before, stamps.size - 100)
+    diagram.run(stamps[100:], late)
+    samples = np.concatenate([early, late], axis=1)
+    return RunRecord(
+        "simulate",
+        "ppc",
+        stamps,
+        columns_of(before, stamps, samples),
+        parameters=before.with_values("spacecraft_plant", lockstep=True).parameters,
+        changes=tuple(sorted(changes)),
+    )
+
+
+def test_what_was_changed_in_flight_is_applied_at_its_stamp() -> None:
+    record = changed_in_flight()
+    found = replay(record)
+    assert [each.largest for each in (found.law, *found.others)] == [0.0] * 5
+    without = replay(replace(record, changes=()))
+    assert without.law.largest > 0.0
+    assert {each.component for each in without.others if each.largest > 0.0} == {
+        "rigid_body",
+        "ideal",
+    }
+
+
+def test_a_law_that_nobody_knows_is_named() -> None:
+    record = replace(simulate(scenario({}), 0.1), controller="theirs")
+    with pytest.raises(ConfigurationError, match="controller 'theirs' is not one of ppc"):
+        replay(record)

@@ -1,0 +1,167 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What a run is judged by: the user's own requirements, over the paper's."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import normal_run, turned, with_columns, with_error
+from test_metrics import requirement
+
+from ppc_attitude.analysis.metrics import analyse, names_of
+from ppc_attitude.analysis.requirements import PAPER, Accuracy, Requirements, load_requirements
+from ppc_attitude.science.errors import ConfigurationError
+
+SHIPPED = Path(__file__).parents[1] / "config" / "requirements.yaml"
+
+
+def written(folder: Path, text: str, name: str = "own.yaml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def cubesat_run(duration=120.0, settles=80.0):
+    """A run whose rotation is off by 3 degrees until it settles, and by 0.05 degrees then."""
+    run = normal_run(duration)
+    t = run.stamps_ns / 1e9
+    half = np.deg2rad(np.where(t <= settles, 3.0, 0.05)) / 2.0
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    rows = np.column_stack([np.sin(half)[:, None] * axis, np.cos(half)])
+    return with_columns(with_error(run, rows), attitude_envelope=np.ones((t.size, 3)))
+
+
+CUBESAT = "settled: 0.1 deg\nsettling_deadline: 90\nterminal: 0.06 deg\nrate: 5\n"
+
+
+def test_the_shipped_file_is_the_paper() -> None:
+    assert load_requirements([SHIPPED]) == PAPER == load_requirements([])
+    assert set(names_of(PAPER)) >= {"settling_time", "rate", "knowledge"}
+
+
+def test_a_cubesat_meets_its_own_requirements_and_not_the_papers(tmp_path: Path) -> None:
+    own = load_requirements([written(tmp_path, CUBESAT)])
+    verdict = analyse(cubesat_run(), own)
+    assert verdict.all_met
+    row = requirement(verdict, "attitude error from 90 s on")
+    assert row.value == pytest.approx(0.05, rel=1e-9)
+    assert (row.limit, row.unit, row.span) == (0.1, "deg", (90.0, 120.0))
+    assert requirement(verdict, "settling time").value == 80.0
+    assert verdict.to_json()["required"]["settled"] == "0.1 deg"
+    assert not analyse(cubesat_run()).all_met
+
+
+def test_later_files_win_and_keep_what_they_do_not_name(tmp_path: Path) -> None:
+    first = written(tmp_path, CUBESAT + "limits: {wheel_momentum: 0.02}\n")
+    second = written(tmp_path, "rate: null\nterminal: 5e-4\nlimits: {other: 1}\n", "second.yaml")
+    own = load_requirements([first, second])
+    assert own == Requirements(
+        settled=Accuracy(0.1, "deg"),
+        settling_deadline=90.0,
+        terminal=Accuracy(5e-4),
+        rate=None,
+        limits={"wheel_momentum": 0.02, "other": 1.0},
+    )
+    assert "angular rate (norm)" not in [
+        each.name for each in analyse(cubesat_run(), own).requirements
+    ]
+
+
+def test_a_limit_on_any_column_and_on_the_torque(tmp_path: Path) -> None:
+    own = load_requirements([written(tmp_path, "limits: {wheel_momentum: 0.02}\ntorque: 0.01\n")])
+    verdict = analyse(normal_run(), own)
+    assert requirement(verdict, "applied torque on an axis").met is False
+    row = requirement(verdict, "wheel momentum")
+    assert (row.met, row.reason) == (None, "the record has no sample of 'wheel/momentum'")
+    wheels = np.full((12001, 3), -0.03)
+    row = requirement(analyse(with_columns(normal_run(), wheel_momentum=wheels), own), row.name)
+    assert (row.met, row.value) == (False, 0.03)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("setled: 1", "no requirement setled; did you mean settled"),
+        ("settled: -1", "settled = -1; allowed: a number > 0, ≤ 1, or an angle such as"),
+        ("settled: 200 deg", "allowed: a number > 0, ≤ 180 deg"),
+        ("settled: fast", "settled = 'fast'"),
+        ("settled: null", "settled = None"),
+        ("rate: true", "rate = True; allowed: a number > 0; null asks for nothing"),
+        ("rate: .nan", "rate = nan"),
+        ("recovery: []", r"recovery = \[\]"),
+        ("limits: 3", "limits = 3; allowed: a mapping"),
+        ("limits: {a: no}", "limits: a = False"),
+        ("[1, 2]", "must be `name: value` lines"),
+        ("a: [", "is not YAML"),
+    ],
+)
+def test_bad_files_are_refused_by_name_and_value(tmp_path: Path, text: str, told: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(ConfigurationError, match=told) as caught:
+        load_requirements([path])
+    assert str(path) in str(caught.value)
+
+
+def told_with_noise(noise=1e-4, said=1e-4):
+    """A good run whose controller is told the truth with noise [rad], as the plant says or not."""
+    run = normal_run()
+    random = np.random.default_rng(1)
+    turns = np.column_stack([0.5 * noise * random.normal(size=(12001, 3)), np.ones(12001)])
+    told = turned(run["attitude"], turns)
+    reported = turned(run["reference_attitude"] * [-1.0, -1.0, -1.0, 1.0], told)
+    run = with_columns(
+        run,
+        truth_attitude=run["attitude"],
+        truth_angular_velocity=run["angular_velocity"],
+        attitude=told,
+        attitude_error=reported,
+        angular_velocity=run["angular_velocity"] + 1.0,
+    )
+    run.parameters["spacecraft_plant"].update(attitude_noise=said)
+    return run
+
+
+def test_the_truth_is_judged_and_three_errors_are_kept_apart() -> None:
+    verdict = analyse(told_with_noise())
+    exact = analyse(normal_run())
+    assert verdict.truth == "recorded"
+    for name in ("terminal_error", "settling_time_s", "max_rate_deg_s"):
+        assert getattr(verdict.metrics, name) == getattr(exact.metrics, name)
+    assert verdict.all_met
+    pointing, control, knowledge = verdict.errors
+    assert pointing == exact.errors[0]
+    # Three axes of 1e-4 rad each: the RMS of the angle is √3 times as much.
+    assert knowledge.rms_deg == pytest.approx(np.rad2deg(np.sqrt(3.0) * 1e-4), rel=0.02)
+    assert control.max_deg > pointing.max_deg
+
+
+def test_a_told_attitude_that_the_noise_does_not_explain_fails() -> None:
+    row = requirement(analyse(told_with_noise(1e-4, 1e-5)), "knowledge error (truth against told)")
+    assert (row.met, row.unit) == (False, "deg")
+    assert row.limit == pytest.approx(np.rad2deg(8e-5), rel=1e-12)
+
+
+def test_required_knowledge(tmp_path: Path) -> None:
+    own = load_requirements([written(tmp_path, "knowledge: 0.01 deg\n")])
+    name = "knowledge error (truth against told)"
+    assert requirement(analyse(told_with_noise(), own), name).met is False
+    assert requirement(analyse(normal_run(), own), name).value == 0.0  # sensing is exact
+    verdict = analyse(replace(normal_run(), parameters={}), own)
+    assert verdict.truth == "unknown"
+    row = requirement(verdict, name)
+    assert (row.met, row.reason) == (None, "the record has no sample of 'truth/attitude'")

@@ -1,0 +1,87 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""A secured run has keys and enforces them, or it does not run and says why."""
+
+import os
+from pathlib import Path
+
+import pytest
+from process_helpers import Run, StartProcess
+
+from ppc_attitude.command_line.errors import UsageError
+from ppc_attitude.command_line.security import secured
+
+ROS2 = """#!/bin/sh
+echo "$@" >> "$(dirname "$0")/asked"
+[ "$2" = create_keystore ] && mkdir -p "$3/enclaves" || mkdir -p "$3/enclaves$4"
+"""
+
+
+@pytest.fixture
+def ros2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A stand-in for the command that makes keys; gives the file of what it was asked."""
+    program = tmp_path / "bin" / "ros2"
+    program.parent.mkdir()
+    program.write_text(ROS2)
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
+    return program.with_name("asked")
+
+
+def test_keys_are_made_once_and_enforced(ros2: Path, tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    environment = secured({"HOME": "/"}, keys)
+    assert environment == {
+        "HOME": "/",
+        "ROS_SECURITY_KEYSTORE": str(keys),
+        "ROS_SECURITY_ENABLE": "true",
+        "ROS_SECURITY_STRATEGY": "Enforce",
+        "ROS_SECURITY_ENCLAVE_OVERRIDE": "/ppc_attitude",
+    }
+    assert secured({"HOME": "/"}, keys) == environment
+    assert ros2.read_text().splitlines() == [
+        f"security create_keystore {keys}",
+        f"security create_enclave {keys} /ppc_attitude",
+    ]
+
+
+def test_without_the_means_to_make_keys_nothing_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(UsageError, match="`ros2 security`, which makes keys, is not installed"):
+        secured({}, tmp_path / "keys")
+    assert not (tmp_path / "keys").exists()
+
+
+def test_keys_that_cannot_be_made_are_told(tmp_path: Path, ros2: Path) -> None:
+    ros2.with_name("ros2").write_text("#!/bin/sh\necho no room >&2\nexit 1\n")
+    with pytest.raises(UsageError, match="ros2 security create_keystore: no room"):
+        secured({}, tmp_path / "keys")
+
+
+@pytest.mark.ros
+def test_a_run_without_the_security_that_is_asked_for_does_not_begin(
+    ros2: Path, tmp_path: Path, start_process: StartProcess
+) -> None:
+    """These keys are empty: no middleware can enforce them, whether it has the plugins or not."""
+    run = Run(start_process, tmp_path / "bag", "--secure", str(tmp_path / "keys"))
+    assert run.ends() == 2
+    assert "Traceback" not in run.err
+    *_, reason = run.err.splitlines()
+    assert reason.startswith("error: ")
+    assert "ended with exit code 2: error creating node: " in reason
+    assert not run.bag.exists()
