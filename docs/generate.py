@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Write the generated parts of the pages: topics, commands, listings, measurements.
+"""Write the generated parts of the pages: tables of the code, listings, measurements.
 
 A part stands between ``<!-- generated: NAME -->`` and ``<!-- end -->``.
 
@@ -22,16 +22,17 @@ python docs/generate.py
 import argparse
 import json
 import re
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 
-from ppc_attitude.bench.table import tables
+from ppc_attitude.command_line.launching import ARGUMENTS, SIDE_BY_SIDE
 from ppc_attitude.command_line.main import command_parsers
+from ppc_attitude.contract.declared import TOPICS
 from ppc_attitude.contract.topics import (
     DIAGNOSTICS_TOPIC,
     MARKERS_TOPIC,
     PARAMETER_EVENTS_TOPIC,
-    TOPICS,
     Topic,
 )
 
@@ -89,9 +90,21 @@ def _label(action: argparse.Action) -> str:
     return " ".join([", ".join(action.option_strings), *([] if action.nargs == 0 else [value])])
 
 
+def launch() -> str:
+    """Every argument of the launch files."""
+    head = "| launch argument | default | means | only in |\n|---|---|---|---|"
+    rows = [
+        f"| `{name}` | {each.default} | {each.description} | "
+        f"{'' if name in SIDE_BY_SIDE else '`paper.launch.py`'} |"
+        for name, each in ARGUMENTS.items()
+    ]
+    return "\n".join([head, *rows])
+
+
 def bench() -> str:
     """Tables of the last `make bench` whose figures were kept, in docs/bench.json."""
-    return tables(json.loads((ROOT / "docs" / "bench.json").read_text(encoding="utf-8")))
+    tables = runpy.run_path(str(ROOT / "bench" / "table.py"))["tables"]
+    return str(tables(json.loads((ROOT / "docs" / "bench.json").read_text(encoding="utf-8"))))
 
 
 def listing(name: str) -> str:
@@ -108,7 +121,7 @@ def generated(text: str) -> str:
         body = (
             listing(name)
             if "." in name
-            else {"topics": topics, "commands": commands, "bench": bench}[name]()
+            else {"topics": topics, "commands": commands, "launch": launch, "bench": bench}[name]()
         )
         return f"{head}{body}\n{end}"
 

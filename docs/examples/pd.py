@@ -19,16 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.science.component import NOTHING, Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
-from ppc_attitude.science.controllers.interface import (
-    Controller,
-    error_state,
-    step_signature,
-    store_command,
-)
+from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import add, apply, clamp, kernel, matrix, scale
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.spacecraft import inertia_matrix
 from ppc_attitude.science.virtual_control import sign
 
 PARAMETERS = (
@@ -40,8 +36,6 @@ CONFIGURATION = np.dtype(
     [("frequency", np.float64), ("max_torque", np.float64), ("inertia", np.float64, (3, 3))],
     align=True,
 )
-MEMORY = np.dtype([("unused", np.float64)], align=True)
-_SIGNATURE = step_signature(MEMORY, CONFIGURATION)
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -65,12 +59,13 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store_command(command, q_e, omega_e, u, clamp(u, gains.max_torque))
 
 
-CONTROLLER = Controller(
+COMPONENT = Component(
     name="pd",
     parameters=PARAMETERS,
     configure=configure,
-    memory=MEMORY,
+    configuration=CONFIGURATION,
+    state=NOTHING,
+    inputs=INPUTS,
+    outputs=OUTPUTS,
     step=step,
-    signature=_SIGNATURE,
-    columns=("torque_command", "unsaturated_torque", "attitude_error", "rate_error"),
 )

@@ -25,29 +25,20 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
 from ppc_attitude.science.attitude import (
-    attitude_error,
     jacobian,
     jacobian_inverse_scaled,
     jacobian_transposed,
     product,
 )
 from ppc_attitude.science.controllers.common import ATTITUDE_TABLE, RATE_TABLE
-from ppc_attitude.science.controllers.interface import new_command, new_measurement
-from ppc_attitude.science.disturbance import environment_torque
-from ppc_attitude.science.kernel import vector
+from ppc_attitude.science.environments.paper import environment_torque
+from ppc_attitude.science.kinds import ACTUATORS, PLANTS
+from ppc_attitude.science.part import Part
 from ppc_attitude.science.performance import nominal, solve_envelope
-from ppc_attitude.science.reference import desired_motion, desired_rate, new_cursor
-from ppc_attitude.science.spacecraft import applied_torque, plant_step
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.scenario import (
-    Scenario,
-    initial_state,
-    load,
-    plant_record,
-    reference_record,
-)
+from ppc_attitude.simulation.scenario import Scenario, load
 
 CONFIG = Path(__file__).parents[2] / "config"
 J = np.array([2.8, 2.5, 1.9])
@@ -71,15 +62,12 @@ def last_unsettled(t: Any, error: Any) -> float:
 
 def task(paper: Scenario) -> None:
     """Reference, environment and initial error."""
-    reference = reference_record(paper.parameters[REFERENCE])
-    times = np.arange(0.0, 120.01, 0.01)
-    rates = np.degrees([np.linalg.norm(desired_rate(t, reference)) for t in times])
+    start = simulate(paper, 120.0)
+    rates = np.degrees(np.linalg.norm(start["reference_angular_velocity"], axis=1))
     show("largest |omega_d| in 120 s", rates.max(), "deg/s")
     torques = [np.linalg.norm(environment_torque(t)) for t in np.arange(0.0, 700.0, 0.1)]
     show("largest |d| of the environment, a whole period", max(torques), "N·m")
-    q_s, _ = initial_state(paper.parameters[PLANT])
-    q_d, _, _ = desired_motion(0.0, reference, new_cursor())
-    q_e = attitude_error(q_s, q_d)
+    q_e = start["attitude_error"][0].tolist()
     print("initial error q_e", " ".join(f"{each:.5f}" for each in q_e))
     show("initial error angle", math.degrees(2.0 * math.acos(abs(q_e[3]))), "deg")
 
@@ -137,8 +125,7 @@ def follows_table(paper: Scenario, component: float, axis: int) -> bool:
     """True if a start with this component of q_ev on one axis keeps to Table I."""
     error = np.zeros(4)
     error[axis], error[3] = component, math.sqrt(1.0 - component**2)
-    reference = reference_record(paper.parameters[REFERENCE])
-    q_d, _, _ = desired_motion(0.0, reference, new_cursor())
+    q_d = tuple(simulate(paper, 0.0)["reference_attitude"][0].tolist())
     start = product(q_d, tuple(map(float, error)))
     record = simulate(paper.with_values(PLANT, initial_attitude=list(start)), 120.0)
     return bool(np.all(np.abs(record["attitude_error"][:, :3]) < record["attitude_envelope"]))
@@ -182,24 +169,20 @@ def delayed(scenario: Scenario, delay: int) -> tuple[Any, Any, float]:
         return record.t, errors_of(record), float(np.degrees(rates.max()))
     exact = simulate(scenario, 120.0)
     values = scenario.parameters
-    law, plant = scenario.controller, plant_record(values[PLANT])
-    memory, gains = law.new_memory(), law.configure(values[CONTROLLER])
-    measurement, command = new_measurement(), new_command()
-    q, omega = initial_state(values[PLANT])
-    held = [(0.0, 0.0, 0.0)] * delay
+    law = Part(scenario.controller, values[CONTROLLER])
+    plant = Part(PLANTS.components["rigid_body"], values[PLANT])
+    actuator = Part(ACTUATORS.components["ideal"], values[PLANT])
+    held = [[0.0, 0.0, 0.0]] * delay
+    torques = [0.0] * 6
     errors, rates = [], []
-    h = 1.0 / float(str(values[PLANT]["rate"]))
-    for k, t in enumerate(exact.t):
-        measurement["t"], measurement["attitude"] = t, q
-        measurement["angular_velocity"] = omega
-        for column in measurement.dtype.names[3:]:
-            measurement[column] = exact[column][k]
-        law.step(measurement, memory, gains, command)
-        held.append(applied_torque(plant, vector(command["torque_command"])))
-        errors.append(np.abs(command["attitude_error"][:3]).max())
-        rates.append(np.linalg.norm(omega))
-        disturbance = tuple(exact["disturbance_torque"][k])
-        q, omega = plant_step(plant, q, omega, held.pop(0), disturbance, h)
+    desired = [column.name for column in law.component.inputs[2:]]
+    for k, stamp in enumerate(exact.stamps_ns.tolist()):
+        state = plant.step(stamp, torques)
+        law.step(stamp, [*state, *(x for name in desired for x in exact[name][k])])
+        held.append(actuator.step(stamp, law.given("torque_command")))
+        torques = [*held.pop(0), *exact["disturbance_torque"][k]]
+        errors.append(np.abs(law.given("attitude_error")[:3]).max())
+        rates.append(np.linalg.norm(state[4:]))
     return exact.t, np.array(errors), float(np.degrees(max(rates)))
 
 
