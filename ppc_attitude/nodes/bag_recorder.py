@@ -32,7 +32,7 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
-from ppc_attitude.bags.custom_data import decode_custom_data, encode_custom_data
+from ppc_attitude.bags.custom_data import GAPS_KEY, decode_custom_data, encode_custom_data
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import encode_clock, header_stamp
@@ -98,7 +98,6 @@ class BagRecorder(BaseNode):
         self._ears: dict[str, Any] = {}
         self._announced: set[str] = set()
         self._incompatible: set[str] = set()
-        self._shared: dict[str, str] = {}  # topic to the nodes that publish on it
         self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
         self._progress: dict[str, Any] = {}
         for namespace in self.parameters["namespaces"]:
@@ -209,10 +208,9 @@ class BagRecorder(BaseNode):
         for home, topic in self._graph.look():
             if self._can_be_written(topic):
                 self._record_topic(home, topic)
-        for home, recording in self._recordings.items():
-            for name in recording.shared():
-                full = self._names[home, name]
-                self._shared[full] = publishing_nodes(self, full)
+        for (home, name), full in self._names.items():
+            if self._topics[full].column and self.count_publishers(full) > 1:
+                self._recordings[home].see(name, publishing_nodes(self, full), self._now)
         if runs:
             for name in self._incompatible:
                 self._take_less(name)
@@ -231,7 +229,7 @@ class BagRecorder(BaseNode):
         """Read a topic at best effort if no publisher can do better, as a user's own may."""
         ends = self.get_publishers_info_by_topic(name)
         offered = [end.qos_profile.reliability == ReliabilityPolicy.RELIABLE for end in ends]
-        nodes = publishing_nodes(self, name)
+        nodes = ", ".join(sorted(publishing_nodes(self, name).values()))
         if offered and not any(offered):
             self.get_logger().info(f"{name}: {nodes} offers less than ours do: taken as is")
             home = next(each for each in self._recordings if name.startswith(f"{each}/"))
@@ -277,7 +275,7 @@ class BagRecorder(BaseNode):
         gaps = [gap for home in self._recordings for gap in self._gaps(home)]
         try:
             if not self.failure:
-                self._writer.set_custom_data("ppc_attitude.gaps", json.dumps(gaps))
+                self._writer.set_custom_data(GAPS_KEY, json.dumps(gaps))
             self._writer.close()
         except BagError as error:
             if not self.failure:
@@ -301,8 +299,7 @@ class BagRecorder(BaseNode):
         told = self._told()[home]
         standard = {topic.name for topic in STANDARD if topic.source in told} - _TRUTH
         gaps = recording.gaps(sorted(standard | self._graph.promised[home]))
-        for name in recording.shared():
-            nodes = self._shared.get(self._names[home, name], "nodes that have ended")
+        for name, nodes in recording.shared().items():
             gaps.append(f"{name} came from several nodes: {nodes}")
         return [f"{home}/{gap}" if len(self._recordings) > 1 else gap for gap in gaps]
 
