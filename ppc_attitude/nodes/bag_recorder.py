@@ -61,6 +61,7 @@ from ppc_attitude.science.parameter import Value
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
+_LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _LOOK_EARLY, _LOOK = 0.1, 1.0  # [s] between two looks at the graph: before a run, and during it
 
@@ -94,6 +95,8 @@ class BagRecorder(BaseNode):
         self._topics: dict[str, Topic] = {}  # by full name
         self._names: dict[tuple[str, str], str] = {}  # full name of each topic of each run
         self._ears: dict[str, Any] = {}
+        self._lively: list[Any] = []  # those that heard something when all were looked at
+        self._listened = 0.0
         self._announced: set[str] = set()
         self._incompatible: set[str] = set()
         self._shared: dict[str, str] = {}  # topic to the nodes that publish on it
@@ -163,6 +166,7 @@ class BagRecorder(BaseNode):
                 incompatible_qos=lambda event: self._incompatible.add(name)
             ),
         )
+        self._lively.clear()
         if old is not None:
             self.destroy_subscription(old)
 
@@ -247,16 +251,26 @@ class BagRecorder(BaseNode):
         """Take all that has arrived; False if there was nothing."""
         self._now = time.monotonic()
         before = self._taken
-        for subscription in tuple(self._ears.values()):
-            with subscription.handle:
-                take = subscription.handle.take_message
-                while (taken := take(subscription.msg_type, True)) is not None:
-                    self._taken += 1
-                    subscription.callback(*taken)
+        if self._now - self._listened < _LISTEN:
+            for subscription in self._lively:
+                self._take(subscription)
+        else:  # a look costs a few microseconds, and most topics of the contract are silent
+            self._listened = self._now
+            self._lively = [each for each in tuple(self._ears.values()) if self._take(each)]
         for home, recording in self._recordings.items():
             stamp = recording.progress()
             if stamp is not None:
                 self._progress[home].publish(encode_clock(stamp))
+        return self._taken != before
+
+    def _take(self, subscription: Any) -> bool:
+        """Take all that has arrived on a topic; False if there was nothing."""
+        before = self._taken
+        with subscription.handle:
+            take = subscription.handle.take_message
+            while (taken := take(subscription.msg_type, True)) is not None:
+                self._taken += 1
+                subscription.callback(*taken)
         return self._taken != before
 
     def drain(self, executor: Executor) -> None:
