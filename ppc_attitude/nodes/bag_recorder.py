@@ -32,7 +32,7 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
-from ppc_attitude.bags.custom_data import encode_custom_data, of_namespace
+from ppc_attitude.bags.custom_data import GAPS_KEY, encode_custom_data, of_namespace
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import encode_clock, header_stamp
@@ -99,7 +99,6 @@ class BagRecorder(BaseNode):
         self._listened = 0.0
         self._announced: set[str] = set()
         self._incompatible: set[str] = set()
-        self._shared: dict[str, str] = {}  # topic to the nodes that publish on it
         self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
         self._progress: dict[str, Any] = {}
         for namespace in self.parameters["namespaces"]:
@@ -208,10 +207,9 @@ class BagRecorder(BaseNode):
         for home, topic in self._graph.look():
             if self._can_be_written(topic):
                 self._record_topic(home, topic)
-        for home, recording in self._recordings.items():
-            for name in recording.shared():
-                full = self._names[home, name]
-                self._shared[full] = publishing_nodes(self, full)
+        for (home, name), full in self._names.items():
+            if self._topics[full].column and self.count_publishers(full) > 1:
+                self._recordings[home].see(name, publishing_nodes(self, full), self._now)
         if runs:
             for name in self._incompatible:
                 self._take_less(name)
@@ -230,7 +228,7 @@ class BagRecorder(BaseNode):
         """Read a topic at best effort if no publisher can do better, as a user's own may."""
         ends = self.get_publishers_info_by_topic(name)
         offered = [end.qos_profile.reliability == ReliabilityPolicy.RELIABLE for end in ends]
-        nodes = publishing_nodes(self, name)
+        nodes = ", ".join(sorted(publishing_nodes(self, name).values()))
         if offered and not any(offered):
             self.get_logger().info(f"{name}: {nodes} offers less than ours do: taken as is")
             home = next(each for each in self._recordings if name.startswith(f"{each}/"))
@@ -286,7 +284,7 @@ class BagRecorder(BaseNode):
         gaps = [gap for home in self._recordings for gap in self._gaps(home)]
         try:
             if not self.failure:
-                self._writer.set_custom_data("ppc_attitude.gaps", json.dumps(gaps))
+                self._writer.set_custom_data(GAPS_KEY, json.dumps(gaps))
             self._writer.close()
         except BagError as error:
             if not self.failure:
@@ -308,8 +306,7 @@ class BagRecorder(BaseNode):
     def _gaps(self, home: str) -> list[str]:
         recording = self._recordings[home]
         gaps = recording.gaps(sorted(self._graph.promised[home]))
-        for name in recording.shared():
-            nodes = self._shared.get(self._names[home, name], "nodes that have ended")
+        for name, nodes in recording.shared().items():
             gaps.append(f"{name} came from several nodes: {nodes}")
         return [f"{home}/{gap}" if len(self._recordings) > 1 else gap for gap in gaps]
 
