@@ -24,29 +24,12 @@ from typing import NoReturn
 
 from ppc_attitude import __version__
 from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError, UsageError
-from ppc_attitude.command_line.examples import epilog
+from ppc_attitude.command_line.examples import EXAMPLES, epilog
 from ppc_attitude.command_line.stopping import end_at_once, ignore, interrupt
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
 from ppc_attitude.processes.child import forget_current_folder, take_signals
 
-COMMANDS = (
-    "run",
-    "simulate",
-    "analyse",
-    "compare",
-    "sweep",
-    "check",
-    "design",
-    "falsify",
-    "campaign",
-    "replay",
-    "inject",
-    "goto",
-    "watch",
-    "latency",
-    "recover",
-    "export",
-)
+COMMANDS = tuple(EXAMPLES)
 _EXAMPLES = """examples:
   ppc_attitude run --config config/paper.yaml
   ppc_attitude run --config config/paper.yaml --config config/sudden_disturbance.yaml

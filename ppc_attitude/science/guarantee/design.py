@@ -20,7 +20,7 @@ z̄, z̄ the speed, the speed the load, the load the brake, and the variation of
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -415,6 +415,6 @@ def _rounded(value: float) -> float:
     return float(f"{value:.9g}")
 
 
-def _triple(values: object) -> Triple:
-    x, y, z = (float(each) for each in values)  # type: ignore[attr-defined]
+def _triple(values: Iterable[float]) -> Triple:
+    x, y, z = (float(each) for each in values)
     return x, y, z
