@@ -292,7 +292,7 @@ def test_a_number_that_cannot_vary_is_refused_by_name(name: Any, given: Any, mes
 
 def test_one_number_varies_once() -> None:
     given = {"rate_noise": 1e-6, "parameters": {f"{PLANT}.rate_noise": 1e-6}}
-    with pytest.raises(ConfigurationError, match="what rate_noise varies is varied twice"):
+    with pytest.raises(ConfigurationError, match="rate_noise varies is varied twice"):
         campaign(given, base(), 0)
 
 
