@@ -107,10 +107,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("ppc_attitude"):
             raise
-        missing = f"this needs {error.name}, which is not installed"
-        if error.name == "rclpy":
-            missing += ": source ROS 2 Jazzy, or pip install 'ppc_attitude[ros]'"
-        print(f"error: {missing}", file=sys.stderr)
+        name, hint = (error.name or "").partition(".")[0], ""
+        if name.startswith("rcl") or name.endswith(("_msgs", "_srvs")):  # whichever came first
+            name, hint = "rclpy", ": source ROS 2 Jazzy, or pip install 'ppc_attitude[ros]'"
+        print(f"error: this needs {name}, which is not installed{hint}", file=sys.stderr)
         return BAD_INPUT
     except BrokenPipeError:
         raise
