@@ -28,6 +28,7 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.orders import (
+    Orders,
     goal_order,
     hold_order,
     profile_order,
@@ -35,7 +36,7 @@ from ppc_attitude.science.guidance.orders import (
     scheduled_orders,
 )
 from ppc_attitude.science.guidance.slew import slew_torque
-from ppc_attitude.science.guidance.trajectory import points
+from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configuration_of
 from ppc_attitude.simulation.closed_loop import simulate
@@ -52,6 +53,7 @@ DESIRED_ATTITUDE = [
 STRAIGHT = [0.0, 0.0, 0.0, 1.0]
 START = [0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318]
 DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.parameters}
+NO_PROFILES = np.zeros(0, POINTS)
 
 
 def flight(rate: float = 20.0, **reference: Any) -> Scenario:
@@ -134,10 +136,11 @@ def test_start_inside_a_cone_is_led_out_with_a_warning() -> None:
     assert "begins inside keep-out cone 0 and is led out" in told.advice.text
 
 
-def part_with(orders: Any) -> Part:
+def part_with(orders: Any, profiles: Any = NO_PROFILES) -> Part:
     """Reference at rest at START since t = 0, with orders."""
     part = Part(COMPONENT, DEFAULTS)
-    part.hold(configuration_of(DEFAULTS, orders)[0])
+    record, *part.kept = configuration_of(DEFAULTS, Orders(orders, profiles))
+    part.hold(record)
     part.step(0, START)
     return part
 
@@ -151,10 +154,10 @@ def test_live_orders_act_from_their_stamp() -> None:
         [
             goal_order(3 * second, "sun", STRAIGHT),
             hold_order(20 * second),
-            profile_order(40 * second, profile),
+            profile_order(40 * second, 0),
         ]
     )
-    part = part_with(orders)
+    part = part_with(orders, profile)
     assert part.step(3 * second, START)[4:] == [0.0] * 6
     assert np.linalg.norm(part.step(20 * second, START)[4:7]) > 0.01
     assert part.step(39 * second, START)[4:] == [0.0] * 6
@@ -168,7 +171,8 @@ def test_live_orders_act_from_their_stamp() -> None:
 def test_orders_before_the_begin_act_at_the_begin() -> None:
     orders = goal_order(1_000_000_000, "inertial", DESIRED_ATTITUDE)
     part = Part(COMPONENT, DEFAULTS)
-    part.hold(configuration_of(DEFAULTS, orders)[0])
+    record, *_kept = configuration_of(DEFAULTS, Orders(orders, NO_PROFILES))
+    part.hold(record)
     # No attitude yet: nothing begins.
     assert part.step(2_000_000_000, [0.0] * 4) == [*STRAIGHT, *[0.0] * 6]
     part.step(7_000_000_000, START)

@@ -42,8 +42,14 @@ from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
-from ppc_attitude.science.guidance.orders import ORDER, goal_order, hold_order, profile_order
-from ppc_attitude.science.guidance.trajectory import points
+from ppc_attitude.science.guidance.orders import (
+    ORDER,
+    Orders,
+    goal_order,
+    hold_order,
+    profile_order,
+)
+from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configuration_of
 from ppc_attitude.science.stamps import nanoseconds
@@ -150,11 +156,12 @@ def pilot(ros_domain: int) -> Iterator[Pilot]:
         rclpy.try_shutdown()
 
 
-def flown(orders: list[Any], times: list[float]) -> list[list[float]]:
+def flown(orders: list[Any], times: list[float], profiles: Any = ()) -> list[list[float]]:
     """What the component alone gives with the same orders."""
     part = Part(COMPONENT, DEFAULTS)
-    kept = np.concatenate([np.zeros(0, ORDER), *orders])
-    part.hold(configuration_of(DEFAULTS, kept)[0])
+    listed = np.concatenate([np.zeros(0, ORDER), *orders])
+    record, *_kept = configuration_of(DEFAULTS, Orders(listed, np.array(profiles, POINTS)))
+    part.hold(record)
     return [part.step(nanoseconds(t), START) for t in times]
 
 
@@ -190,9 +197,9 @@ def test_timed_profile_by_topic(pilot: Pilot) -> None:
     pilot.give(GOAL_TRAJECTORY, message)
     times = [1.0 + 4.5 * k for k in range(26)]
     given = [pilot.state(t) for t in times]
-    profile = np.array([points([61.0, 111.0], [START, NEAR], [[0.0] * 3] * 2, [None] * 2)])
-    orders = [profile_order(nanoseconds(1.0), profile)]
-    assert given == flown(orders, [0.0, *times])[1:]
+    profile = points([61.0, 111.0], [START, NEAR], [[0.0] * 3] * 2, [None] * 2)
+    orders = [profile_order(nanoseconds(1.0), 0)]
+    assert given == flown(orders, [0.0, *times], [profile])[1:]
     assert given[-1] == pytest.approx([*NEAR, *[0.0] * 6])
     message.joint_names = ["wing"]
     pilot.give(GOAL_TRAJECTORY, message)

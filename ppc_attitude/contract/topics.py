@@ -217,7 +217,13 @@ RECORDED_TOPIC = Topic(
     "recorded_until", CLOCK, "", RECORDER, "", "s", "the recorder has every state until then"
 )
 MARKERS_TOPIC = Topic(
-    "markers", MARKER_ARRAY, INERTIAL, MARKERS, "", "m", "craft, frames and torques as shapes"
+    "markers",
+    MARKER_ARRAY,
+    INERTIAL,
+    MARKERS,
+    "",
+    "m",
+    "craft, frames, torques, goal, keep-out cones and the axes that they are for, as shapes",
 )
 EVENTS = (
     INJECT,
