@@ -22,7 +22,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ppc_attitude.analysis.drawing import (
     BLACK,
@@ -43,13 +42,13 @@ from ppc_attitude.analysis.flight import Flight, flight_of, pointed
 from ppc_attitude.analysis.keep_out import angles_to_cones, guidance_values
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import AnalysisError, has, vectors
+from ppc_attitude.analysis.truth import errors_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
     REFERENCE_ACCELERATION,
     REFERENCE_ATTITUDE,
     REFERENCE_RATE,
 )
-from ppc_attitude.science.attitude import attitude_errors
 from ppc_attitude.science.guidance.scene import Cone
 from ppc_attitude.science.keep_out import perpendicular
 
@@ -87,9 +86,9 @@ def slews(run: Measured, flight: Flight) -> Figure:
     left, rate, acceleration = (row[0] for row in rows)
     t = run.t[flight.picked]
     for label, attitudes, colour in (("craft", craft, BLUE), ("desired", wanted, BLACK)):
-        _, angles = attitude_errors(attitudes, flight.goals)
+        angles = np.rad2deg(errors_of(attitudes, flight.goals).angles)
         style: Any = "-" if label == "craft" else _SHORT
-        draw(left, t, np.rad2deg(angles), label=label, colour=colour, style=style)
+        draw(left, t, angles, label=label, colour=colour, style=style)
     left.set_ylabel("angle to the goal [deg]")
     left.set_ylim(bottom=0.0)
     for axes, column, limit, label in (
@@ -150,7 +149,6 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
     axes = rows[0][0]
     cones = flight.cones[0] if flight.cones else ()
     bodies = list(dict.fromkeys(cone.axis for cone in cones)) or [Z_AXIS]
-    entries = []
     wanted = _attitudes(run, REFERENCE_ATTITUDE.column)[flight.picked]
     craft = _attitudes(run, run.truth.attitude)[flight.picked]
     for body, colour in zip(bodies, _colours(len(bodies), start=1), strict=True):
@@ -161,9 +159,9 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
         ):
             path = pointed(attitudes, body)
             _trace(axes, path, colour, style, width)
-            entries.append(_entry(f"{who}, {name}", colour, style))
-        begin = _longitude_latitude(path[:1])[0]
-        axes.scatter(*begin, s=14, color=colour, zorder=4)
+            _entry(axes, f"{who}, {name}", colour, style)
+        x, y = _longitude_latitude(path[:1])[0]
+        axes.scatter(x, y, s=14, color=colour, zorder=4)
     for i, name in enumerate(flight.names):
         first, last = flight.cones[0][i], flight.cones[-1][i]
         _trace(axes, _rim(first), RED, "-", 0.8)
@@ -173,19 +171,15 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
             middles = np.array([each[i].direction for each in flight.cones])
             _trace(axes, middles, RED, ":", 0.8)
         x, y = _longitude_latitude(np.array([first.direction]))[0]
-        axes.text(
-            x, y, f"{i}: {name}", color=RED, ha="center", va="center", fontsize=6, clip_on=True
-        )
+        x = min(max(x, -150.0), 150.0)  # the text stays on the map
+        axes.text(x, y, f"{i}: {name}", color=RED, ha="center", fontsize=6, clip_on=True)
     if flight.names:
-        entries.append(_entry("keep-out cone", RED, "-"))
+        _entry(axes, "keep-out cone", RED, "-")
     axes.set(xlim=(-180.0, 180.0), ylim=(-90.0, 90.0))
     axes.set(xlabel="right ascension [deg]", ylabel="declination [deg]")
-    axes.set_xticks(range(-180, 181, 60))
-    axes.set_yticks(range(-90, 91, 30))
-    handles = entries[: 2 * len(RUN_COLOURS)]
-    axes.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False
-    )
+    axes.set_xticks(range(-180, 181, 90))
+    axes.set_yticks(range(-90, 91, 45))
+    legend(axes)
     return figure
 
 
@@ -215,8 +209,8 @@ def cone_angles(run: Measured, flight: Flight) -> Figure:
             if who == "craft":
                 allowed = np.rad2deg(flight.cones[0][i].half_angle)
                 axes.axhline(allowed, color=colour, linewidth=0.8, linestyle=LIMIT_STYLE, label="_")
-    axes.plot([], [], color=BLACK, linewidth=0.8, linestyle=LIMIT_STYLE, label="allowed")
-    axes.plot([], [], color=BLACK, linewidth=0.8, linestyle=_SHORT, label="desired")
+    _entry(axes, "allowed", BLACK, LIMIT_STYLE)
+    _entry(axes, "desired", BLACK, _SHORT)
     axes.set_ylabel("angle to the direction [deg]")
     axes.set_ylim(bottom=0.0)
     time_axis(axes, run.t)
@@ -227,15 +221,17 @@ def cone_angles(run: Measured, flight: Flight) -> Figure:
 def _attitudes(run: Measured, column: str) -> Array:
     if not has(run.record, column):
         raise AnalysisError(f"{run.record.source}: {run.lacks(column)}")
-    return run.record[column]
+    attitudes: Array = run.record[column]
+    return attitudes
 
 
 def _colours(count: int, start: int = 0) -> list[str]:
     return [RUN_COLOURS[(start + i) % len(RUN_COLOURS)] for i in range(count)]
 
 
-def _entry(label: str, colour: str, style: Any) -> Line2D:
-    return Line2D([], [], color=colour, linestyle=style, linewidth=LINE_WIDTH, label=label)
+def _entry(axes: Axes, label: str, colour: str, style: Any) -> None:
+    """Add an entry of the legend for what is drawn as a collection."""
+    axes.plot([], [], color=colour, linestyle=style, linewidth=LINE_WIDTH, label=label)
 
 
 def _longitude_latitude(directions: Array) -> Array:

@@ -51,7 +51,8 @@ def guidance_values(record: RunRecord) -> dict[str, Any] | None:
     given: Mapping[str, Any] = record.parameters.get(REFERENCE, {})
     if REFERENCES.selected(given) is not goal.COMPONENT:
         return None
-    return {parameter.name: parameter.default for parameter in goal.COMPONENT.parameters} | given
+    defaults = {parameter.name: parameter.default for parameter in goal.COMPONENT.parameters}
+    return {**defaults, **given}
 
 
 def cone_names(values: Mapping[str, Any]) -> list[str]:

@@ -137,10 +137,10 @@ def errors_between(record: RunRecord, column: str, base: str) -> Errors:
     for each in (column, base):
         if not has(record, each):
             raise lacking(record, each)
-    return errors_between(record[column], record[base])
+    return errors_of(record[column], record[base])
 
 
-def errors_between(attitudes: Array, bases: Array) -> Errors:
+def errors_of(attitudes: Array, bases: Array) -> Errors:
     """Errors of attitudes against others, both x y z w, shape (n, 4); NaN where not known."""
     # By component, as the loop gives them: then nothing is copied.
     first, second = (np.ascontiguousarray(each.T) for each in (attitudes, bases))

@@ -195,7 +195,7 @@ GUIDANCE_STATUS = Topic(
     REFERENCE,
     "",
     "",
-    "what becomes of each order; the stamp is that of the state from which it acts",
+    "what becomes of each order, from the stamp on; warnings; where goal and cones are",
 )
 CLOCK_TOPIC = Topic("/clock", CLOCK, "", PLANT, "", "s", "simulated time")
 DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, "", "", "", "", "health of every node")
@@ -221,7 +221,7 @@ MARKERS_TOPIC = Topic(
     MARKERS,
     "",
     "m",
-    "craft, frames, torques, goal, keep-out cones and the axes that they are for, as shapes",
+    "craft, frames, torques, goal and keep-out cones as shapes",
 )
 EVENTS = (
     INJECT,

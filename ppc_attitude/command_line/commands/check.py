@@ -19,7 +19,8 @@ or its certificate, the slews and goals of the reference, and the noise of the s
 """
 
 import argparse
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -35,12 +36,21 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
-from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
+from ppc_attitude.science.certificate import (
+    RATE_LIMIT,
+    Condition,
+    certificate,
+    largest_desired_rate,
+    virtual_control_bound,
+)
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.controllers import momentum_tube
+from ppc_attitude.science.controllers.common import envelope_of
 from ppc_attitude.science.estimators.steady_state import FLOOR, noise_floors
+from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.kinds import ESTIMATORS, REFERENCES
+from ppc_attitude.science.performance import nominal
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import first_step
 from ppc_attitude.simulation.flight_plan import Told, goals_told
@@ -127,11 +137,12 @@ def _law_conditions(scenario: Scenario, q_e0: float) -> tuple[Condition, ...]:
 
 
 def _slew_conditions(scenario: Scenario) -> tuple[Condition, ...]:
-    """The torque of a slew against the share of the actuator that it may take."""
+    """What a slew needs: of the actuator's torque, and of the rate that the craft may have."""
     reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
     if REFERENCES.selected(reference) is not goal.COMPONENT:
         return ()
     plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
     rate, acceleration, share = (
         float(reference[each.name])
         for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
@@ -145,6 +156,31 @@ def _slew_conditions(scenario: Scenario) -> tuple[Condition, ...]:
             "N·m",
             False,
             "max‖J e‖ A + max‖ω × J ω‖ leaves the law its margin (guidance.torque_share)",
+        ),
+        *_rate_of_slew(rate, reference[GOAL_TIMES.name], law),
+    )
+
+
+def _rate_of_slew(
+    rate: float, times: Sequence[float], law: Mapping[str, Any]
+) -> tuple[Condition, ...]:
+    """The largest rate during a slew: V, and what the law `ppc` adds for an error."""
+    if law["controller"] != "ppc":
+        return ()
+    shape = envelope_of("attitude_envelope", law).shape()
+    begin = min(times, default=math.inf)
+    width = min(nominal(begin, shape)[0], 1.0) if times else float(shape["terminal"])
+    when = f"of the first goal, t = {begin:g} s" if times else "once settled"
+    return (
+        Condition(
+            "slew rate",
+            math.degrees(rate + virtual_control_bound(law) * width),
+            math.degrees(RATE_LIMIT),
+            "≤",
+            "deg/s",
+            False,
+            f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: an error as large as its envelope would "
+            "add so much",
         ),
     )
 

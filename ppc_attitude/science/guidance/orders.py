@@ -151,7 +151,7 @@ def scheduled_orders(values: Mapping[str, Any]) -> Orders:
             f"{GOAL_POINTS.name} has points of goal {strays[0]:g}; allowed: goals with the frame "
             f"{PROFILING}, which are {sorted(owners)}"
         )
-    orders, profiles = [np.zeros(0, ORDER)], []
+    orders, profiles = [np.zeros(0, ORDER)], list[Any]()
     for i, (time, frame, attitude) in enumerate(zip(times, frames, attitudes, strict=True)):
         stamp_ns = nanoseconds(time)
         if frame == HOLDING:

@@ -107,6 +107,8 @@ def crossing(
         Records of dtype `GUIDANCE` and `LOOK`.
     """
     cones = guidance.cones
+    if cones.count == 0:
+        return -1, end
     copy_cursor(look.now, look.ahead)
     s = begin
     while True:

@@ -57,7 +57,8 @@ def _cones_ahead(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> i
     cones, sky = guidance.cones, guidance.sky
     q = plan_motion(t, plan, sky, look.now)[0]
     around = cones_around(q, cones, directions_at(t, cones, sky, look.now))
-    bits, s, end = watch.bits & (_BELOW - 1), max(watch.seen, t), t + HORIZON
+    bits: int = watch.bits & (_BELOW - 1)
+    s, end = max(watch.seen, t), t + HORIZON
     for i in range(cones.count):
         if bits >> i & 1 and not around >> i & 1 and t >= watch.when[i]:
             bits &= ~(1 << i)

@@ -136,7 +136,6 @@ _REASONS = {
     TOO_FAST: "it needs {measured:.4g} times guidance.max_rate or guidance.max_acceleration; "
     "allowed: 1; give it more time",
 }
-_IN_DEGREES = {INSIDE_CONE: math.degrees, ILL_DEFINED: lambda sine: math.degrees(math.asin(sine))}
 
 
 def configure(values: Mapping[str, Any]) -> tuple[Any, NDArray[Any], NDArray[Any]]:
@@ -243,12 +242,15 @@ def advice(state: Any) -> Advice:
         return Advice("at rest at the first attitude; no goal yet", warning=False)
     outcome, number = int(state["outcome"]), int(state["taken"])
     if outcome != ACCEPTED:
-        shown = _IN_DEGREES.get(outcome, float)
+        measured, allowed = float(state["measured"]), float(state["allowed"])
+        if outcome == ILL_DEFINED:
+            measured, allowed = math.asin(measured), math.asin(allowed)
+        degrees = outcome in (INSIDE_CONE, ILL_DEFINED)
         reason = _REASONS[outcome].format(
             cone=int(state["cone"]),
             barred=_named(int(state["barred"])),
-            measured=shown(state["measured"]),
-            allowed=shown(state["allowed"]),
+            measured=math.degrees(measured) if degrees else measured,
+            allowed=math.degrees(allowed) if degrees else allowed,
         )
         return Advice(f"order {number} is refused: {reason}", warning=True)
     plan = state["plans"][state["active"]]
