@@ -344,3 +344,8 @@ def detour_ratios(seeds: range) -> Array:
             ratios.append(plan.duration / known)
     print(f"{len(ratios)} detours: mean {np.mean(ratios):.3f}, largest {np.max(ratios):.3f}")
     return np.array(ratios)
+
+
+@pytest.mark.long
+def test_detours_are_near_the_best_known() -> None:
+    assert detour_ratios(range(300)).max() <= 1.3

@@ -96,7 +96,7 @@ def execute(arguments: argparse.Namespace) -> int:
     q_e = law.outputs[0]["attitude_error"].tolist()
     conditions = (
         *(() if guarantee else _law_conditions(scenario, q_e[3])),
-        *_slew_conditions(scenario),
+        *slew_conditions(scenario),
         *_noise_conditions(scenario),
     )
     goals = goals_told(scenario)
@@ -136,7 +136,7 @@ def _law_conditions(scenario: Scenario, q_e0: float) -> tuple[Condition, ...]:
     return certificate(scenario.parameters[CONTROLLER], q_e0, rate)
 
 
-def _slew_conditions(scenario: Scenario) -> tuple[Condition, ...]:
+def slew_conditions(scenario: Scenario) -> tuple[Condition, ...]:
     """What a slew needs: of the actuator's torque, and of the rate that the craft may have."""
     reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
     if REFERENCES.selected(reference) is not goal.COMPONENT:
