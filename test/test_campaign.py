@@ -30,7 +30,7 @@ import pyarrow.parquet as pq
 import pytest
 from campaign_helpers import RUNS, VARIES, files_of, finish, rows_of, small
 from conftest import StartProcess
-from process_helpers import workers_of
+from process_helpers import PATIENCE, workers_of
 
 from ppc_attitude.analysis.metrics import analyse, names_of
 from ppc_attitude.analysis.requirements import PAPER, Requirements
@@ -301,7 +301,7 @@ def test_memory_does_not_grow_with_the_runs(tmp_path: Path, start_process: Start
     script.write_text(_GROWTH, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = start_process([sys.executable, str(script), str(tmp_path)], env=environment)
-    output, errors = process.communicate(timeout=120)
+    output, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, errors
     few, many = map(int, output.split())  # [KiB]
     assert many - few < 8 * 1024  # the rows alone of 4500 runs are more than 20 MiB

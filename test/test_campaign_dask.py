@@ -27,7 +27,7 @@ import pytest
 from campaign_helpers import files_of, rows_of, small
 from conftest import StartProcess
 from distributed import Client
-from process_helpers import COMMAND, PAPER, Process
+from process_helpers import COMMAND, PAPER, PATIENCE, Process
 
 from ppc_attitude.campaign import pools
 from ppc_attitude.campaign.campaign import run_campaign
@@ -53,7 +53,7 @@ class Cluster:
             for _ in range(WORKERS)
         ]
         self.client = Client(self.address, set_as_default=False)
-        self.client.wait_for_workers(WORKERS, timeout=120)
+        self.client.wait_for_workers(WORKERS, timeout=PATIENCE)
 
     def _run(self, *arguments: str, stderr: int = subprocess.DEVNULL) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", f"distributed.cli.dask_{arguments[0]}", *arguments[1:]]

@@ -17,11 +17,11 @@
 import json
 import signal
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from process_helpers import PATIENCE, until
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
@@ -37,7 +37,7 @@ COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 pytestmark = pytest.mark.ros
 
 
-def finished(process, timeout=120.0):
+def finished(process, timeout=PATIENCE):
     out, err = process.communicate(timeout=timeout)
     return process.returncode, out, err
 
@@ -75,9 +75,7 @@ def test_two_runs_and_simulate_agree_to_the_last_bit(tmp_path, start_process):
 
 def wait_for_health(name):
     with looking_on("") as onlooker:
-        end = time.monotonic() + 40.0
-        while name not in str(onlooker.look(0.1).health):
-            assert time.monotonic() < end, f"{name} is not up"
+        until(lambda: name in str(onlooker.look(0.1).health), f"the health of {name}")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
