@@ -62,7 +62,10 @@ CALLS = {
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize(
+    "call",
+    [pytest.param(call, marks=pytest.mark.long) if call == "latency" else call for call in CALLS],
+)
 def test_a_command_executes_nothing_of_the_current_folder(
     call: str, trap: Path, start_process: StartProcess
 ) -> None:

@@ -78,7 +78,11 @@ def wait_for_health(name):
         until(lambda: name in str(onlooker.look(0.1).health), f"the health of {name}")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+@pytest.mark.parametrize(
+    "number",
+    [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGTERM],
+    ids=lambda n: n.name,
+)
 def test_every_node_alone_ends_cleanly(tmp_path, start_process, number):
     processes = {}
     for name in NODES:
@@ -118,27 +122,31 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("case", BAD)
 def test_bad_configuration_is_refused_by_commands_and_node(
-    tmp_path, start_process, case, monkeypatch, capsys
+    tmp_path, start_process, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
-    node, text, named = BAD[case]
-    path = tmp_path / ("nowhere.yaml" if text is None else "bad.yaml")
-    if text is not None:
-        path.write_text(f"/**/{node}:\n  ros__parameters:\n    {text}\n")
-    files = ["--params-file", str(PAPER), "--params-file", str(path)]
-    command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args", *files]
-    refused = finished(start_process(command))
-    said = {node: (refused[0], refused[2])}
-    for name in ("run", "simulate", "check"):
-        code = main([name, "--config", str(PAPER), "--config", str(path)])
-        said[name] = code, capsys.readouterr().err
-    for name, (code, err) in said.items():
-        assert code == 2, (name, err)
-        assert named in err
-        assert "Traceback" not in err
+    refused = {}
+    for case, (node, text, _) in BAD.items():
+        path = tmp_path / ("nowhere.yaml" if text is None else f"{case}.yaml")
+        if text is not None:
+            path.write_text(f"/**/{node}:\n  ros__parameters:\n    {text}\n")
+        files = ["--params-file", str(PAPER), "--params-file", str(path)]
+        command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args", *files]
+        refused[case] = start_process(command)
+        for name in ("run", "simulate", "check"):
+            code = main([name, "--config", str(PAPER), "--config", str(path)])
+            expect_refusal(case, name, code, capsys.readouterr().err)
+    for case, process in refused.items():
+        code, _, err = finished(process)
+        expect_refusal(case, "node", code, err)
     assert not (tmp_path / "bags").exists()
+
+
+def expect_refusal(case, name, code, err):
+    assert code == 2, (case, name, err)
+    assert BAD[case][2] in err, (case, name)
+    assert "Traceback" not in err
 
 
 WRONG = {
