@@ -23,7 +23,7 @@ from test_goal_reference import STRAIGHT, flight, tour
 from test_layers import ROOT
 
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.command_line.commands.check import slew_conditions
+from ppc_attitude.command_line.proportions import slew_conditions
 from ppc_attitude.science.certificate import Condition
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.flight_plan import goals_told
