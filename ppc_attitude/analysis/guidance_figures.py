@@ -237,7 +237,8 @@ def _entry(axes: Axes, label: str, colour: str, style: Any) -> None:
 def _longitude_latitude(directions: Array) -> Array:
     """Right ascension and declination [deg], shape (m, 2), of unit vectors, shape (m, 3)."""
     x, y, z = directions.T
-    return np.rad2deg(np.column_stack([np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))]))
+    places: Array = np.column_stack([np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))])
+    return np.asarray(np.rad2deg(places))
 
 
 def _trace(axes: Axes, directions: Array, colour: str, style: Any, width: float) -> None:
