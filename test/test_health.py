@@ -14,8 +14,8 @@
 
 """What each node says of its health: running, warned, failed or waiting, and by what numbers."""
 
+import json
 import math
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from process_helpers import until
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
@@ -105,12 +106,12 @@ class Patient:
         self.until(lambda: self.node._diagnostics.get_subscription_count() > 0)
 
     def until(self, condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 20.0
-        while not condition():
-            assert time.monotonic() < deadline, "what was waited for did not come"
+        def spin() -> None:
             self.executor.spin_once(timeout_sec=0.01)
             if not self.node.finished:
                 self.node.wake()
+
+        until(condition, "an answer", meanwhile=spin)
 
     def send(self, values: dict[Topic, tuple[float, ...]], step: int = 0) -> None:
         for topic, numbers in values.items():
@@ -244,6 +245,21 @@ def test_a_plant_that_diverges_says_so_before_it_ends(admit: Callable[..., Patie
     patient.feed(0)
     patient.says(ERROR, "diverged")
     assert patient.node.finished
+    assert patient.node.exit_code == EXIT_BROKEN
+
+
+def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
+    admit: Callable[..., Patient],
+) -> None:
+    sent = [topic.name for topic in INSTANT]
+    told = {"samples": {"ppc_controller": ["control/attitude_error"], "others": sent}}
+    patient = admit(BagRecorder, f"run_info:='{json.dumps(told)}'")
+    for step in range(3):
+        patient.feed(step)
+    patient.says(OK, "recording")
+    patient.node.drain(patient.executor)
+    patient.node.close()
+    assert "control/attitude_error never came" in patient.node.failure
     assert patient.node.exit_code == EXIT_BROKEN
 
 

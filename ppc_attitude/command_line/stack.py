@@ -17,11 +17,11 @@
 
 import os
 import signal
-import subprocess
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ from ppc_attitude.processes.child import Child
 from ppc_attitude.processes.telling import AT, BROKEN, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
 
-_PATIENCE = 20.0  # [s] how long a process may take to end after it was asked to
+_PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
 _STALLED_AFTER = 30.0  # [s] without a step after which a run in lock-step is given up
 _GLANCE = 0.02  # [s] between two looks at the processes
 # The recorder goes last, when all others have sent their last message.
@@ -70,7 +70,10 @@ def private_environment() -> dict[str, str]:
     ------
     ConfigurationError
         What the user has set is wrong.
+    ModuleNotFoundError
+        ROS is not installed, so that no process of a run could begin.
     """
+    import_module("rclpy")
     environment = dict(os.environ)
     environment[RANGE] = environment.get(RANGE) or "LOCALHOST"
     environment[DOMAIN] = environment.get(DOMAIN) or str(choose_domain())
@@ -224,9 +227,7 @@ class Stack:
                     if node.process.poll() is None:
                         node.process.send_signal(signal.SIGINT)
                 for name, node in nodes.items():
-                    try:
-                        node.process.wait(_PATIENCE)
-                    except subprocess.TimeoutExpired:
+                    if not node.ends(_PATIENCE):
                         hanging.append(name)
                         node.kill()
         finally:

@@ -50,7 +50,7 @@ class Completeness:
 
     def add(self, name: str, stamp_ns: int) -> None:
         """Count one message of a topic."""
-        tally = self._tallies.setdefault(name, _Tally())
+        tally = self._tallies.get(name) or self._tallies.setdefault(name, _Tally())
         if stamp_ns == 0 < tally.last:
             self._earlier.setdefault(name, []).append(tally)
             tally = self._tallies[name] = _Tally()
@@ -68,10 +68,6 @@ class Completeness:
             self._jumps.append(
                 f"{ATTITUDE.name} jumps from {seconds(last):.6f} s to {seconds(stamp_ns):.6f} s"
             )
-
-    def seen(self) -> set[str]:
-        """Names of the topics that came."""
-        return set(self._tallies)
 
     def gaps(self, expected: Iterable[str] = ()) -> list[str]:
         """Describe what is missing; empty if nothing is.
