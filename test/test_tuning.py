@@ -73,9 +73,9 @@ def test_a_search_settles_sooner_than_the_gains_it_began_with() -> None:
 def test_a_law_whose_gains_are_not_searched_is_named() -> None:
     with (
         ThreadPoolExecutor(1) as threads,
-        pytest.raises(ConfigurationError, match=r"controller = momentum_tube; .* for ppc, quat"),
+        pytest.raises(ConfigurationError, match=r"controller = log_barrier; .* for ppc, quat"),
     ):
-        tuned(cubesat(controller="momentum_tube"), 1.0, threads)
+        tuned(cubesat(controller="log_barrier"), 1.0, threads)
 
 
 def test_design_writes_gains_and_says_that_they_are_no_guarantee(
