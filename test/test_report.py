@@ -33,6 +33,8 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.report import run_labels, write_report
 from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.series import AnalysisError
+from ppc_attitude.analysis.verdict import verdict_table
+from ppc_attitude.contract.run_record import Change
 
 VOID = {"meta", "img", "input"}
 
@@ -140,6 +142,19 @@ def test_the_page_says_whose_it_is_and_hides_what_did_not_run(tmp_path):
     assert "inertia [1.0] kg·m²" in page.text
     assert "k 3.0" not in page.text  # of the law that did not run
     assert page.tags.count("details") == 3
+
+
+def test_what_was_changed_in_flight_is_told(tmp_path):
+    run = normal_run(duration=2.0)
+    changes = (Change(1_500_000_000, "ppc_controller", "k", 4.0),)
+    changed = replace(run, changes=changes)
+    (_, text), verdict = report(tmp_path, changed), analyse(changed)
+    row = "<td>1.5</td><td>ppc_controller</td><td>k</td><td>3.0 → 4.0</td>"
+    assert row in text
+    assert "<h3>Parameters changed in flight</h3>" not in report(tmp_path, run)[1]
+    told = "parameters changed in flight: ppc_controller k 3.0 → 4.0 from 1.5 s on"
+    assert verdict_table(verdict).splitlines()[-1] == told
+    assert verdict.to_json()["changes"] == ["ppc_controller k 3.0 → 4.0 from 1.5 s on"]
 
 
 def test_a_good_run(tmp_path):

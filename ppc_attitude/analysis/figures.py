@@ -51,10 +51,16 @@ from ppc_attitude.analysis.truth import (
     EXACT,
     knowledge_errors,
     reference_rates_in_body,
+    truth_of,
 )
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, DISTURBANCE, STANDARD
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    DISTURBANCE,
+    REFERENCE_ATTITUDE,
+    STANDARD,
+)
 from ppc_attitude.science.component import QUATERNION, VECTOR, WRENCH
 
 AXES = ("x", "y", "z")
@@ -246,6 +252,8 @@ def _drawings(record: RunRecord) -> Iterator[_Drawing]:
     yield "transformed_errors", "Errors over envelopes", transformed_errors_figure
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
     drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}
+    if not has(record, REFERENCE_ATTITUDE.column):
+        drawn.remove(truth_of(record).attitude)  # where there is no error to draw
     for column, topic in BY_COLUMN.items():
         if column not in drawn and topic.form in (QUATERNION, VECTOR, WRENCH):
             caption = topic.meaning[:1].upper() + topic.meaning[1:]

@@ -68,6 +68,7 @@ from ppc_attitude.analysis.verdict import (
     Requirement,
     Span,
     Verdict,
+    change_text,
     span_text,
     verdict_table,
 )
@@ -146,6 +147,7 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
         metrics=judge.metrics,
         errors=tuple(judge.error_sizes()),
         required=required,
+        changes=tuple(change_text(told, int(record.stamps_ns[0])) for told in record.told_changes),
     )
 
 
@@ -379,7 +381,8 @@ def _lost(record: RunRecord) -> int:
     lost = record.missing_messages
     for column, rows in record.columns.items():
         known = finite(rows)
-        if column in BY_COLUMN and BY_COLUMN[column].late:  # it comes with some instants only
+        late = column in BY_COLUMN and BY_COLUMN[column].late
+        if late or column in record.held:  # it comes with some instants only
             known |= np.isnan(rows).all(axis=1)
         missing = record.missing.get(topic_of(column), 0)
         lost += max(int(np.count_nonzero(~known)) - missing, 0)
