@@ -36,7 +36,7 @@ from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER
 
 RUN = normal_run(duration=1.0)
 OWN_PLANT = ("attitude", "angular_velocity", "torque_command")
@@ -292,6 +292,3 @@ def test_a_topic_is_given_as_a_pair(capsys: pytest.CaptureFixture[str]) -> None:
         with pytest.raises(SystemExit):
             main(["analyse", "bag", "--topic", wrong])
         assert "allowed: OURS=THEIRS, as in attitude=/imu/data" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        main(["analyse", "bag", "--topic", "attitude=/a", "--topic", "attitude=/b"])
-    assert REFERENCE not in capsys.readouterr().err

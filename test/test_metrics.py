@@ -81,6 +81,7 @@ def test_the_json_is_the_contract():
         "errors",
         "truth",
         "required",
+        "changes",
     ]
     assert list(told["metrics"]) == [
         "settling_time_s",

@@ -50,13 +50,19 @@ def new_bag(path: Path) -> Path:
     return path
 
 
-def new_table(text: str) -> Path:
-    """Parse where a table is to be: a new file whose suffix says the format."""
+def absent_file(text: str) -> Path:
+    """Parse where a file is to be that is not there yet; the folders above it are made."""
     path = new_file(text)
-    if path.suffix not in (".csv", ".parquet"):
-        raise argparse.ArgumentTypeError(f"{text}; allowed: a file name in .csv or .parquet")
-    if path.exists():
+    if os.path.lexists(path):
         raise argparse.ArgumentTypeError(f"{text} exists already, it is not overwritten")
+    return path
+
+
+def new_table(text: str) -> Path:
+    """Parse where a table is to be: a file that is not there yet, whose suffix is its format."""
+    path = absent_file(text)
+    if path.suffix not in (".csv", ".parquet"):
+        raise argparse.ArgumentTypeError(f"{text}: allowed are files that end in .csv or .parquet")
     return path
 
 
