@@ -26,11 +26,15 @@ CONTROLLER_KEY = "ppc_attitude.controller"
 PARAMETERS_KEY = "ppc_attitude.parameters"
 METADATA_KEY = "ppc_attitude.metadata"
 RECOVERED_KEY = "ppc_attitude.recovered"  # why the recording was cut before it was recovered
+GAPS_KEY = "ppc_attitude.gaps"  # what the recorder knows to be incomplete
 UNKNOWN_CONTROLLER = "unknown"
 
 
 class RunFacts(NamedTuple):
-    """Controller, parameters by node and metadata of a run; what of it cannot be read, and why."""
+    """Controller, parameters by node and metadata of a run.
+
+    The flaws are what of it cannot be read, and why, and what its recorder knew to be incomplete.
+    """
 
     controller: str
     parameters: Mapping[str, Mapping[str, Any]]
@@ -64,22 +68,40 @@ def encode_custom_data(
 def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFacts:
     """Return the facts that custom data state about the run in a namespace.
 
-    What is absent or unreadable is empty, the controller then ``unknown``. A node with the
-    namespace in its name goes before one without. All texts are printable.
+    What is absent or unreadable is empty, the controller then ``unknown``. All texts are printable.
     """
     flaws: list[str] = []
-    parameters: dict[str, dict[str, Any]] = {}
-    for node, values in sorted(_mapping(custom_data, PARAMETERS_KEY, flaws).items(), key=_depth):
-        if isinstance(values, dict):
-            home, _, name = f"/{node.lstrip('/')}".rpartition("/")
-            if home in ("", namespace):
-                parameters[name] = values
+    told = _mapping(custom_data, PARAMETERS_KEY, flaws)
+    parameters = of_namespace({n: v for n, v in told.items() if isinstance(v, dict)}, namespace)
     metadata = {
         key: str(value) for key, value in _mapping(custom_data, METADATA_KEY, flaws).items()
     }
+    flaws += _gaps(custom_data)
     own = parameters.get(CONTROLLER, {}).get("controller")
     stated = printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER)
     return RunFacts(own if isinstance(own, str) else stated, parameters, metadata, tuple(flaws))
+
+
+def _gaps(custom_data: Mapping[str, str]) -> list[str]:
+    try:
+        told = all_printable(parsed_json(custom_data.get(GAPS_KEY, "[]")))
+    except ValueError as error:
+        return [f"its {GAPS_KEY} cannot be read: {error}"]
+    gaps = told if isinstance(told, list) else []
+    return [f"its recorder calls it incomplete: {gap}" for gap in gaps]
+
+
+def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
+    """What is said of the nodes of a namespace, by the node's bare name.
+
+    A node with the namespace in its name goes before one without.
+    """
+    found = {}
+    for node, said in sorted(nodes.items(), key=_depth):
+        home, _, name = f"/{node.lstrip('/')}".rpartition("/")
+        if home in ("", namespace):
+            found[name] = said
+    return found
 
 
 def _mapping(custom_data: Mapping[str, str], key: str, flaws: list[str]) -> dict[str, Any]:

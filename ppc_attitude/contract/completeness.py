@@ -17,7 +17,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ppc_attitude.contract.declared import BY_COLUMN, columns_of
+from ppc_attitude.contract.declared import samples_of
 from ppc_attitude.contract.topics import Topic
 
 
@@ -31,7 +31,5 @@ def promised(parameters: Mapping[str, Mapping[str, Any]]) -> list[Topic]:
     parameters : mapping of str to mapping
         The nodes of ours that took part, with their parameters; empty if nobody knows.
     """
-    columns = [
-        column for node in sorted(parameters) for column in columns_of(node, parameters[node])
-    ]
-    return list(dict.fromkeys(BY_COLUMN[column.name] for column in columns if not column.late))
+    sent = [topic for node in sorted(parameters) for topic in samples_of(node, parameters[node])]
+    return list(dict.fromkeys(sent))
