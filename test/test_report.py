@@ -201,6 +201,20 @@ def test_figures_can_be_zoomed_on_the_numbers_of_the_drawing(page_of_one):
     assert page.tags.count("figure") + 2 == page.tags.count("script")  # the replay, the program
 
 
+def test_a_chart_has_the_envelopes_by_name_the_limits_of_the_drawing_and_no_marks_of_hits():
+    drawn = figures_of(hit_run())
+    panels = {
+        name: json.loads(re.search(r">(.*)<", plotted(figure))[1])
+        for name, (_, figure) in drawn.items()
+    }
+    told = [line["label"] for line in panels["rate_error"][0]["lines"]]
+    assert [each for each in told if "envelope" in each] == [f"envelope {k}" for k in "xyz"]
+    whole, enlarged = panels["disturbance"]
+    assert whole["limits"] is None
+    assert enlarged["limits"] == list(drawn["disturbance"][1].axes[1].get_ylim())
+    assert len(whole["lines"]) == len(enlarged["lines"]) == 3
+
+
 def test_the_replay_has_the_true_attitude_and_the_reference():
     run = normal_run(20.0)
     data = json.loads(re.search(r"json\">(.*)</script>", replay(Measured(run, PAPER)))[1])

@@ -19,6 +19,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -379,8 +380,11 @@ def draw_envelope(
     count = len(colours)
     for k, colour in enumerate(colours):
         dashes = (0.0, (1.0, 1.5)) if count == 1 else (3.0 * k, (3.0, 3.0 * (count - 1)))
-        for sign in (1.0, -1.0) if mirrored else (1.0,):
-            draw(axes, t, sign * envelope[:, k], colour=colour, width=ENVELOPE_WIDTH, style=dashes)
+        name = f"_{ENVELOPE_LABEL} {AXES[k]}" if count > 1 else f"_{ENVELOPE_LABEL}"
+        told: dict[str, Any] = {"colour": colour, "width": ENVELOPE_WIDTH, "style": dashes}
+        draw(axes, t, envelope[:, k], label=name, **told)
+        if mirrored:
+            draw(axes, t, -envelope[:, k], **told)
     if ENVELOPE_LABEL not in axes.get_legend_handles_labels()[1]:
         style = (0.0, (1.0, 1.5)) if count == 1 else "--"
         axes.plot([], [], color=BLACK, linewidth=0.8, linestyle=style, label=ENVELOPE_LABEL)
