@@ -125,7 +125,10 @@ def test_one_name_means_one_number_and_says_over_which_part_it_is_taken(tmp_path
     rate = run["angular_velocity"].copy()
     rate[9000] = np.deg2rad([0.0, 5.0, 0.0])
     page, _ = report(tmp_path, with_columns(run, angular_velocity=rate))
-    assert "angular rate (norm) 2.397 ≤ 3 deg/s 0 to 20 ✓ met" in page.text
+    beside = "✓ met over the whole run 5 deg/s"
+    assert f"angular rate (norm) 2.397 ≤ 3 deg/s 0 to 20 {beside}" in page.text
+    outside = "outside its envelope 0 ≤ 0 s 0 to 20 ✓ met over the whole run 0.32 s"
+    assert f"rate error {outside}" in page.text
     assert "(norm) before a sudden disturbance 2.397 deg/s 0 to 20" in page.text
     assert "(norm), whole run 5 deg/s 0 to 120" in page.text
     assert "settling time not settled 0 to 20" in page.text
