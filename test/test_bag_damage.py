@@ -33,6 +33,7 @@ from bag_helpers import (
     messages,
     storage_file,
     unfinished,
+    write_messages,
 )
 from mcap.records import Footer
 from mcap.stream_reader import StreamReader
@@ -150,6 +151,23 @@ def test_a_cut_mcap_file_gives_every_whole_message(tmp_path: Path, whole: Path) 
     run = read_run(cut_copy(whole, tmp_path / "cut", place))
     np.testing.assert_array_equal(run.stamps_ns, RUN.stamps_ns[:70])
     assert run.missing == {}
+
+
+@pytest.mark.parametrize(("behind", "missing"), [(30, {}), (150, {"torque_command": 50})])
+def test_only_what_a_killed_recorder_had_not_yet_taken_is_no_loss(
+    behind: int, missing: dict[str, int], tmp_path: Path
+) -> None:
+    """A busy recorder takes topic after topic, but never one of them a second after another."""
+    run = normal_run(duration=3.0)
+    steps = len(run.stamps_ns)
+    last = {topic.column: run.stamps_ns[-13] for topic in SAMPLED}
+    last |= {"attitude": run.stamps_ns[-1], "torque_command": run.stamps_ns[-1 - behind]}
+    taken = [each for each in messages(run) if each[1] <= last[each[0].column]]
+    path = write_messages(tmp_path / "bag", taken, run=run)
+    (path / "metadata.yaml").unlink()
+    read = read_run(path)
+    assert len(read.stamps_ns) == steps - min(behind, 100)
+    assert read.missing == missing
 
 
 @pytest.mark.parametrize("whole", ["mcap"], indirect=True)

@@ -213,13 +213,18 @@ def test_where_nothing_can_be_written_is_told_before_the_work(
     assert asked == [(mistakes, os.W_OK | os.X_OK)]
 
 
-def test_without_ros_the_error_names_what_is_missing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("line", ["inject 1 0 0", "run --duration 1", "latency --duration 1"])
+def test_without_ros_one_line_says_what_is_missing_and_what_to_do(
+    line: str, mistakes: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delitem(sys.modules, "ppc_attitude.nodes.inject", raising=False)
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    assert main(["inject", "1", "0", "0"]) == BAD_INPUT
-    assert capsys.readouterr().err == "error: this needs rclpy, which is not installed\n"
+    before = sorted(mistakes.rglob("*"))
+    assert main(line.split()) == BAD_INPUT
+    told = capsys.readouterr().err
+    assert told.startswith("error: this needs rclpy, which is not installed: source ROS 2 Jazzy")
+    assert told.count("\n") == 1
+    assert sorted(mistakes.rglob("*")) == before
 
 
 def completions(line: str, tmp_path: Path) -> list[str]:

@@ -15,20 +15,25 @@
 """What the recorder says of its bag while it grows: every gap, and no gap that is none."""
 
 import itertools
+import json
 
 import pytest
 from synthetic import SAMPLED
 
+from ppc_attitude.command_line.parameter_file import run_info
+from ppc_attitude.contract import declared
 from ppc_attitude.contract.completeness import promised
-from ppc_attitude.contract.declared import AUXILIARY_STATE
+from ppc_attitude.contract.declared import ATTITUDE_ERROR, AUXILIARY_STATE, BY_NAME
 from ppc_attitude.contract.topics import (
     ATTITUDE,
     CONTROLLER,
     DISTURBANCE,
+    ESTIMATOR,
     INJECTOR,
     PLANT,
     REFERENCE,
     TORQUE_COMMAND,
+    TRUE_ATTITUDE,
     Topic,
 )
 from ppc_attitude.runtime.completeness import Completeness
@@ -106,6 +111,21 @@ def test_who_took_part_promises_what_it_sends() -> None:
     assert AUXILIARY_STATE.name not in names({**ours, CONTROLLER: {"controller": "log_barrier"}})
     assert names(everyone) == {topic.name for topic in SAMPLED if topic.source != CONTROLLER}
     assert DISTURBANCE.name not in names({PLANT: {}, CONTROLLER: {"controller": "ppc"}})
+
+
+def test_a_recorder_is_told_what_comes_at_each_instant_and_what_does_not() -> None:
+    chosen = {
+        PLANT: {"sensors": True},
+        ESTIMATOR: {"estimator": "mekf"},
+        CONTROLLER: {"controller": "log_barrier"},
+    }
+    told = run_info({f"/craft/{name}": values for name, values in chosen.items()})
+    samples = json.loads(told)["samples"]
+    sent = {BY_NAME[name] for names in samples.values() for name in names}
+    assert {ATTITUDE_ERROR, TORQUE_COMMAND, TRUE_ATTITUDE} <= sent
+    assert AUXILIARY_STATE not in sent
+    assert not [topic for topic in sent if topic.late]
+    assert {topic.source for topic in declared.SAMPLED if topic.late} == {PLANT, ESTIMATOR}
 
 
 def test_where_nobody_says_who_took_part_the_topics_do() -> None:

@@ -16,8 +16,6 @@ from typing import Any
 
 import pytest
 
-from ppc_attitude.contract.declared import SAMPLED
-from ppc_attitude.contract.topics import LATE
 from ppc_attitude.runtime.fixes import Fixes, Slots
 from ppc_attitude.science.sensors.star_tracker import slots as steps_of
 from ppc_attitude.science.stamps import stamp_of
@@ -101,7 +99,3 @@ def test_a_fix_that_never_comes_is_given_up() -> None:
     events = [("sample", k * STEP, 0.0) for k in range(6)]
     assert len(joined(fixes, [*events])) == 6
     assert fixes.lost == 1
-
-
-def test_the_recorder_knows_what_is_late() -> None:
-    assert {topic.name for topic in SAMPLED if topic.late} == LATE

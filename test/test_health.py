@@ -14,6 +14,7 @@
 
 """What each node says of its health: running, warned, failed or waiting, and by what numbers."""
 
+import json
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -244,6 +245,21 @@ def test_a_plant_that_diverges_says_so_before_it_ends(admit: Callable[..., Patie
     patient.feed(0)
     patient.says(ERROR, "diverged")
     assert patient.node.finished
+    assert patient.node.exit_code == EXIT_BROKEN
+
+
+def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
+    admit: Callable[..., Patient],
+) -> None:
+    sent = [topic.name for topic in INSTANT]
+    told = {"samples": {"ppc_controller": ["control/attitude_error"], "others": sent}}
+    patient = admit(BagRecorder, f"run_info:='{json.dumps(told)}'")
+    for step in range(3):
+        patient.feed(step)
+    patient.says(OK, "recording")
+    patient.node.drain(patient.executor)
+    patient.node.close()
+    assert "control/attitude_error never came" in patient.node.failure
     assert patient.node.exit_code == EXIT_BROKEN
 
 

@@ -64,22 +64,30 @@ def encode_custom_data(
 def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFacts:
     """Return the facts that custom data state about the run in a namespace.
 
-    What is absent or unreadable is empty, the controller then ``unknown``. A node with the
-    namespace in its name goes before one without. All texts are printable.
+    What is absent or unreadable is empty, the controller then ``unknown``. All texts are printable.
     """
     flaws: list[str] = []
-    parameters: dict[str, dict[str, Any]] = {}
-    for node, values in sorted(_mapping(custom_data, PARAMETERS_KEY, flaws).items(), key=_depth):
-        if isinstance(values, dict):
-            home, _, name = f"/{node.lstrip('/')}".rpartition("/")
-            if home in ("", namespace):
-                parameters[name] = values
+    told = _mapping(custom_data, PARAMETERS_KEY, flaws)
+    parameters = of_namespace({n: v for n, v in told.items() if isinstance(v, dict)}, namespace)
     metadata = {
         key: str(value) for key, value in _mapping(custom_data, METADATA_KEY, flaws).items()
     }
     own = parameters.get(CONTROLLER, {}).get("controller")
     stated = printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER)
     return RunFacts(own if isinstance(own, str) else stated, parameters, metadata, tuple(flaws))
+
+
+def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
+    """What is said of the nodes of a namespace, by the node's bare name.
+
+    A node with the namespace in its name goes before one without.
+    """
+    found = {}
+    for node, said in sorted(nodes.items(), key=_depth):
+        home, _, name = f"/{node.lstrip('/')}".rpartition("/")
+        if home in ("", namespace):
+            found[name] = said
+    return found
 
 
 def _mapping(custom_data: Mapping[str, str], key: str, flaws: list[str]) -> dict[str, Any]:

@@ -33,8 +33,9 @@ Integers = NDArray[np.int64]
 # A message that comes late is followed within so many by one that is newer than all before;
 # the stamps of a plant that was reset stay behind for longer.
 _LONGEST_DELAY = 3
-# A killed recorder leaves the last instants without some of their messages.
-_RAGGED_END = 3
+# A killed recorder leaves the last instants without some of their messages: it takes what has
+# gathered one topic after the other, and on a busy machine much has gathered.
+_RAGGED_END = NANOSECONDS  # [ns]
 # More missing instants than this times the messages of a topic, on average, are not filled in with
 # NaN: a bag with messages of one topic only would take fifty times its size.
 _LARGEST_FILL = 10
@@ -105,7 +106,8 @@ def align(
     most = _LARGEST_FILL * sum(len(one.stamps) for one in series.values()) // len(series)
     stamps, unfilled = _complete(_union(recorded), rate, most, warnings)
     if cut:
-        stamps = _without_ragged_end(stamps, series, _RAGGED_END)
+        most_lacking = int((stamps > stamps[-1] - _RAGGED_END).sum())
+        stamps = _without_ragged_end(stamps, series, most_lacking)
     elif end_ns is None or stamps[-1] < end_ns:
         stamps = _without_ragged_end(stamps, series, 1)
     columns, missing = {}, {}

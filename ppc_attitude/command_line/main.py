@@ -124,7 +124,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("ppc_attitude"):
             raise
-        print(f"error: this needs {error.name}, which is not installed", file=sys.stderr)
+        missing = f"this needs {error.name}, which is not installed"
+        if error.name == "rclpy":
+            missing += ": source ROS 2 Jazzy, or pip install 'ppc_attitude[ros]'"
+        print(f"error: {missing}", file=sys.stderr)
         return BAD_INPUT
     except BrokenPipeError:
         raise

@@ -21,7 +21,7 @@ from typing import Any
 
 import yaml
 
-from ppc_attitude.contract.declared import nodes_of
+from ppc_attitude.contract.declared import nodes_of, samples_of
 from ppc_attitude.contract.topics import RECORDER
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -50,5 +50,14 @@ def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def run_info(nodes: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return what the recorder is to know of a run: parameters by node, and the command."""
-    return json.dumps({"parameters": nodes, "metadata": {"command": " ".join(sys.argv)}})
+    """Return what the recorder is to know of a run.
+
+    It is told the parameters by node, on which topics each node has a message at every instant,
+    for it loads no component, and the command.
+    """
+    samples = {
+        name: [topic.name for topic in samples_of(name.rpartition("/")[2], values)]
+        for name, values in nodes.items()
+    }
+    metadata = {"command": " ".join(sys.argv)}
+    return json.dumps({"parameters": nodes, "samples": samples, "metadata": metadata})

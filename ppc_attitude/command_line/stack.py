@@ -22,6 +22,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,10 @@ def private_environment() -> dict[str, str]:
     ------
     ConfigurationError
         What the user has set is wrong.
+    ModuleNotFoundError
+        ROS is not installed, so that no process of a run could begin.
     """
+    import_module("rclpy")
     environment = dict(os.environ)
     environment[RANGE] = environment.get(RANGE) or "LOCALHOST"
     environment[DOMAIN] = environment.get(DOMAIN) or str(choose_domain())

@@ -17,7 +17,7 @@
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from ppc_attitude.contract.declared import BY_COLUMN, columns_of, gives
+from ppc_attitude.contract.declared import BY_COLUMN, gives, samples_of
 from ppc_attitude.contract.topics import PLANT, TORQUE_COMMAND, Topic
 
 
@@ -36,9 +36,10 @@ def promised(parameters: Mapping[str, Mapping[str, Any]], seen: Collection[Topic
     """
     present = set(parameters) or {topic.source for topic in seen if topic is not TORQUE_COMMAND}
     present.add(PLANT)
-    columns = [
-        column
-        for node in sorted(present)
-        for column in (columns_of(node, parameters[node]) if node in parameters else gives(node))
-    ]
-    return list(dict.fromkeys(BY_COLUMN[column.name] for column in columns if not column.late))
+    topics: list[Topic] = []
+    for node in sorted(present):
+        if node in parameters:
+            topics += samples_of(node, parameters[node])
+        else:
+            topics += [BY_COLUMN[column.name] for column in gives(node)]
+    return list(dict.fromkeys(topics))

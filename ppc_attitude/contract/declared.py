@@ -95,6 +95,11 @@ def columns_of(node: str, values: Mapping[str, Any]) -> tuple[Column, ...]:
     return tuple(column for column in columns if column not in hidden)
 
 
+def samples_of(node: str, values: Mapping[str, Any]) -> list[Topic]:
+    """Topics on which a node sends one message at each instant."""
+    return [BY_COLUMN[column.name] for column in columns_of(node, values) if not column.late]
+
+
 def gives(node: str) -> tuple[Column, ...]:
     """Columns that a node gives at each instant whatever components it runs."""
     columns = [column for kind in HOSTED.get(node, ()) for column in kind.gives]

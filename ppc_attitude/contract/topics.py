@@ -67,8 +67,6 @@ RECORDER = "bag_recorder"
 MARKERS = "attitude_markers"  # draws the run for RViz and Foxglove; no run needs it
 NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
 """The nodes of every run; one whose controller is told an estimate has an estimator as well."""
-LATE = frozenset({"star_tracker/attitude", "estimator/innovation"})
-"""Topics with a message for some instants only, each with the stamp to which it belongs."""
 SOURCES = (PLANT, ESTIMATOR, REFERENCE, CONTROLLER, INJECTOR)  # of what a run consists of
 
 HOSTED: dict[str, tuple[Kind, ...]] = {

@@ -32,7 +32,7 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
-from ppc_attitude.bags.custom_data import decode_custom_data, encode_custom_data
+from ppc_attitude.bags.custom_data import encode_custom_data, of_namespace
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import encode_clock, header_stamp
@@ -58,13 +58,11 @@ from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.runtime.recording import Recording
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
-from ppc_attitude.science.signals import TRUTH
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _LOOK_EARLY, _LOOK = 0.1, 1.0  # [s] between two looks at the graph: before a run, and during it
-_TRUTH = {column.topic for column in TRUTH}
 
 _NOTHING: Mapping[str, Any] = {}
 
@@ -105,7 +103,9 @@ class BagRecorder(BaseNode):
             name = f"{_tidy(namespace)}{ATTITUDE.name}"
             full = self.resolve_topic_name(name, only_expand=True)
             self._follow(full.removesuffix(f"/{ATTITUDE.name}"))
-        self._graph = RunGraph(self, tuple(self._recordings), self._told())
+        samples = self._run_info.get("samples", {})
+        told = {home: of_namespace(samples, home) for home in self._recordings}
+        self._graph = RunGraph(self, told)
         if not self._run_info:
             self._survey = ParameterSurvey(self, self._graph, self._learn)
         tell(BAG, str(self._path))
@@ -133,11 +133,6 @@ class BagRecorder(BaseNode):
         )
         for topic in (*STANDARD, *EVENTS):
             self._record_topic(home, topic)
-
-    def _told(self) -> dict[str, set[str]]:
-        """Nodes of each run, as far as the starter told."""
-        data = self._custom_data()
-        return {home: set(decode_custom_data(data, home).parameters) for home in self._recordings}
 
     def _learn(self, parameters: dict[str, dict[str, Any]]) -> None:
         """Write down what the other nodes say of themselves."""
@@ -298,9 +293,7 @@ class BagRecorder(BaseNode):
 
     def _gaps(self, home: str) -> list[str]:
         recording = self._recordings[home]
-        told = self._told()[home]
-        standard = {topic.name for topic in STANDARD if topic.source in told} - _TRUTH
-        gaps = recording.gaps(sorted(standard | self._graph.promised[home]))
+        gaps = recording.gaps(sorted(self._graph.promised[home]))
         for name in recording.shared():
             nodes = self._shared.get(self._names[home, name], "nodes that have ended")
             gaps.append(f"{name} came from several nodes: {nodes}")

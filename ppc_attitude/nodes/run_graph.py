@@ -14,7 +14,8 @@
 
 """The nodes of a run and what they publish, as the ROS graph tells."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from itertools import chain
 
 from rclpy.exceptions import InvalidNodeNameException, InvalidTopicNameException
 from rclpy.node import Node
@@ -22,68 +23,61 @@ from rclpy.node import Node
 from ppc_attitude.contract.topics import (
     ESTIMATOR,
     EVENTS,
-    LATE,
     MARKERS_TOPIC,
-    MSGTYPES,
     NODES,
     RECORDED_TOPIC,
     RECORDER,
     STANDARD,
     Topic,
 )
-from ppc_attitude.science.component import QUATERNION, VECTOR, WRENCH
 
 _SENDERS = {*NODES, ESTIMATOR}
 _OURS = {MARKERS_TOPIC.name, RECORDED_TOPIC.name, *(topic.name for topic in EVENTS)}
 _NAMES = {topic.name for topic in STANDARD}
-_SAMPLED = {MSGTYPES[form] for form in (QUATERNION, VECTOR, WRENCH)}  # one at each instant
 
 
 class RunGraph:
     """Topics of the nodes of some runs.
 
     A node is of a run if it has the name of one of ours, or publishes on a topic of the contract,
-    in the namespace of the run. What our own publish with a sample's type has one at each instant.
+    in the namespace of the run. At each instant there is a message of what is between the nodes,
+    and of what the starter has told to be so; of the rest nobody knows.
 
     Parameters
     ----------
     node : Node
         Who looks.
-    homes : sequence of str
-        Namespaces of the runs, as ``/proposed``; empty for that without a name.
-    told : mapping of str to set of str
-        Names of nodes of each run that the starter has told.
+    told : mapping of str to mapping of str to list of str
+        For the namespace of each run, as ``/proposed`` or empty for that without a name: its nodes,
+        and the topics that each sends at each instant, as far as the starter told.
 
     Attributes
     ----------
     nodes : set of (str, str)
         Namespace and name of every node of a run that was seen.
     promised : dict of str to set of str
-        For each run the topics that its nodes send at each instant.
+        For each run the topics that must have a message at each instant.
     """
 
-    def __init__(self, node: Node, homes: Sequence[str], told: Mapping[str, set[str]]) -> None:
+    def __init__(self, node: Node, told: Mapping[str, Mapping[str, list[str]]]) -> None:
         self._node = node
-        self._homes = homes
-        self._known = {home: _SENDERS | told[home] for home in homes}
+        self._known = {home: _SENDERS | nodes.keys() for home, nodes in told.items()}
         self.nodes: set[tuple[str, str]] = set()
-        self.promised: dict[str, set[str]] = {home: set() for home in homes}
+        self.promised = {home: set(chain(*nodes.values())) for home, nodes in told.items()}
 
     def look(self) -> Iterator[tuple[str, Topic]]:
         """Yield every topic that a node of a run publishes now, with the run's namespace."""
         for name, namespace in set(self._node.get_node_names_and_namespaces()):
             home = namespace.rstrip("/")
-            if home not in self._homes or name == RECORDER:
+            if home not in self._known or name == RECORDER:
                 continue
             topics = dict(self._topics(home, name, namespace))
             if name in self._known[home] or _NAMES & topics.keys():
                 self.nodes.add((home, name))
                 for short, msgtype in topics.items():
-                    sampled = msgtype in _SAMPLED and (name in _SENDERS or short in _NAMES)
-                    sampled = sampled and short not in LATE
-                    if sampled:
+                    if short in _NAMES:
                         self.promised[home].add(short)
-                    column = short if sampled else ""
+                    column = short if short in self.promised[home] else ""
                     yield home, Topic(short, msgtype, "", name, column)
 
     def _topics(self, home: str, name: str, namespace: str) -> Iterator[tuple[str, str]]:

@@ -69,10 +69,6 @@ class Completeness:
                 f"{ATTITUDE.name} jumps from {seconds(last):.6f} s to {seconds(stamp_ns):.6f} s"
             )
 
-    def seen(self) -> set[str]:
-        """Names of the topics that came."""
-        return set(self._tallies)
-
     def gaps(self, expected: Iterable[str] = ()) -> list[str]:
         """Describe what is missing; empty if nothing is.
 

@@ -166,10 +166,6 @@ class Recording:
         self._unreported = 0
         return self.now
 
-    def seen(self) -> set[str]:
-        """Names of the topics that came."""
-        return self._completeness.seen()
-
     def gaps(self, expected: Iterable[str]) -> list[str]:
         """Describe what is missing; empty if nothing is."""
         return self._completeness.gaps(expected)

@@ -16,25 +16,54 @@
 
 import argparse
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from ppc_attitude.analysis.comparison import save_sweep
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import Metrics
+from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.analysis.verdict import MET, NOT_MET, Metrics
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
+    add_requirements_option,
     add_scenario_options,
     positive,
     print_json,
+    required_of,
     scenario_of,
 )
+from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario
 
-_DURATIONS = (0.05, 0.1, 0.2, 0.5, 1.0)
-_AFTER = 300.0  # [s] of simulated time after the hit, unless --duration says otherwise
+# What nobody names is in proportion to the craft and to what is asked of it. In the paper's case
+# these are hits of 0.8 N·m at 80 s for 0.05 s to 1 s, and 300 s to recover.
+_STRENGTH = 16.0  # times what the actuator gives
+_SHARES = (1 / 1200, 1 / 600, 1 / 300, 1 / 120, 1 / 60)  # of the settling deadline
+_AFTER = 5.0  # settling deadlines after the hit
+
+
+class Hits(NamedTuple):
+    """The hits of a sweep, which differ in their duration only.
+
+    Attributes
+    ----------
+    torque : float
+        On every axis [N·m].
+    at : float
+        When each begins [s].
+    durations : list of float
+        How long each acts [s], ascending.
+    length : float
+        How long each run is [s].
+    """
+
+    torque: float
+    at: float
+    durations: list[float]
+    length: float
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -42,21 +71,30 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "sweep",
         help="recovery over the duration of a hit",
-        description="Simulates one hit for every duration and reports how each is recovered.",
+        description="Simulates one hit for every duration and reports how each is recovered. "
+        "What is not given is scaled to the actuator and to the required settling time.",
     )
     add_scenario_options(parser)
+    add_requirements_option(parser)
     parser.add_argument(
         "--pulse-durations",
         metavar="S",
         type=positive,
         nargs="+",
-        default=list(_DURATIONS),
-        help="durations of the hit [s]",
+        help="durations of the hit [s]; default 1/1200 to 1/60 of the settling deadline",
     )
     parser.add_argument(
-        "--torque", metavar="NM", type=positive, default=0.8, help="on every axis [N·m]"
+        "--torque",
+        metavar="NM",
+        type=positive,
+        help="on every axis [N·m]; default 16 times what the actuator gives",
     )
-    parser.add_argument("--at", metavar="T", type=positive, default=80.0, help="start [s]")
+    parser.add_argument(
+        "--at",
+        metavar="T",
+        type=positive,
+        help="start [s]; default when the craft must have settled and a terminal window is over",
+    )
     parser.add_argument("--figure", metavar="FILE", type=new_file, help="draw the sweep there")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(execute=execute)
@@ -64,37 +102,46 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Simulate every duration, print a table, draw."""
-    scenario = scenario_of(arguments)
-    length = arguments.duration or arguments.at + _AFTER
-    check_memory(scenario.with_values(PLANT, duration=length))
-    rows = [
-        (duration, _metrics(scenario, arguments, duration, length))
-        for duration in sorted(arguments.pulse_durations)
-    ]
+    scenario, required = scenario_of(arguments), required_of(arguments)
+    hits = _hits(arguments, scenario, required)
+    check_memory(scenario.with_values(PLANT, duration=hits.length))
+    rows = [(duration, _metrics(scenario, required, hits, duration)) for duration in hits.durations]
     if arguments.json:
-        print_json({"torque": arguments.torque, "at_s": arguments.at, "hits": _listed(rows)})
+        print_json({"torque": hits.torque, "at_s": hits.at, "hits": _listed(rows)})
     else:
-        _print_table(rows, length - arguments.at)
+        _print_table(rows, hits, required)
     if arguments.figure:
         save_sweep(
             [duration for duration, _ in rows],
             [_recovery(metrics) for _, metrics in rows],
             [metrics.time_outside_rate_envelope_s or 0.0 for _, metrics in rows],
             arguments.figure,
+            required,
         )
     return DONE
 
 
-def _metrics(
-    scenario: Scenario, arguments: argparse.Namespace, duration: float, length: float
-) -> Metrics:
+def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requirements) -> Hits:
+    """What is given, and the rest in proportion."""
+    deadline, rate = required.settling_deadline, scenario.number(PLANT, "rate")
+    instants = sorted({max(round(share * deadline * rate), 1) for share in _SHARES})
+    at = arguments.at or deadline + required.terminal_window
+    return Hits(
+        arguments.torque or float(f"{_STRENGTH * scenario.number(PLANT, 'max_torque'):.6g}"),
+        at,
+        sorted(arguments.pulse_durations or [count / rate for count in instants]),
+        arguments.duration or at + _AFTER * deadline,
+    )
+
+
+def _metrics(scenario: Scenario, required: Requirements, hits: Hits, duration: float) -> Metrics:
     hit = scenario.with_values(
         INJECTOR,
-        pulse_times=[arguments.at],
+        pulse_times=[hits.at],
         pulse_durations=[duration],
-        pulse_torques=[arguments.torque] * 3,
-    ).with_values(PLANT, duration=length)
-    return analyse(simulate(hit, length)).metrics
+        pulse_torques=[hits.torque] * 3,
+    ).with_values(PLANT, duration=hits.length)
+    return analyse(simulate(hit, hits.length), required).metrics
 
 
 def _recovery(metrics: Metrics) -> float | None:
@@ -113,16 +160,27 @@ def _listed(rows: Sequence[tuple[float, Metrics]]) -> list[dict[str, float | Non
     ]
 
 
-def _print_table(rows: Sequence[tuple[float, Metrics]], after: float) -> None:
-    head = ("hit [s]", "recovered after [s]", "q_ev outside [s]", "z2 outside [s]")
-    print(f"{head[0]:>8} {head[1]:>20} {head[2]:>17} {head[3]:>15}")
+def _print_table(rows: Sequence[tuple[float, Metrics]], hits: Hits, required: Requirements) -> None:
+    print(
+        paragraph(
+            f"{hits.torque:g} N·m on every axis from {hits.at:g} s on; recovered is an attitude "
+            f"error that stays below {required.settled}, required within {required.recovery:g} s."
+        )
+    )
+    if not rows[0][1].settled:
+        print("The craft has not settled when it is hit, so that it cannot recover.")
+    print("\nhit [s]  recovered after [s]  q_ev outside [s]  z2 outside [s]  verdict")
     for duration, metrics in rows:
         recovery = _recovery(metrics)
-        shown = f"not in {after:g}" if recovery is None else f"{recovery:.2f}"
-        outside_q = metrics.time_outside_attitude_envelope_s
-        outside_z = metrics.time_outside_rate_envelope_s
-        print(f"{duration:>8g} {shown:>20} {_number(outside_q):>17} {_number(outside_z):>15}")
+        after = f"not in {hits.length - hits.at:g}" if recovery is None else f"{recovery:.2f}"
+        outside_q = _number(metrics.time_outside_attitude_envelope_s)
+        outside_z = _number(metrics.time_outside_rate_envelope_s)
+        met = recovery is not None and recovery <= required.recovery
+        print(
+            f"{duration:>7g}  {after:>19}  {outside_q:>16}  {outside_z:>14}  "
+            f"{MET if met else NOT_MET}"
+        )
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+    return "–" if value is None else f"{value:.2f}"

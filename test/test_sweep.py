@@ -1,0 +1,61 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command `sweep`: its hits are in proportion to the craft and to what is asked of it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ppc_attitude.command_line.main import main
+
+PAPER = Path(__file__).resolve().parents[1] / "config" / "paper.yaml"
+
+
+def test_hits_scale_with_the_actuator_and_with_the_required_settling_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    craft, asked = tmp_path / "craft.yaml", tmp_path / "asked.yaml"
+    craft.write_text(
+        "/**/spacecraft_plant: {ros__parameters: {max_torque: 0.02}}\n"
+        "/**/ppc_controller: {ros__parameters: {max_torque: 0.02}}\n"
+    )
+    asked.write_text("settling_deadline: 3.0\nterminal_window: 1.0\nsettled: 90 deg\n")
+    command = ["sweep", "--config", str(PAPER), "--config", str(craft)]
+    assert main([*command, "--requirements", str(asked), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["torque"], told["at_s"]) == (0.32, 4.0)
+    # In whole instants; those that fall on the same number of instants are one.
+    assert [hit["duration_s"] for hit in told["hits"]] == [0.01, 0.02, 0.05]
+    # It is recovered by the own requirement: 90° is never reached.
+    assert {hit["recovery_time_s"] for hit in told["hits"]} == {0.0}
+
+
+def test_the_table_says_what_hits_and_gives_the_verdict_of_the_requirements(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = tmp_path / "asked.yaml"
+    asked.write_text("settled: 90 deg\n")
+    command = ["sweep", "--config", str(PAPER), "--at", "1", "--duration", "2"]
+    command += ["--pulse-durations", "0.1"]
+    assert main([*command, "--requirements", str(asked)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("0.8 N·m on every axis from 1 s on")
+    assert lines[-1].split()[-1] == "met"
+    assert main(command) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "The craft has not settled when it is hit, so that it cannot recover." in lines
+    assert lines[-1].endswith("NOT MET")
+    assert max(map(len, lines)) <= 80
