@@ -15,7 +15,7 @@
 """Print the tables of docs/estimation.md: the paper's case with each sensor suite, many seeds.
 
 python docs/examples/noise_numbers.py
-python docs/examples/noise_numbers.py --seeds 8 --suite cubesat
+python docs/examples/noise_numbers.py --seeds 8 --suite cubesat --plain
 """
 
 import argparse
@@ -30,8 +30,9 @@ import numpy as np
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.truth import knowledge_errors, pointing_errors
-from ppc_attitude.contract.topics import ESTIMATOR, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT
 from ppc_attitude.science.estimators.steady_state import steady_state
+from ppc_attitude.science.rate_observer import FEEDFORWARD, RATE_OBSERVER
 from ppc_attitude.science.sensors.gyro import (
     ANGULAR_RANDOM_WALK,
     INITIAL_BIAS_SIGMA,
@@ -103,13 +104,15 @@ def is_cold(seed: int) -> bool:
     return seed % 2 == 0
 
 
-def case(suite: str, seed: int, *overlays: str, **plant: Any) -> Scenario:
-    """Return the paper's case with a suite.
+def case(suite: str, seed: int, *overlays: str, plain: bool = False, **plant: Any) -> Scenario:
+    """Return the paper's case with a suite; plain: with the paper's law as it is.
 
     A warm start's bias is as uncertain as the settled filter's, not as at switch-on.
     """
-    files = [CONFIG / f"{name}.yaml" for name in ("paper", f"sensors_{suite}", *overlays)]
-    scenario = load(files, {PLANT: {"seed": seed, **plant}})
+    names = (f"sensors_{suite}", "paper") if plain else ("paper", f"sensors_{suite}")
+    files = [CONFIG / f"{name}.yaml" for name in (*names, *overlays)]
+    law = {RATE_OBSERVER.name: 0.0, FEEDFORWARD.name: False} if plain else {}
+    scenario = load(files, {PLANT: {"seed": seed, **plant}, CONTROLLER: law})
     if is_cold(seed):
         return scenario
     rate, number = scenario.number(PLANT, "rate"), partial(scenario.number, ESTIMATOR)
@@ -122,12 +125,12 @@ def case(suite: str, seed: int, *overlays: str, **plant: Any) -> Scenario:
     return scenario.with_values(PLANT, **bias).with_values(ESTIMATOR, **bias)
 
 
-def fly(suite: str, seed: int) -> Flight:
+def fly(suite: str, seed: int, plain: bool = False) -> Flight:
     """Fly the paper's case of 120 s, and once more with the paper's hits."""
-    record = simulate(case(suite, seed), 120.0)
+    record = simulate(case(suite, seed, plain=plain), 120.0)
     found = analyse(record).metrics
     torque = 1e3 * record["torque_command"][record.stamps_ns >= SETTLED * 1e9]
-    hit = analyse(simulate(case(suite, seed, "sudden_disturbance"), 120.0)).metrics
+    hit = analyse(simulate(case(suite, seed, "sudden_disturbance", plain=plain), 120.0)).metrics
     recovery = hit.disturbances[-1].recovery_time_s
     return Flight(
         known(found.terminal_error),
@@ -173,6 +176,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=80)
     parser.add_argument("--suite", choices=SUITES, action="append")
+    parser.add_argument("--plain", action="store_true", help="the paper's law as it is")
     given = parser.parse_args()
     seeds = range(FIRST_SEED, FIRST_SEED + given.seeds)
     chosen = given.suite or SUITES
@@ -180,9 +184,11 @@ def main() -> None:
         print(f"worst of {len(seeds)} seeds, every second one a cold start")
         print(row(["", "terminal error (median)", *Flight._fields[1:]]))
         for suite in chosen:
-            found = np.array(list(pool.map(partial(fly, suite), seeds)))
+            found = np.array(list(pool.map(partial(fly, suite, plain=given.plain), seeds)))
             worst, median = found.max(axis=0), np.median(found[:, 0])
             print(row([suite, f"{worst[0]:.3g} ({median:.3g})", *worst[1:]]))
+        if given.plain:
+            return
         print("a minute without fixes")
         print(row(["", "knowledge RMS", "worst", "stated σ", "error median", "worst", "at 120 s"]))
         for suite in chosen:

@@ -42,6 +42,11 @@ from ppc_attitude.science.estimators.steady_state import FLOOR, noise_floors
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.kinds import ESTIMATORS, REFERENCES
 from ppc_attitude.science.references import goal
+from ppc_attitude.science.sensors.gyro import (
+    ANGULAR_RANDOM_WALK,
+    RESOLUTION,
+    widest_resolution,
+)
 from ppc_attitude.simulation.closed_loop import first_step
 from ppc_attitude.simulation.flight_plan import Told, goals_told
 from ppc_attitude.simulation.scenario import Scenario
@@ -156,8 +161,18 @@ def _noise_conditions(scenario: Scenario) -> tuple[Condition, ...]:
     bounded = {column.bound for column in scenario.controller.outputs}
     if ESTIMATORS.selected(estimator) is None:
         return ()
-    found = noise_floors(estimator, controller, scenario.number(PLANT, "rate"))
-    return tuple(
+    rate = scenario.number(PLANT, "rate")
+    found = noise_floors(estimator, controller, rate)
+    rounding = Condition(
+        RESOLUTION.name,
+        float(estimator[RESOLUTION.name]),
+        widest_resolution(float(estimator[ANGULAR_RANDOM_WALK.name]), 1.0 / rate),
+        "≤",
+        "rad/s",
+        False,
+        "the LSB against the noise of a sample: above it, rounding is a dead band, not white noise",
+    )
+    floors = (
         Condition(
             f"{prefix}.terminal",
             float(controller[f"{prefix}.terminal"]),
@@ -173,6 +188,7 @@ def _noise_conditions(scenario: Scenario) -> tuple[Condition, ...]:
         )
         if prefix in bounded
     )
+    return (rounding, *floors)
 
 
 def _json(
