@@ -11,8 +11,10 @@ PYTEST := ROS_PYTHON_CHECK_FIELDS=1 python -m pytest -n 2 --dist loadfile --no-l
 
 # Every recipe that uses .venv starts with this. A .venv with ROS wheels of its own must not see
 # another ROS or other modules; one that was made on a sourced ROS 2 Jazzy needs it sourced again.
+# Bytecode is kept whatever the user's habit, because every run starts six processes.
 define ENTER
-set -euo pipefail; unset PYTHONHOME VIRTUAL_ENV; export PATH="$$PWD/.venv/bin:$$PATH"; \
+set -euo pipefail; unset PYTHONHOME VIRTUAL_ENV PYTHONDONTWRITEBYTECODE; \
+export PATH="$$PWD/.venv/bin:$$PATH"; \
 if ! grep -q 'include-system-site-packages = true' .venv/pyvenv.cfg; then \
   unset PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH; \
 elif [ -z "$${AMENT_PREFIX_PATH:-}" ]; then \

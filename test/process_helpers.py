@@ -33,7 +33,7 @@ from ppc_attitude.simulation.scenario import load
 
 PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
 COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
-PATIENCE = 120.0  # [s] a machine may be busy
+PATIENCE = 240.0  # [s] a machine may be busy
 LOOP = (PLANT, REFERENCE, CONTROLLER, INJECTOR)
 LOCKSTEP = ("lockstep:=true", "real_time_factor:=1.0")
 _TIME = re.compile(r"\| (\d+\.\d)/")
@@ -102,9 +102,10 @@ class Node(Process):
         name: str,
         *parameters: str,
         mark: str = "",
+        file: Path = PAPER,
         **popen: Any,
     ) -> None:
-        arguments = ["--ros-args", "--params-file", str(PAPER)]
+        arguments = ["--ros-args", "--params-file", str(file)]
         for parameter in parameters:
             arguments += ["-p", parameter]
         command = [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *arguments]

@@ -16,6 +16,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,6 @@ LAW = ANY_START.parameters["ppc_controller"]
 SPEED = float(str(LAW["k"])) * float(str(LAW["M_omega"]))  # bound of ‖v‖ for ρ_q ≤ 1 [rad/s]
 LARGEST_DESIRED_RATE = np.deg2rad(0.7975)  # test_reference measures it
 LIMIT = np.deg2rad(3.0)
-RUNS = 1000
 
 
 def started(case: Scenario, error: Rotation, rate: np.ndarray) -> Scenario:
@@ -57,10 +57,10 @@ def started(case: Scenario, error: Rotation, rate: np.ndarray) -> Scenario:
     )
 
 
-def random_starts() -> Iterator[tuple[Rotation, np.ndarray]]:
+def random_starts(runs: int) -> Iterator[tuple[Rotation, np.ndarray]]:
     """Uniform on SO(3), every tenth within 0.1° of a half turn; rates up to 1°/s."""
     rng = np.random.default_rng(20220501)
-    for k in range(RUNS):
+    for k in range(runs):
         axis, direction = rng.normal(size=(2, 3))
         error = Rotation.random(random_state=rng)
         if k % 10 == 0:
@@ -106,7 +106,14 @@ def judged(samples: dict[str, np.ndarray], stamps: np.ndarray) -> list[str]:
     return [complaint for complaint, broken in complaints.items() if broken]
 
 
-@pytest.mark.parametrize("starts", [random_starts, hard_starts])
+@pytest.mark.parametrize(
+    "starts",
+    [
+        hard_starts,
+        pytest.param(partial(random_starts, 100), id="random_starts"),
+        pytest.param(partial(random_starts, 1000), id="many_random_starts", marks=pytest.mark.long),
+    ],
+)
 def test_every_start_converges_inside_its_envelope_below_the_limit(starts: Any) -> None:
     stamps = stamps_of(100.0, 180.0)
     buffer, timetable = new_samples(ANY_START, stamps.size), timetable_of(ANY_START, stamps)

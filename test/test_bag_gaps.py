@@ -14,6 +14,7 @@
 
 """What a bag lacks, repeats or has out of order: read as far as it goes, and counted."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,9 +29,11 @@ from bag_helpers import (
 from synthetic import SAMPLED, normal_run, without_columns
 
 from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.bags.custom_data import GAPS_KEY
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -95,6 +98,17 @@ def test_gaps_are_nan_and_counted(tmp_path: Path, with_rate: bool) -> None:
         expected = RUN[topic.column].copy()
         expected[gone] = np.nan
         np.testing.assert_array_equal(read[topic.column], expected, err_msg=topic.name)
+
+
+def test_what_its_recorder_knew_to_be_incomplete_is_told(tmp_path: Path) -> None:
+    told = ["torque_command came from several nodes: /one, /other"]
+    path = tmp_path / "bag"
+    with BagWriter(path, custom_data={GAPS_KEY: json.dumps(told)}) as writer:
+        for topic in SAMPLED:
+            writer.add_topic(f"/{topic.name}", topic.msgtype)
+        for topic, stamp, data in messages(RUN):
+            writer.write(f"/{topic.name}", stamp, data)
+    assert read_run(path).warnings == (f"its recorder calls it incomplete: {told[0]}",)
 
 
 def test_gaps_of_a_rate_without_whole_nanoseconds(tmp_path: Path) -> None:

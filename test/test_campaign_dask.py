@@ -105,6 +105,7 @@ def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: P
     assert files_of(tmp_path / "away") == files_of(tmp_path / "home")
 
 
+@pytest.mark.long
 def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,6 +126,7 @@ def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
     assert kept[:20] == list(range(20))
 
 
+@pytest.mark.long
 def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> None:
     stop = threading.Event()
 

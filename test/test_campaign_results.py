@@ -35,6 +35,7 @@ from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished
+from ppc_attitude.campaign.draw import DRAWN
 from ppc_attitude.campaign.fan import EDGES, QUANTITIES, UNKNOWN, Fan, levels_of, time_bins
 from ppc_attitude.campaign.figures import failing_figure, fan_figure, telling_variables
 from ppc_attitude.campaign.report import write_campaign_report
@@ -140,9 +141,9 @@ def test_variables_that_decide_come_first() -> None:
         run["actuator_strength"] = 1.0  # does not vary
     good = [run for run in runs if run["rate_noise"] < 0.6]
     bad = [run for run in runs if run["rate_noise"] >= 0.6]
-    assert telling_variables(good, bad) == ["rate_noise", "inertia_error"]
-    assert telling_variables([], bad) != []
-    assert failing_figure([], []) is None
+    assert telling_variables(good, bad, DRAWN) == ["rate_noise", "inertia_error"]
+    assert telling_variables([], bad, DRAWN) != []
+    assert failing_figure([], [], DRAWN) is None
 
 
 def test_figures_show_what_they_are_given(finished: Finished) -> None:
@@ -151,7 +152,7 @@ def test_figures_show_what_they_are_given(finished: Finished) -> None:
     np.testing.assert_array_equal(median.get_ydata(), finished.fan.quantiles("attitude_error", 0.5))
     assert len(bottom.collections) == 3
     summary = finished.summary
-    figure = failing_figure(summary.passing, summary.failing)
+    figure = failing_figure(summary.passing, summary.failing, DRAWN)
     assert figure is not None
     for axes in figure.axes:
         points = sum(len(each.get_offsets()) for each in axes.collections)

@@ -31,6 +31,7 @@ from ppc_attitude.science.certificate import (
     virtual_control_bound,
 )
 from ppc_attitude.science.controllers.common import ATTITUDE_TABLE, RATE_TABLE
+from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.performance import EnvelopeTable, nominal, solve_envelope
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
@@ -38,7 +39,7 @@ from ppc_attitude.simulation.scenario import scenario
 
 def by_name(values: dict[str, object], q_e0: float = -0.93133) -> dict[str, Condition]:
     rate = largest_desired_rate([math.radians(0.5)] * 3)
-    return {each.name: each for each in certificate(values, q_e0, rate)}
+    return {each.name: each for each in certificate(values, q_e0, rate, ENVIRONMENT_BOUND)}
 
 
 @pytest.fixture

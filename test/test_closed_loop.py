@@ -133,6 +133,7 @@ def test_two_runs_are_the_same_to_the_last_bit(name: str) -> None:
     assert np.any(other["attitude"] != first["attitude"])
 
 
+@pytest.mark.long
 def test_what_is_warmed_up_is_found_by_the_next_process(tmp_path: Path) -> None:
     code = (
         "from ppc_attitude.simulation.closed_loop import warm_up\n"

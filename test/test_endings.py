@@ -41,6 +41,7 @@ from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER
 from ppc_attitude.processes.child import Child
 from ppc_attitude.processes.telling import AT, BROKEN
 
+long = pytest.mark.long
 SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
 
 
@@ -71,7 +72,7 @@ def test_output_that_nobody_takes(
     assert (process.returncode, out, err) == (code, "", told)
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+@pytest.mark.parametrize("encoding", ["ascii", pytest.param("latin-1", marks=long)])
 def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     done = subprocess.run(SIMULATE, env=environment, capture_output=True, check=False)
@@ -97,7 +98,10 @@ main.run()
 """
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+@pytest.mark.parametrize(
+    "name",
+    ["SIGTERM", *(pytest.param(each, marks=long) for each in ("SIGINT", "SIGHUP", "SIGQUIT"))],
+)
 def test_an_end_while_the_report_is_written(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
@@ -127,7 +131,9 @@ def test_a_run_that_is_interrupted_before_time_begins_leaves_no_bag(
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("name", ["SIGHUP", "SIGQUIT", "SIGKILL"])
+@pytest.mark.parametrize(
+    "name", ["SIGHUP", *(pytest.param(each, marks=long) for each in ("SIGQUIT", "SIGKILL"))]
+)
 def test_a_run_leaves_nothing_but_its_bag(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:

@@ -238,7 +238,7 @@ def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
     gyro = ["gyro.angular_random_walk:=1.0e-5", "gyro.resolution:=1.0e-3"]
     admit(SpacecraftPlant, "sensors:=gyro_star_tracker", *gyro)
     assert len(said) == 1
-    assert "dead band" in said[0][0]
+    assert "gyro.resolution is 10 times the noise of a sample: a dead band" in said[0][0]
     assert said[0][1]
 
 

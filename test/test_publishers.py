@@ -16,6 +16,8 @@
 
 from collections.abc import Iterator
 
+import pytest
+
 from ppc_attitude.runtime.publishers import Publishers
 
 PERIOD = 10_000_000  # [ns]
@@ -52,11 +54,12 @@ def test_two_in_turns_are_two_wherever_they_began_to_count() -> None:
     assert judged(*alternating(1, 5000, 30))
 
 
-def test_two_that_speak_in_bursts_are_two() -> None:
+@pytest.mark.parametrize(("ours", "theirs"), [(13, 5), (1, 40), (100, 100)])
+def test_two_that_speak_in_bursts_are_two(ours: int, theirs: int) -> None:
     first, second = numbers(300), numbers(1)
     messages = []
-    for _ in range(40):
-        messages += [next(first) for _ in range(13)] + [next(second) for _ in range(5)]
+    for _ in range(12):
+        messages += [next(first) for _ in range(ours)] + [next(second) for _ in range(theirs)]
     assert judged(*messages)
 
 
@@ -78,3 +81,48 @@ def test_who_has_ended_is_forgotten_but_what_was_is_not() -> None:
     assert publishers.lasts(2.0)
     assert not publishers.lasts(10.0)
     assert publishers.several
+
+
+BOTH = {1: "/ppc_controller", 2: "/ppc_controller"}
+
+
+def proved(publishers: Publishers, now: float) -> None:
+    for number, stamp in alternating(1, 1, 30):
+        publishers.hear(number, stamp, now)
+
+
+def test_both_are_named_though_one_has_left_and_though_the_graph_knew_no_name_at_first() -> None:
+    publishers = Publishers()
+    publishers.see({1: "/ppc_controller", 2: ""}, 1.0)
+    assert publishers.nodes == "/ppc_controller, a node without a name"
+    publishers.see(BOTH, 2.0)
+    proved(publishers, 2.0)
+    publishers.see({2: "/ppc_controller"}, 3.0)
+    assert publishers.nodes == "/ppc_controller, /ppc_controller"
+
+
+@pytest.mark.parametrize(
+    ("born", "proved_at", "newer"),
+    [
+        pytest.param(0.0, 21.0, False, id="the older one goes on"),
+        pytest.param(18.0, 21.0, True, id="the newer one ends"),
+        pytest.param(18.0, 60.0, True, id="however long the proof takes on a busy machine"),
+    ],
+)
+def test_who_gives_way_is_judged_by_the_time_when_the_graph_showed_both(
+    born: float, proved_at: float, newer: bool
+) -> None:
+    publishers = Publishers()
+    publishers.see(BOTH, 20.0)
+    proved(publishers, proved_at)
+    assert not publishers.gives_way(born, proved_at), "who else listens has not heard enough"
+    assert publishers.gives_way(born, proved_at + 1.0) == newer
+
+
+def test_one_that_was_killed_before_makes_nobody_the_newer_one() -> None:
+    publishers = Publishers()
+    publishers.see(BOTH, 1.0)  # of which one was killed, and is forgotten by the graph
+    publishers.see({2: "/ppc_controller"}, 20.0)
+    publishers.see(BOTH, 100.0)
+    proved(publishers, 101.0)
+    assert not publishers.gives_way(0.0, 103.0)

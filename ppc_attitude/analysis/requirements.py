@@ -57,6 +57,11 @@ class Accuracy:
         """The limit on max_i |q_ev,i|; of an angle: what it cannot exceed within the angle."""
         return math.sin(math.radians(self.limit) / 2.0) if self.unit == DEGREES else self.limit
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """What max_i |q_ev,i| and ‖q_ev‖ must come down to; 1 is no bound."""
+        return (1.0, self.component) if self.unit == DEGREES else (self.component, 1.0)
+
     def __str__(self) -> str:
         """As in a requirements file."""
         return f"{self.limit:g} {self.unit}".rstrip()

@@ -26,11 +26,15 @@ CONTROLLER_KEY = "ppc_attitude.controller"
 PARAMETERS_KEY = "ppc_attitude.parameters"
 METADATA_KEY = "ppc_attitude.metadata"
 RECOVERED_KEY = "ppc_attitude.recovered"  # why the recording was cut before it was recovered
+GAPS_KEY = "ppc_attitude.gaps"  # what the recorder knows to be incomplete
 UNKNOWN_CONTROLLER = "unknown"
 
 
 class RunFacts(NamedTuple):
-    """Controller, parameters by node and metadata of a run; what of it cannot be read, and why."""
+    """Controller, parameters by node and metadata of a run.
+
+    The flaws are what of it cannot be read, and why, and what its recorder knew to be incomplete.
+    """
 
     controller: str
     parameters: Mapping[str, Mapping[str, Any]]
@@ -72,9 +76,19 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     metadata = {
         key: str(value) for key, value in _mapping(custom_data, METADATA_KEY, flaws).items()
     }
+    flaws += _gaps(custom_data)
     own = parameters.get(CONTROLLER, {}).get("controller")
     stated = printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER)
     return RunFacts(own if isinstance(own, str) else stated, parameters, metadata, tuple(flaws))
+
+
+def _gaps(custom_data: Mapping[str, str]) -> list[str]:
+    try:
+        told = all_printable(parsed_json(custom_data.get(GAPS_KEY, "[]")))
+    except ValueError as error:
+        return [f"its {GAPS_KEY} cannot be read: {error}"]
+    gaps = told if isinstance(told, list) else []
+    return [f"its recorder calls it incomplete: {gap}" for gap in gaps]
 
 
 def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:

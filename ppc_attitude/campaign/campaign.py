@@ -97,7 +97,9 @@ def run_campaign(
         if value is not None and value < 1:
             raise ConfigurationError(f"{name} = {value}; allowed: ≥ 1")
     grid = grid_of(campaign.rate, campaign.duration)
-    finished = Finished(folder, runs, Summary(campaign.required), Fan(grid.ends))
+    finished = Finished(
+        folder, runs, Summary(campaign.required, campaign.variables), Fan(grid.ends)
+    )
     pool: Pool
     if scheduler:
         pool = ClusterPool(campaign, scheduler)

@@ -18,12 +18,14 @@
 import json
 import math
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE
 from ppc_attitude.science.errors import ConfigurationError
@@ -32,6 +34,7 @@ from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
 from ppc_attitude.science.guarantee.bounds import bounds_of
 from ppc_attitude.science.guarantee.certificate import ACCURACY, Certificate, certify, differences
 from ppc_attitude.science.guarantee.envelope import Envelope
+from ppc_attitude.science.guarantee.inequalities import Inequality
 from ppc_attitude.science.guarantee.known_reference import KnownReference
 from ppc_attitude.science.guarantee.surroundings import broken_assumptions
 from ppc_attitude.science.references import paper
@@ -167,30 +170,25 @@ class Judgement:
         return self.certificate.holds and not self.broken and not self.doubts
 
     def lines(self) -> list[str]:
-        """Inequalities, then what is guaranteed or why nothing is."""
-        rows = [("inequality", "left", "right", "unit", "room", "", "meaning")]
-        rows += [
-            (
-                each.name,
-                f"{each.left[1]:.6g}",
-                f"{each.right[0]:.6g}",
-                each.unit,
-                f"{100.0 * each.room:.3g} %",
-                "proved" if each.holds else "FAILS",
-                each.meaning,
-            )
-            for each in self.certificate.inequalities
-        ]
-        widths = [max(len(row[k]) for row in rows) for k in range(6)]
-        lines = [
-            "  ".join([*(f"{c:<{w}}" for c, w in zip(row, widths, strict=False)), row[6]])
-            for row in rows
-        ]
+        """Inequalities, then what is guaranteed or why nothing is; 80 columns."""
+        lines: list[str] = []
+        for meaning, alike in groupby(self.certificate.inequalities, lambda each: each.meaning):
+            lines += [_inequality_line(each) for each in alike]
+            lines.append(paragraph(meaning, "    "))
         reasons = [f"the certificate does not apply: {each}" for each in self.doubts]
         reasons += [f"assumption not kept: {each}" for each in self.broken]
         if not self.certificate.holds:
             failing = (each.name for each in self.certificate.inequalities if not each.holds)
             reasons.append(f"not proved: {', '.join(failing)}")
-        if reasons:
-            return [*lines, "", "nothing is guaranteed:", *(f"  {each}" for each in reasons)]
-        return [*lines, "", *promise_lines(self.certificate)]
+        told = ["nothing is guaranteed:", *(f"  {each}" for each in reasons)]
+        if not reasons:
+            told = promise_lines(self.certificate)
+        return [*lines, "", *map(paragraph, told)]
+
+
+def _inequality_line(each: Inequality) -> str:
+    # The bounds of what is zero are the smallest numbers there are.
+    left, right = (0.0 if abs(x) < 1e-300 else x for x in (each.left[1], each.right[0]))
+    sides = f"{left:.6g} ≤ {right:.6g} {each.unit}".rstrip()
+    proved = f"proved, {100.0 * each.room:.3g} % of room" if each.holds else "FAILS"
+    return f"{each.name:<8}  {sides:<34}  {proved}"

@@ -32,7 +32,7 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
-from ppc_attitude.bags.custom_data import encode_custom_data, of_namespace
+from ppc_attitude.bags.custom_data import GAPS_KEY, encode_custom_data, of_namespace
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import encode_clock, header_stamp
@@ -61,6 +61,7 @@ from ppc_attitude.science.parameter import Value
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
+_LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _LOOK_EARLY, _LOOK = 0.1, 1.0  # [s] between two looks at the graph: before a run, and during it
 
@@ -94,9 +95,10 @@ class BagRecorder(BaseNode):
         self._topics: dict[str, Topic] = {}  # by full name
         self._names: dict[tuple[str, str], str] = {}  # full name of each topic of each run
         self._ears: dict[str, Any] = {}
+        self._lively: list[Any] = []  # those that heard something when all were looked at
+        self._listened = 0.0
         self._announced: set[str] = set()
         self._incompatible: set[str] = set()
-        self._shared: dict[str, str] = {}  # topic to the nodes that publish on it
         self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
         self._progress: dict[str, Any] = {}
         for namespace in self.parameters["namespaces"]:
@@ -163,6 +165,7 @@ class BagRecorder(BaseNode):
                 incompatible_qos=lambda event: self._incompatible.add(name)
             ),
         )
+        self._lively.clear()
         if old is not None:
             self.destroy_subscription(old)
 
@@ -204,10 +207,9 @@ class BagRecorder(BaseNode):
         for home, topic in self._graph.look():
             if self._can_be_written(topic):
                 self._record_topic(home, topic)
-        for home, recording in self._recordings.items():
-            for name in recording.shared():
-                full = self._names[home, name]
-                self._shared[full] = publishing_nodes(self, full)
+        for (home, name), full in self._names.items():
+            if self._topics[full].column and self.count_publishers(full) > 1:
+                self._recordings[home].see(name, publishing_nodes(self, full), self._now)
         if runs:
             for name in self._incompatible:
                 self._take_less(name)
@@ -226,7 +228,7 @@ class BagRecorder(BaseNode):
         """Read a topic at best effort if no publisher can do better, as a user's own may."""
         ends = self.get_publishers_info_by_topic(name)
         offered = [end.qos_profile.reliability == ReliabilityPolicy.RELIABLE for end in ends]
-        nodes = publishing_nodes(self, name)
+        nodes = ", ".join(sorted(publishing_nodes(self, name).values()))
         if offered and not any(offered):
             self.get_logger().info(f"{name}: {nodes} offers less than ours do: taken as is")
             home = next(each for each in self._recordings if name.startswith(f"{each}/"))
@@ -247,16 +249,26 @@ class BagRecorder(BaseNode):
         """Take all that has arrived; False if there was nothing."""
         self._now = time.monotonic()
         before = self._taken
-        for subscription in tuple(self._ears.values()):
-            with subscription.handle:
-                take = subscription.handle.take_message
-                while (taken := take(subscription.msg_type, True)) is not None:
-                    self._taken += 1
-                    subscription.callback(*taken)
+        if self._now - self._listened < _LISTEN:
+            for subscription in self._lively:
+                self._take(subscription)
+        else:  # a look costs a few microseconds, and most topics of the contract are silent
+            self._listened = self._now
+            self._lively = [each for each in tuple(self._ears.values()) if self._take(each)]
         for home, recording in self._recordings.items():
             stamp = recording.progress()
             if stamp is not None:
                 self._progress[home].publish(encode_clock(stamp))
+        return self._taken != before
+
+    def _take(self, subscription: Any) -> bool:
+        """Take all that has arrived on a topic; False if there was nothing."""
+        before = self._taken
+        with subscription.handle:
+            take = subscription.handle.take_message
+            while (taken := take(subscription.msg_type, True)) is not None:
+                self._taken += 1
+                subscription.callback(*taken)
         return self._taken != before
 
     def drain(self, executor: Executor) -> None:
@@ -272,7 +284,7 @@ class BagRecorder(BaseNode):
         gaps = [gap for home in self._recordings for gap in self._gaps(home)]
         try:
             if not self.failure:
-                self._writer.set_custom_data("ppc_attitude.gaps", json.dumps(gaps))
+                self._writer.set_custom_data(GAPS_KEY, json.dumps(gaps))
             self._writer.close()
         except BagError as error:
             if not self.failure:
@@ -294,8 +306,7 @@ class BagRecorder(BaseNode):
     def _gaps(self, home: str) -> list[str]:
         recording = self._recordings[home]
         gaps = recording.gaps(sorted(self._graph.promised[home]))
-        for name in recording.shared():
-            nodes = self._shared.get(self._names[home, name], "nodes that have ended")
+        for name, nodes in recording.shared().items():
             gaps.append(f"{name} came from several nodes: {nodes}")
         return [f"{home}/{gap}" if len(self._recordings) > 1 else gap for gap in gaps]
 

@@ -243,12 +243,13 @@ class BaseNode(Node):
 
     def _look_for_others(self, now: float) -> None:
         """Fail if another node publishes what this one does; the one that came first goes on."""
-        others = self._watch.look(now)
+        self._watch.look(now)
+        others = self._watch.found
         if not others:
             return
         tell_broken(others)
         self.exit_code = EXIT_BROKEN
-        if self._watch.came_second:
+        if self._watch.gives_way:
             self.fail(self.health.time_ns, f"{others}; this node is the newer one and ends")
         else:
             self.complain("others", others)

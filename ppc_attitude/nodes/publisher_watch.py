@@ -15,24 +15,29 @@
 """Does another node publish what this one does? Seen in the graph, proved by what it sends."""
 
 import time
+from collections.abc import Hashable
 from typing import Any
 
 from rclpy.node import Node
 
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.nodes.messages import Inbox, message_class
-from ppc_attitude.nodes.qos import subscribed
+from ppc_attitude.nodes.qos import recorded
 from ppc_attitude.runtime.publishers import Publishers
 from ppc_attitude.runtime.stamps import RefusedError
 
 _LOOK_EVERY = 1.0  # [s]
-_NEW = 10.0  # [s] a node that is older than this never gives way
+_UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")  # what rmw says meanwhile
 
 
-def publishing_nodes(node: Node, topic: str) -> str:
-    """Full names of the nodes that publish on a topic, as far as the graph knows them."""
-    ends = node.get_publishers_info_by_topic(topic)
-    return ", ".join(sorted(f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends))
+def publishing_nodes(node: Node, topic: str) -> dict[Hashable, str]:
+    """Full name of the node of each publisher of a topic; empty if the graph does not know it."""
+    return {
+        bytes(end.endpoint_gid): ""
+        if end.node_name in _UNKNOWN
+        else f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+        for end in node.get_publishers_info_by_topic(topic)
+    }
 
 
 class PublisherWatch:
@@ -42,6 +47,13 @@ class PublisherWatch:
     ----------
     node : Node
         Who publishes.
+
+    Attributes
+    ----------
+    found : str
+        Who else publishes what this node does; empty if nobody does.
+    gives_way : bool
+        True if the node is the newer one, and all who listen have had time to hear both.
     """
 
     def __init__(self, node: Node) -> None:
@@ -52,32 +64,28 @@ class PublisherWatch:
         self._ear: Node | None = None
         self._heard: dict[str, tuple[Any, Inbox, Publishers]] = {}
         self.found = ""
+        self.gives_way = False
 
     def add(self, topic: Topic, name: str) -> None:
         """Watch a topic, given with its full name."""
         self._topics[name] = topic
 
-    @property
-    def came_second(self) -> bool:
-        """True if it is this node that has to give way."""
-        return time.monotonic() - self._since < _NEW
-
-    def look(self, now: float) -> str:
-        """Look if it is time; return who else publishes what this node does, if anybody."""
+    def look(self, now: float) -> None:
+        """Look if it is time."""
         if now - self._looked < _LOOK_EVERY:
-            return ""
+            return
         self._looked = now
         for name, topic in self._topics.items():
             if name not in self._heard and self._node.count_publishers(name) > 1:
                 self._listen(name, topic)
+        self.found = ""
         for name, (subscription, inbox, publishers) in self._heard.items():
+            publishers.see(publishing_nodes(self._node, name), now)
             _take(subscription, inbox, publishers, now)
             if publishers.lasts(now):
-                nodes = publishing_nodes(self._node, name)
-                self.found = f"another node publishes {self._topics[name].name}: {nodes}"
-                return self.found
-        self.found = ""
-        return ""
+                found = f"another node publishes {self._topics[name].name}: {publishers.nodes}"
+                self.found = self.found or found
+                self.gives_way |= publishers.gives_way(self._since, now)
 
     def _listen(self, name: str, topic: Topic) -> None:
         if self._ear is None:
@@ -89,8 +97,9 @@ class PublisherWatch:
                 enable_rosout=False,
                 start_parameter_services=False,
             )
+        # As the recorder does: all that comes between two looks.
         subscription = self._ear.create_subscription(
-            message_class(topic.msgtype), name, lambda data: None, subscribed(topic), raw=True
+            message_class(topic.msgtype), name, lambda data: None, recorded(topic), raw=True
         )
         self._heard[name] = subscription, Inbox(topic), Publishers()
 

@@ -14,39 +14,72 @@
 
 """Is there one publisher on a topic, as the contract wants it? Judged by what is sent."""
 
+from collections.abc import Hashable, Mapping
+
 from ppc_attitude.science.stamps import NANOSECONDS
 
-_RETURNS = 20  # so many returns to a publisher that another had followed make two that live
+_ENOUGH = 20  # messages in turns with another's that make a publisher one that lives
+_MOST_AT_ONCE = 5  # of them that one return proves: a single one may be an error
 _LARGEST_STEP = NANOSECONDS
 _HEARD = 5.0  # [s] after its last message a second publisher counts as gone
+_NEW = 10.0  # [s] who was older than this when another came never gives way
+_TOLD = 1.0  # [s] from the proof on until everybody else has had time to hear as much
 _MOST = 8  # publishers of one topic that are told apart
 
 
 class _Publisher:
-    """The latest message of one publisher."""
+    """The latest messages of one publisher."""
 
-    __slots__ = ("advances", "number", "stamp_ns")
+    __slots__ = ("number", "stamp_ns", "stretch")
 
     def __init__(self, number: int, stamp_ns: int) -> None:
         self.number = number
         self.stamp_ns = stamp_ns
-        self.advances = False  # its stamp followed that of the one before
+        self.stretch = 0  # good messages since another one spoke
 
 
 class Publishers:
     """Tell apart who publishes on one topic, by the numbers that each gives to its messages.
 
     A node that was killed stays in the ROS graph for a while, and one that was restarted has its
-    name. So the graph alone is no proof. Every publisher counts its messages: a new one begins to
-    count anew, and two that live are known by returns to a count that another had followed. A
-    return counts if the stamps of both advance as time does: bad messages make no publisher.
+    name. So the graph alone is no proof; it only gives the names. Every publisher counts its
+    messages: a new one begins to count anew, and two that live are known by returns to a count that
+    another had followed. A return proves the more the longer the stretches are that it joins, for a
+    busy machine delivers in bursts. Only messages whose stamps advance as time does count: bad
+    messages make no publisher.
     """
 
     def __init__(self) -> None:
         self._known: list[_Publisher] = []  # the one that spoke last first
         self._turned = False
-        self._returns = 0
-        self._returned_at = 0.0
+        self._proof = 0
+        self._proved_at = self._last_proof = 0.0
+        self._nodes: dict[Hashable, str] = {}
+        self._seen_at: float | None = None
+
+    def see(self, nodes: Mapping[Hashable, str], now: float) -> None:
+        """Take who publishes as the graph shows it.
+
+        The names of several are kept: who gives way first is soon in no graph.
+
+        Parameters
+        ----------
+        nodes : mapping
+            Name of the node of each publisher; empty where the graph does not know it yet.
+        now : float
+            Time of the wall clock [s].
+        """
+        if len(nodes) > 1:
+            self._seen_at = now if self._seen_at is None else self._seen_at
+            self._nodes = {key: name or self._nodes.get(key, "") for key, name in nodes.items()}
+        elif not self.lasts(now):
+            self._seen_at = None  # such as one that was killed: who comes next comes anew
+
+    @property
+    def nodes(self) -> str:
+        """Names of those that were in the graph together."""
+        names = sorted(name or "a node without a name" for name in self._nodes.values())
+        return ", ".join(names) or "nodes that have ended"
 
     def hear(self, number: int, stamp_ns: int, now: float) -> None:
         """Take the number that a publisher gave to a message, and the stamp [ns] in it."""
@@ -55,12 +88,13 @@ class Publishers:
             self._turn_to(number, stamp_ns)
         speaker = known[0]
         before = speaker.stamp_ns
-        speaker.advances = before >= 0 and 0 < stamp_ns - before <= _LARGEST_STEP
+        advances = before >= 0 and 0 < stamp_ns - before <= _LARGEST_STEP
         if self._turned:
             self._turned = False
-            if speaker.advances and known[1].advances:
-                self._returns += 1
-                self._returned_at = now
+            if advances:
+                self._prove(min(speaker.stretch, known[1].stretch, _MOST_AT_ONCE), now)
+            speaker.stretch = 0
+        speaker.stretch += advances
         speaker.number, speaker.stamp_ns = number, stamp_ns
 
     def _turn_to(self, number: int, stamp_ns: int) -> None:
@@ -76,11 +110,27 @@ class Publishers:
             known.insert(0, _Publisher(number, stamp_ns))
             del known[_MOST:]
 
+    def _prove(self, messages: int, now: float) -> None:
+        if messages:
+            if not self.several:
+                self._proved_at = now
+            self._proof += messages
+            self._last_proof = now
+
     @property
     def several(self) -> bool:
         """True if more than one publisher has sent messages in turns with another."""
-        return self._returns >= _RETURNS
+        return self._proof >= _ENOUGH
 
     def lasts(self, now: float) -> bool:
         """True if they still do."""
-        return self.several and now - self._returned_at < _HEARD
+        return self.several and now - self._last_proof < _HEARD
+
+    def gives_way(self, born: float, now: float) -> bool:
+        """True if who publishes since a time [s] has to leave the topic to the other.
+
+        Who was new when the graph first showed several does, as soon as whoever else listens has
+        had time to hear enough of both.
+        """
+        new = self._seen_at is not None and self._seen_at - born < _NEW
+        return new and self.several and now - self._proved_at >= _TOLD

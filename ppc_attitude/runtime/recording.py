@@ -18,7 +18,7 @@ The states lead. A message counts for the record when the state of its stamp has
 sent ahead and never reached its instant is in no record, and makes no gap.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 
 from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.runtime.completeness import Completeness
@@ -170,9 +170,18 @@ class Recording:
         """Describe what is missing; empty if nothing is."""
         return self._completeness.gaps(expected)
 
-    def shared(self) -> list[str]:
-        """Topics that more than one node has published on, message by message."""
-        return [name for name, lane in self._lanes.items() if lane.publishers.several]
+    def see(self, name: str, nodes: Mapping[Hashable, str], now: float) -> None:
+        """Take the nodes that publish on a topic, as the graph shows them (`Publishers.see`)."""
+        if name in self._lanes:
+            self._lanes[name].publishers.see(nodes, now)
+
+    def shared(self) -> dict[str, str]:
+        """Topics that more than one node has published on, message by message, and the nodes."""
+        return {
+            name: lane.publishers.nodes
+            for name, lane in self._lanes.items()
+            if lane.publishers.several
+        }
 
     def surplus(self) -> dict[str, int]:
         """How many messages of each topic came beside the first one of their instant."""

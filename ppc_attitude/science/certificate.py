@@ -32,7 +32,6 @@ import numpy as np
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
 from ppc_attitude.science.envelope_plan import table_can_be_followed
-from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.performance import Envelope
 
 RATE_LIMIT = math.radians(3.0)  # [rad/s] the paper's limit of ‖ω_s‖
@@ -94,7 +93,7 @@ def virtual_control_bound(values: Mapping[str, Any]) -> float:
 
 
 def certificate(
-    values: Mapping[str, Any], q_e0: float, desired_rate: float
+    values: Mapping[str, Any], q_e0: float, desired_rate: float, environment: float
 ) -> tuple[Condition, ...]:
     """Conditions on the parameters; S1 to S5 and the rate bound are those of the law `ppc`.
 
@@ -106,6 +105,8 @@ def certificate(
         Scalar part of the initial attitude error.
     desired_rate : float
         Largest ‖ω_d‖ [rad/s].
+    environment : float
+        Largest norm of the environment torque [N·m].
 
     Returns
     -------
@@ -123,11 +124,11 @@ def certificate(
         Condition(
             "torque authority",
             float(values["max_torque"]),
-            ENVIRONMENT_BOUND,
+            environment,
             ">",
             "N·m",
             True,
-            "the actuator is stronger than the environment torque",
+            "the actuator is stronger than the configured environment's torque",
         ),
     )
     if values["controller"] != "ppc":

@@ -187,6 +187,39 @@ def table_can_be_followed(q_e: Quaternion, omega_e: Vector, gains: Any) -> bool:
 
 
 @kernel
+def least_settling_time(q_e: Quaternion, component: float, whole: float, gains: Any) -> float:
+    """Time [s] in which an error settles if the craft turns with ω_e = v under ρ = 1.
+
+    A narrower envelope only makes v smaller, so no run is faster unless its rate overshoots v.
+
+    Parameters
+    ----------
+    q_e : tuple of 4 float
+        Error x y z w at the start.
+    component, whole : float
+        What the largest |q_ev,i| and ‖q_ev‖ must come down to.
+    gains : record
+        Of the law `ppc`.
+
+    Returns
+    -------
+    float
+        Infinite after `_LONGEST_HOLD`.
+    """
+    t = 0.0
+    while t < _LONGEST_HOLD:
+        error = (q_e[0], q_e[1], q_e[2])
+        if largest(error) <= component and norm(error) <= whole:
+            return t
+        omega = _asked_rate(q_e, 1.0, gains)
+        middle = moved(q_e, 0.5 * _HOLD_STEP, kinematics(q_e, omega))
+        omega = _asked_rate(middle, 1.0, gains)
+        q_e = normalised(moved(q_e, _HOLD_STEP, kinematics(middle, omega)))
+        t += _HOLD_STEP
+    return math.inf
+
+
+@kernel
 def _stays_inside(stretch: float, clock: float, phi: float, gains: Any) -> bool:
     """True if the modelled turn stays inside the envelope that falls from `clock`, stretched."""
     shape = gains.attitude_shape

@@ -21,7 +21,7 @@ touching ours: an entry point of the group ``ppc_attitude.<kind>`` that leads to
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
@@ -40,6 +40,10 @@ from ppc_attitude.science.signals import (
 
 NONE = "none"
 _SCIENCE = "ppc_attitude.science"
+
+
+# Read once, because that opens a file of every installed package.
+_installed = cache(entry_points)
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,7 @@ class Kind:
         for module in self.modules:
             name = f"{_SCIENCE}.{self.name}.{module}"
             yield name, import_module(name).COMPONENT
-        for point in entry_points(group=f"ppc_attitude.{self.name}"):
+        for point in _installed().select(group=f"ppc_attitude.{self.name}"):
             origin = f"entry point {point.name} = {point.value} of {point.group}"
             try:
                 yield origin, point.load()

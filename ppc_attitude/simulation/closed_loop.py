@@ -144,8 +144,8 @@ def warm_up(scenario: Scenario) -> None:
     run_samples(scenario, stamps_of(scenario.number(PLANT, "rate"), 0.1))
 
 
-def first_step(scenario: Scenario) -> Part:
-    """Return the law after its step at t = 0.
+def first_instant(scenario: Scenario) -> dict[str, Part]:
+    """Return every part after its step at t = 0, by the name of its kind.
 
     Raises
     ------
@@ -154,4 +154,9 @@ def first_step(scenario: Scenario) -> Part:
     """
     diagram = Diagram(scenario.parameters)
     diagram.run(np.zeros(1, np.int64), new_samples(scenario, 1))
-    return diagram.parts[CONTROLLERS.name]
+    return diagram.parts
+
+
+def first_step(scenario: Scenario) -> Part:
+    """Return the law after its step at t = 0; raises as `first_instant`."""
+    return first_instant(scenario)[CONTROLLERS.name]

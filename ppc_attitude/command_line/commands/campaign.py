@@ -30,7 +30,7 @@ from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
-from ppc_attitude.campaign.draw import VARYING, draw
+from ppc_attitude.campaign.draw import draw, varying
 from ppc_attitude.campaign.draw import scenario_of as scenario_of_run
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text, write_campaign_report
@@ -147,12 +147,12 @@ def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
 def _tell_one(
     arguments: argparse.Namespace, campaign: Campaign, record: RunRecord, verdict: Verdict
 ) -> None:
-    drawn = draw(campaign, arguments.only)
+    drawn, names = draw(campaign, arguments.only), varying(campaign.variables)
     if arguments.json:
         print_json({**verdict.to_json(), "drawn": drawn})
     else:
         print(verdict_table(verdict))
-        print("drawn: " + ", ".join(f"{n} {v:.6g}" for n in VARYING if (v := drawn[n]) is not None))
+        print("drawn: " + ", ".join(f"{n} {v:.6g}" for n in names if (v := drawn[n]) is not None))
     write_report_of(arguments, [(record, verdict)], sys.stderr)
 
 

@@ -15,7 +15,8 @@
 """`ppc_attitude check`: feasibility and the conditions on the parameters, each with its value.
 
 The page has a section for each selected component that has something to say: the law's conditions
-or its certificate, the slews and goals of the reference, and the noise of the sensors.
+or its certificate, the slews and goals of the reference, and the noise of the sensors. It says what
+the requirements need at best of craft and law, and warns of what is out of proportion.
 """
 
 import argparse
@@ -23,31 +24,32 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
+    add_requirements_option,
     add_scenario_options,
     positive,
     print_json,
+    required_of,
     scenario_of,
 )
 from ppc_attitude.command_line.paragraphs import paragraph
-from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
+from ppc_attitude.command_line.proportions import (
+    dead_zone_conditions,
+    environment_torque,
+    noise_conditions,
+    pulse_conditions,
+    settling_conditions,
+    slew_conditions,
+)
+from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.controllers import momentum_tube
-from ppc_attitude.science.estimators.steady_state import FLOOR, noise_floors
-from ppc_attitude.science.guidance.slew import slew_torque
-from ppc_attitude.science.kinds import ESTIMATORS, REFERENCES
+from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, REFERENCES, SENSORS
 from ppc_attitude.science.references import goal
-from ppc_attitude.science.sensors.gyro import (
-    ANGULAR_RANDOM_WALK,
-    RESOLUTION,
-    widest_resolution,
-)
-from ppc_attitude.simulation.closed_loop import first_step
+from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Told, goals_told
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -59,10 +61,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "check",
         help="feasibility and conditions of a configuration",
-        description="Feasibility of both envelopes, the conditions S1 to S5, and the start; of the "
-        "momentum-tube law its certificate, proved anew.",
+        description="Feasibility of both envelopes, the conditions S1 to S5, the time that the "
+        "requirements need at best, what is out of proportion to the craft, and the start; of the "
+        "momentum-tube law its certificate, proved anew. What is violated with a warning only is "
+        "sufficient or advisable, not necessary.",
     )
     add_scenario_options(parser)
+    add_requirements_option(parser)
     parser.add_argument(
         "--known-reference",
         action="store_true",
@@ -84,15 +89,21 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Check and print."""
     scenario = scenario_of(arguments)
+    required = required_of(arguments)
     guarantee = None
     if scenario.controller.name == momentum_tube.COMPONENT.name:
         guarantee = Judgement(scenario, arguments.config)
-    law = first_step(scenario)
+    parts = first_instant(scenario)
+    law = parts[CONTROLLERS.name]
     q_e = law.outputs[0]["attitude_error"].tolist()
+    environment = environment_torque(scenario, parts[ENVIRONMENTS.name])
     conditions = (
-        *(() if guarantee else _law_conditions(scenario, q_e[3])),
-        *_slew_conditions(scenario),
-        *_noise_conditions(scenario),
+        *(() if guarantee else _law_conditions(scenario, q_e[3], environment)),
+        *settling_conditions(scenario, required, tuple(q_e)),
+        *slew_conditions(scenario),
+        *dead_zone_conditions(scenario),
+        *noise_conditions(scenario),
+        *pulse_conditions(scenario, required),
     )
     goals = goals_told(scenario)
     known: list[str] = []
@@ -113,14 +124,15 @@ def execute(arguments: argparse.Namespace) -> int:
             }
         print_json(page)
     else:
-        _print(scenario, conditions, q_e, [law.advice, *(told.advice for told in goals)])
-        for line in [*guarantee.lines(), *known, *hits] if guarantee else []:
-            print(line)
+        advices = [law.advice, parts[SENSORS.name].advice, *(told.advice for told in goals)]
+        _print(scenario, conditions, q_e, advices)
+        if guarantee:
+            print("\n".join(["", *guarantee.lines(), *map(paragraph, (*known, *hits))]))
     holds = all(each.holds for each in conditions if each.necessary)
     return DONE if holds and (not guarantee or guarantee.holds) else REQUIREMENT_FAILED
 
 
-def _law_conditions(scenario: Scenario, q_e0: float) -> tuple[Condition, ...]:
+def _law_conditions(scenario: Scenario, q_e0: float, environment: float) -> tuple[Condition, ...]:
     """Conditions on the law for the reference that it follows."""
     reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
     rate = (
@@ -128,67 +140,7 @@ def _law_conditions(scenario: Scenario, q_e0: float) -> tuple[Condition, ...]:
         if REFERENCES.selected(reference) is goal.COMPONENT
         else largest_desired_rate(reference["amplitude"])
     )
-    return certificate(scenario.parameters[CONTROLLER], q_e0, rate)
-
-
-def _slew_conditions(scenario: Scenario) -> tuple[Condition, ...]:
-    """The torque of a slew against the share of the actuator that it may take."""
-    reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
-    if REFERENCES.selected(reference) is not goal.COMPONENT:
-        return ()
-    plant: Mapping[str, Any] = scenario.parameters[PLANT]
-    rate, acceleration, share = (
-        float(reference[each.name])
-        for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
-    )
-    return (
-        Condition(
-            "slew torque",
-            slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration),
-            share * float(plant["max_torque"]),
-            "≤",
-            "N·m",
-            False,
-            "max‖J e‖ A + max‖ω × J ω‖ leaves the law its margin (guidance.torque_share)",
-        ),
-    )
-
-
-def _noise_conditions(scenario: Scenario) -> tuple[Condition, ...]:
-    """How wide noise lets the ends of the envelopes be; nothing without an estimator."""
-    estimator: Mapping[str, Any] = scenario.parameters[ESTIMATOR]
-    controller: Mapping[str, Any] = scenario.parameters[CONTROLLER]
-    bounded = {column.bound for column in scenario.controller.outputs}
-    if ESTIMATORS.selected(estimator) is None:
-        return ()
-    rate = scenario.number(PLANT, "rate")
-    found = noise_floors(estimator, controller, rate)
-    rounding = Condition(
-        RESOLUTION.name,
-        float(estimator[RESOLUTION.name]),
-        widest_resolution(float(estimator[ANGULAR_RANDOM_WALK.name]), 1.0 / rate),
-        "≤",
-        "rad/s",
-        False,
-        "the LSB against the noise of a sample: above it, rounding is a dead band, not white noise",
-    )
-    floors = (
-        Condition(
-            f"{prefix}.terminal",
-            float(controller[f"{prefix}.terminal"]),
-            FLOOR * max(sigmas),
-            "≥",
-            unit,
-            False,
-            f"{FLOOR:g}σ of what the estimator leaves: below it, noise alone leaves the envelope",
-        )
-        for prefix, sigmas, unit in (
-            ("attitude_envelope", found.attitude, ""),
-            ("rate_envelope", found.rate, "rad/s"),
-        )
-        if prefix in bounded
-    )
-    return (rounding, *floors)
+    return certificate(scenario.parameters[CONTROLLER], q_e0, rate, environment)
 
 
 def _json(
@@ -228,4 +180,4 @@ def _print(
 def _verdict(condition: Condition) -> str:
     if condition.holds:
         return "holds"
-    return "VIOLATED" if condition.necessary else "violated (sufficient, not necessary)"
+    return "VIOLATED" if condition.necessary else "warning: violated"

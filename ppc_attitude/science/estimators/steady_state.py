@@ -123,6 +123,38 @@ FLOOR = 6.0
 and 6.0 with raw samples at 100 Hz."""
 
 
+class Sigmas(NamedTuple):
+    """σ of what a law sees of its errors on one axis: of q_ev [1] and of z2 [rad/s]."""
+
+    attitude: float
+    rate: float
+
+
+def error_sigmas(
+    controller: Mapping[str, Any], rate: float, white: float, attitude: float, bias: float
+) -> Sigmas:
+    """σ of the errors that a law sees on one axis.
+
+    σ of q_ev is ½ σ_θ; that of z2 is √(σ_ω² + P_bb + (½ k M_ω β σ_θ)²), where the last term is the
+    virtual control's answer to the attitude's error.
+
+    Parameters
+    ----------
+    controller : mapping
+        Checked parameters of the law's node.
+    rate : float
+        Steps per second [Hz].
+    white : float
+        Of the measured rate [rad/√s].
+    attitude, bias : float
+        Variances of the attitude that the law is told [rad²] and of its rate's bias [rad²/s²].
+    """
+    frequency = controller[RATE_OBSERVER.name]
+    measured = rate_sigma(frequency, white) if frequency else white * math.sqrt(rate)
+    slope = 0.5 * controller["k"] * controller["M_omega"] * controller["beta"]
+    return Sigmas(0.5 * math.sqrt(attitude), math.sqrt(measured**2 + bias + slope**2 * attitude))
+
+
 class Floors(NamedTuple):
     """σ of what a law sees, for the axes across the tracker's boresight and the one along it.
 
@@ -144,8 +176,7 @@ def noise_floors(
     """σ of the errors that a law sees of its own craft, once the filter has settled.
 
     A published estimate is oldest just before a fix arrives: latency and interval after it was
-    updated. σ of q_ev is ½ σ_θ; that of z2 is √(σ_ω² + P_bb + (½ k M_ω β σ_θ)²), where the last
-    term is the virtual control's answer to the attitude's error.
+    updated.
 
     Parameters
     ----------
@@ -165,13 +196,10 @@ def noise_floors(
     white = effective_white_noise(
         estimator[ANGULAR_RANDOM_WALK.name], estimator[RESOLUTION.name], 1.0 / rate
     )
-    frequency = controller[RATE_OBSERVER.name]
-    measured = rate_sigma(frequency, white) if frequency else white * math.sqrt(rate)
-    slope = 0.5 * controller["k"] * controller["M_omega"] * controller["beta"]
-    attitude, speed = [], []
+    found = []
     for noise in (CROSS_NOISE, BORESIGHT_NOISE):
         _, after = steady_state(estimator[noise.name], white, walk, interval)
         known = after_gap(after, white, walk, age)
-        attitude.append(0.5 * math.sqrt(known.attitude))
-        speed.append(math.sqrt(measured**2 + known.bias + slope**2 * known.attitude))
-    return Floors((attitude[0], attitude[1]), (speed[0], speed[1]))
+        found.append(error_sigmas(controller, rate, white, known.attitude, known.bias))
+    across, along = found
+    return Floors((across.attitude, along.attitude), (across.rate, along.rate))

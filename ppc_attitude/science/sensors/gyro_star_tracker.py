@@ -84,7 +84,7 @@ CONFIGURATION = np.dtype(
 STATE = np.dtype(
     [
         ("started", np.float64),
-        ("coarse", np.float64),  # 1 if the gyro's LSB is a dead band
+        ("coarse", np.float64),  # LSB of the gyro by its noise, if it is a dead band
         ("stamp_ns", np.int64),  # of the last sample
         ("attitude", np.float64, (4,)),  # true attitude at it
         ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
@@ -123,7 +123,8 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         bias = vector(settings.initial_bias)
         middle = bias
         widest = gyro.widest_resolution(settings.white, h)
-        state.coarse = 1.0 if settings.resolution > widest else 0.0
+        if settings.resolution > widest:
+            state.coarse = settings.resolution / widest
     else:
         h = (inputs.stamp_ns - state.stamp_ns) * 1e-9
         rate = mean_rate(quaternion(state.attitude), q, h)
@@ -190,8 +191,8 @@ def advice(state: Any) -> Advice:
     if not state["coarse"]:
         return Advice("", warning=False)
     return Advice(
-        "gyro.resolution is above the noise of a sample: rounding is a dead band then, not the "
-        "white noise that a filter takes it for (`ppc_attitude check` has the numbers)",
+        f"gyro.resolution is {float(state['coarse']):.3g} times the noise of a sample: a dead band, "
+        "not the white noise that a filter takes rounding for",
         warning=True,
     )
 
@@ -206,5 +207,5 @@ COMPONENT = Component(
     outputs=(GYRO_SAMPLE, STAR_FIX),
     step=step,
     advice=advice,
-    advices=lambda state: int(state["coarse"]),
+    advices=lambda state: int(state["coarse"] > 0.0),
 )

@@ -1,0 +1,226 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whether what is asked of a scenario is in proportion to its craft, as conditions for `check`."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.certificate import Condition
+from ppc_attitude.science.controllers import ppc
+from ppc_attitude.science.disturbances.pulses import scheduled_pulses
+from ppc_attitude.science.envelope_plan import least_settling_time
+from ppc_attitude.science.estimators.steady_state import FLOOR, Sigmas, error_sigmas, noise_floors
+from ppc_attitude.science.guidance.profile import duration, profile
+from ppc_attitude.science.guidance.slew import slew_torque
+from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.kinds import ESTIMATORS, REFERENCES, SENSORS
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references import goal
+from ppc_attitude.science.sensors import direct
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
+from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.simulation.scenario import Scenario
+
+_SAMPLES = 1000  # times at which an environment is looked at
+_DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
+_NOISE_SIGMAS = 3.0  # of what noise makes a law ask for, that the actuator should give
+
+
+def environment_torque(scenario: Scenario, environment: Part) -> float:
+    """Largest norm [N·m] of the configured environment's torque at even times of the run.
+
+    An environment that looks at the craft is known at its first instant only, which `environment`
+    has made.
+    """
+    duration_ns = round(scenario.number(PLANT, "duration") * NANOSECONDS)
+    count = 0 if environment.component.inputs else _SAMPLES + 1
+    torques = [environment.outputs[ENVIRONMENT_TORQUE.name][0].copy()]
+    for stamp_ns in np.linspace(0, duration_ns, count, dtype=np.int64).tolist():
+        environment.step(stamp_ns)
+        torques.append(environment.outputs[ENVIRONMENT_TORQUE.name][0].copy())
+    return float(np.linalg.norm(torques, axis=1).max())
+
+
+def settling_conditions(
+    scenario: Scenario, required: Requirements, q_e: tuple[float, float, float, float]
+) -> Iterator[Condition]:
+    """What the wish to settle needs at best, for the actuator and for the law, and what it leaves.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What is to fly.
+    required : Requirements
+        The wish.
+    q_e : tuple of 4 float
+        Attitude error x y z w at the start.
+    """
+    component, whole = required.settled.bounds
+    error = np.abs(q_e[:3])
+    if error.max() <= component and np.linalg.norm(error) <= whole:
+        return
+    angle = 2.0 * math.asin(min(float(np.linalg.norm(error)), 1.0))
+    asked = required.settling_deadline
+    wish = f"an error of {required.settled} from rest at {math.degrees(angle):.4g}°"
+
+    def condition(name: str, needs: float, who: str) -> Condition:
+        rest = asked - needs
+        left = f"which leaves {rest:.3g} s" if rest >= 0.0 else f"which is {-rest:.3g} s too few"
+        meaning = f"{wish} needs {needs:.3g} s at best {who}; you ask {asked:g} s, {left}"
+        return Condition(name, needs, asked, "≤", "s", True, meaning)
+
+    yield condition(
+        "time to turn",
+        _least_turn(scenario, required, np.array(q_e[:3]), angle),
+        f"with this actuator{f' and within {required.rate:g} deg/s' if required.rate else ''}",
+    )
+    if scenario.controller.name == ppc.COMPONENT.name:
+        gains = ppc.configure(scenario.parameters[CONTROLLER])
+        needs = float(least_settling_time(q_e, component, whole, gains))
+        yield condition("time of the law", needs, "with the law's k, M_omega and beta")
+
+
+def _least_turn(
+    scenario: Scenario, required: Requirements, error: np.ndarray[Any, Any], angle: float
+) -> float:
+    """Least time [s] about the eigenaxis, rest to rest, to where the error is small enough."""
+    axis = error / np.linalg.norm(error)
+    component, whole = required.settled.bounds
+    near = min(component / np.abs(axis).max(), whole, 1.0)
+    inertia = inertia_matrix("inertia", scenario.parameters[PLANT]["inertia"])
+    acceleration = scenario.number(PLANT, "max_torque") / np.abs(inertia @ axis).max()
+    rate = math.radians(required.rate) if required.rate else math.inf
+    turn = max(angle - 2.0 * math.asin(near), 0.0)
+    return float(duration(profile(turn, rate, float(acceleration), math.inf)))
+
+
+def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
+    """The torque of a slew against the share of the actuator that it may take."""
+    reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
+    if REFERENCES.selected(reference) is not goal.COMPONENT:
+        return
+    plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    rate, acceleration, share = (
+        float(reference[each.name])
+        for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
+    )
+    yield Condition(
+        "slew torque",
+        slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration),
+        share * float(plant["max_torque"]),
+        "≤",
+        "N·m",
+        False,
+        "max‖J e‖ A + max‖ω × J ω‖ leaves the law its margin (guidance.torque_share)",
+    )
+
+
+def dead_zone_conditions(scenario: Scenario) -> Iterator[Condition]:
+    """What the actuator does not give, against what it gives and what the law asks for."""
+    dead = scenario.number(PLANT, "min_torque")
+    yield Condition(
+        "min_torque",
+        dead,
+        _DEAD_SHARE * scenario.number(PLANT, "max_torque"),
+        "≤",
+        "N·m",
+        False,
+        f"the dead zone takes at most {100.0 * _DEAD_SHARE:g} % of the actuator",
+    )
+    if scenario.controller.name == ppc.COMPONENT.name:
+        law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+        least = float(np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).min())
+        yield Condition(
+            "min_torque in ρ_ω",
+            dead,
+            float(law["K_omega"]) * least * float(law["rate_envelope.terminal"]),
+            "≤",
+            "N·m",
+            False,
+            "K_ω J g∞: at the edge of the rate envelope the law asks for more than the dead zone, "
+            "so that the actuator acts inside it",
+        )
+
+
+def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
+    """How wide noise lets the ends of the envelopes be, and how much torque it asks for."""
+    sigmas = _sigmas(scenario)
+    if not any(sigmas):
+        return
+    law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+    bounded = {column.bound for column in scenario.controller.outputs}
+    for prefix, sigma, unit in (
+        ("attitude_envelope", sigmas.attitude, ""),
+        ("rate_envelope", sigmas.rate, "rad/s"),
+    ):
+        if prefix in bounded:
+            yield Condition(
+                f"{prefix}.terminal",
+                float(law[f"{prefix}.terminal"]),
+                FLOOR * sigma,
+                "≥",
+                unit,
+                False,
+                f"{FLOOR:g}σ of the noise in what the law is told: below it, noise alone leaves "
+                "the envelope",
+            )
+    if scenario.controller.name == ppc.COMPONENT.name:
+        most = float(np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).max())
+        yield Condition(
+            "noise torque",
+            _NOISE_SIGMAS * float(law["K_omega"]) * most * sigmas.rate,
+            scenario.number(PLANT, "max_torque"),
+            "≤",
+            "N·m",
+            False,
+            f"{_NOISE_SIGMAS:g}σ of K_ω J z2: the actuator gives what noise makes the law ask for",
+        )
+
+
+def _sigmas(scenario: Scenario) -> Sigmas:
+    """σ of what the law sees of its errors, on the axis on which it is largest."""
+    plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    estimator: Mapping[str, Any] = scenario.parameters[ESTIMATOR]
+    law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+    rate = scenario.number(PLANT, "rate")
+    if ESTIMATORS.selected(estimator) is not None:
+        found = noise_floors(estimator, law, rate)
+        return Sigmas(max(found.attitude), max(found.rate))
+    if SENSORS.selected(plant) is direct.COMPONENT:
+        white = float(plant["rate_noise"]) / math.sqrt(rate)
+        return error_sigmas(law, rate, white, float(plant["attitude_noise"]) ** 2, 0.0)
+    return Sigmas(0.0, 0.0)
+
+
+def pulse_conditions(scenario: Scenario, required: Requirements) -> Iterator[Condition]:
+    """How long the actuator needs at best to take back what each scheduled pulse gives."""
+    torque = scenario.number(PLANT, "max_torque")
+    for hit in scheduled_pulses(scenario.parameters[INJECTOR]):
+        start, end = (int(hit[each]) / NANOSECONDS for each in ("start_ns", "end_ns"))
+        yield Condition(
+            f"pulse at {start:g} s",
+            float(np.abs(hit["torque"]).max()) * (end - start) / torque,
+            required.recovery,
+            "≤",
+            "s",
+            False,
+            "time in which the actuator alone takes back the pulse's momentum, against the "
+            "required recovery",
+        )

@@ -1,0 +1,161 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command `check`: what a wish needs at best, what is out of proportion, and 80 columns."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ppc_attitude.analysis.requirements import Accuracy, Requirements
+from ppc_attitude.command_line.main import main
+from ppc_attitude.command_line.proportions import (
+    dead_zone_conditions,
+    environment_torque,
+    noise_conditions,
+    pulse_conditions,
+    settling_conditions,
+)
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
+from ppc_attitude.science.certificate import Condition
+from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
+from ppc_attitude.science.kinds import ENVIRONMENTS
+from ppc_attitude.simulation.closed_loop import first_instant, simulate
+from ppc_attitude.simulation.scenario import Scenario, load
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+INERTIA = [0.18, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.12]
+CUBESAT: dict[str, dict[str, Any]] = {
+    PLANT: {"inertia": INERTIA, "max_torque": 0.002, "min_torque": 1e-6},
+    CONTROLLER: {"inertia": INERTIA, "max_torque": 0.002},
+    INJECTOR: {"environment": False},
+}
+THIRD = (0.5, 0.5, 0.5, 0.5)  # 120° about x = y = z
+TENTH = Requirements(settled=Accuracy(0.1, "deg"), settling_deadline=90.0, rate=5.0)
+
+
+def by_name(conditions: Any) -> dict[str, Condition]:
+    return {each.name: each for each in conditions}
+
+
+@pytest.fixture
+def cubesat() -> Scenario:
+    return load([], CUBESAT)
+
+
+def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scenario) -> None:
+    found = by_name(settling_conditions(cubesat, TENTH, THIRD))
+    # Up to 5°/s and down again with what 2 mN·m give on the slowest axis, 119.9° in all.
+    rate, acceleration = math.radians(5.0), 0.002 / (0.2 / math.sqrt(3.0))
+    needs = math.radians(119.9) / rate + rate / acceleration
+    assert found["time to turn"].value == pytest.approx(needs)
+    assert found["time to turn"].meaning == (
+        "an error of 0.1 deg from rest at 120° needs 29 s at best with this actuator and within "
+        "5 deg/s; you ask 90 s, which leaves 61 s"
+    )
+    assert found["time of the law"].holds
+    hasty = by_name(settling_conditions(cubesat, Requirements(Accuracy(0.1, "deg"), 60.0), THIRD))[
+        "time of the law"
+    ]
+    assert not hasty.holds
+    assert hasty.necessary
+    assert "you ask 60 s, which is 25.4 s too few" in hasty.meaning
+
+
+def test_no_run_settles_sooner_than_the_law_can_and_a_good_one_hardly_later() -> None:
+    case = load([CONFIG / "paper.yaml"])
+    record = simulate(case, 60.0)
+    error = tuple(record["attitude_error"][0])
+    least = by_name(settling_conditions(case, Requirements(), error))["time of the law"].value
+    settled = record.t[abs(record["attitude_error"][:, :3]).max(axis=1) >= 5e-3][-1]
+    assert 0.9 * settled < least <= settled
+
+
+def test_who_has_settled_is_asked_for_nothing(cubesat: Scenario) -> None:
+    assert not list(settling_conditions(cubesat, TENTH, (5e-4, 5e-4, 0.0, 1.0)))
+    assert list(settling_conditions(cubesat, TENTH, (8e-4, 8e-4, 0.0, 1.0)))
+
+
+@pytest.mark.parametrize(("environment", "low", "high"), [(False, 0.0, 0.0), (True, 0.999, 1.0)])
+def test_the_configured_environment_is_looked_at(
+    environment: bool, low: float, high: float
+) -> None:
+    case = load([], {INJECTOR: {"environment": environment}, PLANT: {"duration": 640.0}})
+    found = environment_torque(case, first_instant(case)[ENVIRONMENTS.name])
+    assert low * ENVIRONMENT_BOUND <= found <= high * ENVIRONMENT_BOUND
+
+
+def test_a_free_craft_is_not_measured_by_the_papers_environment(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    craft = tmp_path / "weak.yaml"
+    limits = "{ros__parameters: {max_torque: 0.002}}"
+    craft.write_text(f"/**/spacecraft_plant: {limits}\n/**/ppc_controller: {limits}\n")
+    calm = tmp_path / "calm.yaml"
+    calm.write_text("/**/disturbance_injector: {ros__parameters: {environment: false}}\n")
+    assert main(["check", "--config", str(craft), "--json"]) == 1
+    capsys.readouterr()
+    assert main(["check", "--config", str(craft), "--config", str(calm), "--json"]) == 0
+    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["conditions"]}
+    assert found["torque authority"]["limit"] == 0.0
+
+
+def warned(conditions: Any) -> set[str]:
+    found = list(conditions)
+    assert not any(each.necessary for each in found)
+    return {each.name for each in found if not each.holds}
+
+
+def test_a_dead_zone_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
+    assert not warned(dead_zone_conditions(cubesat))
+    coarse = cubesat.with_values(PLANT, min_torque=1e-4)  # the paper's, of an actuator 25 × weaker
+    assert warned(dead_zone_conditions(coarse)) == {"min_torque in ρ_ω"}
+    coarser = cubesat.with_values(PLANT, min_torque=1e-3)
+    assert warned(dead_zone_conditions(coarser)) == {"min_torque", "min_torque in ρ_ω"}
+
+
+def test_noise_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
+    assert not list(noise_conditions(cubesat))
+    noisy = cubesat.with_values(PLANT, rate_noise=1e-5)
+    assert warned(noise_conditions(noisy)) == {"rate_envelope.terminal"}
+    noisier = cubesat.with_values(PLANT, rate_noise=2e-3, attitude_noise=2e-3)
+    everything = {"attitude_envelope.terminal", "rate_envelope.terminal", "noise torque"}
+    assert warned(noise_conditions(noisier)) == everything
+
+
+def test_a_pulse_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
+    hit = cubesat.with_values(
+        INJECTOR,
+        pulse_times=[20.0, 40.0],
+        pulse_durations=[0.1, 0.1],
+        pulse_torques=[0.1, 0.0, 0.0, 0.0, -0.3, 0.0],
+    )
+    assert [each.value for each in pulse_conditions(hit, TENTH)] == pytest.approx([5.0, 15.0])
+    assert warned(pulse_conditions(hit, TENTH)) == {"pulse at 40 s"}
+
+
+@pytest.mark.parametrize(
+    "overlay", ["sudden_disturbance", "sensors_smallsat", "guaranteed", "traditional"]
+)
+def test_the_page_fits_a_terminal_and_holds_no_rounding_of_zero(
+    overlay: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [str(CONFIG / f"{name}.yaml") for name in ("paper", overlay)]
+    assert main(["check", "--config", files[0], "--config", files[1]]) == 0
+    page = capsys.readouterr().out
+    assert max(map(len, page.splitlines())) <= 80
+    assert "e-3" not in page.replace("1e-3", "")  # such as 4.94e-324
