@@ -191,8 +191,8 @@ def advice(state: Any) -> Advice:
     if not state["coarse"]:
         return Advice("", warning=False)
     return Advice(
-        f"gyro.resolution is {float(state['coarse']):.3g} times the noise of a sample: a dead band, "
-        "not the white noise that a filter takes rounding for",
+        f"gyro.resolution is {float(state['coarse']):.3g} times the noise of a sample: a dead "
+        "band, not the white noise that a filter takes rounding for",
         warning=True,
     )
 
