@@ -100,7 +100,7 @@ def _in_band(
     run: Measured, values: Array, middle: Array | float, sigmas: Array, name: str, unit: str
 ) -> Figure:
     """Draw values, shape (n, 3), an axis a panel, and 3σ on either side of their middle."""
-    figure, rows = panels(3, share_x=True, row_height=1.3)
+    figure, rows = panels(3, share_x=True, row_height=1.6)
     low, high = middle - BAND * sigmas, middle + BAND * sigmas
     for k, axis in enumerate(AXES):
         axes = rows[k][0]
@@ -112,7 +112,7 @@ def _in_band(
         reach = np.array([np.nanmin(low[late, k]), np.nanmax(high[late, k])])
         if np.isfinite(reach).all() and reach[1] > reach[0]:
             axes.set_ylim(*(reach + 0.3 * np.ptp(reach) * np.array([-1.0, 1.0])))
-        axes.set_ylabel(f"{name}, {axis} [{unit}]")
+        axes.set_ylabel(f"{name},\n{axis} [{unit}]")
         time_axis(axes, run.t)
         mark_hits(axes, [hit.start_s for hit in run.hits])
         legend(axes)
