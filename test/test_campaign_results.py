@@ -27,6 +27,7 @@ import pytest
 import yaml
 from campaign_helpers import RUNS, VARIES, finish, rows_of, small
 from conftest import StartProcess
+from process_helpers import PATIENCE
 from scipy import stats
 from synthetic import normal_run
 
@@ -229,7 +230,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_much(
         seen = process.stderr.read(200)
         assert seen, "ended by itself"
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does it: to all of them
-    _, errors = process.communicate(timeout=120)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 3
     assert "Traceback" not in errors
     done = len(rows_of(out))

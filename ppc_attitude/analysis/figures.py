@@ -16,7 +16,7 @@
 """The figures of one run, each the counterpart of one in the paper."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -48,6 +48,7 @@ from ppc_attitude.analysis.filter_figures import (
     innovation_figure,
     knowledge_figure,
 )
+from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured, known
 from ppc_attitude.analysis.metrics import torque_limit
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
@@ -235,10 +236,7 @@ def column_figure(run: Measured, column: str) -> Figure:
     return figure
 
 
-_Drawing = tuple[str, str, Callable[[Measured], Figure]]
-
-
-def _drawings(record: RunRecord) -> Iterator[_Drawing]:
+def _drawings(record: RunRecord) -> Iterator[Drawing]:
     """Name of a figure's file, caption, and who draws it."""
     yield "pointing_error", "Attitude error as an angle", pointing_figure
     yield "attitude_error", "Attitude error", attitude_figure
@@ -252,6 +250,7 @@ def _drawings(record: RunRecord) -> Iterator[_Drawing]:
     yield "knowledge_error", "Knowledge error in the filter's own 3σ", knowledge_figure
     yield "innovation", "Innovation of each fix by its σ, and its square (NIS)", innovation_figure
     yield "gyro_bias", "Estimated bias of the gyro, with 3σ", bias_figure
+    yield from guidance_drawings(record)
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
     drawn |= {"innovation", "gyro_bias", "gyro_bias_sigma"}
     drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}

@@ -17,7 +17,6 @@
 
 import os
 import signal
-import subprocess
 import tempfile
 import threading
 import time
@@ -36,7 +35,7 @@ from ppc_attitude.processes.child import Child
 from ppc_attitude.processes.telling import AT, BROKEN, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
 
-_PATIENCE = 20.0  # [s] how long a process may take to end after it was asked to
+_PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
 _STALLED_AFTER = 30.0  # [s] without a step after which a run in lock-step is given up
 _GLANCE = 0.02  # [s] between two looks at the processes
 # The recorder goes last, when all others have sent their last message.
@@ -228,9 +227,7 @@ class Stack:
                     if node.process.poll() is None:
                         node.process.send_signal(signal.SIGINT)
                 for name, node in nodes.items():
-                    try:
-                        node.process.wait(_PATIENCE)
-                    except subprocess.TimeoutExpired:
+                    if not node.ends(_PATIENCE):
                         hanging.append(name)
                         node.kill()
         finally:

@@ -54,7 +54,6 @@ from ppc_attitude.command_line.shipped import shipped_config
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.simulation.closed_loop import warm_up
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -111,8 +110,6 @@ def execute(arguments: argparse.Namespace) -> int:
     )
     if alone:
         return _execute_one(arguments, campaign)
-    with nothing_begun():
-        warm_up(campaign.scenario)
     start = time.monotonic()
     with _progress() as show, stop_on_signals() as stop:
         try:
@@ -124,6 +121,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 scheduler=arguments.scheduler,
                 progress=show,
                 stop=stop,
+                beginning=nothing_begun,
             )
         except CampaignError as error:
             raise RunError(str(error)) from None
