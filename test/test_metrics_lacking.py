@@ -99,7 +99,7 @@ def test_what_the_record_lacks_is_named_and_the_rest_is_judged(column):
         verdict = analyse(lacking)
         open_rows = [each for each in verdict.requirements if each.met is None]
         assert [each.name for each in open_rows] == LACKING[column]
-        assert {each.reason for each in open_rows} == {f"the record has no sample of '{column}'"}
+        assert {each.reason for each in open_rows} == {f"no topic {column} in the bag"}
         json.dumps(verdict.to_json(), allow_nan=False)
     assert verdict.all_met
 

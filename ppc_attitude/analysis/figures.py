@@ -19,6 +19,7 @@ import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -43,6 +44,11 @@ from ppc_attitude.analysis.drawing import (
     time_axis,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.filter_figures import (
+    bias_figure,
+    innovation_figure,
+    knowledge_figure,
+)
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured, known
 from ppc_attitude.analysis.metrics import torque_limit
@@ -52,10 +58,16 @@ from ppc_attitude.analysis.truth import (
     EXACT,
     knowledge_errors,
     reference_rates_in_body,
+    truth_of,
 )
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, DISTURBANCE, STANDARD
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    DISTURBANCE,
+    REFERENCE_ATTITUDE,
+    STANDARD,
+)
 from ppc_attitude.science.component import QUATERNION, VECTOR, WRENCH
 
 AXES = ("x", "y", "z")
@@ -242,9 +254,15 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     yield "angular_velocity", "Angular velocity, desired and limit", angular_velocity_figure
     yield "disturbance", "External torque", disturbance_figure
     yield "transformed_errors", "Errors over envelopes", transformed_errors_figure
+    yield "knowledge_error", "Knowledge error in the filter's own 3σ", knowledge_figure
+    yield "innovation", "Innovation of each fix by its σ, and its square (NIS)", innovation_figure
+    yield "gyro_bias", "Estimated bias of the gyro, with 3σ", bias_figure
     yield from guidance_drawings(record)
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
+    drawn |= {"innovation", "gyro_bias", "gyro_bias_sigma"}
     drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}
+    if not has(record, REFERENCE_ATTITUDE.column):
+        drawn.remove(truth_of(record).attitude)  # where there is no error to draw
     for column, topic in BY_COLUMN.items():
         if column not in drawn and topic.form in (QUATERNION, VECTOR, WRENCH):
             caption = topic.meaning[:1].upper() + topic.meaning[1:]
@@ -370,8 +388,11 @@ def draw_envelope(
     count = len(colours)
     for k, colour in enumerate(colours):
         dashes = (0.0, (1.0, 1.5)) if count == 1 else (3.0 * k, (3.0, 3.0 * (count - 1)))
-        for sign in (1.0, -1.0) if mirrored else (1.0,):
-            draw(axes, t, sign * envelope[:, k], colour=colour, width=ENVELOPE_WIDTH, style=dashes)
+        name = f"_{ENVELOPE_LABEL} {AXES[k]}" if count > 1 else f"_{ENVELOPE_LABEL}"
+        told: dict[str, Any] = {"colour": colour, "width": ENVELOPE_WIDTH, "style": dashes}
+        draw(axes, t, envelope[:, k], label=name, **told)
+        if mirrored:
+            draw(axes, t, -envelope[:, k], **told)
     if ENVELOPE_LABEL not in axes.get_legend_handles_labels()[1]:
         style = (0.0, (1.0, 1.5)) if count == 1 else "--"
         axes.plot([], [], color=BLACK, linewidth=0.8, linestyle=style, label=ENVELOPE_LABEL)

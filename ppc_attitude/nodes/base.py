@@ -29,6 +29,8 @@ from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
     CHANGES_TOPIC,
     DIAGNOSTICS_TOPIC,
+    ESTIMATOR,
+    NODES,
     PARAMETER_EVENTS_TOPIC,
     RECORDER,
     Topic,
@@ -216,6 +218,14 @@ class BaseNode(Node):
         if self.health.may_log(f"{kind} (accepted)", self.now()):
             self.get_logger().info(text)
 
+    def say(self, text: str, warning: bool) -> None:
+        """Log what the node itself has to say."""
+        # Two lines of source: rclpy ties a severity to each.
+        if warning:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
+
     def report(self, stamp_ns: int, at_once: bool = False) -> None:
         """Publish diagnostics once per simulated second, or at once."""
         if self.health.step(stamp_ns, self.now()) or at_once:
@@ -256,12 +266,18 @@ class BaseNode(Node):
         said = Status(level, summary, details)
         self._diagnostics.publish(diagnostics(self.health.time_ns, name, "status", said))
 
-    def flush(self, patience: float = _ACKNOWLEDGE) -> bool:
-        """Wait until every peer has what this node has sent; False after `patience` [s]."""
-        end = self.now() + patience
-        waited = [
-            publisher.wait_for_all_acked(Duration(seconds=max(end - self.now(), 0.0)))
-            for publisher in self._outgoing
-            if publisher.get_subscription_count()
-        ]
-        return all(waited)
+    def flush(self) -> None:
+        """Wait until every peer has what this node has sent; name those that do not take it."""
+        end = self.now() + _ACKNOWLEDGE
+        for publisher in self._outgoing:
+            left = Duration(seconds=max(end - self.now(), 0.0))
+            if publisher.get_subscription_count() and not publisher.wait_for_all_acked(left):
+                readers = self.get_subscriptions_info_by_topic(publisher.topic_name)
+                names = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in readers}
+                ours = {
+                    f"{self.get_namespace().rstrip('/')}/{name}" for name in (ESTIMATOR, *NODES)
+                }
+                slow = ", ".join(sorted(names - ours or names))
+                text = f"{slow} did not take all of {publisher.topic_name}"
+                self.get_logger().warning(f"{text} within {_ACKNOWLEDGE:g} s: not waited for")
+                return
