@@ -223,7 +223,8 @@ def test_where_nothing_can_be_written_is_told_before_the_work(
 def test_without_ros_one_line_says_what_is_missing_and_what_to_do(
     line: str, mistakes: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delitem(sys.modules, "ppc_attitude.nodes.inject", raising=False)
+    for name in ("inject", "visiting"):  # what was imported before would not miss it
+        monkeypatch.delitem(sys.modules, f"ppc_attitude.nodes.{name}", raising=False)
     monkeypatch.setitem(sys.modules, "rclpy", None)
     before = sorted(mistakes.rglob("*"))
     assert main(line.split()) == BAD_INPUT
