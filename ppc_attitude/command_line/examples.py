@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Examples of every command, for its ``--help``; a test parses each of them."""
+"""Every command in the order of the help, with the examples of its own; a test parses each."""
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "run": (
@@ -23,12 +23,15 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "simulate": (
         "ppc_attitude simulate --config config/paper.yaml --json",
         "ppc_attitude simulate --controller quaternion_feedback --report simulated.html",
+        "ppc_attitude simulate --duration 30 --bag bags/simulated --export simulated.csv",
     ),
     "analyse": (
         "ppc_attitude analyse bags/here",
         "ppc_attitude analyse bags/here --figures figures --report here.html",
         "ppc_attitude analyse bags/here --requirements config/requirements.yaml",
         "ppc_attitude analyse bags/comparison --namespace /proposed --json",
+        "ppc_attitude analyse bags/rig --topic attitude=/imu/data --topic "
+        "angular_velocity=/imu/data",
     ),
     "compare": (
         "ppc_attitude compare bags/proposed bags/traditional --figures figures",
@@ -67,13 +70,13 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "ROS_DOMAIN_ID=42 ppc_attitude goto --quaternion 0 0 0 1 --frame nadir --at 60",
         "ROS_DOMAIN_ID=42 ppc_attitude goto --vectors 0 0 1 1 0 0 1 0 0 0 0 1",
     ),
-    "latency": (
-        "ppc_attitude latency --config config/paper.yaml --rate 250 --duration 20",
-        "ppc_attitude latency --live --duration 10",
-    ),
     "watch": (
         "ROS_DOMAIN_ID=42 ppc_attitude watch",
         "ROS_DOMAIN_ID=42 ppc_attitude watch --once --namespace /proposed",
+    ),
+    "latency": (
+        "ppc_attitude latency --config config/paper.yaml --rate 250 --duration 20",
+        "ppc_attitude latency --live --duration 10",
     ),
     "recover": ("ppc_attitude recover bags/cut",),
     "export": (
