@@ -28,12 +28,10 @@ from ppc_attitude.science.attitude import kinematics, moved, normalised, product
 from ppc_attitude.science.component import (
     BODY,
     INERTIAL,
-    NOTHING,
     QUATERNION,
     VECTOR,
     Column,
     Component,
-    no_configuration,
 )
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
@@ -159,10 +157,6 @@ def step_sensors(inputs: Any, state: Any, configuration: Any, outputs: Any) -> N
 
 SENSORS = Component(
     name="rounding",
-    parameters=(),
-    configure=no_configuration,
-    configuration=NOTHING,
-    state=NOTHING,
     inputs=TRUTH,
     outputs=(ROUNDED_ATTITUDE, ROUNDED_RATE),
     step=step_sensors,
@@ -189,9 +183,6 @@ def step_estimator(inputs: Any, state: Any, configuration: Any, outputs: Any) ->
 
 ESTIMATOR = Component(
     name="two_rates",
-    parameters=(),
-    configure=no_configuration,
-    configuration=NOTHING,
     state=ESTIMATOR_STATE,
     inputs=(ROUNDED_ATTITUDE, ROUNDED_RATE),
     outputs=(*TOLD, RATE_CHANGE),
@@ -229,8 +220,6 @@ REFERENCE = Component(
     parameters=(TURN, START),
     configure=configure_reference,
     configuration=REFERENCE_CONFIGURATION,
-    state=NOTHING,
-    inputs=(),
     outputs=DESIRED_MOTION,
     step=step_reference,
 )
@@ -265,7 +254,6 @@ LAW = Component(
     parameters=(INERTIA, MAX_TORQUE),
     configure=configure_law,
     configuration=LAW_CONFIGURATION,
-    state=NOTHING,
     inputs=INPUTS,
     outputs=(*OUTPUTS, USE),
     step=step_law,
