@@ -91,7 +91,7 @@ class GuidanceDesk:
             return
         self._orders = orders
         self.configure()
-        if self._book.given:
+        if self._book.in_flight:
             self._node.tell_changes(stamp_ns, schedule_of(orders))
 
     def configure(self) -> None:

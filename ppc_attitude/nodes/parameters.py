@@ -64,12 +64,12 @@ class NodeParameters:
         self._check = check
         self._table = {parameter.name: parameter for parameter in PARAMETERS[executable]}
         # rcl gives an empty list, such as `ros2 param dump` writes, without type and value.
-        given = {
+        chosen = {
             name: [] if override.type_ == RosParameter.Type.NOT_SET else _plain(override.value)
             for name, override in node._parameter_overrides.items()
             if name not in _OF_ROS and not name.startswith("qos_overrides.")
         }
-        self.values = resolved(self._table.values(), given, executable)
+        self.values = resolved(self._table.values(), chosen, executable)
         check(self.values)
         for parameter in self._table.values():
             _declare(node, parameter, self.values[parameter.name])

@@ -51,10 +51,10 @@ class ReferenceGenerator(ComponentNode):
         """Desired motion of an instant, with the goals that have come."""
         if self._desk:
             self._desk.before(stamp_ns)
-        given = super().compute(stamp_ns, inputs)
+        outputs = super().compute(stamp_ns, inputs)
         if self._desk:
             self._desk.after(stamp_ns)
-        return given
+        return outputs
 
 
 def main() -> int:

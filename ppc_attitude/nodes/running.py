@@ -63,12 +63,12 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
         Exit code: 0 done, 2 bad configuration, 3 the node broke.
     """
     stop = StopRequest()
-    given = list(arguments or sys.argv)
+    command_line = list(arguments or sys.argv)
     try:
         tune_transport()
-        if strange := rclpy.utilities.remove_ros_args(given)[1:]:
+        if strange := rclpy.utilities.remove_ros_args(command_line)[1:]:
             raise ConfigurationError(f"argument {strange[0]}: what is for ROS follows --ros-args")
-        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=command_line, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
         return _refused(error)
     node = None

@@ -86,7 +86,7 @@ STATE = np.dtype(
         ("active", np.int64),  # which of the plans is followed
         ("plans", PLAN, (2,)),
         ("look", LOOK),
-        ("taken", np.int64),  # orders so far
+        ("obeyed", np.int64),  # orders so far
         ("outcome", np.int64),  # of the last one
         ("inside", np.int64),  # bits of the cones that it began in
         ("cone", np.int64),  # that the last goal was refused for; −1: none
@@ -330,7 +330,7 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
 
 
 @kernel
-def taken(outcome: int, state: Any) -> int:
+def adopt_plan(outcome: int, state: Any) -> int:
     """Follow the new plan if it was found, and remember the outcome."""
     state.outcome = outcome
     if outcome == ACCEPTED:
@@ -341,7 +341,7 @@ def taken(outcome: int, state: Any) -> int:
 @kernel
 def pursue(t: float, frame: int, attitude: Quaternion, guidance: Any, state: Any) -> int:
     """Take a goal at t [s] and follow it, or go on as before; see `plan_to`."""
-    return taken(plan_to(t, frame, attitude, guidance, state), state)
+    return adopt_plan(plan_to(t, frame, attitude, guidance, state), state)
 
 
 @kernel
@@ -353,7 +353,7 @@ def hold(t: float, guidance: Any, state: Any) -> int:
     state.cone = -1
     state.inside = 0
     if not _brake_to_stand(t, trial, motion, guidance, state):
-        return taken(NO_SLEW, state)
+        return adopt_plan(NO_SLEW, state)
     stand = _standing_attitude(trial, motion)
     store_quaternion(trial.attitude, stand)
-    return taken(ACCEPTED, state)
+    return adopt_plan(ACCEPTED, state)

@@ -28,9 +28,9 @@ from ppc_attitude.science.guidance.goals import (
     NO_SLEW,
     TOO_FAST,
     TOO_LATE,
+    adopt_plan,
     first_crossing,
     plan_to,
-    taken,
 )
 from ppc_attitude.science.guidance.plan import MOST_LEGS, append_polynomial, leg_motion
 from ppc_attitude.science.guidance.rotation import axis_and_angle, rotation_vector_rates
@@ -93,22 +93,22 @@ def points(
         raise ValueError(f"a trajectory of {count} points; allowed: 2 to {MOST_POINTS}")
     record = np.zeros((), POINTS)[()]
     record["count"] = count
-    given = np.asarray(attitudes, dtype=np.float64)
-    lengths = np.linalg.norm(given, axis=1)
+    quaternions = np.asarray(attitudes, dtype=np.float64)
+    lengths = np.linalg.norm(quaternions, axis=1)
     wrong = np.flatnonzero(~(np.abs(lengths - 1.0) <= 1e-3))
     if len(wrong):
         raise ValueError(
-            f"point {wrong[0]} has attitude {given[wrong[0]].tolist()} of norm "
+            f"point {wrong[0]} has attitude {quaternions[wrong[0]].tolist()} of norm "
             f"{lengths[wrong[0]]:.6g}; allowed: 1 within 0.001"
         )
-    given /= lengths[:, None]
+    quaternions /= lengths[:, None]
     if not (np.diff(times) > 0.0).all():
         raise ValueError(f"times of the points are {list(times)}; allowed: finite and increasing")
     record["time"][:count] = times
-    record["attitude"][:count] = given
+    record["attitude"][:count] = quaternions
     means = [
         np.multiply(*axis_and_angle(product(conjugate(_tuple(a)), _tuple(b)))) / length
-        for a, b, length in zip(given[:-1], given[1:], np.diff(times), strict=True)
+        for a, b, length in zip(quaternions[:-1], quaternions[1:], np.diff(times), strict=True)
     ]
     for i, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True)):
         within = 0 < i < count - 1
@@ -219,4 +219,4 @@ def follow(t: float, points: Any, guidance: Any, state: Any) -> int:
         As of `pursue`; also `TOO_LATE` if the first point comes before the slew to it has ended,
         and `TOO_FAST` if a segment breaks V or A.
     """
-    return taken(_plan_through(t, points, guidance, state), state)
+    return adopt_plan(_plan_through(t, points, guidance, state), state)

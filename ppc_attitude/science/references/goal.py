@@ -200,9 +200,9 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
         store(outputs.reference_angular_acceleration, (0.0, 0.0, 0.0))
         return
     orders = array_at(guidance.address, guidance.orders, ORDER)
-    while state.taken < guidance.orders and orders[state.taken].stamp_ns <= inputs.stamp_ns:
-        state.taken += 1
-        obey(orders[state.taken - 1], guidance, state)
+    while state.obeyed < guidance.orders and orders[state.obeyed].stamp_ns <= inputs.stamp_ns:
+        state.obeyed += 1
+        obey(orders[state.obeyed - 1], guidance, state)
     q_d, omega_d, acceleration_d = motion_now(inputs.t, guidance, state)
     last = quaternion(state.attitude)
     if q_d[0] * last[0] + q_d[1] * last[1] + q_d[2] * last[2] + q_d[3] * last[3] < 0.0:
@@ -215,17 +215,17 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
 
 def advice(state: Any) -> Advice:
     """What came of the last order."""
-    if state["taken"] == 0:
+    if state["obeyed"] == 0:
         return Advice("at rest at the first attitude; no goal yet", warning=False)
     outcome = int(state["outcome"])
     if outcome != ACCEPTED:
         reason = _REASONS[outcome].format(cone=int(state["cone"]))
-        return Advice(f"order {int(state['taken'])} is refused: {reason}", warning=True)
+        return Advice(f"order {int(state['obeyed'])} is refused: {reason}", warning=True)
     plan = state["plans"][state["active"]]
     legs = plan["legs"][: plan["count"]]
     turned = math.degrees(sum(float(leg["profile"][0]) for leg in legs if leg["axis"].any()))
     text = (
-        f"order {int(state['taken'])} is followed: {FRAME_NAMES[plan['frame']]} frame, turns by "
+        f"order {int(state['obeyed'])} is followed: {FRAME_NAMES[plan['frame']]} frame, turns by "
         f"{turned:.2f}° in {len(legs)} legs, there at t = {float(plan['end']):.3f} s"
     )
     inside = [i for i in range(MOST_CONES) if int(state["inside"]) >> i & 1]
@@ -238,7 +238,7 @@ def facts(state: Any) -> dict[str, Any]:
     """Numbers of the last order, for who reads them by machine."""
     plan = state["plans"][state["active"]]
     return {
-        "order": int(state["taken"]),
+        "order": int(state["obeyed"]),
         "outcome": int(state["outcome"]),
         "frame": FRAME_NAMES[plan["frame"]],
         "attitude": " ".join(repr(float(x)) for x in plan["attitude"]),
@@ -248,8 +248,8 @@ def facts(state: Any) -> dict[str, Any]:
 
 
 def advices(state: Any) -> int:
-    """Return how many orders were taken."""
-    return int(state["taken"])
+    """Return how many orders were obeyed."""
+    return int(state["obeyed"])
 
 
 COMPONENT = Component(
