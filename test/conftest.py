@@ -180,7 +180,7 @@ def _record(folder: Path) -> None:
             },
             capture_output=True,
             text=True,
-            timeout=120.0,
+            timeout=4.0 * _PATIENCE,
             check=False,
         )
     assert f"bag: {folder / 'bag'}" in done.stdout, done.stderr

@@ -39,12 +39,22 @@ LOCKSTEP = ("lockstep:=true", "real_time_factor:=1.0")
 _TIME = re.compile(r"\| (\d+\.\d)/")
 
 
-def until(condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+def doze() -> None:
+    """Let others have the processor for a moment."""
+    time.sleep(0.01)
+
+
+def until(
+    condition: Callable[[], Any],
+    what: str,
+    patience: float = PATIENCE,
+    meanwhile: Callable[[], object] = doze,
+) -> Any:
     """Wait until a condition holds, and return what it gave; a failure names what did not come."""
     end = time.monotonic() + patience
     while not (result := condition()):
         assert time.monotonic() < end, f"waited in vain for {what}"
-        time.sleep(0.01)
+        meanwhile()
     return result
 
 

@@ -30,7 +30,7 @@ import pyarrow.parquet as pq
 import pytest
 from campaign_helpers import RUNS, VARIES, files_of, finish, rows_of, small
 from conftest import StartProcess
-from process_helpers import workers_of
+from process_helpers import PATIENCE, workers_of
 
 from ppc_attitude.analysis.metrics import analyse, names_of
 from ppc_attitude.analysis.requirements import PAPER, Requirements
@@ -38,7 +38,7 @@ from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.draw import VARYING, draw, scenario_of
+from ppc_attitude.campaign.draw import draw, scenario_of, varying
 from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN
@@ -79,7 +79,8 @@ def test_a_run_is_that_of_its_scenario() -> None:
     assert all(row[f"note_{key}"] is None for key in names_of(PAPER) if key not in applied)
     assert row["max_rate_deg_s"] == verdict.metrics.max_rate_deg_s
     assert row["all_met"] == verdict.all_met
-    assert {name: row[name] for name in VARYING} == {name: draw(of, 7)[name] for name in VARYING}
+    names = varying(of.variables)
+    assert {name: row[name] for name in names} == {name: draw(of, 7)[name] for name in names}
     record, again = rerun(of, 7)
     assert again.requirements == verdict.requirements
     assert record.source == "campaign run 7"
@@ -88,8 +89,9 @@ def test_a_run_is_that_of_its_scenario() -> None:
 def test_every_requirement_has_its_columns() -> None:
     own = Requirements(limits={"applied_torque": 0.01})
     for required in (PAPER, own):
-        columns = columns_of(required)
-        assert set(run_one(replace(small(), required=required), 0).row) == set(columns)
+        of = replace(small(), required=required)
+        columns = columns_of(of)
+        assert set(run_one(of, 0).row) == set(columns)
         assert {f"met_{key}" for key in names_of(required)} <= set(columns)
     row = run_one(replace(small(), required=own), 0).row
     assert (row["met_limit_applied_torque"], row["all_met"]) == (False, False)
@@ -135,7 +137,7 @@ def test_files_do_not_depend_on_the_number_of_workers(finished: Finished, tmp_pa
 
 def test_files_hold_every_run_in_order(finished: Finished) -> None:
     table = pq.read_table(finished.folder / "runs.parquet")
-    assert table.column_names == list(columns_of(PAPER))
+    assert table.column_names == list(columns_of(small()))
     assert table["index"].to_pylist() == list(range(RUNS))
     assert rows_of(finished.folder)[11] == run_one(small(), 11).row
     kept = json.loads(table.schema.metadata[b"ppc_attitude"])
@@ -301,7 +303,7 @@ def test_memory_does_not_grow_with_the_runs(tmp_path: Path, start_process: Start
     script.write_text(_GROWTH, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = start_process([sys.executable, str(script), str(tmp_path)], env=environment)
-    output, errors = process.communicate(timeout=120)
+    output, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, errors
     few, many = map(int, output.split())  # [KiB]
     assert many - few < 8 * 1024  # the rows alone of 4500 runs are more than 20 MiB

@@ -16,6 +16,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -26,6 +27,7 @@ import pytest
 from campaign_helpers import files_of, rows_of, small
 from conftest import StartProcess
 from distributed import Client
+from process_helpers import COMMAND, PAPER, PATIENCE, Process
 
 from ppc_attitude.campaign import pools
 from ppc_attitude.campaign.campaign import run_campaign
@@ -51,7 +53,7 @@ class Cluster:
             for _ in range(WORKERS)
         ]
         self.client = Client(self.address, set_as_default=False)
-        self.client.wait_for_workers(WORKERS, timeout=120)
+        self.client.wait_for_workers(WORKERS, timeout=PATIENCE)
 
     def _run(self, *arguments: str, stderr: int = subprocess.DEVNULL) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", f"distributed.cli.dask_{arguments[0]}", *arguments[1:]]
@@ -159,3 +161,19 @@ def test_an_address_without_scheduler_is_refused(
     with pytest.raises(ConfigurationError, match=r"scheduler = tcp://127\.0\.0\.1:1: no Dask"):
         run_campaign(small(), 1, tmp_path / "c", scheduler="tcp://127.0.0.1:1")
     assert not (tmp_path / "c").exists()
+
+
+def test_who_waits_for_a_scheduler_ends_when_told_to(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    """One that takes the connection and says nothing, as a paused one does."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        command = [*COMMAND, "campaign", "--config", str(PAPER), "--scheduler", address]
+        campaign = Process(start_process, tmp_path, "campaign", command, cwd=tmp_path)
+        asking, _ = silent.accept()
+        with asking:
+            campaign.send(signal.SIGTERM)
+            assert campaign.ends(pools._PATIENCE / 2) == 3
+    assert campaign.err.endswith("interrupted\n")
+    assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == []

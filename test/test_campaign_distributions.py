@@ -25,12 +25,22 @@ from scipy import linalg, stats
 from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
 from ppc_attitude.campaign.distributions import Fixed, Range, number, on_sphere
 from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_of, stream
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
+from ppc_attitude.campaign.rows import rerun, run_one
+from ppc_attitude.contract.declared import components_of
+from ppc_attitude.contract.topics import (
+    CONTROLLER,
+    ESTIMATOR,
+    INJECTOR,
+    PLANT,
+    REFERENCE,
+    SOURCES,
+)
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
-from ppc_attitude.simulation.scenario import Scenario, scenario
+from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
+ROOT = Path(__file__).parent.parent
 ANY = Range(-math.inf, math.inf)
 DRAWS = 3000
 # A right distribution fails one test in 10⁴; the seed is fixed, so it is right or wrong for good.
@@ -197,6 +207,81 @@ def test_the_scenario_holds_what_was_drawn_and_the_controller_does_not_know() ->
     assert injector["pulse_times"] == [8.0, drawn["pulse_time"]]
     assert injector["pulse_torques"][3:] == [drawn[f"pulse_torque_{a}"] for a in "xyz"]
     assert made.parameters[CONTROLLER] == given.parameters[CONTROLLER]
+
+
+CRAFT = load(
+    [ROOT / "config/sensors_smallsat.yaml"],
+    {
+        PLANT: {"duration": 1.0, "rate": 50.0},
+        REFERENCE: {"mode": "goal", "goals.times": [0.0], "goals.attitudes": [0.0, 0.0, 0.0, 1.0]},
+    },
+)
+UNIFORM = {"distribution": "uniform", "low": 0.01, "high": 0.02}
+
+
+def test_every_number_of_what_runs_can_be_a_variable() -> None:
+    given: dict[str, Any] = {}
+    for node in SOURCES:
+        for component in components_of(node, CRAFT.parameters[node]):
+            for each in component.parameters:
+                value: Any = CRAFT.parameters[node][each.name]
+                if each.is_real and isinstance(value, list):
+                    given |= {f"{node}.{each.name}[{k}]": x for k, x in enumerate(value)}
+                elif each.is_real:
+                    given[f"{node}.{each.name}"] = value
+    assert {f"{PLANT}.gyro.initial_bias[2]", f"{REFERENCE}.goals.attitudes[3]"} <= set(given)
+    assert f"{ESTIMATOR}.star_tracker.cross_noise" in given
+    of, none = campaign({"parameters": given}, CRAFT, 3), campaign({}, CRAFT, 3)
+    assert scenario_of(of, 1) == scenario_of(none, 1)
+
+
+def test_sensor_numbers_and_a_goal_that_vary_are_in_run_and_row() -> None:
+    bias, goal = f"{PLANT}.gyro.initial_bias[1]", f"{REFERENCE}.goals.attitudes[0]"
+    of = campaign({"parameters": {bias: UNIFORM, goal: UNIFORM}}, CRAFT, 3)
+    row = run_one(of, 1).row
+    assert row["error"] is None
+    assert len({row[bias], row[goal], run_one(of, 2).row[bias]}) == 3
+    record, _ = rerun(of, 1)
+    still, _ = rerun(campaign({}, CRAFT, 3), 1)
+    assert record.parameters[REFERENCE]["goals.attitudes"] == [row[goal], 0.0, 0.0, 1.0]
+    change = (record["gyro"] - still["gyro"])[0, :3]
+    np.testing.assert_allclose(change, [0.0, row[bias], 0.0], atol=2e-5)  # its resolution
+
+
+def test_a_reference_that_varies_is_no_part_of_what_runs_have_in_common() -> None:
+    given = {"parameters": {f"{REFERENCE}.amplitude[0]": UNIFORM}}
+    of = campaign(given, base(duration=2.0), 3)
+    record, verdict = rerun(of, 1)
+    assert run_one(of, 1).row["max_rate_deg_s"] == verdict.metrics.max_rate_deg_s
+    other, _ = rerun(of, 2)
+    assert (record["reference_attitude"] != other["reference_attitude"]).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("plant.inertia[0]", 1.0, "parameters has plant.inertia.0.; allowed: NODE.NAME, of space"),
+        (f"{PLANT}.rate", 1.0, "no real number of a component that runs"),
+        (f"{PLANT}.seed", 1.0, "no real number of a component that runs"),
+        (f"{PLANT}.rate_noise", 1.0, "no real number of a component that runs"),
+        (f"{PLANT}.gyro.inital_bias[0]", 0.0, r"did you mean spacecraft_plant.gyro.initial_bias"),
+        (f"{PLANT}.gyro.initial_bias", 0.0, r"initial_bias\[INDEX\], for it has 3 numbers"),
+        (f"{PLANT}.gyro.initial_bias[3]", 0.0, r"for it has 3 numbers, from index 0"),
+        (f"{PLANT}.max_torque[0]", 1.0, "max_torque is a single number"),
+        (f"{PLANT}.max_torque", 0.0, "max_torque can become 0; allowed: > 0"),
+        (f"{PLANT}.inertia[0]", "wide", r"inertia\[0\] = 'wide'; allowed: a finite number"),
+        (3, 1.0, "parameters has 3; allowed"),
+    ],
+)
+def test_a_number_that_cannot_vary_is_refused_by_name(name: Any, given: Any, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        campaign({"parameters": {name: given}}, CRAFT, 0)
+
+
+def test_one_number_varies_once() -> None:
+    given = {"rate_noise": 1e-6, "parameters": {f"{PLANT}.rate_noise": 1e-6}}
+    with pytest.raises(ConfigurationError, match="what rate_noise varies is varied twice"):
+        campaign(given, base(), 0)
 
 
 def test_without_variables_the_run_is_the_scenario_but_for_the_seed_of_its_noise() -> None:

@@ -23,6 +23,7 @@ import pytest
 import yaml
 from campaign_helpers import VARIES, small
 from conftest import StartProcess
+from process_helpers import PATIENCE
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.campaign.rows import rerun
@@ -42,7 +43,7 @@ def test_a_run_through_the_nodes_is_the_run_in_process(
     command += ["--config", str(config), "--campaign", str(varies), "--duration", "3"]
     command += ["--seed", "1", "--only", str(RUN), "--record", "--bag", str(bag), "--json"]
     process = start_process(command)
-    out, err = process.communicate(timeout=120.0)
+    out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, err  # three seconds are too short to settle: that fails nothing
     expected, verdict = rerun(small(3.0, seed=1, rate=50.0), RUN)
     told = json.loads(out)

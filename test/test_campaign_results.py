@@ -27,6 +27,7 @@ import pytest
 import yaml
 from campaign_helpers import RUNS, VARIES, finish, rows_of, small
 from conftest import StartProcess
+from process_helpers import PATIENCE
 from scipy import stats
 from synthetic import normal_run
 
@@ -35,6 +36,7 @@ from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished
+from ppc_attitude.campaign.draw import DRAWN
 from ppc_attitude.campaign.figures import bands_figure, failing_figure, telling_variables
 from ppc_attitude.campaign.quantile_bands import (
     EDGES,
@@ -147,9 +149,9 @@ def test_variables_that_decide_come_first() -> None:
         run["actuator_strength"] = 1.0  # does not vary
     good = [run for run in runs if run["rate_noise"] < 0.6]
     bad = [run for run in runs if run["rate_noise"] >= 0.6]
-    assert telling_variables(good, bad) == ["rate_noise", "inertia_error"]
-    assert telling_variables([], bad) != []
-    assert failing_figure([], []) is None
+    assert telling_variables(good, bad, DRAWN) == ["rate_noise", "inertia_error"]
+    assert telling_variables([], bad, DRAWN) != []
+    assert failing_figure([], [], DRAWN) is None
 
 
 def test_figures_show_what_they_are_given(finished: Finished) -> None:
@@ -160,7 +162,7 @@ def test_figures_show_what_they_are_given(finished: Finished) -> None:
     )
     assert len(bottom.collections) == 3
     summary = finished.summary
-    figure = failing_figure(summary.passing, summary.failing)
+    figure = failing_figure(summary.passing, summary.failing, DRAWN)
     assert figure is not None
     for axes in figure.axes:
         points = sum(len(each.get_offsets()) for each in axes.collections)
@@ -237,7 +239,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_much(
         seen = process.stderr.read(200)
         assert seen, "ended by itself"
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does it: to all of them
-    _, errors = process.communicate(timeout=120)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 3
     assert "Traceback" not in errors
     done = len(rows_of(out))

@@ -14,12 +14,12 @@
 
 """`/diagnostics` as users of diagnostic_updater expect it: names, levels, hardware, numbers."""
 
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from process_helpers import until
 from rclpy.node import Node
 
 from ppc_attitude.contract.cdr import Codec
@@ -62,11 +62,11 @@ class Bench:
         self.stamps.append(message.header.stamp.sec * SECOND + message.header.stamp.nanosec)
 
     def until(self, condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 20.0
-        while not condition():
-            assert time.monotonic() < deadline, "what was waited for did not come"
+        def spin() -> None:
             self.executor.spin_once(timeout_sec=0.02)
             self.node.wake()
+
+        until(condition, "an answer", meanwhile=spin)
 
     def state(self, stamp_ns: int, attitude: tuple[float, ...] = UNIT) -> None:
         """Send a state and wait until it was judged."""

@@ -210,7 +210,7 @@ def test_third_controller_is_one_file_and_one_line() -> None:
         env={**os.environ, "PYTHONPATH": str(EXAMPLES)},
         capture_output=True,
         text=True,
-        timeout=120.0,
+        timeout=PATIENCE,
     )
     assert done.returncode == errors.REQUIREMENT_FAILED, done.stderr
     metrics = json.loads(done.stdout)["metrics"]

@@ -14,7 +14,6 @@
 
 """Goals by topic and service: what the reference generator flies, refuses and tells."""
 
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -23,6 +22,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist
+from process_helpers import until
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -92,10 +92,7 @@ class Pilot:
         self.peer.create_subscription(kind, topic.name, receive, 100, raw=True)
 
     def until(self, condition: Callable[[], Any]) -> None:
-        deadline = time.monotonic() + 60.0
-        while not condition():
-            assert time.monotonic() < deadline, "what was waited for did not come"
-            self.executor.spin_once(timeout_sec=0.01)
+        until(condition, "an answer", meanwhile=lambda: self.executor.spin_once(timeout_sec=0.01))
 
     def state(self, t: float) -> list[float]:
         """Feed the state of an instant [s]; the ten numbers of the reference that answer it."""

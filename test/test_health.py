@@ -16,7 +16,6 @@
 
 import json
 import math
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from process_helpers import until
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
@@ -106,12 +106,12 @@ class Patient:
         self.until(lambda: self.node._diagnostics.get_subscription_count() > 0)
 
     def until(self, condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 20.0
-        while not condition():
-            assert time.monotonic() < deadline, "what was waited for did not come"
+        def spin() -> None:
             self.executor.spin_once(timeout_sec=0.01)
             if not self.node.finished:
                 self.node.wake()
+
+        until(condition, "an answer", meanwhile=spin)
 
     def send(self, values: dict[Topic, tuple[float, ...]], step: int = 0) -> None:
         for topic, numbers in values.items():

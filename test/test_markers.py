@@ -16,13 +16,13 @@
 
 import math
 import sys
-import time
 import types
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 import rclpy
+from process_helpers import until
 from rclpy.node import Node
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -76,10 +76,7 @@ class Scene:
         self.publishers[topic].publish(Codec(topic).encode(stamp_ns, values))
 
     def until(self, condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 20.0
-        while not condition():
-            assert time.monotonic() < deadline, "what was waited for did not come"
-            self.executor.spin_once(timeout_sec=0.02)
+        until(condition, "an answer", meanwhile=lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def arrived(self, *topics: Topic) -> None:
         self.until(lambda: all(topic in self.node._latest for topic in topics))

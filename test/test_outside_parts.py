@@ -22,6 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from process_helpers import PATIENCE
 
 ROOT = Path(__file__).parent.parent
 OUTSIDE = Path(__file__).parent / "outside"
@@ -60,7 +61,7 @@ def run_outside(tmp_path: Path) -> Run:
             cwd=tmp_path,
             capture_output=True,
             text=True,
-            timeout=120.0,
+            timeout=PATIENCE,
         )
         assert done.returncode == code, done.stdout + done.stderr
         return done

@@ -25,6 +25,7 @@ import pytest
 import rclpy
 import yaml
 from conftest import StartProcess
+from process_helpers import PATIENCE
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -120,9 +121,9 @@ def test_the_papers_file_is_complete() -> None:
 def call(asker: Node, node: str, service: Any, name: str, request: Any) -> Any:
     """Answer of one of a node's parameter services."""
     client = asker.create_client(service, f"{node}/{name}")
-    assert client.wait_for_service(30.0), f"{node} does not answer"
+    assert client.wait_for_service(PATIENCE), f"{node} does not answer"
     future = client.call_async(request)
-    rclpy.spin_until_future_complete(asker, future, timeout_sec=30.0)
+    rclpy.spin_until_future_complete(asker, future, timeout_sec=PATIENCE)
     assert future.done()
     return future.result()
 

@@ -23,9 +23,11 @@ from typing import Any
 
 import pytest
 from conftest import StartProcess
-from process_helpers import PAPER, PATIENCE
+from process_helpers import PAPER, PATIENCE, pause, until
 
-from ppc_attitude.processes.child import Child
+import ppc_attitude.processes.child
+from ppc_attitude.contract.topics import INJECTOR
+from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.telling import AT, BROKEN
 
 COMMAND = str(Path(sys.executable).with_name("ppc_attitude"))
@@ -62,7 +64,10 @@ CALLS = {
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize(
+    "call",
+    [pytest.param(call, marks=pytest.mark.long) if call == "latency" else call for call in CALLS],
+)
 def test_a_command_executes_nothing_of_the_current_folder(
     call: str, trap: Path, start_process: StartProcess
 ) -> None:
@@ -152,3 +157,36 @@ def ended(child: Child) -> tuple[int, dict[str, Any]]:
     code = child.process.wait(PATIENCE)
     child.listen()
     return code, child.told
+
+
+def test_a_process_that_does_not_end_is_given_up() -> None:
+    child = Child("signal")  # a module that does nothing: it ends by itself
+    assert child.ends(PATIENCE)
+    child = Child(f"ppc_attitude.nodes.{INJECTOR}")
+    pause(child.process.pid)
+    assert not child.ends(0.3)
+    child.kill()
+
+
+def test_waiting_for_the_processor_is_no_reason_to_be_given_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As on a machine where the others leave a process nothing for a second."""
+    child = Child(f"ppc_attitude.nodes.{INJECTOR}")
+    pause(child.process.pid)
+    begin = time.monotonic()
+
+    def others_had_it(pid: int) -> float:
+        if time.monotonic() - begin > 1.0:
+            child.kill()
+        return time.monotonic() - begin
+
+    monkeypatch.setattr(ppc_attitude.processes.child, "starved", others_had_it)
+    assert child.ends(0.3)
+
+
+def test_who_shares_a_processor_waits_for_it(start_process: StartProcess) -> None:
+    place = next(iter(os.sched_getaffinity(0)))
+    busy = f"import os; os.sched_setaffinity(0, [{place}])\nwhile True: pass"
+    one, _ = (start_process([sys.executable, "-c", busy]) for _ in range(2))
+    until(lambda: starved(one.pid) > 0.1, "its turn")

@@ -22,6 +22,7 @@ import pytest
 import yaml
 from conftest import StartProcess
 from mcap.reader import make_reader
+from process_helpers import PATIENCE
 from rosbags.highlevel import AnyReader
 from synthetic import SAMPLED
 
@@ -116,7 +117,7 @@ def test_the_shortest_run_is_complete(tmp_path: Path, start_process: StartProces
     """It is over before the recorder would have found every publisher by itself."""
     command = [sys.executable, "-m", "ppc_attitude.command_line.main", "run", "--duration", "0.02"]
     process = start_process([*command, "--bag", str(tmp_path / "bag")])
-    _, error = process.communicate(timeout=120)
+    _, error = process.communicate(timeout=PATIENCE)
     assert process.returncode in (0, 1), error
     run = read_run(tmp_path / "bag")
     assert run.missing_messages == 0

@@ -18,11 +18,11 @@ import json
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from process_helpers import PATIENCE, until
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
@@ -38,7 +38,7 @@ COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 pytestmark = pytest.mark.ros
 
 
-def finished(process, timeout=120.0):
+def finished(process, timeout=PATIENCE):
     out, err = process.communicate(timeout=timeout)
     return process.returncode, out, err
 
@@ -80,12 +80,14 @@ def test_two_runs_and_simulate_agree_to_the_last_bit(tmp_path, start_process):
 
 def wait_for_health(name):
     with looking_on("") as onlooker:
-        end = time.monotonic() + 40.0
-        while name not in str(onlooker.look(0.1).health):
-            assert time.monotonic() < end, f"{name} is not up"
+        until(lambda: name in str(onlooker.look(0.1).health), f"the health of {name}")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+@pytest.mark.parametrize(
+    "number",
+    [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGTERM],
+    ids=lambda n: n.name,
+)
 def test_every_node_alone_ends_cleanly(tmp_path, start_process, number):
     processes = {}
     for name in NODES:
@@ -126,27 +128,31 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("case", BAD)
 def test_bad_configuration_is_refused_by_commands_and_node(
-    tmp_path, start_process, case, monkeypatch, capsys
+    tmp_path, start_process, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
-    node, text, named = BAD[case]
-    path = tmp_path / ("nowhere.yaml" if text is None else "bad.yaml")
-    if text is not None:
-        path.write_text(f"/**/{node}:\n  ros__parameters:\n    {text}\n")
-    files = ["--params-file", str(PAPER), "--params-file", str(path)]
-    command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args", *files]
-    refused = finished(start_process(command))
-    said = {node: (refused[0], refused[2])}
-    for name in ("run", "simulate", "check"):
-        code = main([name, "--config", str(PAPER), "--config", str(path)])
-        said[name] = code, capsys.readouterr().err
-    for name, (code, err) in said.items():
-        assert code == 2, (name, err)
-        assert named in err
-        assert "Traceback" not in err
+    refused = {}
+    for case, (node, text, _) in BAD.items():
+        path = tmp_path / ("nowhere.yaml" if text is None else f"{case}.yaml")
+        if text is not None:
+            path.write_text(f"/**/{node}:\n  ros__parameters:\n    {text}\n")
+        files = ["--params-file", str(PAPER), "--params-file", str(path)]
+        command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args", *files]
+        refused[case] = start_process(command)
+        for name in ("run", "simulate", "check"):
+            code = main([name, "--config", str(PAPER), "--config", str(path)])
+            expect_refusal(case, name, code, capsys.readouterr().err)
+    for case, process in refused.items():
+        code, _, err = finished(process)
+        expect_refusal(case, "node", code, err)
     assert not (tmp_path / "bags").exists()
+
+
+def expect_refusal(case, name, code, err):
+    assert code == 2, (case, name, err)
+    assert BAD[case][2] in err, (case, name)
+    assert "Traceback" not in err
 
 
 WRONG = {

@@ -26,7 +26,10 @@ from ppc_attitude.command_line.security import secured
 
 ROS2 = """#!/bin/sh
 echo "$@" >> "$(dirname "$0")/asked"
-[ "$2" = create_keystore ] && mkdir -p "$3/enclaves" || mkdir -p "$3/enclaves$4"
+[ "$2" = create_keystore ] && exec mkdir -p "$3/enclaves"
+mkdir -p "$3/enclaves$4"
+cd "$3/enclaves$4"
+touch identity_ca.cert.pem cert.pem key.pem permissions_ca.cert.pem governance.p7s permissions.p7s
 """
 
 
@@ -77,7 +80,7 @@ def test_keys_that_cannot_be_made_are_told(tmp_path: Path, ros2: Path) -> None:
 def test_a_run_without_the_security_that_is_asked_for_does_not_begin(
     ros2: Path, tmp_path: Path, start_process: StartProcess
 ) -> None:
-    """These keys are empty: no middleware can enforce them, whether it has the plugins or not."""
+    """No middleware can enforce these keys, with plugins or without: their files are empty."""
     run = Run(start_process, tmp_path / "bag", "--secure", str(tmp_path / "keys"))
     assert run.ends() == 2
     assert "Traceback" not in run.err

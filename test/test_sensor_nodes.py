@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 import yaml
 from estimation_helpers import ROOT
+from process_helpers import PATIENCE
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.simulation.closed_loop import simulate
@@ -56,7 +57,7 @@ def test_nodes_and_loop_agree_to_the_last_bit(
     subprocess.run(
         [sys.executable, "-m", "ppc_attitude.command_line.main", "run", *options],
         capture_output=True,
-        timeout=250.0,
+        timeout=2.0 * PATIENCE,
         check=False,  # so short a run meets no deadline
     )
     recorded = read_run(bag)

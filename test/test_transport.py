@@ -29,6 +29,7 @@ from ppc_attitude.nodes.discovery import reach
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.nodes.transport import ANYWHERE, THIS_HOST, tune_transport
 
+long = pytest.mark.long
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 ALONE = {"SKIP_DEFAULT_XML_FILE": "1"}
@@ -121,10 +122,12 @@ LOOPBACK = {"127.0.0.1", "239.255.0.1"}  # the group that loopback alone has joi
     ("told", "closed"),
     [
         ({RANGE: "LOCALHOST"}, True),
-        ({RANGE: "SUBNET", "ROS_LOCALHOST_ONLY": "1"}, True),
-        ({RANGE: "LOCALHOST", "ROS_LOCALHOST_ONLY": "0"}, True),
+        pytest.param({RANGE: "SUBNET", "ROS_LOCALHOST_ONLY": "1"}, True, marks=long),
+        pytest.param({RANGE: "LOCALHOST", "ROS_LOCALHOST_ONLY": "0"}, True, marks=long),
         ({RANGE: "SUBNET"}, False),
-        ({RANGE: "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}, False),
+        pytest.param(
+            {RANGE: "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}, False, marks=long
+        ),
     ],
     ids=str,
 )

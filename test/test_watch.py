@@ -22,6 +22,7 @@ from pathlib import Path
 import pytest
 import yaml
 from conftest import StartProcess
+from process_helpers import PATIENCE
 from rich.console import Console
 
 from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE
@@ -116,8 +117,10 @@ def test_once_shows_a_running_stack(start_process: StartProcess, tmp_path: Path)
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-    watch = start_process([*COMMAND, "watch", "--once", "--namespace", "/one", "--timeout", "60"])
-    out, err = watch.communicate(timeout=90.0)
+    watch = start_process(
+        [*COMMAND, "watch", "--once", "--namespace", "/one", "--timeout", str(PATIENCE)]
+    )
+    out, err = watch.communicate(timeout=PATIENCE + 60.0)
     assert watch.returncode == DONE, err
     shown = out.splitlines()
     assert "pointing error" in shown[0]

@@ -16,7 +16,7 @@
 
 import threading
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,6 +61,7 @@ def run_campaign(
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
     stop: threading.Event | None = None,
+    beginning: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> Finished:
     """Run a campaign and keep its results in a folder.
 
@@ -80,6 +81,8 @@ def run_campaign(
         Called with runs done and wanted after each.
     stop : threading.Event, optional
         Set it to end early, with what is there.
+    beginning : callable, optional
+        Gives the context in which kernels are compiled, or a scheduler is waited for.
 
     Returns
     -------
@@ -97,12 +100,15 @@ def run_campaign(
         if value is not None and value < 1:
             raise ConfigurationError(f"{name} = {value}; allowed: ≥ 1")
     grid = grid_of(campaign.rate, campaign.duration)
-    finished = Finished(folder, runs, Summary(campaign.required), QuantileBands(grid.ends))
+    finished = Finished(
+        folder, runs, Summary(campaign.required, campaign.variables), QuantileBands(grid.ends)
+    )
     pool: Pool
-    if scheduler:
-        pool = ClusterPool(campaign, scheduler)
-    else:
-        pool = LocalPool(campaign, workers or cores())
+    with beginning():
+        if scheduler:
+            pool = ClusterPool(campaign, scheduler)
+        else:
+            pool = LocalPool(campaign, workers or cores())
     with closing(pool), Results(folder, campaign, finished.bands) as results:
         for outcome in outcomes(campaign, runs, pool, stop or threading.Event()):
             results.add(outcome.row)

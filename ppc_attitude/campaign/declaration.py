@@ -32,13 +32,15 @@ from ppc_attitude.campaign.distributions import (
     keys,
     number,
 )
+from ppc_attitude.campaign.varied import SHORT, Varied, varied
+from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of
-from ppc_attitude.simulation.scenario import Scenario, scenario
+from ppc_attitude.simulation.scenario import Scenario
 
 LARGEST_SEED = 2**63 - 1
 
@@ -46,7 +48,6 @@ _RATE = Range(0.0, 100.0, "rad/s")
 _INERTIA = Range(0.0, 0.9)
 _TORQUE = Range(0.0, 1e6, "N·m")
 _STRENGTH = Range(0.0, 1e3, open_low=True)
-_NOISE = Range(0.0, 1.0, "rad or rad/s")
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,8 @@ class Variables:
         One sudden pulse, in addition to the scenario's.
     actuator_strength : Number or None
         Factor on the plant's `max_torque`, of which the controller does not know.
-    attitude_noise, rate_noise : Number or None
-        The plant's parameters of these names [rad], [rad/s].
+    parameters : mapping of str to Varied
+        Other numbers that components declare, by the names under which they are drawn.
     """
 
     initial_attitude: Attitudes | None = None
@@ -85,8 +86,7 @@ class Variables:
     inertia_error: Number | None = None
     disturbance: Pulse | None = None
     actuator_strength: Number | None = None
-    attitude_noise: Number | None = None
-    rate_noise: Number | None = None
+    parameters: Mapping[str, Varied] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -136,8 +136,13 @@ class Campaign:
         return self.scenario.number(PLANT, "rate")
 
     @cached_property
-    def timetable(self) -> Array:
-        """The `timetable_of` all runs: nothing that is drawn changes it."""
+    def timetable(self) -> Array | None:
+        """The `timetable_of` all runs; None if what is drawn changes it."""
+        for each in self.variables.parameters.values():
+            for component in components_of(each.node, self.scenario.parameters[each.node]):
+                names = [parameter.name for parameter in component.parameters]
+                if not component.inputs and each.parameter in names:
+                    return None
         return timetable_of(self.scenario, stamps_of(self.rate, self.duration))
 
 
@@ -175,7 +180,8 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
     ConfigurationError
         A name or value in it is wrong, or some draw would make an impossible scenario.
     """
-    declared = keys("campaign", declaration, tuple(each.name for each in fields(Variables)))
+    allowed = (*(each.name for each in fields(Variables)), *SHORT)
+    declared = keys("campaign", declaration, allowed)
     length = base.number(PLANT, "duration")
     variables = Variables(
         initial_attitude=_optional(declared, "initial_attitude", attitudes),
@@ -183,8 +189,7 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
         inertia_error=_number(declared, "inertia_error", _INERTIA),
         disturbance=_optional(declared, "disturbance", lambda n, g: _pulse(n, g, length)),
         actuator_strength=_number(declared, "actuator_strength", _STRENGTH),
-        attitude_noise=_number(declared, "attitude_noise", _NOISE),
-        rate_noise=_number(declared, "rate_noise", _NOISE),
+        parameters=varied(declared, base),
     )
     _check_strength(variables.actuator_strength, base)
     return Campaign(base, variables, seed, dict(declared))
@@ -223,8 +228,6 @@ def _check_strength(strength: Number | None, base: Scenario) -> None:
     weakest = min((strength or Fixed(1.0)).support())
     torque = base.number(PLANT, "max_torque")
     try:
-        scenario(
-            {**base.parameters, PLANT: {**base.parameters[PLANT], "max_torque": weakest * torque}}
-        )
+        base.with_values(PLANT, max_torque=weakest * torque)
     except ConfigurationError as error:
         raise ConfigurationError(f"actuator_strength can become {weakest:g}: {error}") from None

@@ -26,8 +26,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ppc_attitude.campaign.declaration import Campaign, Pulse
-from ppc_attitude.campaign.distributions import Number, random_axes
+from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables
+from ppc_attitude.campaign.distributions import random_axes
+from ppc_attitude.campaign.varied import values_of
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
@@ -52,9 +53,9 @@ DRAWN: dict[str, str] = {
     "rate_noise": "rad/s",
     "noise_seed": "",
 }
-"""Every drawn column and its unit; those of the pulse are null where there is none."""
+"""Columns that every campaign draws, and their units; those of the pulse may be null."""
 
-VARYING = (
+_VARYING = (
     "initial_error_angle",
     "initial_rate",
     "inertia_error",
@@ -65,7 +66,18 @@ VARYING = (
     "attitude_noise",
     "rate_noise",
 )
-"""The drawn columns that say how hard a run is, one number a variable."""
+"""Those of them that say how hard a run is, one number a variable."""
+
+
+def drawn_columns(variables: Variables) -> dict[str, str]:
+    """Every drawn column and its unit."""
+    return {**DRAWN, **{name: each.unit or "1" for name, each in variables.parameters.items()}}
+
+
+def varying(variables: Variables) -> dict[str, str]:
+    """Return the drawn columns that say how hard a run is, and their units."""
+    units = drawn_columns(variables)
+    return {name: units[name] for name in (*_VARYING, *variables.parameters)}
 
 
 def stream(campaign: Campaign, index: int, variable: str) -> Generator:
@@ -89,7 +101,7 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | None]:
     Returns
     -------
     dict
-        A value for every key of `DRAWN`.
+        A value for every key of `drawn_columns`.
 
     Raises
     ------
@@ -98,22 +110,31 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | None]:
     """
     if index < 0:
         raise ConfigurationError(f"index = {index}; allowed: ≥ 0")
-    plant = campaign.scenario.parameters[PLANT]
+    varied = {
+        name: each.number.draw(stream(campaign, index, name))
+        for name, each in campaign.variables.parameters.items()
+    }
+    values = _with_varied(campaign, varied)
+    plant, strength = values[PLANT], campaign.variables.actuator_strength
+    own = stream(campaign, index, "actuator_strength")
     return {
-        **_attitude(campaign, index),
+        **_attitude(campaign, index, values),
         **_rate(campaign, index, plant),
         **_inertia(campaign, index, plant),
         **_pulse(campaign.variables.disturbance, stream(campaign, index, "disturbance")),
-        **{
-            name: _number(campaign, index, name, getattr(campaign.variables, name), default)
-            for name, default in (
-                ("actuator_strength", 1.0),
-                ("attitude_noise", plant["attitude_noise"]),
-                ("rate_noise", plant["rate_noise"]),
-            )
-        },
+        "actuator_strength": 1.0 if strength is None else strength.draw(own),
+        "attitude_noise": float(plant["attitude_noise"]),
+        "rate_noise": float(plant["rate_noise"]),
         "noise_seed": int(stream(campaign, index, "noise_seed").integers(_LARGEST_NOISE_SEED)),
+        **varied,
     }
+
+
+def _with_varied(campaign: Campaign, drawn: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Parameters of every node, with the declared numbers that were drawn; not checked."""
+    found = values_of(campaign.scenario, campaign.variables.parameters, drawn)
+    parameters = campaign.scenario.parameters
+    return {node: {**values, **found.get(node, {})} for node, values in parameters.items()}
 
 
 def scenario_of(campaign: Campaign, index: int) -> Scenario:
@@ -135,40 +156,33 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     ConfigurationError
         What was drawn is impossible.
     """
-    scenario = campaign.scenario
-    result = scenario.with_values(
-        PLANT,
-        initial_attitude=[drawn[f"initial_attitude_{axis}"] for axis in "xyzw"],
-        initial_angular_velocity=[drawn[f"initial_rate_{axis}"] for axis in "xyz"],
-        inertia=_matrix(drawn).ravel().tolist(),
-        max_torque=drawn["actuator_strength"] * scenario.number(PLANT, "max_torque"),
-        attitude_noise=drawn["attitude_noise"],
-        rate_noise=drawn["rate_noise"],
-        seed=drawn["noise_seed"],
-    )
-    if not drawn["pulse_torque"]:
-        return result
-    pulses: Mapping[str, Any] = scenario.parameters[INJECTOR]
-    torque = [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
-    return result.with_values(
-        INJECTOR,
-        pulse_times=[*pulses["pulse_times"], drawn["pulse_time"]],
-        pulse_durations=[*pulses["pulse_durations"], drawn["pulse_duration"]],
-        pulse_torques=[*pulses["pulse_torques"], *torque],
-    )
+    variables, values = campaign.variables, _with_varied(campaign, drawn)
+    changed = values_of(campaign.scenario, variables.parameters, drawn)
+    changed[PLANT] = {
+        **changed.get(PLANT, {}),
+        "initial_attitude": [drawn[f"initial_attitude_{axis}"] for axis in "xyzw"],
+        "initial_angular_velocity": [drawn[f"initial_rate_{axis}"] for axis in "xyz"],
+        "inertia": _matrix(drawn).ravel().tolist(),
+        "max_torque": drawn["actuator_strength"] * values[PLANT]["max_torque"],
+        "seed": drawn["noise_seed"],
+    }
+    if drawn["pulse_torque"]:
+        pulses, torque = values[INJECTOR], [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
+        changed[INJECTOR] = {
+            **changed.get(INJECTOR, {}),
+            "pulse_times": [*pulses["pulse_times"], drawn["pulse_time"]],
+            "pulse_durations": [*pulses["pulse_durations"], drawn["pulse_duration"]],
+            "pulse_torques": [*pulses["pulse_torques"], *torque],
+        }
+    result = campaign.scenario
+    for node, each in changed.items():
+        result = result.with_values(node, **each)
+    return result
 
 
-def _number(
-    campaign: Campaign, index: int, name: str, distribution: Number | None, default: Any
-) -> float:
-    """Draw a variable that is one number."""
-    if distribution is None:
-        return float(default)
-    return distribution.draw(stream(campaign, index, name))
-
-
-def _attitude(campaign: Campaign, index: int) -> dict[str, float]:
-    values = campaign.scenario.parameters
+def _attitude(
+    campaign: Campaign, index: int, values: Mapping[str, Mapping[str, Any]]
+) -> dict[str, float]:
     x, y, z, w = unit_quaternion("initial_attitude", values[PLANT]["initial_attitude"]).tolist()
     q = (x, y, z, w)
     if campaign.variables.initial_attitude is not None:

@@ -14,7 +14,7 @@
 
 """The figures of a campaign: errors over time of all runs, and where runs fail."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -34,7 +34,6 @@ from ppc_attitude.analysis.drawing import (
     time_axis,
 )
 from ppc_attitude.analysis.requirements import PAPER, Requirements
-from ppc_attitude.campaign.draw import DRAWN, VARYING
 from ppc_attitude.campaign.quantile_bands import QuantileBands
 from ppc_attitude.contract.run_record import Array
 
@@ -84,20 +83,22 @@ def _bands(axes: Axes, t: Array, bands: QuantileBands, quantity: str) -> None:
     axes.plot(t, bands.quantiles(quantity, 0.5), color=BLUE, linewidth=1.3, label="median")
 
 
-def failing_figure(passing: Sample, failing: Sample) -> Figure | None:
+def failing_figure(passing: Sample, failing: Sample, units: Mapping[str, str]) -> Figure | None:
     """Draw where runs fail, over the drawn variables that tell failing from passing best.
 
     Parameters
     ----------
     passing, failing : sequence of mapping
         Values of the drawn variables of runs that meet every requirement, and of runs that do not.
+    units : mapping of str to str
+        The drawn variables and their units.
 
     Returns
     -------
     Figure or None
         None if fewer than two variables vary.
     """
-    names = telling_variables(passing, failing)[:_SHOWN]
+    names = telling_variables(passing, failing, units)[:_SHOWN]
     if len(names) < 2:
         return None
     couples = list(combinations(names, 2))
@@ -120,20 +121,20 @@ def failing_figure(passing: Sample, failing: Sample) -> Figure | None:
         for name, scale in ((x, axes.set_xscale), (y, axes.set_yscale)):
             if _spans_decades(_values(name, [*passing, *failing])):
                 scale("log")
-        axes.set_xlabel(_label(x))
-        axes.set_ylabel(_label(y))
+        axes.set_xlabel(_label(x, units))
+        axes.set_ylabel(_label(y, units))
     legend(row[0])
     return figure
 
 
-def telling_variables(passing: Sample, failing: Sample) -> list[str]:
-    """Drawn variables that vary, those first that tell failing runs from passing ones best.
+def telling_variables(passing: Sample, failing: Sample, names: Iterable[str]) -> list[str]:
+    """Named variables that vary, those first that tell failing runs from passing ones best.
 
     Best by the Kolmogorov-Smirnov distance: the largest difference between the shares of failing
     and of passing runs below any one value.
     """
     distances = {}
-    for name in VARYING:
+    for name in names:
         good, bad = _values(name, passing), _values(name, failing)
         every = np.sort(np.concatenate([good, bad]))
         if every.size == 0 or every[0] == every[-1]:
@@ -157,6 +158,6 @@ def _spans_decades(values: Array) -> bool:
     return bool(5.0 * np.median(values) < values.max())
 
 
-def _label(name: str) -> str:
+def _label(name: str, units: Mapping[str, str]) -> str:
     words = name.replace("_", " ")
-    return f"{words} [{DRAWN[name]}]"
+    return f"{words} [{units[name]}]"

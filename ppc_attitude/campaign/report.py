@@ -26,6 +26,7 @@ from ppc_attitude.analysis.page import collapsed, configuration, figures, pairs,
 from ppc_attitude.analysis.verdict import number_text
 from ppc_attitude.campaign.campaign import Finished
 from ppc_attitude.campaign.declaration import Campaign
+from ppc_attitude.campaign.draw import varying
 from ppc_attitude.campaign.figures import bands_figure, failing_figure
 from ppc_attitude.campaign.summary import SAMPLE_SIZE, Fraction, Summary, Tally
 
@@ -66,7 +67,7 @@ def write_campaign_report(
     summary = finished.summary
     title = f"{mission or 'Attitude control'}, campaign: {campaign.scenario.controller.name}"
     drawn = [(_BANDS, bands_figure(finished.bands, campaign.required))]
-    failing = failing_figure(summary.passing, summary.failing)
+    failing = failing_figure(summary.passing, summary.failing, varying(campaign.variables))
     if failing is not None:
         drawn.append((_FAILING, failing))
     body = [

@@ -66,10 +66,7 @@ class Results:
         self._folder, self._counted = folder, bands
         self._metadata = {b"ppc_attitude": json.dumps(description(campaign)).encode()}
         self._schema = pyarrow.schema(
-            [
-                (name, _arrow_type(pyarrow, kind))
-                for name, kind in columns_of(campaign.required).items()
-            ],
+            [(name, _arrow_type(pyarrow, kind)) for name, kind in columns_of(campaign).items()],
             metadata=self._metadata,
         )
         self._rows: list[Row] = []

@@ -23,11 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.metrics import analyse, names_of
-from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.analysis.verdict import Metrics, Verdict
 from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.draw import DRAWN, draw, scenario_of, scenario_with
+from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of, scenario_with
 from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.versions import versions
@@ -38,7 +37,7 @@ Row: TypeAlias = dict[str, Any]
 METRICS = tuple(each.name for each in fields(Metrics) if each.type == float | None)
 
 
-def columns_of(required: Requirements) -> dict[str, type]:
+def columns_of(campaign: Campaign) -> dict[str, type]:
     """Every column of a row and its type; what does not apply to a run is None.
 
     `recovery_time_s` is that of the last sudden disturbance; `met_<key>` is None where a
@@ -48,14 +47,17 @@ def columns_of(required: Requirements) -> dict[str, type]:
     """
     return {
         "index": int,
-        **{name: int if name == "noise_seed" else float for name in DRAWN},
+        **{
+            name: int if name == "noise_seed" else float
+            for name in drawn_columns(campaign.variables)
+        },
         **dict.fromkeys(METRICS, float),
         "recovery_time_s": float,
         "converged": bool,
         "all_met": bool,
         **{
             f"{part}_{key}": kind
-            for key in names_of(required)
+            for key in names_of(campaign.required)
             for part, kind in (
                 ("met", bool),
                 ("value", float),
@@ -132,7 +134,7 @@ def run_one(campaign: Campaign, index: int, samples: Array | None = None) -> Out
         record = record_of(scenario, grid.stamps_ns, samples)
         verdict = analyse(record, campaign.required)
         levels = levels_of(record, pointing_errors(record).quaternions, grid.starts)
-        return Outcome(_row(index, drawn, verdict), levels)
+        return Outcome(_row(campaign, index, drawn, verdict), levels)
     except Exception as error:  # whatever it is, it must cost this run only
         return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
 
@@ -177,7 +179,7 @@ def broken(
     campaign: Campaign, index: int, reason: str, drawn: Mapping[str, Any] | None = None
 ) -> Outcome:
     """Outcome of a run that gave no result."""
-    row = dict.fromkeys(columns_of(campaign.required)) | {
+    row = dict.fromkeys(columns_of(campaign)) | {
         "index": index,
         "error": reason,
         **(drawn or {}),
@@ -186,9 +188,9 @@ def broken(
     return Outcome(row, np.full((len(QUANTITIES), bins), UNKNOWN, np.uint8))
 
 
-def _row(index: int, drawn: Mapping[str, Any], verdict: Verdict) -> Row:
+def _row(campaign: Campaign, index: int, drawn: Mapping[str, Any], verdict: Verdict) -> Row:
     metrics = verdict.metrics
-    row = dict.fromkeys(columns_of(verdict.required)) | {"index": index, **drawn}
+    row = dict.fromkeys(columns_of(campaign)) | {"index": index, **drawn}
     row |= {name: getattr(metrics, name) for name in METRICS}
     if metrics.disturbances:
         row["recovery_time_s"] = metrics.disturbances[-1].recovery_time_s

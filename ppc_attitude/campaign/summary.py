@@ -21,7 +21,8 @@ from typing import Any
 
 from ppc_attitude.analysis.metrics import names_of
 from ppc_attitude.analysis.requirements import PAPER, Requirements
-from ppc_attitude.campaign.draw import VARYING
+from ppc_attitude.campaign.declaration import Variables
+from ppc_attitude.campaign.draw import varying
 from ppc_attitude.campaign.rows import Row
 
 WORST = 5
@@ -29,6 +30,7 @@ WORST = 5
 SAMPLE_SIZE = 3000
 """Runs that are drawn: the first, and of those that fail the first."""
 _MOST_LIMITS = 3  # that are told apart; an actuator of random strength has one a run
+_NOTHING = Variables()
 _NORMAL_95 = 1.959963984540054
 
 
@@ -111,8 +113,9 @@ class Tally:
 class Summary:
     """Accumulates rows in a memory that does not grow with their number."""
 
-    def __init__(self, required: Requirements = PAPER) -> None:
+    def __init__(self, required: Requirements = PAPER, variables: Variables = _NOTHING) -> None:
         self._names = names_of(required)
+        self._varying = varying(variables)
         self.runs = 0
         self.all_met = 0
         self.broken = 0
@@ -139,7 +142,7 @@ class Summary:
                 )
         sample = self.passing if row["all_met"] else self.failing
         if len(sample) < SAMPLE_SIZE:
-            sample.append({name: row[name] for name in VARYING if row[name] is not None})
+            sample.append({name: row[name] for name in self._varying if row[name] is not None})
 
     @property
     def fraction(self) -> Fraction:

@@ -37,7 +37,7 @@ from ppc_attitude.processes.child import Child
 from ppc_attitude.processes.telling import AT, BROKEN, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
 
-_PATIENCE = 20.0  # [s] how long a process may take to end after it was asked to
+_PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
 _STALLED_AFTER = 30.0  # [s] without a step after which a run in lock-step is given up
 _EVENT = re.compile(r"(\x1b\[\d*m)*\[(INFO|DEBUG)\]")  # how ROS begins such a line
 _GLANCE = 0.02  # [s] between two looks at the processes
@@ -229,11 +229,8 @@ class Stack:
                 for node in nodes.values():
                     if node.process.poll() is None:
                         node.process.send_signal(signal.SIGINT)
-                end = time.monotonic() + _PATIENCE
                 for name, node in nodes.items():
-                    while node.process.poll() is None and time.monotonic() < end:
-                        node.listen(_GLANCE)
-                    if node.process.poll() is None:
+                    if not node.ends(_PATIENCE):
                         hanging.append(name)
                         node.kill()
         finally:

@@ -22,6 +22,7 @@ import select
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,7 @@ _START = str(Path(__file__).resolve().with_name("start.py"))
 # An empty entry of these means the current folder: for programs, modules and libraries.
 _SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 _KILLED_AFTER = 5.0  # [s] how long a process may take to end when it was killed
+_GLANCE = 0.02  # [s] between two looks at a process that is to end
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) + (
     # To who was started by nohup, a terminal that closes is nothing.
     (signal.SIGHUP,) if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN else ()
@@ -111,6 +113,20 @@ class Child:
                     del self._readers[pipe]
             patience = 0.0
 
+    def ends(self, patience: float) -> bool:
+        """Wait for its end; False if it has not come after some time [s] in which it could run.
+
+        The time in which others had the processor does not count: on a busy machine a process that
+        is all right has been seen to need half a minute for a quarter of a second's work.
+        """
+        pid = self.process.pid
+        late = time.monotonic() + patience - starved(pid)
+        while time.monotonic() < late + starved(pid):
+            self.listen(_GLANCE)  # who is not heard may wait for room in its pipe
+            if self.process.poll() is not None:
+                return True
+        return False
+
     def kill(self) -> None:
         """Kill it and all that it has started."""
         with contextlib.suppress(ProcessLookupError):
@@ -139,6 +155,14 @@ class _Lines:
         for line in lines:
             self._take(line.decode(errors="replace"))
         return bool(data)
+
+
+def starved(pid: int) -> float:
+    """How long [s] a process has waited for the processor so far; 0 where nobody counts that."""
+    try:
+        return float(Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()[1]) * 1e-9
+    except (OSError, IndexError):
+        return 0.0
 
 
 def take_signals() -> None:

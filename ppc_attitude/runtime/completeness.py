@@ -50,7 +50,7 @@ class Completeness:
 
     def add(self, name: str, stamp_ns: int) -> None:
         """Count one message of a topic."""
-        tally = self._tallies.setdefault(name, _Tally())
+        tally = self._tallies.get(name) or self._tallies.setdefault(name, _Tally())
         if stamp_ns == 0 < tally.last:
             self._earlier.setdefault(name, []).append(tally)
             tally = self._tallies[name] = _Tally()

@@ -77,6 +77,11 @@ class Parameter:
         return any(isinstance(value, str) for value in first)
 
     @property
+    def is_real(self) -> bool:
+        """True if it is a real number, or an array of them."""
+        return not self.of_strings and not isinstance(self.default, int)
+
+    @property
     def allowed(self) -> str:
         """What is allowed, in words, for documentation and errors."""
         parts = []

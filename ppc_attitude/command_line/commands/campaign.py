@@ -30,7 +30,7 @@ from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
-from ppc_attitude.campaign.draw import VARYING, draw
+from ppc_attitude.campaign.draw import draw, varying
 from ppc_attitude.campaign.draw import scenario_of as scenario_of_run
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text, write_campaign_report
@@ -54,7 +54,6 @@ from ppc_attitude.command_line.shipped import shipped_config
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.simulation.closed_loop import warm_up
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -111,8 +110,6 @@ def execute(arguments: argparse.Namespace) -> int:
     )
     if alone:
         return _execute_one(arguments, campaign)
-    with nothing_begun():
-        warm_up(campaign.scenario)
     start = time.monotonic()
     with _progress() as show, stop_on_signals() as stop:
         try:
@@ -124,6 +121,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 scheduler=arguments.scheduler,
                 progress=show,
                 stop=stop,
+                beginning=nothing_begun,
             )
         except CampaignError as error:
             raise RunError(str(error)) from None
@@ -147,12 +145,12 @@ def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
 def _tell_one(
     arguments: argparse.Namespace, campaign: Campaign, record: RunRecord, verdict: Verdict
 ) -> None:
-    drawn = draw(campaign, arguments.only)
+    drawn, names = draw(campaign, arguments.only), varying(campaign.variables)
     if arguments.json:
         print_json({**verdict.to_json(), "drawn": drawn})
     else:
         print(verdict_table(verdict))
-        print("drawn: " + ", ".join(f"{n} {v:.6g}" for n in VARYING if (v := drawn[n]) is not None))
+        print("drawn: " + ", ".join(f"{n} {v:.6g}" for n in names if (v := drawn[n]) is not None))
     write_report_of(arguments, [(record, verdict)], sys.stderr)
 
 

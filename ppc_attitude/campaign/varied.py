@@ -1,0 +1,140 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Any declared number of a component as a variable: ``NODE.PARAMETER``, or ``NODE.PARAMETER[0]``.
+
+What may vary, and within which bounds, stands in the component's declaration alone.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from ppc_attitude.campaign.distributions import Number, Range, number
+from ppc_attitude.contract.declared import components_of
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.topics import PLANT, SOURCES
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.simulation.scenario import Scenario
+
+SHORT = {name: f"{PLANT}.{name}" for name in ("attitude_noise", "rate_noise")}
+"""Parameters that are variables under names of their own, whatever sensors the craft has."""
+_NAME = re.compile(r"(\w+)\.([\w.]+)(?:\[(\d+)\])?")
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A declared number that varies.
+
+    Attributes
+    ----------
+    node, parameter : str
+        Whose parameter it is, and which.
+    place : int or None
+        Which of its numbers, from 0; None if it is a single one.
+    unit : str
+        Its unit.
+    number : Number
+        How it is drawn.
+    """
+
+    node: str
+    parameter: str
+    place: int | None
+    unit: str
+    number: Number
+
+
+def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
+    """Read what varies of the declared numbers, by the names under which they are drawn.
+
+    Parameters
+    ----------
+    declaration : mapping
+        A campaign's declaration: its section ``parameters``, and the `SHORT` names.
+    base : Scenario
+        What is varied; it says which components run, and how many numbers a list has.
+
+    Raises
+    ------
+    ConfigurationError
+        A name is of no number of a component that runs, or what can be drawn is not allowed.
+    """
+    section = declaration.get("parameters", {})
+    if not isinstance(section, Mapping):
+        raise ConfigurationError(f"parameters = {section!r}; allowed: a mapping of names")
+    found = {
+        name: _read(name, target, declaration[name], base, PARAMETERS[PLANT])
+        for name, target in SHORT.items()
+        if name in declaration
+    }
+    for name, each in section.items():
+        node = str(name).partition(".")[0]
+        if node not in SOURCES:
+            nodes = ", ".join(SOURCES)
+            raise ConfigurationError(f"parameters has {name}; allowed: NODE.NAME, of {nodes}")
+        running = components_of(node, base.parameters[node])
+        table = [parameter for component in running for parameter in component.parameters]
+        found[name] = _read(name, name, each, base, table)
+    targets = [(each.node, each.parameter, each.place) for each in found.values()]
+    for name, target in zip(found, targets, strict=True):
+        if targets.count(target) > 1:
+            raise ConfigurationError(f"parameters: what {name} varies is varied twice")
+    return found
+
+
+def _read(
+    name: str, target: str, declaration: Any, base: Scenario, table: Iterable[Parameter]
+) -> Varied:
+    numbers = {each.name: each for each in table if each.is_real}
+    node, parameter, place = target.partition(".")[0], "", None
+    if match := _NAME.fullmatch(target):
+        node, parameter, place = match.groups()
+    if parameter not in numbers:
+        close = get_close_matches(target, [f"{node}.{each}" for each in numbers], n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise ConfigurationError(
+            f"parameters has {name}, which is no real number of a component that runs{hint}"
+        )
+    value, declared = base.parameters[node][parameter], numbers[parameter]
+    if isinstance(value, list) and (place is None or int(place) >= len(value)):
+        raise ConfigurationError(
+            f"parameters has {name}; allowed: {node}.{parameter}[INDEX], for it has "
+            f"{len(value)} numbers, from index 0"
+        )
+    if place is not None and not isinstance(value, list):
+        raise ConfigurationError(f"parameters has {name}; {node}.{parameter} is a single number")
+    above = math.isfinite(declared.above) and declared.above >= declared.low
+    allowed = Range(max(declared.low, declared.above), declared.high, declared.unit, above)
+    index = None if place is None else int(place)
+    return Varied(node, parameter, index, declared.unit, number(name, declaration, allowed))
+
+
+def values_of(
+    base: Scenario, variables: Mapping[str, Varied], drawn: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Parameters that were drawn, by node; a list is complete."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, each in variables.items():
+        values = found.setdefault(each.node, {})
+        if each.place is None:
+            values[each.parameter] = drawn[name]
+        else:
+            declaration: Any = base.parameters[each.node][each.parameter]
+            values.setdefault(each.parameter, [*declaration])[each.place] = drawn[name]
+    return found
