@@ -68,13 +68,13 @@ $(INSTALLED): setup.py Makefile
 	    while IFS= read -r path; do candidates+=("$$path"); done < <(type -aP "$$name" || true); \
 	  done; \
 	fi; \
-	chosen=; bare=; extras=ros,test,campaign,guarantee; options=(); \
+	chosen=; bare=; extras=ros,test,campaign,guarantee,orbit; options=(); \
 	for path in "$${candidates[@]}"; do \
 	  suits "$$path" || continue; \
 	  if ! complete "$$path"; then bare="$${bare:-$$path}"; continue; fi; \
 	  chosen="$${chosen:-$$path}"; \
 	  if jazzy "$$path"; then \
-	    chosen="$$path"; extras=test,campaign,guarantee; options=(--system-site-packages); break; \
+	    chosen="$$path"; extras=test,campaign,guarantee,orbit; options=(--system-site-packages); break; \
 	  fi; \
 	done; \
 	if [ -z "$$chosen" ] && [ -n "$$bare" ]; then \

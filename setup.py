@@ -97,6 +97,7 @@ setup(
         # Proof by interval arithmetic (check, design), and the adversary (falsify).
         "guarantee": ["cma>=4.5.0", "python-flint>=0.9.0"],
         "campaign": ["dask[distributed]>=2026.8.0", "pyarrow>=25.0.1"],
+        "orbit": ["sgp4>=2.23"],  # for orbit.tle
         "bench": ["bsk>=2.12.1"],
         "test": [
             "catkin_pkg>=1.1.1",

@@ -37,7 +37,7 @@ from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished, run_campaign
-from ppc_attitude.campaign.declaration import Campaign
+from ppc_attitude.campaign.declaration import Campaign, campaign
 from ppc_attitude.campaign.draw import draw, scenario_of, varying
 from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.pools import WorkerLostError
@@ -51,8 +51,10 @@ from ppc_attitude.campaign.rows import (
     run_chunk,
     run_one,
 )
+from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import scenario
 
 ROOT = Path(__file__).parent.parent
 
@@ -84,6 +86,24 @@ def test_a_run_is_that_of_its_scenario() -> None:
     record, again = rerun(of, 7)
     assert again.requirements == verdict.requirements
     assert record.source == "campaign run 7"
+
+
+def test_goals_and_cones_of_the_scenario_are_those_of_every_run() -> None:
+    reference = {
+        "mode": "goal",
+        "goals.times": [1.0],
+        "goals.attitudes": [0.6, 0.0, 0.0, 0.8],
+        "keep_out.axes": [0.0, 0.0, 1.0],
+        "keep_out.half_angles": [0.2],
+    }
+    plant = {"duration": 6.0, "rate": 20.0}
+    turns = {name: VARIES[name] for name in ("initial_attitude", "attitude_noise")}
+    of = campaign(turns, scenario({REFERENCE: reference, PLANT: plant}), 1)
+    found = [run_one(of, index).row for index in range(3)]
+    assert [row["error"] for row in found] == [None] * 3
+    assert len({row["value_keep_out"] for row in found}) == 3
+    assert all(row["initial_error_angle"] < 1e-12 for row in found)
+    assert all(row["max_rate_deg_s"] > 1.0 for row in found)  # a slew has begun
 
 
 def test_every_requirement_has_its_columns() -> None:

@@ -28,6 +28,7 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.orders import (
+    Orders,
     goal_order,
     hold_order,
     profile_order,
@@ -35,7 +36,7 @@ from ppc_attitude.science.guidance.orders import (
     scheduled_orders,
 )
 from ppc_attitude.science.guidance.slew import slew_torque
-from ppc_attitude.science.guidance.trajectory import points
+from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configuration_of
 from ppc_attitude.simulation.closed_loop import simulate
@@ -52,6 +53,7 @@ DESIRED_ATTITUDE = [
 STRAIGHT = [0.0, 0.0, 0.0, 1.0]
 START = [0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318]
 DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.parameters}
+NO_PROFILES = np.zeros(0, POINTS)
 
 
 def flight(rate: float = 20.0, **reference: Any) -> Scenario:
@@ -134,10 +136,11 @@ def test_start_inside_a_cone_is_led_out_with_a_warning() -> None:
     assert "begins inside keep-out cone 0 and is led out" in told.advice.text
 
 
-def part_with(orders: Any) -> Part:
+def part_with(orders: Any, profiles: Any = NO_PROFILES) -> Part:
     """Reference at rest at START since t = 0, with orders."""
     part = Part(COMPONENT, DEFAULTS)
-    part.hold(configuration_of(DEFAULTS, orders)[0])
+    record, *part.kept = configuration_of(DEFAULTS, Orders(orders, profiles))
+    part.hold(record)
     part.step(0, START)
     return part
 
@@ -151,10 +154,10 @@ def test_live_orders_act_from_their_stamp() -> None:
         [
             goal_order(3 * second, "sun", STRAIGHT),
             hold_order(20 * second),
-            profile_order(40 * second, profile),
+            profile_order(40 * second, 0),
         ]
     )
-    part = part_with(orders)
+    part = part_with(orders, profile)
     assert part.step(3 * second, START)[4:] == [0.0] * 6
     assert np.linalg.norm(part.step(20 * second, START)[4:7]) > 0.01
     assert part.step(39 * second, START)[4:] == [0.0] * 6
@@ -168,7 +171,8 @@ def test_live_orders_act_from_their_stamp() -> None:
 def test_orders_before_the_begin_act_at_the_begin() -> None:
     orders = goal_order(1_000_000_000, "inertial", DESIRED_ATTITUDE)
     part = Part(COMPONENT, DEFAULTS)
-    part.hold(configuration_of(DEFAULTS, orders)[0])
+    record, *_kept = configuration_of(DEFAULTS, Orders(orders, NO_PROFILES))
+    part.hold(record)
     # No attitude yet: nothing begins.
     assert part.step(2_000_000_000, [0.0] * 4) == [*STRAIGHT, *[0.0] * 6]
     part.step(7_000_000_000, START)
@@ -195,6 +199,18 @@ def test_orders_before_the_begin_act_at_the_begin() -> None:
         (
             {"goals__frames": ["sun", "sun", "sun"], "goals__times": [1.0]},
             "goals.frames has 3 values; allowed: 1 or 1",
+        ),
+        (
+            {
+                "goals__times": [1.0],
+                "goals__attitudes": STRAIGHT,
+                "goals__points": [0.0, 5.0, *STRAIGHT, *[0.0] * 6],
+            },
+            r"goals.points has points of goal 0; allowed: goals with the frame profile, .* \[\]",
+        ),
+        (
+            {"goals__times": [1.0], "goals__attitudes": STRAIGHT, "goals__frames": ["profile"]},
+            "a trajectory of 0 points; allowed: 2 to 40",
         ),
         ({"keep_out__half_angles": [0.1]}, "keep_out.axes has 0 values, keep_out.half_angles 1"),
         (
@@ -273,21 +289,58 @@ def test_analysis_tells_how_near_the_craft_itself_came() -> None:
     assert not [row for row in analyse(simulate(tour(), 2.0)).requirements if row.key == "keep_out"]
 
 
+def timed_points(number: int) -> list[float]:
+    """Three points of a timed profile, which is a goal by its number; from 8.1 s on it is late."""
+    still, turned = Rotation.from_quat(START), Rotation.from_rotvec([0.0, 0.2, 0.0])
+    attitudes = [q.as_quat() for q in (still, still * turned, still * turned**2.0)]
+    profile = points([110.0, 140.0, 180.0], attitudes, [None] * 3, [None] * 3)
+    rows = schedule_of(
+        Orders(
+            np.concatenate([hold_order(0)] * number + [profile_order(0, 0)]), np.array([profile])
+        )
+    )
+    found: list[float] = rows["goals.points"]
+    return found
+
+
+def test_timed_profile_of_a_scenario_is_flown_through_its_points() -> None:
+    record = simulate(
+        flight(
+            goals__times=[2.0],
+            goals__frames=["profile"],
+            goals__attitudes=STRAIGHT,
+            goals__points=timed_points(0),
+        ),
+        185.0,
+    )
+    q = record.columns["reference_attitude"]
+    rates = np.linalg.norm(record.columns["reference_angular_velocity"], axis=1)
+    turned = 2.0 * np.arccos(np.clip(np.abs(q @ np.array(START) / np.linalg.norm(START)), 0, 1))
+    at = [round(20.0 * t) for t in (110.0, 140.0, 180.0)]
+    assert turned[at] == pytest.approx([0.0, 0.2, 0.4], abs=1e-7)
+    assert rates[at] == pytest.approx([0.0, 0.5 * (0.2 / 30.0 + 0.2 / 40.0), 0.0], abs=1e-9)
+    assert np.abs(record.columns["attitude_error"][:, :3]).max() < 5e-3
+
+
 def test_orders_given_in_flight_are_replayed_from_what_was_told() -> None:
     scheduled = simulate(
         flight(
-            goals__times=[1.0, 6.0, 6.0, 12.3],
-            goals__frames=["inertial", "hold", "nadir", "inertial"],
-            goals__attitudes=DESIRED_ATTITUDE + 2 * STRAIGHT + [0.6, 0.0, 0.0, 0.8],
+            goals__times=[1.0, 6.0, 6.0, 8.1, 12.3],
+            goals__frames=["inertial", "hold", "nadir", "profile", "inertial"],
+            goals__attitudes=DESIRED_ATTITUDE + 3 * STRAIGHT + [0.6, 0.0, 0.0, 0.8],
+            goals__points=timed_points(3),
         ),
         20.0,
     )
     values = scheduled.parameters["reference_generator"]
     orders = scheduled_orders(values)
     told = schedule_of(orders)
-    assert np.array_equal(scheduled_orders({**values, **told}), orders)
+    again = scheduled_orders({**values, **told})
+    assert np.array_equal(again.listed, orders.listed)
+    assert np.array_equal(again.profiles, orders.profiles)
+    assert orders.profiles["rate"][0, 1].any()  # chosen, since none is given
     # The same run as if all but the first goal had been given in flight, at 5 s.
-    first = schedule_of(orders[:1])
+    first = schedule_of(Orders(orders.listed[:1], NO_PROFILES))
     flown = replace(
         scheduled,
         parameters={**scheduled.parameters, "reference_generator": {**values, **first}},

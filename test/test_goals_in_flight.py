@@ -14,7 +14,10 @@
 
 """Goals by topic and service: what the reference generator flies, refuses and tells."""
 
+import itertools
+import json
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -30,6 +33,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     ATTITUDE,
+    CHANGES_TOPIC,
     GOAL_POSE,
     GOAL_TRAJECTORY,
     GUIDANCE_STATUS,
@@ -39,11 +43,19 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.executors import new_executor
+from ppc_attitude.nodes.goto import Answer, _go_to
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
-from ppc_attitude.science.guidance.orders import ORDER, goal_order, hold_order, profile_order
-from ppc_attitude.science.guidance.trajectory import points
+from ppc_attitude.science.guidance.orders import (
+    ORDER,
+    Orders,
+    goal_order,
+    hold_order,
+    profile_order,
+    schedule_of,
+)
+from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configuration_of
 from ppc_attitude.science.stamps import nanoseconds
@@ -68,6 +80,10 @@ class Pilot:
             self._hear(topic)
         self.peer.create_subscription(
             DiagnosticArray, GUIDANCE_STATUS.name, lambda m: self.told.extend(m.status), 100
+        )
+        self._changes: list[DiagnosticStatus] = []
+        self.peer.create_subscription(
+            DiagnosticArray, CHANGES_TOPIC.name, lambda m: self._changes.extend(m.status), 100
         )
         self._send = {
             topic: self.peer.create_publisher(
@@ -115,6 +131,11 @@ class Pilot:
         self._send[topic].publish(message)
         self.until(lambda: self.seen() > before)
 
+    def changed(self) -> dict[str, Any]:
+        """What was told last on `parameters/changed`."""
+        self.until(lambda: self._changes)
+        return {each.key: json.loads(each.value) for each in self._changes[-1].values}
+
     def seen(self) -> int:
         """How many orders the node has taken or refused."""
         return self.node._desk._book.in_flight + self.node.health.refused.total()
@@ -147,11 +168,12 @@ def pilot(ros_domain: int) -> Iterator[Pilot]:
         rclpy.try_shutdown()
 
 
-def flown(orders: list[Any], times: list[float]) -> list[list[float]]:
+def flown(orders: list[Any], times: list[float], profiles: Any = ()) -> list[list[float]]:
     """What the component alone gives with the same orders."""
     part = Part(COMPONENT, DEFAULTS)
-    kept = np.concatenate([np.zeros(0, ORDER), *orders])
-    part.hold(configuration_of(DEFAULTS, kept)[0])
+    listed = np.concatenate([np.zeros(0, ORDER), *orders])
+    record, *_kept = configuration_of(DEFAULTS, Orders(listed, np.array(list(profiles), POINTS)))
+    part.hold(record)
     return [part.step(nanoseconds(t), START) for t in times]
 
 
@@ -187,33 +209,64 @@ def test_timed_profile_by_topic(pilot: Pilot) -> None:
     pilot.give(GOAL_TRAJECTORY, message)
     times = [1.0 + 4.5 * k for k in range(26)]
     given = [pilot.state(t) for t in times]
-    profile = np.array([points([61.0, 111.0], [START, NEAR], [[0.0] * 3] * 2, [None] * 2)])
-    orders = [profile_order(nanoseconds(1.0), profile)]
-    assert given == flown(orders, [0.0, *times])[1:]
+    profile = points([61.0, 111.0], [START, NEAR], [[0.0] * 3] * 2, [None] * 2)
+    orders = [profile_order(nanoseconds(1.0), 0)]
+    assert given == flown(orders, [0.0, *times], [profile])[1:]
     assert given[-1] == pytest.approx([*NEAR, *[0.0] * 6])
-    message.joint_names = ["wing"]
-    pilot.give(GOAL_TRAJECTORY, message)
-    pilot.hears("refused goal_trajectory: joint_names = ['wing']; allowed: ['body']")
+    # What was flown is told as the schedule that flies it again.
+    schedule = schedule_of(Orders(np.concatenate(orders), np.array([profile])))
+    assert pilot.changed() == schedule
 
 
-@pytest.mark.parametrize(
-    ("attitude", "frame", "reason"),
-    [
-        ((1.0, 1.0, 0.0, 0.0), "inertial", "has norm 1.41421"),
-        ((float("nan"), 0.0, 0.0, 1.0), "inertial", "has norm nan"),
-        (GOAL, "moon", "frame of a goal = 'moon'; allowed: inertial, nadir, ground, sun, spin"),
-    ],
-)
-def test_bad_goal_is_refused_and_the_present_one_goes_on(
-    pilot: Pilot, attitude: tuple[float, ...], frame: str, reason: str
-) -> None:
+def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None:
     pilot.state(0.0)
     pilot.pose(GOAL)
     pilot.state(1.0)
-    pilot.pose(attitude, frame)
-    assert pilot.hears(reason).level == DiagnosticStatus.WARN
+    nan = float("nan")
+    for attitude, frame, at, reason in (
+        ((1.0, 1.0, 0.0, 0.0), "inertial", 0.0, "has norm 1.41421"),
+        ((nan, 0.0, 0.0, 1.0), "inertial", 0.0, "has norm nan"),
+        (GOAL, "moon", 0.0, "frame of a goal = 'moon'; allowed: inertial, nadir, ground, sun"),
+        (GOAL, "sun", 1.7e9, "stamp = 1.7e+09 s; allowed: 0 to 1e+08, in simulated time"),
+    ):
+        pilot.pose(attitude, frame, at)
+        assert pilot.hears(reason).level == DiagnosticStatus.WARN
+    one, empty = (
+        MultiDOFJointTrajectoryPoint(transforms=[Transform()]),
+        (MultiDOFJointTrajectoryPoint()),
+    )
+    for joints, body, reason in (
+        (["wing"], [one, one], "joint_names = ['wing']; allowed: ['body']"),
+        (["body"], [one], "a trajectory of 1 points; allowed: 2 to 40"),
+        (["body"], [one, one], "times of the points are [0.0, 0.0]; allowed: finite and"),
+        (["body"], [empty, one], "point 0 has 0 transforms; allowed: 1"),
+    ):
+        pilot.give(GOAL_TRAJECTORY, MultiDOFJointTrajectory(joint_names=joints, points=body))
+        assert pilot.hears(f"refused goal_trajectory: {reason}").level == DiagnosticStatus.WARN
     orders = [goal_order(nanoseconds(1.0), "inertial", GOAL)]
     assert pilot.state(6.0) == flown(orders, [0.0, 1.0, 6.0])[-1]
+
+
+def test_goto_prints_the_answer_that_is_its_own(pilot: Pilot) -> None:
+    """Whatever moves is told every second; that is no answer."""
+    pilot.state(0.0)
+    pilot.pose(NEAR, "nadir")
+    sender = Node("goto", namespace="/craft")
+    times = itertools.count(1)
+    with ThreadPoolExecutor(1) as pool:
+
+        def answer(attitude: tuple[float, ...]) -> Answer:
+            future = pool.submit(_go_to, sender, attitude, "inertial", 0.0)
+            while not future.done():
+                pilot.state(float(next(times)))
+            return future.result()
+
+        followed, refused = answer(GOAL), answer((2.0, 0.0, 0.0, 0.0))
+    sender.destroy_node()
+    assert followed.followed
+    assert followed.text.startswith("order 2 is followed: inertial frame")
+    assert not refused.followed
+    assert "refused goal_pose: attitude of a goal" in refused.text
 
 
 def test_time_that_begins_again_forgets_the_goals(pilot: Pilot) -> None:

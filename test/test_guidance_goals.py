@@ -286,7 +286,7 @@ def test_craft_keeps_away_from_earth_on_the_whole_way(frame: int) -> None:
         plan = active(state)
         cursor = np.zeros(1, state["look"]["now"].dtype)[0]
         inside = True  # until it has come out for the first time
-        for s in np.arange(t, plan["end"], 0.5) if outcome == ACCEPTED else []:
+        for s in np.arange(t, plan["end"], 0.1) if outcome == ACCEPTED else []:
             r = np.array(orbit_at(s, configuration["sky"]["orbit"], cursor)[0])
             b = rotate(quaternion(motion(s, configuration, state)[:4]), x)
             clear = angle_between(b, tuple(-r / np.linalg.norm(r))) >= 40.0 * DEGREE - 1e-9

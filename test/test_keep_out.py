@@ -14,6 +14,7 @@
 
 """Keep-out cones: the exact test, the planner on the truth's scenes and on random ones."""
 
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -31,6 +32,7 @@ from ppc_attitude.science.keep_out import (
     FOUND,
     GOAL_INSIDE,
     NO_WAY,
+    _search,
     angle_between,
     closest_angle,
     cones_around,
@@ -299,3 +301,51 @@ def test_random_scenes_are_never_violated() -> None:
 @pytest.mark.long
 def test_ten_thousand_random_scenes_are_never_violated() -> None:
     assert outcomes(range(10_000))["unsolved"] <= 2
+
+
+def best_known(start: Array, goal: Array, record: Any, directions: Array, plan: Plan) -> float:
+    """Duration [s] of the quickest way among the planner's and many random stops.
+
+    Rounds of stops all over, then ever nearer those of the best way so far.
+    """
+    random = np.random.default_rng(0)
+    best = plan.attitudes[1:]
+    shortest = plan.duration
+    for spread in (np.inf, 30.0, 10.0, 3.0):
+        turns = random.normal(size=(max(400 // len(best), 1), len(best), 3))
+        spun = Rotation.from_rotvec(np.minimum(spread, 1e3) * DEGREE * turns.reshape(-1, 3))
+        tries = (spun * Rotation.from_quat(np.tile(best, (len(turns), 1)))).as_quat()
+        clear = [q for q in tries if cones_around(quaternion(q), record, directions) == 0]
+        nodes = np.array([start, *best, *clear, goal])
+        previous = _search(nodes, 0, record, directions, LIMITS)
+        way = [len(nodes) - 1]
+        while way[-1] != 0:
+            way.append(int(previous[way[-1]]))
+        stops = nodes[way[::-1]]
+        angles = [
+            axis_and_angle(product(conjugate(quaternion(a)), quaternion(b)))[1]
+            for a, b in itertools.pairwise(stops)
+        ]
+        duration_now = sum(rest_to_rest(angle, LIMITS) for angle in angles)
+        if duration_now < shortest:
+            best, shortest = stops[1:-1], float(duration_now)
+    return shortest
+
+
+def detour_ratios(seeds: range) -> Array:
+    """Duration of each plan with stops by the best known."""
+    ratios = []
+    for seed in seeds:
+        start, goal, record, directions = random_scene(seed)
+        plan = planned(start, goal, record, directions)
+        inside = cones_around(quaternion(start), record, directions)
+        if plan.outcome == FOUND and not inside and len(plan.angles) > 1:
+            known = best_known(start, goal, record, directions, plan)
+            ratios.append(plan.duration / known)
+    print(f"{len(ratios)} detours: mean {np.mean(ratios):.3f}, largest {np.max(ratios):.3f}")
+    return np.array(ratios)
+
+
+@pytest.mark.long
+def test_detours_are_near_the_best_known() -> None:
+    assert detour_ratios(range(300)).max() <= 1.3

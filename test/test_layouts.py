@@ -26,7 +26,7 @@ from rosbags.highlevel import AnyReader
 from test_layers import ROOT
 
 from ppc_attitude.contract.declared import BY_NAME
-from ppc_attitude.contract.topics import MARKERS_TOPIC
+from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS, MARKERS_TOPIC
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.science.component import INERTIAL
 
@@ -97,6 +97,8 @@ def test_foxglove_shows_health_and_shapes(
     (scene,) = (panel for name, panel in panels.items() if name.startswith("3D!"))
     assert list(scene["topics"]) == [f"/{MARKERS_TOPIC.name}"]
     assert scene["followTf"] == INERTIAL
+    (guidance,) = (p for name, p in panels.items() if name.startswith("DiagnosticStatusPanel!"))
+    assert guidance["topicToRender"] == f"/{GUIDANCE_STATUS.name}"
 
 
 def test_plotjuggler_plots_what_is_recorded(
@@ -121,4 +123,9 @@ def test_rviz_shows_the_markers_in_the_inertial_frame(rviz: dict[str, Any]) -> N
     assert markers["Enabled"] is True
     assert markers["Topic"]["Value"] == f"/{MARKERS_TOPIC.name}"
     assert markers["Topic"]["Reliability Policy"] == "Reliable"  # what the node offers
-    assert set(markers["Namespaces"]) == {"craft", "body", "desired", "torque", "disturbance"}
+    assert set(markers["Namespaces"]) == {
+        *("craft", "body", "desired", "torque", "disturbance"),
+        *("goal", "keep_out", "boresight"),
+    }
+    tools = {tool["Class"].rpartition("/")[2]: tool for tool in manager["Tools"]}
+    assert tools["SetGoal"]["Topic"]["Value"] == f"/{GOAL_POSE.name}"

@@ -22,6 +22,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from process_helpers import until
 from rclpy.node import Node
 from visualization_msgs.msg import Marker, MarkerArray
@@ -31,6 +32,7 @@ from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
     DISTURBANCE,
+    GUIDANCE_STATUS,
     MARKERS_TOPIC,
     REFERENCE_ATTITUDE,
     Topic,
@@ -38,8 +40,10 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.marker_shapes import LONGEST
-from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.messages import diagnostics, message_class
 from ppc_attitude.nodes.qos import published
+from ppc_attitude.runtime.health import OK, Status
+from ppc_attitude.science.guidance import scene as guidance
 
 HALF = math.sqrt(0.5)
 QUARTER_TURN = (0.0, 0.0, HALF, HALF)  # body x is inertial y
@@ -152,6 +156,40 @@ def test_what_does_not_act_is_taken_away(make_scene: Callable[..., Scene]) -> No
     assert shapes["torque", 0].action == Marker.DELETE
     assert ("disturbance", 0) not in shapes
     assert ("desired", 0) not in shapes
+
+
+def test_goal_cones_and_the_axes_that_must_keep_out(make_scene: Callable[..., Scene]) -> None:
+    scene = make_scene()
+    surroundings = guidance.Scene(
+        QUARTER_TURN,
+        (
+            guidance.Cone((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.5),
+            guidance.Cone((0.0, 0.0, 1.0), (0.0, 0.0, 1.0), 2.0),
+        ),
+    )
+    told = diagnostics(STAMP_NS, "/it", "guidance", Status(OK, "", guidance.told(surroundings)))
+    publisher = scene.peer.create_publisher(
+        DiagnosticArray, GUIDANCE_STATUS.name, published(GUIDANCE_STATUS)
+    )
+    publisher.publish(told)
+    scene.until(lambda: scene.node._scene is not None)
+    scene.send(ATTITUDE, QUARTER_TURN)
+    shapes = scene.picture()
+    assert tip(shapes["goal", 0]) == pytest.approx((0.0, 1.6, 0.0), abs=1e-12)
+    assert tip(shapes["boresight", 0]) == pytest.approx((0.0, 2.0, 0.0), abs=1e-12)
+    clear, inside = (shapes["boresight", i].color for i in range(2))
+    red = shapes["keep_out", 1].color
+    assert (clear.r, clear.g, clear.b) != (red.r, red.g, red.b) == (inside.r, inside.g, inside.b)
+    for number, half_angle in ((0, 0.5), (1, 2.0)):
+        cone = shapes["keep_out", number]
+        assert cone.type == Marker.TRIANGLE_LIST
+        assert len(cone.points) % 3 == 0
+        corners = {(p.x, p.y, p.z) for p in cone.points}
+        apex = (0.0, 0.0, 0.0)
+        assert apex in corners
+        for point in corners - {apex}:
+            assert math.dist(apex, point) == pytest.approx(2.0)
+            assert point[2] == pytest.approx(2.0 * math.cos(half_angle))
 
 
 def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:

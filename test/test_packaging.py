@@ -52,6 +52,7 @@ DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
     "rosbags": ("rosbags", "python3-rosbags-pip"),
     "rosgraph_msgs": ("ros-jazzy-rclpy", "rosgraph_msgs"),
     "scipy": ("scipy", "python3-scipy"),
+    "sgp4": ("sgp4", None),
     "std_msgs": ("ros-jazzy-common-interfaces", "std_msgs"),
     "std_srvs": ("ros-jazzy-common-interfaces", "std_srvs"),
     "tf2_ros": (None, "tf2_ros"),
@@ -61,7 +62,7 @@ DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
     "yaml": ("PyYAML", "python3-yaml"),
     "zstandard": ("zstandard", "python3-rosbags-pip"),
 }
-RUN_TIME_EXTRAS = ("ros", "campaign", "guarantee")
+RUN_TIME_EXTRAS = ("ros", "campaign", "guarantee", "orbit")
 # Numba needs SciPy at run time for the linear algebra inside kernels.
 NEEDED_WITHOUT_IMPORT = {"scipy", "sensor_msgs"}
 

@@ -16,7 +16,7 @@
 """The figures of one run, each the counterpart of one in the paper."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -43,6 +43,7 @@ from ppc_attitude.analysis.drawing import (
     time_axis,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured, known
 from ppc_attitude.analysis.metrics import torque_limit
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
@@ -230,10 +231,7 @@ def column_figure(run: Measured, column: str) -> Figure:
     return figure
 
 
-_Drawing = tuple[str, str, Callable[[Measured], Figure]]
-
-
-def _drawings(record: RunRecord) -> Iterator[_Drawing]:
+def _drawings(record: RunRecord) -> Iterator[Drawing]:
     """Name of a figure's file, caption, and who draws it."""
     yield "pointing_error", "Attitude error as an angle", pointing_figure
     yield "attitude_error", "Attitude error", attitude_figure
@@ -244,6 +242,7 @@ def _drawings(record: RunRecord) -> Iterator[_Drawing]:
     yield "angular_velocity", "Angular velocity, desired and limit", angular_velocity_figure
     yield "disturbance", "External torque", disturbance_figure
     yield "transformed_errors", "Errors over envelopes", transformed_errors_figure
+    yield from guidance_drawings(record)
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
     drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}
     for column, topic in BY_COLUMN.items():

@@ -53,9 +53,13 @@ def _text(name: str) -> str:
 
 
 def plotted(figure: Figure) -> str:
-    """Lines of a figure as data for the page; close looks are left out, since one can zoom."""
+    """Lines of a figure as data for the page; close looks are left out, since one can zoom.
+
+    Nothing for a map, which has no lines over time.
+    """
     whole = figure.axes[0].get_xlim()
-    return _data([_panel(axes) for axes in figure.axes if axes.get_xlim() == whole])
+    shown = [_panel(axes) for axes in figure.axes if axes.get_xlim() == whole]
+    return _data(shown) if any(panel["lines"] for panel in shown) else ""
 
 
 def replay(run: Measured) -> str:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How near the craft came to its keep-out cones: the truth, so its error is in it."""
+"""How near a run came to its keep-out cones: by the truth, so that the craft's error is in it."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -21,10 +21,10 @@ import numpy as np
 
 from ppc_attitude.analysis.series import finite, has
 from ppc_attitude.analysis.truth import truth_of
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE
 from ppc_attitude.science.guidance.cones import DIRECTIONS, HALF_ANGLES
-from ppc_attitude.science.guidance.goals import closest_angles
+from ppc_attitude.science.guidance.sight import cone_angles
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.orbit import CURSOR
 from ppc_attitude.science.references import goal
@@ -46,23 +46,52 @@ class Approach(NamedTuple):
     half_angle: float
 
 
-def approaches_of(record: RunRecord) -> list[Approach]:
-    """Nearest approach to each keep-out cone; none if the run had no cones or no attitude."""
-    values: Mapping[str, Any] = record.parameters.get(REFERENCE, {})
-    attitude = truth_of(record).attitude
-    if REFERENCES.selected(values) is not goal.COMPONENT or not values.get(HALF_ANGLES.name):
-        return []
-    if not has(record, attitude):
-        return []
-    known = {parameter.name: parameter.default for parameter in goal.COMPONENT.parameters}
-    record_of_goals, _ = goal.configure({**known, **values})
-    seen = finite(record[attitude])
-    angles = closest_angles(
+def guidance_values(record: RunRecord) -> dict[str, Any] | None:
+    """Parameters of a run's guidance, complete; None if it followed no goals."""
+    given: Mapping[str, Any] = record.parameters.get(REFERENCE, {})
+    if REFERENCES.selected(given) is not goal.COMPONENT:
+        return None
+    defaults = {parameter.name: parameter.default for parameter in goal.COMPONENT.parameters}
+    return {**defaults, **given}
+
+
+def cone_names(values: Mapping[str, Any]) -> list[str]:
+    """What each keep-out cone is about."""
+    names, count = list(values[DIRECTIONS.name]), len(values[HALF_ANGLES.name])
+    return names * count if len(names) == 1 else names
+
+
+def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -> Array:
+    """Angle [rad] between body axis and direction of each keep-out cone, shape (n, count).
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+    column : str
+        Its attitudes, x y z w; NaN where one is missing.
+    values : mapping
+        Parameters of its guidance.
+    """
+    configuration, *_kept = goal.configure(values)
+    angles = np.full((record.stamps_ns.size, int(configuration["cones"]["count"])), np.nan)
+    seen = finite(record[column])
+    angles[seen] = cone_angles(
         np.ascontiguousarray(record.stamps_ns[seen]),
-        np.ascontiguousarray(record[attitude][seen], float),
-        record_of_goals,
+        np.ascontiguousarray(record[column][seen], float),
+        configuration,
         np.zeros((), CURSOR)[()],
     )
-    names, half_angles = values[DIRECTIONS.name], values[HALF_ANGLES.name]
-    names = list(names) * len(half_angles) if len(names) == 1 else names
-    return [Approach(*each) for each in zip(names, angles.tolist(), half_angles, strict=True)]
+    return angles
+
+
+def approaches_of(record: RunRecord) -> list[Approach]:
+    """Nearest approach to each keep-out cone; none if the run had no cones or no attitude."""
+    values, attitude = guidance_values(record), truth_of(record).attitude
+    if values is None or not values[HALF_ANGLES.name] or not has(record, attitude):
+        return []
+    nearest = np.nanmin(angles_to_cones(record, attitude, values), axis=0).tolist()
+    return [
+        Approach(*each)
+        for each in zip(cone_names(values), nearest, values[HALF_ANGLES.name], strict=True)
+    ]

@@ -137,10 +137,15 @@ def errors_between(record: RunRecord, column: str, base: str) -> Errors:
     for each in (column, base):
         if not has(record, each):
             raise lacking(record, each)
+    return errors_of(record[column], record[base])
+
+
+def errors_of(attitudes: Array, bases: Array) -> Errors:
+    """Errors of attitudes against others, both x y z w, shape (n, 4); NaN where not known."""
     # By component, as the loop gives them: then nothing is copied.
-    attitudes, bases = (np.ascontiguousarray(record[each].T) for each in (column, base))
-    quaternions, angles = np.empty_like(attitudes), np.empty(attitudes.shape[1])
-    attitude_errors(attitudes, bases, quaternions, angles)
+    first, second = (np.ascontiguousarray(each.T) for each in (attitudes, bases))
+    quaternions, angles = np.empty_like(first), np.empty(first.shape[1])
+    attitude_errors(first, second, quaternions, angles)
     return Errors(quaternions.T, angles)
 
 

@@ -32,6 +32,8 @@ from ppc_attitude.campaign.varied import values_of
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import REFERENCES
+from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.scenario import Scenario
 
 _LARGEST_NOISE_SEED = 2**53
@@ -187,7 +189,10 @@ def _attitude(
     q = (x, y, z, w)
     if campaign.variables.initial_attitude is not None:
         q = campaign.variables.initial_attitude.draw(stream(campaign, index, "initial_attitude"), q)
-    desired = unit_quaternion("initial_attitude", values[REFERENCE]["initial_attitude"]).tolist()
+    reference = values[REFERENCE]
+    desired = unit_quaternion("initial_attitude", reference["initial_attitude"]).tolist()
+    if REFERENCES.selected(reference) is goal.COMPONENT:
+        desired = q  # it begins where the craft is
     angle = rotation_angle(attitude_error(q, tuple(desired)))
     named = {f"initial_attitude_{a}": value for a, value in zip("xyzw", q, strict=True)}
     return {**named, "initial_error_angle": float(angle)}

@@ -15,23 +15,26 @@
 """Whether what is asked of a scenario is in proportion to its craft, as conditions for `check`."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
-from ppc_attitude.science.certificate import Condition
+from ppc_attitude.science.certificate import RATE_LIMIT, Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
+from ppc_attitude.science.controllers.common import envelope_of
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.envelope_plan import least_settling_time
 from ppc_attitude.science.estimators.steady_state import FLOOR, Sigmas, error_sigmas, noise_floors
+from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kinds import ESTIMATORS, REFERENCES, SENSORS
 from ppc_attitude.science.part import Part
+from ppc_attitude.science.performance import nominal
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
@@ -112,7 +115,7 @@ def _least_turn(
 
 
 def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
-    """The torque of a slew against the share of the actuator that it may take."""
+    """What a slew needs: of the actuator's torque, and of the rate that the craft may have."""
     reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
     if REFERENCES.selected(reference) is not goal.COMPONENT:
         return
@@ -129,6 +132,27 @@ def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
         "N·m",
         False,
         "max‖J e‖ A + max‖ω × J ω‖ leaves the law its margin (guidance.torque_share)",
+    )
+    law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+    if scenario.controller.name == ppc.COMPONENT.name:
+        yield _rate_of_slew(rate, reference[GOAL_TIMES.name], law)
+
+
+def _rate_of_slew(rate: float, times: Sequence[float], law: Mapping[str, Any]) -> Condition:
+    """The largest rate during a slew: V, and what the law `ppc` adds for an error."""
+    shape = envelope_of("attitude_envelope", law).shape()
+    begin = min(times, default=math.inf)
+    width = min(nominal(begin, shape)[0], 1.0) if times else float(shape["terminal"])
+    when = f"of the first goal, t = {begin:g} s" if times else "once settled"
+    return Condition(
+        "slew rate",
+        math.degrees(rate + virtual_control_bound(law) * width),
+        math.degrees(RATE_LIMIT),
+        "≤",
+        "deg/s",
+        False,
+        f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: an error as large as its envelope would add so "
+        "much",
     )
 
 

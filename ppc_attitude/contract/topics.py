@@ -195,7 +195,7 @@ GUIDANCE_STATUS = Topic(
     REFERENCE,
     "",
     "",
-    "what becomes of each order; the stamp is that of the state from which it acts",
+    "what becomes of each order, from the stamp on; warnings; where goal and cones are",
 )
 CLOCK_TOPIC = Topic("/clock", CLOCK, "", PLANT, "", "s", "simulated time")
 DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, "", "", "", "", "health of every node")
@@ -215,7 +215,13 @@ RECORDED_TOPIC = Topic(
     "recorded_until", CLOCK, "", RECORDER, "", "s", "the recorder has every state until then"
 )
 MARKERS_TOPIC = Topic(
-    "markers", MARKER_ARRAY, INERTIAL, MARKERS, "", "m", "craft, frames and torques as shapes"
+    "markers",
+    MARKER_ARRAY,
+    INERTIAL,
+    MARKERS,
+    "",
+    "m",
+    "craft, frames, torques, goal and keep-out cones as shapes",
 )
 EVENTS = (
     INJECT,

@@ -12,12 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The picture of a run for RViz and Foxglove: craft, frames and torques; TF where there is one."""
+"""The picture of a run for RViz and Foxglove: craft, frames, torques, and where guidance aims.
+
+Of guidance it draws what `guidance/status` says, so it does the same for a bag that is played.
+"""
 
 import sys
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
@@ -26,6 +30,7 @@ from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
     DISTURBANCE,
+    GUIDANCE_STATUS,
     MARKERS,
     MARKERS_TOPIC,
     REFERENCE_ATTITUDE,
@@ -33,15 +38,18 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.latest import LatestSamples
-from ppc_attitude.nodes.marker_shapes import arrow, axes, box, transform
-from ppc_attitude.nodes.qos import published
+from ppc_attitude.nodes.marker_shapes import CONE_LENGTH, arrow, axes, box, cone, transform
+from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.attitude import rotate
 from ppc_attitude.science.component import BODY, DESIRED
+from ppc_attitude.science.guidance.scene import Scene, heard
+from ppc_attitude.science.keep_out import angle_between
 from ppc_attitude.science.kernel import Quaternion, Vector, scale
 
+_KEPT_OUT, _CLEAR = (0.85, 0.10, 0.10), (0.10, 0.80, 0.80)
 _TORQUES = (
     (APPLIED_TORQUE, "torque", "torque_scale", (1.0, 0.55, 0.0)),
     (DISTURBANCE, "disturbance", "disturbance_scale", (0.85, 0.10, 0.75)),
@@ -63,6 +71,10 @@ class AttitudeMarkers(BaseNode):
         self._broadcaster = _broadcaster(self)
         # Frames of several craft in one TF tree need names of their own.
         self._prefix = f"{self.get_namespace()}/".lstrip("/")
+        self._scene: Scene | None = None  # of guidance; none in mode `paper`
+        # Who comes late still gets the last word.
+        kept = subscribed(GUIDANCE_STATUS, late=True)
+        self.create_subscription(DiagnosticArray, GUIDANCE_STATUS.name, self._on_guidance, kept)
         self._stamp = -1
         self._next = 0.0
         self._drawn = 0
@@ -93,6 +105,7 @@ class AttitudeMarkers(BaseNode):
             frames[DESIRED] = _quaternion(desired)
             markers += axes(self._stamp, DESIRED, position, frames[DESIRED], 1.3, 0.4)
         markers += self._torques(position, attitude)
+        markers += self._guidance(position, attitude)
         self._publisher.publish(MarkerArray(markers=markers))
         if self._broadcaster is not None:
             self._broadcaster.sendTransform(
@@ -112,6 +125,28 @@ class AttitudeMarkers(BaseNode):
                 torque = (sample.values[0], sample.values[1], sample.values[2])
                 extent = scale(self.parameters[parameter], rotate(attitude, torque))
                 shown.append(arrow(self._stamp, (name, 0), position, extent, (colour, 1.0, 0.04)))
+        return shown
+
+    def _on_guidance(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            facts = {each.key: each.value for each in status.values}
+            try:
+                self._scene = heard(facts) or self._scene
+            except ValueError as reason:
+                self.refuse(GUIDANCE_STATUS.name, f"{GUIDANCE_STATUS.name}: {reason}")
+
+    def _guidance(self, position: Vector, attitude: Quaternion) -> list[Any]:
+        """Goal, keep-out cones, and the body axes that must keep out of them."""
+        if self._scene is None:
+            return []
+        shown = axes(self._stamp, "goal", position, self._scene.goal, 1.6, 0.25)
+        for i, each in enumerate(self._scene.cones):
+            pointed = rotate(attitude, each.axis)
+            inside = angle_between(pointed, each.direction) < each.half_angle
+            shown.append(cone(self._stamp, i, position, each.direction, each.half_angle, _KEPT_OUT))
+            look = (_KEPT_OUT if inside else _CLEAR, 1.0, 0.03)
+            extent = scale(CONE_LENGTH, pointed)
+            shown.append(arrow(self._stamp, ("boresight", i), position, extent, look))
         return shown
 
     def _sample(self, topic: Topic) -> Sample | None:

@@ -28,7 +28,7 @@ from typing import Any, cast
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
@@ -333,7 +333,12 @@ def _full(home: str, name: str) -> str:
 def _offered(topic: Topic) -> Any:
     profile = published(topic)
     reliable = profile.reliability == ReliabilityPolicy.RELIABLE
-    return offered_qos(reliability="reliable" if reliable else "best_effort", depth=profile.depth)
+    kept = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return offered_qos(
+        reliability="reliable" if reliable else "best_effort",
+        durability="transient_local" if kept else "volatile",
+        depth=profile.depth,
+    )
 
 
 def _tidy(namespace: str) -> str:

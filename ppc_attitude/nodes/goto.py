@@ -27,6 +27,7 @@ from rclpy.node import Node
 
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
 from ppc_attitude.nodes.discovery import check_discovery
+from ppc_attitude.nodes.guidance_desk import ABOUT, ORDERS
 from ppc_attitude.nodes.namespaces import absolute_namespace
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
@@ -79,7 +80,7 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
     heard: list[DiagnosticStatus] = []
 
     def hear(message: Any) -> None:
-        heard.extend(message.status)
+        heard.extend(status for status in message.status if _answers(status))
 
     node.create_subscription(
         DiagnosticArray, GUIDANCE_STATUS.name, hear, subscribed(GUIDANCE_STATUS)
@@ -99,12 +100,18 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
         f"nobody listens on {node.resolve_topic_name(GOAL_POSE.name)}: is a stack running in this "
         "domain, with mode: goal?",
     )
+    heard.clear()
     publisher.publish(goal)
     if at > 0.0:
         _wait(node, publisher.wait_for_all_acked, "the goal was not taken")
         return Answer(f"goal sent, to begin at t = {at:g} s", followed=True)
     _wait(node, lambda: bool(heard), f"no answer on {GUIDANCE_STATUS.name}")
     return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)
+
+
+def _answers(status: DiagnosticStatus) -> bool:
+    """True if a status is about an order, not about what moves."""
+    return any(each.key == ABOUT and each.value == ORDERS for each in status.values)
 
 
 def _wait(node: Node, condition: Callable[[], bool], complaint: str) -> None:

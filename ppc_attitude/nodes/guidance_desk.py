@@ -32,17 +32,20 @@ from ppc_attitude.runtime.health import OK, WARN, Status
 from ppc_attitude.science.component import INERTIAL
 from ppc_attitude.science.guidance.order_book import Make, OrderBook
 from ppc_attitude.science.guidance.orders import (
+    Orders,
     goal_order,
     hold_order,
     profile_order,
     schedule_of,
     scheduled_orders,
 )
-from ppc_attitude.science.guidance.trajectory import points
+from ppc_attitude.science.guidance.trajectory import POINTS, points
+from ppc_attitude.science.guidance.watch import warnings_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import configuration_of, facts
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
+ABOUT, ORDERS = "about", "an order"  # what a status is about
 _BODY = "body"  # the joint of a trajectory
 _LATEST = 1e8  # [s] as for a scheduled goal; no stamp is far beyond
 
@@ -61,11 +64,15 @@ class GuidanceDesk:
     def __init__(self, node: BaseNode, part: Part) -> None:
         self._node = node
         self._part = part
-        self._profiles: list[NDArray[Any]] = []  # orders refer to them by address
-        self._orders = scheduled_orders(node.parameters.values)
-        self._book = OrderBook(self._orders)
-        self._told = 0
+        self._scheduled = scheduled_orders(node.parameters.values)
+        self._orders = self._scheduled
+        self._kept: list[Any] = []  # what the reference's configuration refers to by address
+        self._profiles = list(self._scheduled.profiles)
+        self._book = OrderBook(self._scheduled.listed)
         self._stamp = 0  # the latest instant [ns]
+        self._told = -1  # number of the advice that was told last
+        self._details: dict[str, Any] = {}  # that were told last
+        self._look_again = 0  # [ns] when they may have changed
         self._publisher = node.create_publisher(
             DiagnosticArray, GUIDANCE_STATUS.name, published(GUIDANCE_STATUS)
         )
@@ -79,7 +86,8 @@ class GuidanceDesk:
                 handle(message)
             except ValueError as reason:
                 self._node.refuse(topic.name, f"{topic.name}: {reason}")
-                self._say(self._stamp, WARN, f"refused {topic.name}: {reason}", {})
+                text = f"refused {topic.name}: {reason}"
+                self._say(self._stamp, WARN, text, {ABOUT: ORDERS})
 
         self._node.create_subscription(kind, topic.name, receive, subscribed(topic))
 
@@ -89,29 +97,44 @@ class GuidanceDesk:
         orders = self._book.at(stamp_ns)
         if orders is None:
             return
-        self._orders = orders
+        self._orders = Orders(orders, np.array(self._profiles, POINTS))
         self.configure()
         if self._book.in_flight:
-            self._node.tell_changes(stamp_ns, schedule_of(orders))
+            self._node.tell_changes(stamp_ns, schedule_of(self._orders))
 
     def configure(self) -> None:
         """Let the reference fly with the node's present parameters and all orders."""
-        record, self._orders = configuration_of(self._node.parameters.values, self._orders)
+        record, *self._kept = configuration_of(self._node.parameters.values, self._orders)
         self._part.hold(record)
 
     def after(self, stamp_ns: int) -> None:
-        """Tell what became of the orders of an instant [ns], after its step."""
-        if self._part.advices == self._told:
+        """Tell what became of the orders of an instant [ns], after its step.
+
+        Also, once a second of simulated time, where a goal or a cone that moves has come to.
+        """
+        state = self._part.state[0]
+        if not state["begun"] or (self._part.advices == self._told and stamp_ns < self._look_again):
             return
-        self._told = self._part.advices
+        self._look_again = (stamp_ns // NANOSECONDS + 1) * NANOSECONDS
+        details = facts(seconds(stamp_ns), self._part.configuration[0], state)
+        if self._part.advices == self._told and details == self._details:
+            return
+        ordered = details["order"] != self._details.get("order", 0)
+        self._told, self._details = self._part.advices, details
         advice = self._part.advice
-        self._say(stamp_ns, WARN if advice.warning else OK, advice.text, facts(self._part.state[0]))
+        about = {ABOUT: ORDERS if ordered else "what moves"}
+        self._say(stamp_ns, WARN if advice.warning else OK, advice.text, {**about, **details})
+
+    @property
+    def concern(self) -> str:
+        """What is warned of now; empty if nothing is."""
+        return " and ".join(warnings_of(self._part.state[0]["watch"]))
 
     def begin_again(self) -> None:
         """Forget all orders in flight: time has begun again."""
         self._book.begin_again()
-        self._profiles.clear()
-        self._told = 0
+        self._profiles = list(self._scheduled.profiles)
+        self._told, self._details, self._look_again = -1, {}, 0
 
     def _say(self, stamp_ns: int, level: bytes, text: str, details: Mapping[str, Any]) -> None:
         name = self._node.get_fully_qualified_name()
@@ -119,7 +142,6 @@ class GuidanceDesk:
         self._publisher.publish(diagnostics(stamp_ns, name, "guidance", status))
 
     def _accept(self, kind: str, make: Make, stamp_ns: int) -> str:
-        make(stamp_ns)  # what is wrong with it is told at once
         when = self._book.accept(make, stamp_ns)
         self._node.mention(kind, f"{kind}: acts {when}")
         return when
@@ -131,6 +153,7 @@ class GuidanceDesk:
         def make(stamp_ns: int) -> NDArray[Any]:
             return goal_order(stamp_ns, frame, attitude)
 
+        make(0)  # what is wrong with it is told at once
         self._accept(GOAL_POSE.name, make, _stamp_of(message.header.stamp))
 
     def _on_trajectory(self, message: MultiDOFJointTrajectory) -> None:
@@ -148,13 +171,15 @@ class GuidanceDesk:
             accelerations.append(_angular(point.accelerations))
             offsets.append(point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec)
 
-        def make(stamp_ns: int) -> NDArray[Any]:
-            begin = seconds(stamp or stamp_ns)
+        def profile_from(begin: float) -> Any:
             times = [begin + offset for offset in offsets]
-            profile = np.array([points(times, attitudes, rates, accelerations)])
-            self._profiles.append(profile)
-            return profile_order(stamp_ns, profile)
+            return points(times, attitudes, rates, accelerations)
 
+        def make(stamp_ns: int) -> NDArray[Any]:
+            self._profiles.append(profile_from(seconds(stamp or stamp_ns)))
+            return profile_order(stamp_ns, len(self._profiles) - 1)
+
+        profile_from(0.0)  # what is wrong with it is told at once
         self._accept(GOAL_TRAJECTORY.name, make, stamp)
 
     def _on_hold(self, request: Any, response: Any) -> Any:
@@ -181,5 +206,8 @@ def _angular(twists: Any) -> list[float] | None:
 def _stamp_of(stamp: Any) -> int:
     stamp_ns: int = stamp.sec * NANOSECONDS + stamp.nanosec
     if not 0 <= stamp_ns <= nanoseconds(_LATEST):
-        raise ValueError(f"stamp = {seconds(stamp_ns):g} s; allowed: 0 to {_LATEST:g}")
+        raise ValueError(
+            f"stamp = {seconds(stamp_ns):g} s; allowed: 0 to {_LATEST:g}, in simulated time: a "
+            "tool that stamps by the wall clock needs use_sim_time:=true"
+        )
     return stamp_ns

@@ -12,9 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The shapes that stand for a run: a box, the axes of two frames, two arrows."""
+"""The shapes that stand for a run: a box, the axes of frames, arrows, and keep-out cones."""
 
 import math
+from itertools import pairwise
 
 from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3
 from std_msgs.msg import ColorRGBA, Header
@@ -23,9 +24,12 @@ from visualization_msgs.msg import Marker
 from ppc_attitude.science import kernel
 from ppc_attitude.science.attitude import rotate
 from ppc_attitude.science.component import INERTIAL
+from ppc_attitude.science.keep_out import perpendicular
 from ppc_attitude.science.stamps import NANOSECONDS
 
 LONGEST = 2.0  # [m] of an arrow, whatever the torque
+CONE_LENGTH = 2.0  # [m]
+_FACETS = 36
 _SHORTEST = 1e-3  # [m] shorter arrows are taken away: a viewer cannot draw them
 _BOX = (0.7, 0.6, 0.5)  # [m] longest along the axis of least inertia in the paper's craft
 _AXES = (
@@ -101,6 +105,45 @@ def arrow(
     shown = kernel.scale(min(1.0, LONGEST / length), extent)
     marker.points = [_point(start), _point(kernel.add(start, shown))]
     marker.scale = Vector3(x=diameter, y=2.5 * diameter, z=4.0 * diameter)
+    return marker
+
+
+def cone(
+    stamp_ns: int,
+    number: int,
+    apex: kernel.Vector,
+    direction: kernel.Vector,
+    half_angle: float,
+    colour: tuple[float, float, float],
+) -> Marker:
+    """Return the mantle of a cone of slant length `CONE_LENGTH`.
+
+    Parameters
+    ----------
+    stamp_ns, number : int
+        Stamp [ns] and number of the marker.
+    apex : tuple of 3 floats
+        Where its tip is [m], inertial axes.
+    direction : tuple of 3 floats
+        Unit vector along its axis, inertial axes.
+    half_angle : float
+        Angle between axis and mantle [rad]; above π/2 it opens backwards.
+    colour : tuple of 3 floats
+        Red, green, blue.
+    """
+    marker = _marker(stamp_ns, "keep_out", number, Marker.TRIANGLE_LIST, colour, 0.25)
+    marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
+    centre = kernel.scale(math.cos(half_angle), direction)
+    u = perpendicular(direction)
+    v = kernel.cross(direction, u)
+    rim = []
+    for k in range(_FACETS + 1):
+        turn = math.tau * k / _FACETS
+        across = kernel.add(kernel.scale(math.cos(turn), u), kernel.scale(math.sin(turn), v))
+        edge = kernel.add(centre, kernel.scale(math.sin(half_angle), across))
+        rim.append(_point(kernel.add(apex, kernel.scale(CONE_LENGTH, edge))))
+    for left, right in pairwise(rim):
+        marker.points += [_point(apex), left, right]
     return marker
 
 

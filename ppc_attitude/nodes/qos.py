@@ -51,9 +51,13 @@ def published(topic: Topic) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 
 
-def subscribed(topic: Topic) -> QoSProfile:
-    """QoS with which a peer reads a topic: all that is sent from now on."""
-    return QoSProfile(depth=_BACKLOG, reliability=ReliabilityPolicy.RELIABLE)
+def subscribed(topic: Topic, late: bool = False) -> QoSProfile:
+    """QoS with which a peer reads a topic: all that is sent from now on.
+
+    With `late` also what was kept for who comes late; no publisher that keeps nothing fits that.
+    """
+    kept = DurabilityPolicy.TRANSIENT_LOCAL if late else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=_BACKLOG, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 
 
 def recorded(topic: Topic, reliable: bool = True) -> QoSProfile:

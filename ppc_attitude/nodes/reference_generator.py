@@ -21,6 +21,7 @@ from ppc_attitude.contract.topics import REFERENCE
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.guidance_desk import GuidanceDesk
 from ppc_attitude.nodes.running import run_node
+from ppc_attitude.runtime.health import OK, WARN, Status
 from ppc_attitude.runtime.stamps import Values
 from ppc_attitude.science.references import goal
 
@@ -55,6 +56,14 @@ class ReferenceGenerator(ComponentNode):
         if self._desk:
             self._desk.after(stamp_ns)
         return outputs
+
+    def status(self) -> Status:
+        """As of any such node; a warning while the guidance warns of something."""
+        status = super().status()
+        concern = self._desk.concern if self._desk else ""
+        if status.level == OK and concern:
+            return Status(WARN, f"the desired motion {concern}", status.details)
+        return status
 
 
 def main() -> int:

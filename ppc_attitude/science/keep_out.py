@@ -135,7 +135,7 @@ def cones_around(q: Quaternion, cones: Any, directions: Any) -> int:
 
 
 @kernel
-def _perpendicular(s: Vector) -> Vector:
+def perpendicular(s: Vector) -> Vector:
     """Coordinate axis of the smallest |component| of a unit vector, made perpendicular to it."""
     x, y, z = abs(s[0]), abs(s[1]), abs(s[2])
     axis: Vector = (0.0, 0.0, 1.0)
@@ -153,7 +153,7 @@ def _smallest_turn(a: Vector, b: Vector) -> Quaternion:
     normal = cross(a, b)
     sine = norm(normal)
     if sine < 1e-15:
-        return about(_perpendicular(a), 0.0 if dot(a, b) > 0.0 else math.pi)
+        return about(perpendicular(a), 0.0 if dot(a, b) > 0.0 else math.pi)
     return about(scale(1.0 / sine, normal), math.atan2(sine, dot(a, b)))
 
 
@@ -168,7 +168,7 @@ def _stops(start: Quaternion, goal: Quaternion, cones: Any, directions: Any) -> 
     count = 1
     for i in range(cones.count):
         s = vector(directions[i])
-        u = _perpendicular(s)
+        u = perpendicular(s)
         v = cross(s, u)
         for beyond in _DISTANCES:
             angle = cones.half_angle[i] + beyond

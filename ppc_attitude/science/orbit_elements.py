@@ -24,6 +24,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.orbit import EARTH_RADIUS, MU, ORBIT
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.sky import days_of
+from ppc_attitude.science.two_line import orbit_by_lines
 
 _TURN = math.tau
 ALTITUDE = Parameter(
@@ -80,6 +81,13 @@ MEAN_ANOMALY = Parameter(
     read_only=True,
 )
 EPOCH = Parameter("orbit.epoch", "2025-01-01", "date of t = 0, ISO 8601, UTC", read_only=True)
+TLE = Parameter(
+    "orbit.tle",
+    "",
+    "two-line element set, whose epoch is within 30 days of orbit.epoch; then the elements above "
+    "have no meaning",
+    read_only=True,
+)
 ORBIT_PARAMETERS = (
     ALTITUDE,
     ECCENTRICITY,
@@ -88,6 +96,7 @@ ORBIT_PARAMETERS = (
     ARGUMENT_OF_PERIGEE,
     MEAN_ANOMALY,
     EPOCH,
+    TLE,
 )
 """What every node that knows the orbit is configured with."""
 
@@ -98,8 +107,10 @@ def orbit_of(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The perigee is below Earth's surface.
+        The perigee is below Earth's surface, or the two lines are no orbit.
     """
+    if values[TLE.name]:
+        return orbit_by_lines(TLE.name, values[TLE.name], epoch_of(values))
     return orbit_record(
         EARTH_RADIUS + values[ALTITUDE.name],
         values[ECCENTRICITY.name],

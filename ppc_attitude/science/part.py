@@ -96,8 +96,8 @@ class Part:
     ----------
     inputs, outputs : ndarray of one record
         What the next step reads, and what the last one gave.
-    state : ndarray of one record
-        What it remembers.
+    configuration, state : ndarray of one record
+        What it is configured with, and what it remembers.
 
     Raises
     ------
@@ -140,12 +140,12 @@ class Part:
 
     def hold(self, record: Any) -> None:
         """Take a record of configuration that was made elsewhere."""
-        self._configuration = np.array([record], self.component.configuration)
+        self.configuration = np.array([record], self.component.configuration)
         self.addresses = (
             self._entry.address,
             self.inputs.ctypes.data,
             self.state.ctypes.data,
-            self._configuration.ctypes.data,
+            self.configuration.ctypes.data,
             self.outputs.ctypes.data,
         )
         self._records = self.addresses[1:]

@@ -17,12 +17,11 @@
 A new plan is made beside the present one and takes its place only if it is found.
 """
 
-import math
 from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import normalised, product, rotate
+from ppc_attitude.science.attitude import conjugate, product, rotate
 from ppc_attitude.science.guidance.frames import INERTIAL, LEAST_SINE, SKY, SPIN, frame_at
 from ppc_attitude.science.guidance.plan import (
     LIMITS,
@@ -32,40 +31,36 @@ from ppc_attitude.science.guidance.plan import (
     plan_motion,
     start_plan,
 )
-from ppc_attitude.science.guidance.rotation import Motion
+from ppc_attitude.science.guidance.rotation import Motion, axis_and_angle
+from ppc_attitude.science.guidance.sight import crossing, directions_at, goal_at
 from ppc_attitude.science.guidance.slew import (
     append_approach,
     append_brake,
     append_slew,
     end_attitude,
 )
+from ppc_attitude.science.guidance.watch import WATCH, begin_watch
 from ppc_attitude.science.keep_out import (
     CONES,
-    FIXED,
     FOUND,
     GOAL_INSIDE,
     NO_CONE,
-    SUN,
     angle_between,
     cones_around,
     rest_to_rest,
     route,
+    turn_is_clear,
     violated,
 )
 from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
     kernel,
-    norm,
     quaternion,
-    scale,
     store,
     store_quaternion,
     vector,
 )
-from ppc_attitude.science.orbit import orbit_at
-from ppc_attitude.science.sky import DAY, sun_direction
-from ppc_attitude.science.stamps import seconds
 
 GUIDANCE = np.dtype(
     [
@@ -76,6 +71,8 @@ GUIDANCE = np.dtype(
         ("cones", CONES),
         ("orders", np.int64),  # how many
         ("address", np.uint64),  # of the orders, dtype `ORDER`
+        ("profiles", np.int64),  # how many
+        ("profiles_address", np.uint64),  # of the timed profiles, dtype `POINTS`
     ],
     align=True,
 )
@@ -88,8 +85,12 @@ STATE = np.dtype(
         ("look", LOOK),
         ("obeyed", np.int64),  # orders so far
         ("outcome", np.int64),  # of the last one
+        ("measured", np.float64),  # what it was refused for, and what is allowed, each in the
+        ("allowed", np.float64),  # unit of its reason
         ("inside", np.int64),  # bits of the cones that it began in
+        ("barred", np.int64),  # bits of the cones that the direct way to it crosses
         ("cone", np.int64),  # that the last goal was refused for; −1: none
+        ("watch", WATCH),
         ("attitude", np.float64, (4,)),  # the last answer, whose sign the next one continues
     ],
     align=True,
@@ -106,49 +107,9 @@ STATE = np.dtype(
     TOO_FAST,
 ) = range(9)
 MOST_SPIN = 0.9  # of V
-_SAMPLE = 0.5  # [s] between the samples of a plan whose cones or goal move
 _ROUNDS = 5
-_TOLERANCE = 1e-9  # [rad] that a sample of an exact plan may be inside by rounding
 _NOTHING: Vector = (0.0, 0.0, 0.0)
 _STRAIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
-_seconds = kernel(seconds)
-
-
-@kernel
-def directions_at(t: float, cones: Any, sky: Any, cursor: Any) -> Any:
-    """Inertial directions of the cones at t [s], shape (count, 3)."""
-    directions = np.empty((cones.count, 3))
-    for i in range(cones.count):
-        if cones.kind[i] == FIXED:
-            store(directions[i], vector(cones.direction[i]))
-        elif cones.kind[i] == SUN:
-            store(directions[i], sun_direction(sky.days + t / DAY)[0])
-        else:
-            r = orbit_at(t, sky.orbit, cursor)[0]
-            store(directions[i], scale(-1.0 / norm(r), r))
-    return directions
-
-
-@kernel
-def closest_angles(stamps_ns: Any, attitudes: Any, guidance: Any, cursor: Any) -> Any:
-    """Smallest angle [rad] to each cone's direction over a run, shape (count,).
-
-    Parameters
-    ----------
-    stamps_ns, attitudes
-        Instants [ns], shape (n,), and attitudes x y z w, shape (n, 4).
-    guidance, cursor
-        Record of dtype `GUIDANCE`, and a cursor of the orbit.
-    """
-    cones = guidance.cones
-    smallest = np.full(cones.count, math.pi)
-    for k in range(stamps_ns.size):
-        directions = directions_at(_seconds(stamps_ns[k]), cones, guidance.sky, cursor)
-        q = quaternion(attitudes[k])
-        for i in range(cones.count):
-            b = rotate(q, vector(cones.body_axis[i]))
-            smallest[i] = min(smallest[i], angle_between(b, vector(directions[i])))
-    return smallest
 
 
 @kernel
@@ -169,25 +130,30 @@ def motion_now(t: float, guidance: Any, state: Any) -> Motion:
 
 
 @kernel
-def first_crossing(plan: Any, t: float, free: float, exempt: int, guidance: Any, state: Any) -> int:
-    """Index of the first cone that the samples of a plan are inside of, from t [s] on; −1: none.
+def refused(outcome: int, measured: float, allowed: float, state: Any) -> int:
+    """Remember what a refusal is for, each in the unit of its reason; returns the outcome."""
+    state.measured = measured
+    state.allowed = allowed
+    return outcome
 
-    The cones in the bits of `exempt` do not count until `free` [s].
-    """
-    look, cones = state.look, guidance.cones
-    copy_cursor(look.now, look.ahead)
-    count = math.ceil((plan.end - t) / _SAMPLE)
-    for k in range(count + 1):
-        s = min(t + k * _SAMPLE, plan.end)
-        q = plan_motion(s, plan, guidance.sky, look.ahead)[0]
-        directions = directions_at(s, cones, guidance.sky, look.ahead)
-        for i in range(cones.count):
-            if exempt >> i & 1 and s < free:
-                continue
-            angle = angle_between(rotate(q, vector(cones.body_axis[i])), vector(directions[i]))
-            if angle < cones.half_angle[i] - _TOLERANCE:
-                return i
-    return -1
+
+@kernel
+def kept_clear(trial: Any, t: float, free: float, exempt: int, guidance: Any, state: Any) -> int:
+    """`ACCEPTED` if a plan keeps all cones from t [s] on, `CROSSES` if not; see `crossing`."""
+    cone, when = crossing(trial, t, trial.end, free, exempt, guidance, state.look)
+    state.cone = cone
+    return ACCEPTED if cone < 0 else refused(CROSSES, when, t, state)
+
+
+@kernel
+def _bars(start: Quaternion, goal: Quaternion, cones: Any, directions: Any) -> int:
+    """Bits of the cones that the direct turn crosses."""
+    axis, angle = axis_and_angle(product(conjugate(start), goal))
+    bits = 0
+    for i in range(cones.count):
+        if not turn_is_clear(start, axis, angle, cones, directions, ~(1 << i)):
+            bits |= 1 << i
+    return bits
 
 
 @kernel
@@ -205,21 +171,13 @@ def _standing_attitude(trial: Any, motion: Motion) -> Quaternion:
 
 
 @kernel
-def _goal_at(t: float, trial: Any, guidance: Any, state: Any) -> Quaternion:
-    """Inertial attitude of a plan's goal at t [s]."""
-    look = state.look
-    copy_cursor(look.now, look.ahead)
-    frame = frame_at(t, trial.frame, trial.spinning, guidance.sky, look.ahead)[0]
-    return normalised(product(frame[0], quaternion(trial.attitude)))
-
-
-@kernel
 def _aim(t: float, frame: int, attitude: Quaternion, trial: Any, guidance: Any, state: Any) -> int:
     """Empty a plan and give it a goal."""
     start_plan(trial, frame, attitude, t)
     if frame == SPIN:
-        if abs(guidance.spin_rate) > MOST_SPIN * guidance.limits.max_rate:
-            return SPIN_TOO_FAST
+        fastest = MOST_SPIN * guidance.limits.max_rate
+        if abs(guidance.spin_rate) > fastest:
+            return refused(SPIN_TOO_FAST, guidance.spin_rate, fastest, state)
         store_quaternion(trial.attitude, _STRAIGHT)
         store_quaternion(trial.spinning.attitude, attitude)
         store(trial.spinning.axis, vector(guidance.spin_axis))
@@ -227,7 +185,7 @@ def _aim(t: float, frame: int, attitude: Quaternion, trial: Any, guidance: Any, 
         trial.spinning.begin = t
     copy_cursor(state.look.now, state.look.ahead)
     sine = frame_at(t, frame, trial.spinning, guidance.sky, state.look.ahead)[1]
-    return ACCEPTED if sine >= LEAST_SINE else ILL_DEFINED
+    return ACCEPTED if sine >= LEAST_SINE else refused(ILL_DEFINED, sine, LEAST_SINE, state)
 
 
 @kernel
@@ -269,12 +227,17 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
     goal = quaternion(trial.attitude)
     for _ in range(_ROUNDS if moving else 1):
         if moving:
-            goal = _goal_at(arrival, trial, guidance, state)
+            copy_cursor(look.now, look.ahead)
+            goal = goal_at(arrival, trial, sky, look.ahead)
         outcome, attitudes, axes, angles = route(stand, goal, cones, directions, limits)
         if outcome == GOAL_INSIDE:
-            state.cone = violated(goal, cones, directions, 0.0)
-            return INSIDE_CONE
+            i = violated(goal, cones, directions, 0.0)
+            state.cone = i
+            b = rotate(goal, vector(cones.body_axis[i]))
+            angle = angle_between(b, vector(directions[i]))
+            return refused(INSIDE_CONE, angle, cones.half_angle[i], state)
         if outcome != FOUND:
+            state.barred = _bars(stand, goal, cones, directions)
             return NO_WAY
         arrival = begin_turns
         for k in range(len(angles)):
@@ -294,8 +257,7 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
             trial, trial.frame, goal, trial.end, still, False, limits, sky, look
         ):
             return NO_SLEW
-    state.cone = first_crossing(trial, t, free, inside, guidance, state)
-    return ACCEPTED if state.cone < 0 else CROSSES
+    return kept_clear(trial, t, free, inside, guidance, state)
 
 
 @kernel
@@ -322,7 +284,9 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
     arrival = t
     if frame != INERTIAL and cones_around(motion[0], guidance.cones, directions) == 0:
         outcome = _approach(t, trial, motion, guidance, state)
-        if outcome == ACCEPTED and first_crossing(trial, t, t, NO_CONE, guidance, state) < 0:
+        if outcome == ACCEPTED:
+            outcome = kept_clear(trial, t, t, NO_CONE, guidance, state)
+        if outcome == ACCEPTED:
             return ACCEPTED
         arrival = trial.end
         _aim(t, frame, attitude, trial, guidance, state)
@@ -330,18 +294,19 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
 
 
 @kernel
-def adopt_plan(outcome: int, state: Any) -> int:
-    """Follow the new plan if it was found, and remember the outcome."""
+def adopt_plan(t: float, outcome: int, state: Any) -> int:
+    """Follow the new plan from t [s] on if it was found, and remember the outcome."""
     state.outcome = outcome
     if outcome == ACCEPTED:
         state.active = 1 - state.active
+        begin_watch(t, state.inside, state.watch)
     return outcome
 
 
 @kernel
 def pursue(t: float, frame: int, attitude: Quaternion, guidance: Any, state: Any) -> int:
     """Take a goal at t [s] and follow it, or go on as before; see `plan_to`."""
-    return adopt_plan(plan_to(t, frame, attitude, guidance, state), state)
+    return adopt_plan(t, plan_to(t, frame, attitude, guidance, state), state)
 
 
 @kernel
@@ -353,7 +318,7 @@ def hold(t: float, guidance: Any, state: Any) -> int:
     state.cone = -1
     state.inside = 0
     if not _brake_to_stand(t, trial, motion, guidance, state):
-        return adopt_plan(NO_SLEW, state)
+        return adopt_plan(t, NO_SLEW, state)
     stand = _standing_attitude(trial, motion)
     store_quaternion(trial.attitude, stand)
-    return adopt_plan(ACCEPTED, state)
+    return adopt_plan(t, ACCEPTED, state)

@@ -17,7 +17,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +26,11 @@ from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
+from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.stamps import nanoseconds, seconds
 
-HOLDING = "hold"  # in place of a frame's name
+HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
 GOAL_TIMES = Parameter(
     "goals.times",
     [],
@@ -42,19 +43,30 @@ GOAL_TIMES = Parameter(
 GOAL_FRAMES = Parameter(
     "goals.frames",
     ["inertial"],
-    "frame of each scheduled goal, or `hold` to brake and stay; once each, or one for all",
-    choices=(*FRAME_NAMES, HOLDING),
+    "frame of each scheduled goal, or `hold` to brake and stay, or `profile` to go through "
+    "goals.points; once each, or one for all",
+    choices=(*FRAME_NAMES, HOLDING, PROFILING),
     read_only=True,
 )
 GOAL_ATTITUDES = Parameter(
     "goals.attitudes",
     [],
-    "attitude of each scheduled goal in its frame, x y z w each; normalised if within 1e-3",
+    "attitude of each scheduled goal in its frame, x y z w each; normalised if within 1e-3; "
+    "without meaning for `hold` and `profile`",
     length=-4,
     read_only=True,
 )
+_POINT = 12
+GOAL_POINTS = Parameter(
+    "goals.points",
+    [],
+    "points of timed profiles, 12 numbers each: which of the goals, counted from 0, it belongs to; "
+    "time [s]; inertial attitude x y z w; rate [rad/s] and acceleration [rad/s²], desired frame",
+    length=-_POINT,
+    read_only=True,
+)
 _OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
-GOAL_PARAMETERS = (GOAL_TIMES, GOAL_FRAMES, GOAL_ATTITUDES)
+GOAL_PARAMETERS = (GOAL_TIMES, GOAL_FRAMES, GOAL_ATTITUDES, GOAL_POINTS)
 
 HOLD, PROFILE = -1, -2  # in place of an order's frame
 ORDER = np.dtype(
@@ -62,10 +74,26 @@ ORDER = np.dtype(
         ("stamp_ns", np.int64),  # from when it holds; they come in this order
         ("frame", np.int64),  # of the goal; `HOLD`; or `PROFILE`, a timed profile
         ("attitude", np.float64, (4,)),  # of the goal, x y z w
-        ("points", np.uint64),  # address of the profile, dtype `POINTS`
+        ("profile", np.int64),  # number of the timed profile
     ],
     align=True,
 )
+_NO_ATTITUDE = (0.0, 0.0, 0.0, 1.0)
+
+
+class Orders(NamedTuple):
+    """What a reference is ordered to do.
+
+    Attributes
+    ----------
+    listed : ndarray of dtype ORDER
+        The orders, by their stamps.
+    profiles : ndarray of dtype POINTS
+        The timed profiles, to which orders refer by number.
+    """
+
+    listed: NDArray[Any]
+    profiles: NDArray[Any]
 
 
 def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[Any]:
@@ -86,22 +114,22 @@ def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[
 
 def hold_order(stamp_ns: int) -> NDArray[Any]:
     """Order to brake in inertial space from a stamp on and to stay there."""
-    return np.array([(stamp_ns, HOLD, (0.0, 0.0, 0.0, 1.0), 0)], ORDER)
+    return np.array([(stamp_ns, HOLD, _NO_ATTITUDE, 0)], ORDER)
 
 
-def profile_order(stamp_ns: int, points: NDArray[Any]) -> NDArray[Any]:
-    """Order to follow a timed profile: an array of dtype `POINTS`, length 1, which must be kept."""
-    return np.array([(stamp_ns, PROFILE, (0.0, 0.0, 0.0, 1.0), points.ctypes.data)], ORDER)
+def profile_order(stamp_ns: int, number: int) -> NDArray[Any]:
+    """Order to follow a timed profile, by its number among the profiles."""
+    return np.array([(stamp_ns, PROFILE, _NO_ATTITUDE, number)], ORDER)
 
 
-def scheduled_orders(values: Mapping[str, Any]) -> NDArray[Any]:
-    """Goals of a scenario, array of dtype `ORDER`, from checked parameter values.
+def scheduled_orders(values: Mapping[str, Any]) -> Orders:
+    """Goals of a scenario from checked parameter values.
 
     Raises
     ------
     ConfigurationError
-        Times, frames and attitudes are not equally many, times are not in order, or an attitude is
-        not unit.
+        Times, frames and attitudes are not equally many, times are not in order, an attitude is
+        not unit, or the points of a profile are none.
     """
     times = values[GOAL_TIMES.name]
     attitudes = np.reshape(values[GOAL_ATTITUDES.name], (-1, 4))
@@ -115,23 +143,40 @@ def scheduled_orders(values: Mapping[str, Any]) -> NDArray[Any]:
         raise ConfigurationError(
             f"{GOAL_TIMES.name} = {list(times)}; allowed: none before the last"
         )
-    orders = [
-        hold_order(nanoseconds(time))
-        if frame == HOLDING
-        else goal_order(nanoseconds(time), frame, attitude)
-        for time, frame, attitude in zip(times, frames, attitudes, strict=True)
-    ]
-    return np.concatenate([np.zeros(0, ORDER), *orders])
+    rows = np.reshape(values[GOAL_POINTS.name], (-1, _POINT))
+    owners = {i for i, frame in enumerate(frames) if frame == PROFILING}
+    strays = sorted(set(rows[:, 0].tolist()) - owners)
+    if strays:
+        raise ConfigurationError(
+            f"{GOAL_POINTS.name} has points of goal {strays[0]:g}; allowed: goals with the frame "
+            f"{PROFILING}, which are {sorted(owners)}"
+        )
+    orders, profiles = [np.zeros(0, ORDER)], list[Any]()
+    for i, (time, frame, attitude) in enumerate(zip(times, frames, attitudes, strict=True)):
+        stamp_ns = nanoseconds(time)
+        if frame == HOLDING:
+            orders.append(hold_order(stamp_ns))
+        elif frame == PROFILING:
+            own = rows[rows[:, 0] == i]
+            orders.append(profile_order(stamp_ns, len(profiles)))
+            profiles.append(points(own[:, 1].tolist(), own[:, 2:6], own[:, 6:9], own[:, 9:]))
+        else:
+            orders.append(goal_order(stamp_ns, frame, attitude))
+    return Orders(np.concatenate(orders), np.array(profiles, POINTS))
 
 
-def schedule_of(orders: NDArray[Any]) -> dict[str, Any]:
-    """Parameter values that schedule some orders: the inverse of `scheduled_orders`.
-
-    Timed profiles are left out: no parameter holds one.
-    """
-    kept = orders[orders["frame"] != PROFILE]
+def schedule_of(orders: Orders) -> dict[str, Any]:
+    """Parameter values that schedule some orders: the inverse of `scheduled_orders`."""
+    names = {HOLD: HOLDING, PROFILE: PROFILING, **dict(enumerate(FRAME_NAMES))}
+    rows = []
+    for i in np.flatnonzero(orders.listed["frame"] == PROFILE):
+        each = orders.profiles[orders.listed["profile"][i]]
+        for k in range(each["count"]):
+            moved = (each["attitude"][k], each["rate"][k], each["acceleration"][k])
+            rows.append([i, each["time"][k], *np.concatenate(moved)])
     return {
-        GOAL_TIMES.name: [seconds(int(stamp_ns)) for stamp_ns in kept["stamp_ns"]],
-        GOAL_FRAMES.name: [HOLDING if i == HOLD else FRAME_NAMES[i] for i in kept["frame"]],
-        GOAL_ATTITUDES.name: kept["attitude"].ravel().tolist(),
+        GOAL_TIMES.name: [seconds(int(stamp_ns)) for stamp_ns in orders.listed["stamp_ns"]],
+        GOAL_FRAMES.name: [names[int(frame)] for frame in orders.listed["frame"]],
+        GOAL_ATTITUDES.name: orders.listed["attitude"].ravel().tolist(),
+        GOAL_POINTS.name: [float(number) for row in rows for number in row],
     }

@@ -21,16 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import conjugate, product
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.frames import INERTIAL
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
-    CROSSES,
     NO_SLEW,
     TOO_FAST,
     TOO_LATE,
     adopt_plan,
-    first_crossing,
+    kept_clear,
     plan_to,
+    refused,
 )
 from ppc_attitude.science.guidance.plan import MOST_LEGS, append_polynomial, leg_motion
 from ppc_attitude.science.guidance.rotation import axis_and_angle, rotation_vector_rates
@@ -59,6 +60,7 @@ POINTS = np.dtype(
 )
 _SAMPLES = 64  # intervals of a segment
 _ROUNDING = 1.0 + 1e-9
+_OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
 _NOTHING: Vector = (0.0, 0.0, 0.0)
 
 Floats = NDArray[np.float64]
@@ -84,26 +86,31 @@ def points(
 
     Raises
     ------
-    ValueError
+    ConfigurationError
         Fewer than two or too many points, times that do not increase, numbers that are not finite,
         attitudes that are not unit, or a first or last point in motion.
     """
     count = len(times)
     if not 2 <= count <= MOST_POINTS:
-        raise ValueError(f"a trajectory of {count} points; allowed: 2 to {MOST_POINTS}")
+        raise ConfigurationError(f"a trajectory of {count} points; allowed: 2 to {MOST_POINTS}")
     record = np.zeros((), POINTS)[()]
     record["count"] = count
     quaternions = np.asarray(attitudes, dtype=np.float64)
     lengths = np.linalg.norm(quaternions, axis=1)
     wrong = np.flatnonzero(~(np.abs(lengths - 1.0) <= 1e-3))
     if len(wrong):
-        raise ValueError(
+        raise ConfigurationError(
             f"point {wrong[0]} has attitude {quaternions[wrong[0]].tolist()} of norm "
             f"{lengths[wrong[0]]:.6g}; allowed: 1 within 0.001"
         )
-    quaternions /= lengths[:, None]
+    # To normalise one again would change its last bits, and a replay would not be exact.
+    quaternions = (
+        quaternions / np.where(np.abs(lengths - 1.0) > _OWN_TOLERANCE, lengths, 1.0)[:, None]
+    )
     if not (np.diff(times) > 0.0).all():
-        raise ValueError(f"times of the points are {list(times)}; allowed: finite and increasing")
+        raise ConfigurationError(
+            f"times of the points are {list(times)}; allowed: finite and increasing"
+        )
     record["time"][:count] = times
     record["attitude"][:count] = quaternions
     means = [
@@ -116,10 +123,10 @@ def points(
         record["rate"][i] = chosen if rate is None else rate
         record["acceleration"][i] = np.zeros(3) if acceleration is None else acceleration
         if not np.isfinite([record["rate"][i], record["acceleration"][i]]).all():
-            raise ValueError(f"point {i} has a rate or acceleration that is not finite")
+            raise ConfigurationError(f"point {i} has a rate or acceleration that is not finite")
     for i in (0, count - 1):
         if record["rate"][i].any() or record["acceleration"][i].any():
-            raise ValueError(
+            raise ConfigurationError(
                 f"point {i} is in motion: rate {record['rate'][i].tolist()} rad/s, acceleration "
                 f"{record['acceleration'][i].tolist()} rad/s²; first and last must be at rest"
             )
@@ -153,8 +160,8 @@ def quintic(
 
 
 @kernel
-def _segment(trial: Any, i: int, points: Any, limits: Any) -> int:
-    """Add the quintic from one point to the next, if it keeps V and A."""
+def _segment(trial: Any, i: int, points: Any, limits: Any) -> float:
+    """Add the quintic from one point to the next; its largest rate or acceleration by V or A."""
     start = quaternion(points.attitude[i])
     axis, angle = axis_and_angle(product(conjugate(start), quaternion(points.attitude[i + 1])))
     change = scale(angle, axis)
@@ -167,14 +174,12 @@ def _segment(trial: Any, i: int, points: Any, limits: Any) -> int:
     )
     append_polynomial(trial, INERTIAL, points.time[i], length, start, coefficients)
     leg = trial.legs[trial.count - 1]
+    share = 0.0
     for k in range(_SAMPLES + 1):
         _, omega, alpha = leg_motion(leg, length * k / _SAMPLES)
-        if (
-            norm(omega) > limits.max_rate * _ROUNDING
-            or norm(alpha) > limits.max_acceleration * _ROUNDING
-        ):
-            return TOO_FAST
-    return ACCEPTED
+        faster = max(norm(omega) / limits.max_rate, norm(alpha) / limits.max_acceleration)
+        share = max(share, faster)
+    return share
 
 
 @kernel
@@ -185,19 +190,18 @@ def _plan_through(t: float, points: Any, guidance: Any, state: Any) -> int:
         return outcome
     trial = state.plans[1 - state.active]
     if trial.end > points.time[0]:
-        return TOO_LATE
+        return refused(TOO_LATE, trial.end, points.time[0], state)
     if trial.count + points.count > MOST_LEGS:
         return NO_SLEW
     if trial.end < points.time[0]:
         wait = points.time[0] - trial.end
         append_polynomial(trial, INERTIAL, trial.end, wait, start, np.zeros((5, 3)))
     for i in range(points.count - 1):
-        outcome = _segment(trial, i, points, guidance.limits)
-        if outcome != ACCEPTED:
-            return outcome
+        share = _segment(trial, i, points, guidance.limits)
+        if share > _ROUNDING:
+            return refused(TOO_FAST, share, 1.0, state)
     store_quaternion(trial.attitude, quaternion(points.attitude[points.count - 1]))
-    state.cone = first_crossing(trial, t, points.time[0], EVERY_CONE, guidance, state)
-    return ACCEPTED if state.cone < 0 else CROSSES
+    return kept_clear(trial, t, points.time[0], EVERY_CONE, guidance, state)
 
 
 @kernel
@@ -219,4 +223,4 @@ def follow(t: float, points: Any, guidance: Any, state: Any) -> int:
         As of `pursue`; also `TOO_LATE` if the first point comes before the slew to it has ended,
         and `TOO_FAST` if a segment breaks V or A.
     """
-    return adopt_plan(_plan_through(t, points, guidance, state), state)
+    return adopt_plan(t, _plan_through(t, points, guidance, state), state)

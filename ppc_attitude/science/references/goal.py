@@ -51,9 +51,12 @@ from ppc_attitude.science.guidance.orders import (
     HOLD,
     ORDER,
     PROFILE,
+    Orders,
     scheduled_orders,
 )
+from ppc_attitude.science.guidance.scene import scene_at, told
 from ppc_attitude.science.guidance.trajectory import POINTS, follow
+from ppc_attitude.science.guidance.watch import look_out, warnings_of
 from ppc_attitude.science.keep_out import MOST_CONES
 from ppc_attitude.science.kernel import array_at, kernel, quaternion, store, store_quaternion
 from ppc_attitude.science.orbit import EARTH_RADIUS
@@ -118,18 +121,24 @@ SPIN_RATE = Parameter(
 )
 
 _REASONS = {
-    INSIDE_CONE: "it is inside keep-out cone {cone}; give one outside of it",
-    NO_WAY: "no way to it keeps all keep-out cones",
-    CROSSES: "the way to it crosses keep-out cone {cone}, which moves meanwhile; try another time",
+    INSIDE_CONE: "it is inside keep-out cone {cone}, {measured:.2f}° from its direction; allowed: "
+    "at least {allowed:.2f}°",
+    NO_WAY: "no way to it keeps all keep-out cones; the direct one crosses {barred}",
+    CROSSES: "the way to it crosses keep-out cone {cone} at t = {measured:.1f} s, since the cone "
+    "or the goal moves meanwhile; try another time",
     NO_SLEW: "no slew to it is found within the limits; raise guidance.max_acceleration",
-    ILL_DEFINED: "the two directions of its frame are parallel within 6° now; try another time",
-    SPIN_TOO_FAST: "spin.rate is above 0.9 guidance.max_rate; lower it",
-    TOO_LATE: "the slew to its first point ends too late; give later times",
-    TOO_FAST: "it breaks guidance.max_rate or guidance.max_acceleration; give it more time",
+    ILL_DEFINED: "the two directions of its frame are {measured:.2f}° from being parallel; "
+    "allowed: at least {allowed:.2f}°; try another time",
+    SPIN_TOO_FAST: "spin.rate = {measured:.6g} rad/s; allowed: up to {allowed:.6g}, which is 0.9 "
+    "guidance.max_rate",
+    TOO_LATE: "the slew to its first point ends at t = {measured:.3f} s, after that point's "
+    "{allowed:.3f} s; give later times",
+    TOO_FAST: "it needs {measured:.4g} times guidance.max_rate or guidance.max_acceleration; "
+    "allowed: 1; give it more time",
 }
 
 
-def configure(values: Mapping[str, Any]) -> tuple[Any, NDArray[Any]]:
+def configure(values: Mapping[str, Any]) -> tuple[Any, NDArray[Any], NDArray[Any]]:
     """Build the kernel's record and the scheduled orders from checked parameter values.
 
     Raises
@@ -141,8 +150,10 @@ def configure(values: Mapping[str, Any]) -> tuple[Any, NDArray[Any]]:
     return configuration_of(values, scheduled_orders(values))
 
 
-def configuration_of(values: Mapping[str, Any], orders: NDArray[Any]) -> tuple[Any, NDArray[Any]]:
-    """Record for the step, and the orders that it refers to, which must be kept.
+def configuration_of(
+    values: Mapping[str, Any], orders: Orders
+) -> tuple[Any, NDArray[Any], NDArray[Any]]:
+    """Record for the step, and the orders and profiles that it refers to, which must be kept.
 
     Raises
     ------
@@ -166,8 +177,10 @@ def configuration_of(values: Mapping[str, Any], orders: NDArray[Any]) -> tuple[A
     record["spin_axis"] = unit_vector(SPIN_AXIS.name, values[SPIN_AXIS.name])
     record["spin_rate"] = values[SPIN_RATE.name]
     record["cones"] = cones_of(values)
-    record["orders"], record["address"] = orders.size, orders.ctypes.data
-    return record, orders
+    listed, profiles = orders
+    record["orders"], record["address"] = listed.size, listed.ctypes.data
+    record["profiles"], record["profiles_address"] = profiles.size, profiles.ctypes.data
+    return record, listed, profiles
 
 
 _seconds = kernel(seconds)
@@ -180,7 +193,8 @@ def obey(order: Any, guidance: Any, state: Any) -> None:
     if order.frame == HOLD:
         hold(t, guidance, state)
     elif order.frame == PROFILE:
-        follow(t, array_at(order.points, 1, POINTS)[0], guidance, state)
+        profiles = array_at(guidance.profiles_address, guidance.profiles, POINTS)
+        follow(t, profiles[order.profile], guidance, state)
     else:
         pursue(t, order.frame, quaternion(order.attitude), guidance, state)
 
@@ -200,9 +214,13 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
         store(outputs.reference_angular_acceleration, (0.0, 0.0, 0.0))
         return
     orders = array_at(guidance.address, guidance.orders, ORDER)
+    before = state.obeyed
     while state.obeyed < guidance.orders and orders[state.obeyed].stamp_ns <= inputs.stamp_ns:
         state.obeyed += 1
         obey(orders[state.obeyed - 1], guidance, state)
+    look_out(inputs.t, state.plans[state.active], guidance, state.look, state.watch)
+    if state.obeyed > before:
+        state.watch.said = state.watch.changes
     q_d, omega_d, acceleration_d = motion_now(inputs.t, guidance, state)
     last = quaternion(state.attitude)
     if q_d[0] * last[0] + q_d[1] * last[1] + q_d[2] * last[2] + q_d[3] * last[3] < 0.0:
@@ -214,28 +232,49 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
 
 
 def advice(state: Any) -> Advice:
-    """What came of the last order."""
+    """What came of the last order, or what has come or gone since that is warned of."""
+    watch = state["watch"]
+    warnings = warnings_of(watch)
+    concern = f"the desired motion {' and '.join(warnings)}" if warnings else ""
+    if watch["changes"] > watch["said"]:
+        return Advice(concern or "what was warned of is over", warning=bool(warnings))
     if state["obeyed"] == 0:
         return Advice("at rest at the first attitude; no goal yet", warning=False)
-    outcome = int(state["outcome"])
+    outcome, number = int(state["outcome"]), int(state["obeyed"])
     if outcome != ACCEPTED:
-        reason = _REASONS[outcome].format(cone=int(state["cone"]))
-        return Advice(f"order {int(state['obeyed'])} is refused: {reason}", warning=True)
+        measured, allowed = float(state["measured"]), float(state["allowed"])
+        if outcome == ILL_DEFINED:
+            measured, allowed = math.asin(measured), math.asin(allowed)
+        degrees = outcome in (INSIDE_CONE, ILL_DEFINED)
+        reason = _REASONS[outcome].format(
+            cone=int(state["cone"]),
+            barred=_named(int(state["barred"])),
+            measured=math.degrees(measured) if degrees else measured,
+            allowed=math.degrees(allowed) if degrees else allowed,
+        )
+        return Advice(f"order {number} is refused: {reason}", warning=True)
     plan = state["plans"][state["active"]]
     legs = plan["legs"][: plan["count"]]
     turned = math.degrees(sum(float(leg["profile"][0]) for leg in legs if leg["axis"].any()))
     text = (
-        f"order {int(state['obeyed'])} is followed: {FRAME_NAMES[plan['frame']]} frame, turns by "
+        f"order {number} is followed: {FRAME_NAMES[plan['frame']]} frame, turns by "
         f"{turned:.2f}° in {len(legs)} legs, there at t = {float(plan['end']):.3f} s"
     )
-    inside = [i for i in range(MOST_CONES) if int(state["inside"]) >> i & 1]
+    inside = int(state["inside"])
     if inside:
-        text += f"; it begins inside keep-out cone {', '.join(map(str, inside))} and is led out"
-    return Advice(text, warning=bool(inside))
+        text += f"; it begins inside {_named(inside)} and is led out"
+    text += f"; {concern}" if concern and not inside else ""
+    return Advice(text, warning=bool(inside or warnings))
 
 
-def facts(state: Any) -> dict[str, Any]:
-    """Numbers of the last order, for who reads them by machine."""
+def _named(bits: int) -> str:
+    """Names of the keep-out cones of some bits."""
+    numbers = [str(i) for i in range(MOST_CONES) if bits >> i & 1]
+    return f"keep-out cone{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}"
+
+
+def facts(t: float, guidance: Any, state: Any) -> dict[str, Any]:
+    """Numbers of the last order and of what is in sight at t [s], for who reads them by machine."""
     plan = state["plans"][state["active"]]
     return {
         "order": int(state["obeyed"]),
@@ -244,12 +283,13 @@ def facts(state: Any) -> dict[str, Any]:
         "attitude": " ".join(repr(float(x)) for x in plan["attitude"]),
         "end [s]": repr(float(plan["end"])),
         "legs": int(plan["count"]),
+        **told(scene_at(t, guidance, state)),
     }
 
 
 def advices(state: Any) -> int:
-    """Return how many orders were obeyed."""
-    return int(state["obeyed"])
+    """Return how many orders were obeyed, and how often what is warned of has changed."""
+    return int(state["obeyed"] + state["watch"]["changes"])
 
 
 COMPONENT = Component(

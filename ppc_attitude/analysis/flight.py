@@ -1,0 +1,157 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the guidance of a run did: its reference once more, from the parameters on record."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.analysis.keep_out import cone_names, guidance_values
+from ppc_attitude.analysis.series import finite, has
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import ATTITUDE, REFERENCE
+from ppc_attitude.science.attitude import rotate
+from ppc_attitude.science.guidance.goals import ACCEPTED
+from ppc_attitude.science.guidance.orders import GOAL_TIMES
+from ppc_attitude.science.guidance.scene import Cone, scene_at
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references import goal
+from ppc_attitude.science.stamps import nanoseconds, seconds
+
+_SAMPLES = 1500  # of the goal and the cones over a run
+
+
+class Leg(NamedTuple):
+    """Part of the way to a goal: from when, until when [s], and whether it is a plain turn."""
+
+    begin: float
+    end: float
+    turns: bool
+
+
+class Word(NamedTuple):
+    """What the guidance said: when [s], what, whether it was a warning, and the way it planned."""
+
+    time: float
+    text: str
+    warning: bool
+    legs: tuple[Leg, ...]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The guidance of a run at some of its instants.
+
+    Attributes
+    ----------
+    picked : ndarray of int, shape (m,)
+        Numbers of the instants.
+    goals : ndarray, shape (m, 4)
+        Inertial attitude of the goal, x y z w.
+    cones : tuple of tuples of Cone
+        The keep-out cones at each.
+    names : tuple of str
+        What each cone is about.
+    words : tuple of Word
+        What was said of orders, and warned of.
+    max_rate, max_acceleration : float
+        Limits of a slew [rad/s], [rad/s²].
+    """
+
+    picked: NDArray[np.int64]
+    goals: Array
+    cones: tuple[tuple[Cone, ...], ...]
+    names: tuple[str, ...]
+    words: tuple[Word, ...]
+    max_rate: float
+    max_acceleration: float
+
+
+def flight_of(record: RunRecord) -> Flight | None:
+    """Fly the guidance of a run once more; None if it had none, or no attitude is on record.
+
+    Raises
+    ------
+    ConfigurationError
+        The parameters on record are infeasible.
+    """
+    values = guidance_values(record)
+    if values is None or not has(record, ATTITUDE.column):
+        return None
+    part = Part(goal.COMPONENT, values)
+    changes = [change for change in record.changes if change.node == REFERENCE]
+    picked, goals, cones, words = [], [], [], []
+    for k in _instants(record, values, changes):
+        stamp_ns = int(record.stamps_ns[k])
+        if changes and changes[0].stamp_ns <= stamp_ns:
+            while changes and changes[0].stamp_ns <= stamp_ns:
+                change = changes.pop(0)
+                values[change.name] = change.value
+            part.configure(values)
+        told, taken = part.advices, int(part.state[0]["taken"])
+        part.step(stamp_ns, record[ATTITUDE.column][k])
+        state = part.state[0]
+        if not state["begun"]:
+            continue
+        if part.advices > told:
+            followed = int(state["taken"]) > taken and state["outcome"] == ACCEPTED
+            legs = _legs(state["plans"][state["active"]]) if followed else ()
+            words.append(Word(seconds(stamp_ns), *part.advice, legs))
+        scene = scene_at(seconds(stamp_ns), part.configuration[0], state)
+        picked.append(k)
+        goals.append(scene.goal)
+        cones.append(scene.cones)
+    return Flight(
+        np.array(picked, np.int64),
+        np.array(goals, np.float64).reshape(-1, 4),
+        tuple(cones),
+        tuple(cone_names(values)),
+        tuple(words),
+        float(values[goal.MAX_RATE.name]),
+        float(values[goal.MAX_ACCELERATION.name]),
+    )
+
+
+def _instants(record: RunRecord, values: Mapping[str, Any], changes: list[Any]) -> list[int]:
+    """Numbers of the instants to look at: evenly, and those from which something acts."""
+    seen = np.flatnonzero(finite(record[ATTITUDE.column]))
+    times = [values[GOAL_TIMES.name], *(c.value for c in changes if c.name == GOAL_TIMES.name)]
+    stamps = {nanoseconds(time) for each in times for time in each}
+    stamps |= {change.stamp_ns for change in changes}
+    acting = np.searchsorted(record.stamps_ns[seen], sorted(stamps))
+    evenly = range(0, seen.size, max(math.ceil(seen.size / _SAMPLES), 1))
+    chosen = {*evenly, *acting[acting < seen.size].tolist(), seen.size - 1}
+    return [int(seen[i]) for i in sorted(chosen) if i >= 0]
+
+
+def _legs(plan: Any) -> tuple[Leg, ...]:
+    return tuple(
+        Leg(
+            float(leg["begin"]),
+            float(leg["begin"] + leg["duration"]),
+            bool(leg["axis"].any()),
+        )
+        for leg in plan["legs"][: plan["count"]]
+    )
+
+
+def pointed(attitudes: Array, axis: Any) -> Array:
+    """Body axis in inertial axes, shape (m, 3), at attitudes x y z w, shape (m, 4)."""
+    x, y, z = map(float, axis)
+    return np.array([rotate((q[0], q[1], q[2], q[3]), (x, y, z)) for q in attitudes.tolist()])

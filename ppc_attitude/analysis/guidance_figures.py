@@ -1,0 +1,258 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The figures of guidance: sky map, slews over time, and the angles to the keep-out cones."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from ppc_attitude.analysis.drawing import (
+    BLACK,
+    BLUE,
+    GREY,
+    LIMIT_STYLE,
+    LINE_WIDTH,
+    ORANGE,
+    RED,
+    RUN_COLOURS,
+    draw,
+    legend,
+    limit_lines,
+    panels,
+    time_axis,
+)
+from ppc_attitude.analysis.flight import Flight, flight_of, pointed
+from ppc_attitude.analysis.keep_out import angles_to_cones, guidance_values
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.series import AnalysisError, has, vectors
+from ppc_attitude.analysis.truth import errors_of
+from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import (
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+)
+from ppc_attitude.science.guidance.scene import Cone
+from ppc_attitude.science.keep_out import perpendicular
+
+Z_AXIS = (0.0, 0.0, 1.0)
+_RIM = np.linspace(0.0, 2.0 * np.pi, 181)
+_SHORT = (0.0, (2.0, 1.5))
+
+Drawing = tuple[str, str, Callable[[Measured], Figure]]
+
+
+def guidance_drawings(record: RunRecord) -> Iterator[Drawing]:
+    """Name, caption and drawer of each figure of guidance; none if the run had none."""
+    flight = flight_of(record)
+    if flight is None:
+        return
+    yield "slews", "Way to the goals: angle left, rate, acceleration", partial(slews, flight=flight)
+    caption = "Sky: where body axes pointed, and where they must not"
+    yield "sky_map", caption, partial(sky_map, flight=flight)
+    if flight.names:
+        caption = "Angle of body axes to the directions that they must keep away from"
+        yield "cone_angles", caption, partial(cone_angles, flight=flight)
+
+
+def slews(run: Measured, flight: Flight) -> Figure:
+    """Draw the angle to the goal, and rate and acceleration of the desired motion in limits.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no reference or no attitude.
+    """
+    wanted = _attitudes(run, REFERENCE_ATTITUDE.column)[flight.picked]
+    craft = _attitudes(run, run.truth.attitude)[flight.picked]
+    figure, rows = panels(3, share_x=True, row_height=1.5)
+    left, rate, acceleration = (row[0] for row in rows)
+    t = run.t[flight.picked]
+    for label, attitudes, colour in (("craft", craft, BLUE), ("desired", wanted, BLACK)):
+        angles = np.rad2deg(errors_of(attitudes, flight.goals).angles)
+        style: Any = "-" if label == "craft" else _SHORT
+        draw(left, t, angles, label=label, colour=colour, style=style)
+    left.set_ylabel("angle to the goal [deg]")
+    left.set_ylim(bottom=0.0)
+    for axes, column, limit, label in (
+        (rate, REFERENCE_RATE.column, flight.max_rate, "desired rate [deg/s]"),
+        (
+            acceleration,
+            REFERENCE_ACCELERATION.column,
+            flight.max_acceleration,
+            "desired accel. [deg/s²]",
+        ),
+    ):
+        norm = np.rad2deg(np.linalg.norm(vectors(run.record, column), axis=1))
+        draw(axes, run.t, norm)
+        limit_lines(axes, np.rad2deg(limit), label="limit of a slew")
+        axes.set_ylabel(label)
+        axes.set_ylim(bottom=0.0)
+    start = run.record.stamps_ns[0] * 1e-9
+    for axes in (left, rate, acceleration):
+        _mark_orders(axes, flight, start)
+        time_axis(axes, run.t)
+    for axes in (left, rate):
+        axes.set_xlabel("")
+    legend(left)
+    legend(rate, left.get_legend_handles_labels()[1])
+    return figure
+
+
+def _mark_orders(axes: Axes, flight: Flight, start: float) -> None:
+    """Shade brakes and turns, and mark where something was ordered or warned of."""
+    told: set[str] = set()
+
+    def once(label: str) -> str:
+        new = label not in told
+        told.add(label)
+        return label if new else "_"
+
+    for word, following in zip(flight.words, [*flight.words[1:], None], strict=True):
+        until = np.inf if following is None or not following.legs else following.time
+        for leg in word.legs:
+            if leg.begin < until:
+                label, colour = ("turn", BLUE) if leg.turns else ("brake, or timed", ORANGE)
+                span = (leg.begin - start, min(leg.end, until) - start)
+                axes.axvspan(*span, color=colour, alpha=0.12, linewidth=0, label=once(label))
+        colour = RED if word.warning else GREY
+        label = once("refused, or warned" if word.warning else "order")
+        axes.axvline(word.time - start, color=colour, linewidth=0.8, linestyle=":", label=label)
+
+
+def sky_map(run: Measured, flight: Flight) -> Figure:
+    """Draw the paths of body axes and the keep-out cones on the inertial sky.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no reference or no attitude.
+    """
+    figure, rows = panels(1, row_height=2.4)
+    axes = rows[0][0]
+    cones = flight.cones[0] if flight.cones else ()
+    bodies = list(dict.fromkeys(cone.axis for cone in cones)) or [Z_AXIS]
+    wanted = _attitudes(run, REFERENCE_ATTITUDE.column)[flight.picked]
+    craft = _attitudes(run, run.truth.attitude)[flight.picked]
+    for body, colour in zip(bodies, _colours(len(bodies), start=1), strict=True):
+        name = f"axis {' '.join(f'{x:.3g}' for x in body)}"
+        for attitudes, style, who, width in (
+            (craft, "-", "craft", LINE_WIDTH),
+            (wanted, _SHORT, "desired", 2.0 * LINE_WIDTH),
+        ):
+            path = pointed(attitudes, body)
+            _trace(axes, path, colour, style, width)
+            _entry(axes, f"{who}, {name}", colour, style)
+        x, y = _longitude_latitude(path[:1])[0]
+        axes.scatter(x, y, s=14, color=colour, zorder=4)
+    for i, name in enumerate(flight.names):
+        first, last = flight.cones[0][i], flight.cones[-1][i]
+        _trace(axes, _rim(first), RED, "-", 0.8)
+        # A cone that moves is drawn where it is at the end, too, with the way of its middle.
+        if np.rad2deg(np.arccos(np.clip(np.dot(first.direction, last.direction), -1, 1))) > 0.5:
+            _trace(axes, _rim(last), RED, LIMIT_STYLE, 0.8)
+            middles = np.array([each[i].direction for each in flight.cones])
+            _trace(axes, middles, RED, ":", 0.8)
+        x, y = _longitude_latitude(np.array([first.direction]))[0]
+        x = min(max(x, -150.0), 150.0)  # the text stays on the map
+        axes.text(x, y, f"{i}: {name}", color=RED, ha="center", fontsize=6, clip_on=True)
+    if flight.names:
+        _entry(axes, "keep-out cone", RED, "-")
+    axes.set(xlim=(-180.0, 180.0), ylim=(-90.0, 90.0))
+    axes.set(xlabel="right ascension [deg]", ylabel="declination [deg]")
+    axes.set_xticks(range(-180, 181, 90))
+    axes.set_yticks(range(-90, 91, 45))
+    legend(axes)
+    return figure
+
+
+def cone_angles(run: Measured, flight: Flight) -> Figure:
+    """Draw the angle of each cone's body axis to its direction, of the craft and as desired.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no reference or no attitude.
+    """
+    values = guidance_values(run.record)
+    if values is None:
+        raise AnalysisError(f"{run.record.source}: no guidance")
+    figure, rows = panels(1, row_height=2.2)
+    axes = rows[0][0]
+    for column, style, who in (
+        (REFERENCE_ATTITUDE.column, _SHORT, "desired"),
+        (run.truth.attitude, "-", "craft"),
+    ):
+        _attitudes(run, column)
+        angles = np.rad2deg(angles_to_cones(run.record, column, values))
+        colours = _colours(len(flight.names))
+        for i, (name, colour) in enumerate(zip(flight.names, colours, strict=True)):
+            label = f"{i}: {name}" if who == "craft" else ""
+            draw(axes, run.t, angles[:, i], label=label, colour=colour, style=style)
+            if who == "craft":
+                allowed = np.rad2deg(flight.cones[0][i].half_angle)
+                axes.axhline(allowed, color=colour, linewidth=0.8, linestyle=LIMIT_STYLE, label="_")
+    _entry(axes, "allowed", BLACK, LIMIT_STYLE)
+    _entry(axes, "desired", BLACK, _SHORT)
+    axes.set_ylabel("angle to the direction [deg]")
+    axes.set_ylim(bottom=0.0)
+    time_axis(axes, run.t)
+    legend(axes)
+    return figure
+
+
+def _attitudes(run: Measured, column: str) -> Array:
+    if not has(run.record, column):
+        raise AnalysisError(f"{run.record.source}: {run.lacks(column)}")
+    attitudes: Array = run.record[column]
+    return attitudes
+
+
+def _colours(count: int, start: int = 0) -> list[str]:
+    return [RUN_COLOURS[(start + i) % len(RUN_COLOURS)] for i in range(count)]
+
+
+def _entry(axes: Axes, label: str, colour: str, style: Any) -> None:
+    """Add an entry of the legend for what is drawn as a collection."""
+    axes.plot([], [], color=colour, linestyle=style, linewidth=LINE_WIDTH, label=label)
+
+
+def _longitude_latitude(directions: Array) -> Array:
+    """Right ascension and declination [deg], shape (m, 2), of unit vectors, shape (m, 3)."""
+    x, y, z = directions.T
+    places: Array = np.column_stack([np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))])
+    return np.asarray(np.rad2deg(places))
+
+
+def _trace(axes: Axes, directions: Array, colour: str, style: Any, width: float) -> None:
+    """Draw a path on the sky; it is cut where it leaves the map on one side."""
+    places = _longitude_latitude(directions)
+    jumps = np.flatnonzero(np.abs(np.diff(places[:, 0])) > 180.0) + 1
+    pieces = [piece for piece in np.split(places, jumps) if len(piece) > 1]
+    axes.add_collection(LineCollection(pieces, colors=colour, linestyles=[style], linewidths=width))
+
+
+def _rim(cone: Cone) -> Array:
+    """Edge of a cone on the sky, shape (m, 3)."""
+    s = np.array(cone.direction)
+    u = np.array(perpendicular(cone.direction))
+    v = np.cross(s, u)
+    across = np.outer(np.cos(_RIM), u) + np.outer(np.sin(_RIM), v)
+    return np.asarray(np.cos(cone.half_angle) * s + np.sin(cone.half_angle) * across)

@@ -1,0 +1,114 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What guidance tells of its surroundings, for who draws them: its goal and its keep-out cones."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ppc_attitude.science.guidance.plan import copy_cursor
+from ppc_attitude.science.guidance.sight import directions_at, goal_at
+from ppc_attitude.science.kernel import Quaternion, Vector
+
+_GOAL, _CONE = "goal in inertial axes", "keep-out cone "
+
+
+class Cone(NamedTuple):
+    """A keep-out cone at an instant.
+
+    Attributes
+    ----------
+    axis : tuple of 3 floats
+        Unit vector that must stay away, body axes.
+    direction : tuple of 3 floats
+        Unit vector that it must stay away from, inertial axes.
+    half_angle : float
+        By how much [rad].
+    """
+
+    axis: Vector
+    direction: Vector
+    half_angle: float
+
+
+class Scene(NamedTuple):
+    """The goal, as an inertial attitude x y z w, and the cones at an instant."""
+
+    goal: Quaternion
+    cones: tuple[Cone, ...]
+
+
+def scene_at(t: float, guidance: Any, state: Any) -> Scene:
+    """Scene at t [s], not before the last step.
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    guidance, state
+        Records of dtype `GUIDANCE` and `STATE`.
+    """
+    look, cones = state["look"], guidance["cones"]
+    copy_cursor(look["now"], look["ahead"])
+    goal = goal_at(t, state["plans"][state["active"]], guidance["sky"], look["ahead"])
+    directions = directions_at(t, cones, guidance["sky"], look["ahead"])
+    axes = cones["body_axis"][: len(directions)]
+    return Scene(
+        goal,
+        tuple(
+            Cone(_vector(axis), _vector(direction), float(half_angle))
+            for axis, direction, half_angle in zip(
+                axes, directions, cones["half_angle"], strict=False
+            )
+        ),
+    )
+
+
+def told(scene: Scene) -> dict[str, str]:
+    """Scene as names and texts; the numbers lose nothing."""
+    cones = {
+        f"{_CONE}{i}": _text((*cone.axis, *cone.direction, cone.half_angle))
+        for i, cone in enumerate(scene.cones)
+    }
+    return {_GOAL: _text(scene.goal), **cones}
+
+
+def heard(facts: Mapping[str, str]) -> Scene | None:
+    """Scene among names and texts, as `told` wrote it; None if there is none.
+
+    Raises
+    ------
+    ValueError
+        It is not as `told` writes it.
+    """
+    if _GOAL not in facts:
+        return None
+    x, y, z, w = map(float, facts[_GOAL].split())
+    cones = []
+    for name, text in facts.items():
+        if name.startswith(_CONE):
+            *numbers, half_angle = map(float, text.split())
+            if len(numbers) != 6:
+                raise ValueError(f"{name} = {text!r}; allowed: 7 numbers")
+            cones.append(Cone(_vector(numbers[:3]), _vector(numbers[3:]), half_angle))
+    return Scene((x, y, z, w), tuple(cones))
+
+
+def _vector(values: Any) -> Vector:
+    x, y, z = map(float, values)
+    return (x, y, z)
+
+
+def _text(numbers: tuple[float, ...]) -> str:
+    return " ".join(repr(float(number)) for number in numbers)

@@ -1,0 +1,118 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What to warn of while a plan is followed: cones that it will enter, a goal out of sight."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.guidance.frames import GROUND, LEAST_SINE, elevation_sine, frame_at
+from ppc_attitude.science.guidance.plan import plan_motion
+from ppc_attitude.science.guidance.sight import crossing, directions_at
+from ppc_attitude.science.keep_out import MOST_CONES, cones_around
+from ppc_attitude.science.kernel import kernel
+
+HORIZON = 60.0  # [s] a cone is warned of so long before it is entered
+_PERIOD = 1.0  # [s]
+_BELOW, _SKEWED = 1 << MOST_CONES, 2 << MOST_CONES  # bits beyond those of the cones
+WATCH = np.dtype(
+    [
+        ("time", np.float64),  # [s] of the last look
+        ("next", np.float64),  # [s] of the next one
+        ("seen", np.float64),  # [s] until here no other cone is entered
+        ("bits", np.int64),  # what is warned of now
+        ("when", np.float64, (MOST_CONES,)),  # [s] when a cone that is warned of is entered
+        ("changes", np.int64),  # of `bits` so far
+        ("said", np.int64),  # of these, those that are told with the last order
+    ],
+    align=True,
+)
+
+
+@kernel
+def begin_watch(t: float, inside: int, watch: Any) -> None:
+    """Watch a new plan from t [s] on, which begins inside the cones of some bits."""
+    watch.next = watch.seen = t
+    watch.bits = inside
+    for i in range(MOST_CONES):
+        watch.when[i] = t
+
+
+@kernel
+def _cones_ahead(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> int:
+    """Bits of the cones that the plan is inside of, or enters within the horizon."""
+    cones, sky = guidance.cones, guidance.sky
+    q = plan_motion(t, plan, sky, look.now)[0]
+    around = cones_around(q, cones, directions_at(t, cones, sky, look.now))
+    bits: int = watch.bits & (_BELOW - 1)
+    s, end = max(watch.seen, t), t + HORIZON
+    for i in range(cones.count):
+        if bits >> i & 1 and not around >> i & 1 and t >= watch.when[i]:
+            bits &= ~(1 << i)
+            s = t  # whether the plan comes back to it was not looked at
+    found = 0
+    while found >= 0:
+        found, s = crossing(plan, s, end, math.inf, bits, guidance, look)
+        if found >= 0:
+            bits |= 1 << found
+            watch.when[found] = s
+    watch.seen = end
+    return bits
+
+
+@kernel
+def look_out(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> None:
+    """Look, once a second, what to warn of at t [s].
+
+    Parameters
+    ----------
+    t
+        Time [s].
+    plan, guidance
+        Records of dtype `PLAN`, the one that is followed, and `GUIDANCE`.
+    look, watch
+        Records of dtype `LOOK` and `WATCH`.
+    """
+    if t < watch.next:
+        return
+    watch.time = t
+    watch.next = math.floor(t / _PERIOD + 1.0) * _PERIOD
+    bits = _cones_ahead(t, plan, guidance, look, watch) if guidance.cones.count else 0
+    if plan.frame == GROUND and elevation_sine(t, guidance.sky, look.now) < 0.0:
+        bits |= _BELOW
+    if frame_at(t, plan.frame, plan.spinning, guidance.sky, look.now)[1] < LEAST_SINE:
+        bits |= _SKEWED
+    watch.changes += bits != watch.bits
+    watch.bits = bits
+
+
+def warnings_of(watch: Any) -> list[str]:
+    """What is warned of now, in words."""
+    bits, time = int(watch["bits"]), float(watch["time"])
+    told = []
+    for i in range(MOST_CONES):
+        when = float(watch["when"][i])
+        if bits >> i & 1:
+            told.append(
+                f"is inside keep-out cone {i}"
+                if when <= time
+                else f"enters keep-out cone {i} at t = {when:.1f} s"
+            )
+    if bits & _BELOW:
+        told.append("looks at a ground point below the horizon")
+    if bits & _SKEWED:
+        told.append("is in a frame whose two directions are parallel within 6°")
+    return told

@@ -1,0 +1,134 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Figures of guidance: what the run did, from the record alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
+from scipy.spatial.transform import Rotation
+from test_goal_reference import DESIRED_ATTITUDE, NO_PROFILES, STRAIGHT, flight
+
+from ppc_attitude.analysis.drawing import BLUE, ORANGE, RED
+from ppc_attitude.analysis.figures import figures_of
+from ppc_attitude.analysis.flight import flight_of
+from ppc_attitude.analysis.interactive import plotted
+from ppc_attitude.analysis.keep_out import approaches_of
+from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.science.guidance.orders import Orders, schedule_of, scheduled_orders
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import scenario
+
+OWN = {"slews", "sky_map", "cone_angles"}
+
+
+@pytest.fixture(scope="module")
+def record() -> RunRecord:
+    """A slew, a brake into nadir in mid-slew, and a goal inside a cone, which is refused."""
+    return simulate(
+        flight(
+            goals__times=[5.0, 20.0, 60.0],
+            goals__frames=["inertial", "nadir", "inertial"],
+            goals__attitudes=[*DESIRED_ATTITUDE, *STRAIGHT, *STRAIGHT],
+            keep_out__axes=[0.0, 0.0, 1.0, 0.0, 1.0, 0.0],
+            keep_out__directions=["0 0 1", "nadir"],
+            keep_out__half_angles=[0.9, 0.1],
+        ),
+        240.0,
+    )
+
+
+def test_flight_is_what_the_reference_did(record: RunRecord) -> None:
+    found = flight_of(record)
+    assert found is not None
+    assert [word.time for word in found.words] == pytest.approx([5.0, 20.0, 60.0])
+    assert [word.warning for word in found.words] == [False, False, True]
+    assert "is inside keep-out cone 0" in found.words[2].text
+    assert [leg.turns for leg in found.words[0].legs] == [True]
+    brake, *_ = found.words[1].legs
+    assert (brake.begin, brake.turns) == (20.0, False)
+    assert found.words[2].legs == ()
+    # Where the reference ends is the goal.
+    q = record.columns["reference_attitude"][found.picked[-1]]
+    assert abs(np.dot(q, found.goals[-1])) == pytest.approx(1.0, abs=1e-12)
+    first = int(np.searchsorted(found.picked, 100))  # t = 5 s at 20 Hz
+    assert abs(np.dot(found.goals[first], DESIRED_ATTITUDE)) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_goals_given_in_flight_are_found_too(record: RunRecord) -> None:
+    values = record.parameters["reference_generator"]
+    orders = scheduled_orders(values)
+    first = schedule_of(Orders(orders.listed[:1], NO_PROFILES))
+    live = replace(
+        record,
+        parameters={**record.parameters, "reference_generator": {**values, **first}},
+        changes=tuple(
+            Change(20_000_000_000, "reference_generator", name, value)
+            for name, value in schedule_of(orders).items()
+        ),
+    )
+    here, there = flight_of(record), flight_of(live)
+    assert here is not None
+    assert there is not None
+    assert there.words == here.words
+    assert np.array_equal(there.goals, here.goals)
+
+
+def test_figures_show_ways_sky_and_angles(record: RunRecord) -> None:
+    drawn = figures_of(record)
+    assert set(drawn) >= OWN
+    ways = drawn["slews"][1].axes
+    assert [axes.get_ylabel() for axes in ways] == [
+        "angle to the goal [deg]",
+        "desired rate [deg/s]",
+        "desired accel. [deg/s²]",
+    ]
+    spans = [to_rgba(patch.get_facecolor())[:3] for patch in ways[0].patches]
+    flown = flight_of(record)
+    assert flown is not None
+    legs = [leg.turns for word in flown.words for leg in word.legs]
+    assert 0 < legs.count(True) == spans.count(to_rgba(BLUE)[:3])
+    assert 0 < legs.count(False) == spans.count(to_rgba(ORANGE)[:3])
+    marks = [line for line in ways[0].get_lines() if line.get_linestyle() == ":"]
+    assert [line.get_xdata()[0] for line in marks] == pytest.approx([5.0, 20.0, 60.0])
+    assert [line.get_color() == RED for line in marks] == [False, False, True]
+    craft = np.asarray(ways[0].get_lines()[0].get_ydata())
+    assert craft[-1] < 0.5  # [deg] it has come to its goal
+
+    (angles,) = drawn["cone_angles"][1].axes
+    lines = {str(line.get_label()): line for line in angles.get_lines()}
+    for i, each in enumerate(approaches_of(record)):
+        shown = np.asarray(lines[f"{i}: {each.direction}"].get_ydata(), float)
+        assert np.nanmin(shown) == pytest.approx(np.rad2deg(each.angle), abs=1e-6)
+
+    (sky,) = drawn["sky_map"][1].axes
+    paths = [each for each in sky.collections if isinstance(each, LineCollection)]
+    # Two axes, craft and desired; a cone that stands, one that moves, and its way.
+    assert len(paths) == 4 + 1 + 3
+    rim = np.concatenate(paths[4].get_segments())  # about the pole
+    assert rim[:, 1] == pytest.approx(90.0 - np.rad2deg(0.9))
+    path = np.concatenate(paths[0].get_segments())
+    z = Rotation.from_quat(record.columns["attitude"][-1]).apply([0.0, 0.0, 1.0])
+    assert np.deg2rad(path[-1, 1]) == pytest.approx(np.arcsin(z[2]))
+    assert plotted(drawn["sky_map"][1]) == ""  # a map has nothing over time to zoom
+    assert plotted(drawn["slews"][1]) != ""
+
+
+def test_a_run_without_goals_has_none_of_them() -> None:
+    record = simulate(scenario({"spacecraft_plant": {"rate": 20.0}}), 1.0)
+    assert flight_of(record) is None
+    assert not OWN & set(figures_of(record))

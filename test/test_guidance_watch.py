@@ -1,0 +1,280 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What guidance warns of while it follows a goal, and what it says of orders that it refuses."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from guidance_helpers import DEGREE, scenes
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references.goal import COMPONENT
+from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.science.two_line import orbit_by_lines
+
+DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.parameters}
+STRAIGHT = [0.0, 0.0, 0.0, 1.0]
+RADIUS, TILT = 6378137.0 + 550e3, math.radians(97.6)
+TURNING = math.sqrt(3.986004418e14 / RADIUS**3)  # [rad/s] of the default orbit
+
+
+def part_of(**values: Any) -> Part:
+    return Part(COMPONENT, {**DEFAULTS, **{k.replace("__", "."): v for k, v in values.items()}})
+
+
+def said(part: Part, times: Any, attitude: Any = STRAIGHT) -> list[tuple[float, str, bool]]:
+    """What is said at which time [s], and whether as a warning."""
+    found = []
+    for t in times:
+        before = part.advices
+        part.step(nanoseconds(t), attitude)
+        if part.advices > before:
+            found.append((float(t), part.advice.text, part.advice.warning))
+    return found
+
+
+def to_earth(t: Any) -> Any:
+    """Direction to Earth's centre on the default orbit without J2, shape (n, 3)."""
+    angle = TURNING * np.asarray(t, float)
+    side = np.sin(angle)
+    return -np.stack([np.cos(angle), side * math.cos(TILT), side * math.sin(TILT)], axis=-1)
+
+
+def test_cone_that_comes_is_warned_of_before_it_is_there_and_called_off_after() -> None:
+    axis = to_earth(300.0)
+    part = part_of(
+        keep_out__axes=[*axis, 0.0, 1.0, 0.0],
+        keep_out__directions=["nadir", "0 0 1"],
+        keep_out__half_angles=[10.0 * DEGREE, 0.1],
+    )
+    (ahead, text, warning), (after, last, over) = said(part, np.arange(0.0, 600.0, 0.25))
+    times = np.arange(0.0, 600.0, 0.1)
+    inside = times[np.arccos(to_earth(times) @ axis) < 10.0 * DEGREE]
+    entered = float(text.rpartition("= ")[2].removesuffix(" s"))
+    assert warning
+    assert text.startswith("the desired motion enters keep-out cone 0 at t = ")
+    assert entered == pytest.approx(inside[0], abs=0.3)  # J2
+    assert 59.0 <= entered - ahead <= 60.0
+    assert not over
+    assert last == "what was warned of is over"
+    assert inside[-1] - 0.3 <= after <= inside[-1] + 1.3
+
+
+def test_what_is_said_does_not_depend_on_the_rate_of_the_loop() -> None:
+    def heard_at(h: float) -> list[tuple[float, str, bool]]:
+        part = part_of(
+            keep_out__axes=to_earth(200.0).tolist(),
+            keep_out__directions=["nadir"],
+            keep_out__half_angles=[0.1],
+        )
+        return said(part, np.arange(0.0, 320.0, h))
+
+    assert heard_at(1.0) == heard_at(0.125)
+    assert len(heard_at(1.0)) == 2
+
+
+def test_attitude_that_begins_inside_a_cone_is_warned_of_at_once() -> None:
+    part = part_of(
+        keep_out__axes=[0.0, 0.0, 1.0],
+        keep_out__directions=["0 0 1"],
+        keep_out__half_angles=[0.5],
+        goals__times=[3.0],
+        goals__attitudes=[0.8, 0.0, 0.0, 0.6],
+    )
+    first, order, *rest = said(part, np.arange(0.0, 120.0))
+    assert first == (0.0, "the desired motion is inside keep-out cone 0", True)
+    assert "it begins inside keep-out cone 0 and is led out" in order[1]
+    assert [(text, warning) for _, text, warning in rest] == [("what was warned of is over", False)]
+
+
+def test_ground_point_below_the_horizon_is_followed_with_a_warning() -> None:
+    # Greenwich is 100.9° east of the ascending node at the epoch, so the point is behind Earth.
+    part = part_of(
+        goals__times=[10.0],
+        goals__frames=["ground"],
+        goals__attitudes=STRAIGHT,
+        target__longitude=math.radians(79.1),
+    )
+    ((when, text, warning),) = said(part, np.arange(0.0, 60.0))
+    assert (when, warning) == (10.0, True)
+    assert "order 1 is followed: ground frame" in text
+    assert text.endswith("the desired motion looks at a ground point below the horizon")
+    near = part_of(
+        goals__times=[10.0],
+        goals__frames=["ground"],
+        goals__attitudes=STRAIGHT,
+        target__longitude=math.radians(-100.9),
+    )
+    (first, *later) = said(near, np.arange(0.0, 900.0))
+    assert not first[2]  # straight below, and out of sight once the craft has gone on
+    assert [warning for *_, warning in later] == [True]
+
+
+def ring() -> dict[str, Any]:
+    (case,) = (case for case in scenes() if case["case"].startswith("closed ring"))
+    return {
+        "start": case["start"],
+        "goals__attitudes": case["goal"],
+        "keep_out__axes": [x for cone in case["cones"] for x in cone["body_axis"]],
+        "keep_out__directions": [" ".join(map(str, c["direction"])) for c in case["cones"]],
+        "keep_out__half_angles": [DEGREE * cone["half_angle_deg"] for cone in case["cones"]],
+    }
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        (
+            {
+                "goals__attitudes": STRAIGHT,
+                "keep_out__axes": [0.0, 0.6, 0.8],
+                "keep_out__directions": ["0 0 1"],
+                "keep_out__half_angles": [1.0],
+                "start": [1.0, 0.0, 0.0, 0.0],
+            },
+            "it is inside keep-out cone 0, 36.87° from its direction; allowed: at least 57.30°",
+        ),
+        (ring(), "no way to it keeps all keep-out cones; the direct one crosses keep-out cone"),
+        (
+            {"goals__frames": ["spin"], "goals__attitudes": STRAIGHT, "spin__rate": -0.2},
+            "spin.rate = -0.2 rad/s; allowed: up to 0.0314159, which is 0.9 guidance.max_rate",
+        ),
+        (
+            {
+                "goals__frames": ["profile"],
+                "goals__attitudes": STRAIGHT,
+                "goals__points": [0.0, 5.0, 1.0, *[0.0] * 9, 0.0, 500.0, *STRAIGHT, *[0.0] * 6],
+            },
+            "the slew to its first point ends at t = 97.000 s, after that point's 5.000 s",
+        ),
+        (
+            {
+                "goals__frames": ["profile"],
+                "goals__attitudes": STRAIGHT,
+                "goals__points": [0.0, 5.0, *STRAIGHT, *[0.0] * 6, 0.0, 9.0, 0.6, 0.0, 0.0, 0.8]
+                + [0.0] * 6,
+            },
+            "times guidance.max_rate or guidance.max_acceleration; allowed: 1; give it more time",
+        ),
+        (
+            # The Sun along the orbit's normal leaves the frame `sun` no second direction.
+            {
+                "goals__frames": ["sun"],
+                "goals__attitudes": STRAIGHT,
+                "orbit__epoch": "2025-03-20T09:00:00",
+                "orbit__inclination": 0.5 * math.pi,
+                "orbit__raan": 0.5 * math.pi,
+            },
+            "from being parallel; allowed: at least 5.74°; try another time",
+        ),
+    ],
+    ids=["goal in a cone", "closed", "spin", "late", "fast", "frame"],
+)
+def test_refusal_names_value_and_range_and_the_present_motion_goes_on(
+    values: dict[str, Any], reason: str
+) -> None:
+    start = values.get("start", STRAIGHT)
+    part = part_of(goals__times=[0.0], **{k: v for k, v in values.items() if k != "start"})
+    ((_, text, warning),) = said(part, [0.0], start)
+    assert warning
+    assert text.startswith("order 1 is refused: ")
+    assert reason in text
+    moved = part.step(nanoseconds(20.0), start)
+    assert np.abs(np.dot(moved[:4], start)) == pytest.approx(1.0, abs=1e-12)
+    assert not any(moved[4:])
+
+
+def test_scene_is_told_and_heard_without_loss() -> None:
+    part = part_of(
+        goals__times=[0.0],
+        goals__frames=["nadir"],
+        goals__attitudes=[0.6, 0.0, 0.0, 0.8],
+        keep_out__axes=[0.0, 0.6, 0.8, 1.0, 0.0, 0.0],
+        keep_out__directions=["sun", "nadir"],
+        keep_out__half_angles=[0.1, 0.2],
+    )
+    part.step(nanoseconds(0.0), STRAIGHT)
+    part.step(nanoseconds(700.0), STRAIGHT)
+    scene = scene_at(700.0, part.configuration[0], part.state[0])
+    assert heard(told(scene)) == scene
+    assert heard({"order": "1"}) is None
+    assert isinstance(scene, Scene)
+    assert scene.cones[1].direction == pytest.approx(to_earth(700.0), abs=3e-3)  # J2
+    # The frame's z axis looks at Earth's centre; the goal is turned about x by 73.74°.
+    z = (Rotation.from_quat(scene.goal) * Rotation.from_quat([-0.6, 0.0, 0.0, 0.8])).apply(
+        [0, 0, 1]
+    )
+    assert z == pytest.approx(scene.cones[1].direction, abs=1e-12)
+    assert scene.cones[0].half_angle == 0.1
+    with pytest.raises(ValueError, match="allowed: 7 numbers"):
+        heard({**told(scene), "keep-out cone 0": "1 2 3"})
+
+
+LINES = (
+    "1 25544U 98067A   24087.49722222  .00016717  00000-0  10270-3 0  9005\n"
+    "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.49815380 30001"
+)
+
+
+def with_checksums(lines: str) -> str:
+    """The lines, each with its last digit put right."""
+    found = []
+    for line in lines.splitlines():
+        total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
+        found.append(f"{line[:68]}{total}")
+    return "\n".join(found)
+
+
+def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
+    api = pytest.importorskip("sgp4.api")
+    text = with_checksums(LINES)
+    satellite = api.Satrec.twoline2rv(*text.splitlines())
+    days = 8853.25  # 2024-03-28 18 h
+    record = orbit_by_lines("orbit.tle", f"ISS (ZARYA)\n{text}\n", days)
+    error, position, velocity = satellite.sgp4(2451545.0 + 8853.0, 0.25)
+    assert error == 0
+    assert record["position"] == pytest.approx(np.multiply(1e3, position))
+    assert record["velocity"] == pytest.approx(np.multiply(1e3, velocity))
+    assert 400e3 < np.linalg.norm(record["position"]) - 6378137.0 < 440e3
+    part = part_of(orbit__tle=text, orbit__epoch="2024-03-28T18:00:00")
+    assert np.array_equal(part.configuration["sky"]["orbit"][0]["position"], record["position"])
+
+
+@pytest.mark.parametrize(
+    ("lines", "days", "reason"),
+    [
+        (
+            with_checksums(LINES),
+            9132.0,
+            "is 280.0 days after the epoch of orbit.tle; allowed",
+        ),
+        (with_checksums(LINES).replace("51.6416", "51.6417"), 8853.0, "allowed: its checksum"),
+        (LINES.splitlines()[0], 8853.0, r"orbit\.tle has 1 lines; allowed: 2"),
+        (
+            with_checksums(LINES).replace("\n2 ", "\n3 "),
+            8853.0,
+            "allowed: 69 characters",
+        ),
+    ],
+    ids=["old", "checksum", "one line", "no element set"],
+)
+def test_bad_two_line_elements_are_refused(lines: str, days: float, reason: str) -> None:
+    pytest.importorskip("sgp4.api")
+    with pytest.raises(ValueError, match=reason):
+        orbit_by_lines("orbit.tle", lines, days)

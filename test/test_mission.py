@@ -1,0 +1,70 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What slews need and leave: `check`, the default limits, and the mission that is shipped."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from test_goal_reference import STRAIGHT, flight, tour
+from test_layers import ROOT
+
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.command_line.proportions import slew_conditions
+from ppc_attitude.science.certificate import Condition
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.flight_plan import goals_told
+from ppc_attitude.simulation.scenario import load
+
+
+def needed(**reference: Any) -> dict[str, Condition]:
+    """What `check` says that slews need."""
+    return {each.name: each for each in slew_conditions(flight(**reference))}
+
+
+def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
+    torque = needed()["slew torque"]
+    assert (torque.value, torque.limit) == pytest.approx((0.0201, 0.03), abs=5e-5)
+    assert torque.holds
+    assert not needed(guidance__max_acceleration=math.radians(0.7))["slew torque"].holds
+    assert not needed(guidance__torque_share=0.4)["slew torque"].holds
+    late, early, settled = (
+        needed(goals__times=times, goals__attitudes=STRAIGHT * len(times))["slew rate"]
+        for times in ([70.0], [5.0, 70.0], [])
+    )
+    # With errors within 5e-3 the law adds little to the slew's 2 deg/s.
+    assert late.value == settled.value == pytest.approx(2.0, abs=0.03)
+    assert late.holds
+    assert not early.holds
+    assert early.value > 5.0  # [deg/s] for an error on the envelope at 5 s
+
+
+def test_default_limits_leave_the_law_its_margin() -> None:
+    """The slews of the tour never bring the actuator to its limit, nor near it."""
+    record = simulate(tour(100.0), 150.0)
+    needed = np.abs(record.columns["unsaturated_torque"]).max()
+    assert 0.005 < needed < 0.6 * 0.05
+
+
+def test_shipped_mission_is_flown_and_meets_every_requirement() -> None:
+    mission = load([ROOT / "config" / name for name in ("paper.yaml", "mission.yaml")])
+    told = goals_told(mission)
+    assert [each.time for each in told] == pytest.approx([10.0, 120.0, 330.0, 480.0])
+    assert not any(each.advice.warning for each in told)
+    verdict = analyse(simulate(mission, mission.number("spacecraft_plant", "duration")))
+    assert verdict.all_met
+    (row,) = (row for row in verdict.requirements if row.key == "keep_out")
+    assert row.met
