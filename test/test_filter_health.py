@@ -19,8 +19,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from estimation_helpers import ROOT
 
+from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.filter_health import filter_health
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.contract.run_record import RunRecord
@@ -82,6 +84,26 @@ def test_a_run_without_a_filter_is_not_judged_by_one() -> None:
     record = simulate(load([ROOT / "config" / "paper.yaml"]), 1.0)
     assert filter_health(record) is None
     assert not {"knowledge_outside", "nis", "refused_fixes"} & set(rows(record))
+
+
+def test_the_figures_show_the_filters_errors_in_its_own_band() -> None:
+    record = run()
+    figures = figures_of(record)
+    lines = {axes.get_ylabel()[-10:-9]: axes.lines for axes in figures["knowledge_error"][1].axes}
+    sigma = np.degrees(np.sqrt(record["estimate"][-1, [4, 7, 9]])) * 3600.0
+    for axis, expected in zip("xyz", sigma, strict=True):
+        error, low, high = (line.get_ydata()[-1] for line in lines[axis][:3])
+        assert [low, high] == pytest.approx([-3.0 * expected, 3.0 * expected])
+        assert low < error < high
+    bias, low, high = (line.get_ydata()[-1] for line in figures["gyro_bias"][1].axes[2].lines[:3])
+    assert bias == pytest.approx(np.degrees(record["gyro_bias"][-1, 2]))
+    assert high - bias == pytest.approx(3.0 * np.degrees(record["gyro_bias_sigma"][-1, 2]))
+    top, bottom = figures["innovation"][1].axes
+    told = np.isfinite(record["innovation"]).all(axis=1)
+    nis = bottom.lines[0].get_ydata()
+    assert np.array_equal(nis[told], np.square(record["innovation"][told]).sum(axis=1))
+    assert bottom.lines[1].get_ydata()[0] == 25.0
+    assert top.lines[3].get_ydata()[0] == 3.0
 
 
 def test_a_run_too_short_says_so() -> None:

@@ -16,7 +16,8 @@ from typing import Any
 
 import pytest
 
-from ppc_attitude.runtime.fixes import Fixes, Slots
+from ppc_attitude.runtime.fixes import Fixes
+from ppc_attitude.science.sensors.arrivals import Slots
 from ppc_attitude.science.sensors.star_tracker import slots as steps_of
 from ppc_attitude.science.stamps import stamp_of
 

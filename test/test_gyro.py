@@ -25,9 +25,9 @@ from ppc_attitude.science.sensors.gyro import (
     effective_white_noise,
     gyro_record,
     gyro_sample,
-    has_dead_band,
     mean_rate,
     walked_bias,
+    widest_resolution,
 )
 
 
@@ -135,5 +135,4 @@ def test_rounding_acts_as_white_noise() -> None:
     white = effective_white_noise(1.6968e-4, 0.04 * math.radians(1.0), 0.01)
     assert white == pytest.approx(1.70872639588e-4, rel=1e-9)
     assert samples.std() == pytest.approx(white / 0.1, rel=5e-3)
-    assert not has_dead_band(1.6968e-4, 0.04 * math.radians(1.0), 0.01)
-    assert has_dead_band(1.6968e-5, 0.04 * math.radians(1.0), 0.01)
+    assert widest_resolution(1.6968e-4, 0.01) == pytest.approx(1.6968e-3)

@@ -29,6 +29,7 @@ from std_srvs.srv import SetBool
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -41,6 +42,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
+from ppc_attitude.nodes.attitude_estimator import AttitudeEstimator
 from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
@@ -68,16 +70,26 @@ INSTANT = {
     REFERENCE_RATE: ZERO,
     REFERENCE_ACCELERATION: ZERO,
 }
+MEASURED: dict[Topic, tuple[float, ...]] = {
+    BY_COLUMN["gyro"]: (0.0, 0.0, 0.0, 1e-7),
+    BY_COLUMN["star_fix"]: (*UNIT, 1e-10, 1e-10, 1e-8),
+}
 # Node: what makes it run, and what it waits for without.
 NEEDS: dict[type[BaseNode], tuple[dict[Topic, tuple[float, ...]], str]] = {
     ReferenceGenerator: ({ATTITUDE: UNIT}, "waiting for attitude"),
     PpcController: (INSTANT, "waiting for attitude"),
     DisturbanceInjector: ({ATTITUDE: UNIT}, "waiting for attitude"),
     SpacecraftPlant: (ANSWERS, "waiting at t = 0.010 s for torque_command, disturbance/torque"),
+    AttitudeEstimator: (MEASURED, "waiting for imu/data_raw"),
     BagRecorder: (INSTANT, "waiting for attitude"),
     AttitudeMarkers: ({ATTITUDE: UNIT}, "waiting for attitude"),
 }
-ARGUMENTS = {SpacecraftPlant: ["lockstep:=true"], BagRecorder: ["bag:=bag"]}
+TRACKER = ["star_tracker.cross_noise:=1.0e-5", "star_tracker.boresight_noise:=1.0e-4"]
+ARGUMENTS = {
+    SpacecraftPlant: ["lockstep:=true"],
+    BagRecorder: ["bag:=bag"],
+    AttitudeEstimator: ["estimator:=mekf", *TRACKER],
+}
 
 
 class Patient:
@@ -209,6 +221,25 @@ def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patien
     assert float(hit["rate_envelope margin"]) == pytest.approx(1.0 - 0.1 / envelope, rel=1e-3)
     assert float(hit["attitude_envelope margin"]) == 1.0
     assert hit["steps in saturation"] == "1"
+
+
+def test_an_estimator_that_is_lost_says_so_as_an_error(admit: Callable[..., Patient]) -> None:
+    patient = admit(AttitudeEstimator, "lost_sigma:=1.0e-6")
+    patient.feed(0)
+    values = patient.says(ERROR, "lost: no fix for 0 s, 3σ = 61.88″")  # 3 · 1e-4 rad
+    assert (values["fixes"], values["fixes refused"], values["begun anew"]) == ("1", "0", "0")
+
+
+def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
+    admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[tuple[str, bool]] = []
+    monkeypatch.setattr(BaseNode, "say", lambda self, *words: said.append(words))
+    gyro = ["gyro.angular_random_walk:=1.0e-5", "gyro.resolution:=1.0e-3"]
+    admit(SpacecraftPlant, "sensors:=gyro_star_tracker", *gyro)
+    assert len(said) == 1
+    assert "gyro.resolution is 10 times the noise of a sample: a dead band" in said[0][0]
+    assert said[0][1]
 
 
 def test_a_disabled_controller_warns(admit: Callable[..., Patient]) -> None:

@@ -18,13 +18,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimation_helpers import ROOT
 
 from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.contract.topics import ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import columns_of, new_samples, simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.replay import replay
-from ppc_attitude.simulation.scenario import scenario
+from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
 NOISY = {"spacecraft_plant": {"attitude_noise": 1e-4, "rate_noise": 1e-5, "seed": 2}}
 
@@ -36,6 +38,48 @@ def test_every_component_gives_again_what_is_on_record(given: dict[str, dict[str
     assert names == ["ppc", "rigid_body", "direct", "ideal", "paper"]
     assert all(each.largest == 0.0 for each in (found.law, *found.others))
     assert {(each.steps, each.skipped) for each in (found.law, *found.others)} == {(501, 0)}
+
+
+def estimated(**tracker: float) -> Scenario:
+    """A run on an estimate whose fixes are late, absent at times, and false at times."""
+    files = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_cubesat")]
+    faults = {"dropout_probability": 0.2, "outlier_probability": 0.1, "outlier_size": 0.05}
+    given = {f"star_tracker.{name}": value for name, value in {**faults, **tracker}.items()}
+    plant = {**given, "seed": 5, "initial_fix": False}
+    return load(files, {PLANT: plant, ESTIMATOR: {"initial_fix": False}})
+
+
+def test_an_estimator_gives_again_what_late_fixes_made_it_give() -> None:
+    record = simulate(estimated(), 12.0)
+    refused = np.square(record["innovation"]).sum(axis=1) > 25.0
+    assert refused.sum() >= 3
+    found = replay(record)
+    components = [each.component for each in found.others]
+    assert {"gyro_star_tracker", "mekf"} <= set(components)
+    assert all(each.largest == 0.0 for each in (found.law, *found.others))
+    assert {(each.steps, each.skipped) for each in (found.law, *found.others)} == {(1201, 0)}
+    fixes = record["star_fix"].copy()
+    fixes[200, 0] += 1e-6
+    changed = replay(replace(record, columns={**record.columns, "star_fix": fixes}))
+    differing = {each.component for each in changed.others if each.largest > 0.0}
+    assert differing == {"gyro_star_tracker", "mekf"}
+
+
+def test_a_gate_that_was_changed_in_flight_is_applied_at_its_stamp() -> None:
+    before = estimated()
+    stamps = stamps_of(100.0, 12.0)
+    diagram, early = Diagram(before.parameters), new_samples(before, 600)
+    diagram.run(stamps[:600], early)
+    change = Change(int(stamps[600]), ESTIMATOR, "gate", 4.0)
+    diagram.parts["estimators"].configure({**before.parameters[ESTIMATOR], "gate": 4.0})
+    late = new_samples(before, stamps.size - 600)
+    diagram.run(stamps[600:], late)
+    columns = columns_of(before, stamps, np.concatenate([early, late], axis=1))
+    parameters = before.with_values(PLANT, lockstep=True).parameters
+    record = RunRecord("simulate", "ppc", stamps, columns, parameters=parameters, changes=(change,))
+    assert all(each.largest == 0.0 for each in replay(record).others)
+    without = replay(replace(record, changes=()))
+    assert [each.component for each in without.others if each.largest > 0.0] == ["mekf"]
 
 
 def test_another_number_is_found_where_it_is() -> None:

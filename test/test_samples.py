@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from estimation_helpers import ROOT
 from numba.core.runtime import _nrt_python, rtsys
 
 from ppc_attitude.science.kernel import kernel
@@ -31,7 +32,7 @@ from ppc_attitude.simulation.closed_loop import (
     timetable_of,
 )
 from ppc_attitude.simulation.diagram import recorded_columns
-from ppc_attitude.simulation.scenario import scenario
+from ppc_attitude.simulation.scenario import load, scenario
 
 STEPS = 12_000
 
@@ -77,19 +78,26 @@ def test_an_allocation_in_a_step_would_be_seen(counted: Callable[..., int]) -> N
     assert counted(lambda: wasteful(STEPS)) >= STEPS
 
 
-@pytest.mark.parametrize("law", CONTROLLERS.components)
-def test_a_step_allocates_nothing(law: str, counted: Callable[..., int]) -> None:
-    case = scenario(
-        {
-            "ppc_controller": {"controller": law},
-            "spacecraft_plant": {"attitude_noise": 1e-6, "rate_noise": 1e-7},
-            "disturbance_injector": {
-                "pulse_times": [80.0],
-                "pulse_durations": [0.1],
-                "pulse_torques": [0.8, 0.8, 0.8],
-            },
-        }
-    )
+NOISE = {"attitude_noise": 1e-6, "rate_noise": 1e-7}
+HIT = {"pulse_times": [80.0], "pulse_durations": [0.1], "pulse_torques": [0.8, 0.8, 0.8]}
+CASES = {
+    **{
+        law: scenario(
+            {
+                "ppc_controller": {"controller": law},
+                "spacecraft_plant": NOISE,
+                "disturbance_injector": HIT,
+            }
+        )
+        for law in CONTROLLERS.components
+    },
+    "sensors": load([ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_cubesat")]),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_step_allocates_nothing(name: str, counted: Callable[..., int]) -> None:
+    case = CASES[name]
 
     def costs(steps: int) -> tuple[int, int]:
         """Blocks that the compiled loop takes, and the most that Python holds meanwhile."""

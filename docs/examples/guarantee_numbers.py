@@ -24,6 +24,7 @@ import argparse
 import math
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +44,20 @@ SETTLED = 5e-3
 SMALLSAT = {"attitude_noise": 5e-5, "rate_noise": 2e-5}
 
 
-def case_of(overlay: str, **nodes: dict[str, Any]) -> Scenario:
+@cache
+def base_of(overlay: str) -> Scenario:
     """Return the paper's case with an overlay of `config`, or with another law."""
     if overlay == FEEDBACK:
-        return load([CONFIG / "paper.yaml"], {**nodes, "ppc_controller": {"controller": FEEDBACK}})
-    return load([CONFIG / "paper.yaml", CONFIG / f"{overlay}.yaml"], nodes)
+        return load([CONFIG / "paper.yaml"], {"ppc_controller": {"controller": FEEDBACK}})
+    return load([CONFIG / "paper.yaml", CONFIG / f"{overlay}.yaml"], {})
+
+
+def case_of(overlay: str, **nodes: dict[str, Any]) -> Scenario:
+    """Return that case with other values of some parameters."""
+    result = base_of(overlay)
+    for node, values in nodes.items():
+        result = result.with_values(node, **values)
+    return result
 
 
 def errors_of(record: Any) -> Any:

@@ -43,6 +43,11 @@ from ppc_attitude.analysis.drawing import (
     time_axis,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.filter_figures import (
+    bias_figure,
+    innovation_figure,
+    knowledge_figure,
+)
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured, known
 from ppc_attitude.analysis.metrics import torque_limit
@@ -242,8 +247,12 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     yield "angular_velocity", "Angular velocity, desired and limit", angular_velocity_figure
     yield "disturbance", "External torque", disturbance_figure
     yield "transformed_errors", "Errors over envelopes", transformed_errors_figure
+    yield "knowledge_error", "Knowledge error in the filter's own 3σ", knowledge_figure
+    yield "innovation", "Innovation of each fix by its σ, and its square (NIS)", innovation_figure
+    yield "gyro_bias", "Estimated bias of the gyro, with 3σ", bias_figure
     yield from guidance_drawings(record)
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
+    drawn |= {"innovation", "gyro_bias", "gyro_bias_sigma"}
     drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}
     for column, topic in BY_COLUMN.items():
         if column not in drawn and topic.form in (QUATERNION, VECTOR, WRENCH):

@@ -24,9 +24,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.analysis.series import elapsed, has
+from ppc_attitude.analysis.series import elapsed, has, lacking
 from ppc_attitude.analysis.truth import knowledge_errors
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ESTIMATOR, TRUE_ATTITUDE
 from ppc_attitude.science.attitude import conjugate, logarithm, product
 from ppc_attitude.science.sensors.star_tracker import MOUNTING
@@ -90,6 +90,22 @@ def filter_health(record: RunRecord) -> FilterHealth | None:
     )
 
 
+def attitude_sigmas(record: RunRecord) -> Array:
+    """σ [rad] of the attitude about each body axis as the filter says, shape (n, 3).
+
+    NaN where there is no estimate.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no estimate.
+    """
+    if not has(record, _ESTIMATE):
+        raise lacking(record, _ESTIMATE)
+    variances = record[_ESTIMATE][:, _VARIANCES]
+    return np.sqrt(np.where(variances > 0.0, variances, np.nan))
+
+
 def _outside(record: RunRecord) -> float | None:
     """Largest share outside 3σ of any axis."""
     late = elapsed(record) >= SETTLED
@@ -97,8 +113,8 @@ def _outside(record: RunRecord) -> float | None:
         return None
     # A rotation vector of a small angle is twice the vector part of its quaternion.
     errors = 2.0 * np.abs(knowledge_errors(record).quaternions[late, :3])
-    sigma = np.sqrt(np.maximum(record[_ESTIMATE][late][:, _VARIANCES], 0.0))
-    known = np.isfinite(errors).all(axis=1) & (sigma > 0.0).all(axis=1)
+    sigma = attitude_sigmas(record)[late]
+    known = np.isfinite(errors).all(axis=1) & np.isfinite(sigma).all(axis=1)
     if not known.any():
         return None
     return float((errors[known] > 3.0 * sigma[known]).mean(axis=0).max())

@@ -112,7 +112,8 @@ def flight_of(record: RunRecord) -> Flight | None:
         if part.advices > told:
             followed = int(state["taken"]) > taken and state["outcome"] == ACCEPTED
             legs = _legs(state["plans"][state["active"]]) if followed else ()
-            words.append(Word(seconds(stamp_ns), *part.advice, legs))
+            advice = part.advice
+            words.append(Word(seconds(stamp_ns), advice.text, advice.warning, legs))
         scene = scene_at(seconds(stamp_ns), part.configuration[0], state)
         picked.append(k)
         goals.append(scene.goal)

@@ -21,9 +21,10 @@ from typing import Any
 from ppc_attitude.contract.topics import ESTIMATOR, Topic
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.runtime.fixes import Fixes, Slots
-from ppc_attitude.runtime.health import STALE, WARN, Status
+from ppc_attitude.runtime.fixes import Fixes
+from ppc_attitude.runtime.health import ERROR, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.science.sensors.arrivals import Slots
 
 Completed = Iterator[tuple[int, Values, Values]]
 
@@ -42,11 +43,7 @@ class AttitudeEstimator(ComponentNode):
             return super()._receiver(topic)
         if self._fixes is None:
             (late,) = (each for each in self._topics if each.late)
-            rate, latency = (
-                float(str(self.parameters[f"star_tracker.{name}"])) for name in ("rate", "latency")
-            )
-            slots = Slots(rate, latency, bool(self.parameters["initial_fix"]))
-            self._fixes = Fixes(slots, late.width)
+            self._fixes = Fixes(Slots.of(self.parameters.values), late.width)
         take = self._fixes.fix if topic.late else self._fixes.sample
 
         def receive(stamp_ns: int, values: Values) -> None:
@@ -72,8 +69,9 @@ class AttitudeEstimator(ComponentNode):
             return Status(STALE, f"waiting for {late}", status.details)
         for part in self.chain.parts:
             if status.level != STALE and part.advice.text:
-                level = WARN if part.advice.warning else status.level
-                status = Status(level, part.advice.text, status.details)
+                text, warning, failed, _ = part.advice
+                level = ERROR if failed else WARN if warning else status.level
+                status = Status(level, text, status.details)
         return status
 
 

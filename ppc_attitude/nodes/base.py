@@ -215,6 +215,14 @@ class BaseNode(Node):
         if self.health.may_log(f"{kind} (accepted)", time.monotonic()):
             self.get_logger().info(text)
 
+    def say(self, text: str, warning: bool) -> None:
+        """Log what the node itself has to say."""
+        # Two lines of source: rclpy ties a severity to each.
+        if warning:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
+
     def report(self, stamp_ns: int, at_once: bool = False) -> None:
         """Publish diagnostics once per simulated second, or at once."""
         if self.health.step(stamp_ns, time.monotonic()) or at_once:

@@ -40,7 +40,6 @@ class ComponentNode(BaseNode):
         super().__init__()
         values = self.parameters.values
         self.chain = Chain(components_of(self.executable, values), values)
-        self._announced = [part.advices for part in self.chain.parts]
         self._topics = [BY_COLUMN[column.name] for column in self.chain.inputs] or [ATTITUDE]
         self._instant = Instant(topic.column for topic in self._topics)
         self.answers = Answers(self._answer, not self.chain.inputs, self._begin_again)
@@ -67,7 +66,6 @@ class ComponentNode(BaseNode):
     def arm(self) -> None:
         """Forget the past: the next step begins anew."""
         self.chain.forget()
-        self._announced = [0] * len(self.chain.parts)
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Run the components at an instant; the numbers of all columns by name."""
@@ -88,7 +86,8 @@ class ComponentNode(BaseNode):
         for stamp, answer in self.answers.to(name, stamp_ns, parts, time.monotonic()).items():
             for column, send in self._senders.items():
                 send(stamp, answer[column])
-        self._announce()
+        for advice in self.chain.news():
+            self.say(advice.text, advice.warning)
         self.report(stamp_ns)
 
     def _answer(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
@@ -103,16 +102,6 @@ class ComponentNode(BaseNode):
         self.arm()
         self.health.begin_again()
 
-    def _announce(self) -> None:
-        for place, part in enumerate(self.chain.parts):
-            if part.advices != self._announced[place]:
-                self._announced[place] = part.advices
-                # Two lines of source: rclpy ties a severity to each.
-                if part.advice.warning:
-                    self.get_logger().warning(part.advice.text)
-                else:
-                    self.get_logger().info(part.advice.text)
-
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""
         return {"steps": self._steps, "instants incomplete": self._instant.dropped}
@@ -124,6 +113,8 @@ class ComponentNode(BaseNode):
             normalised.update(part.normalised_errors())
         margins = {f"{name} margin": 1.0 - value for name, value in normalised.items()}
         details = {**self.details(), **margins}
+        for part in self.chain.parts:
+            details.update(part.advice.numbers)
         if self.is_idle():
             missing = ", ".join(BY_COLUMN[column].name for column in self._instant.missing())
             return Status(STALE, f"waiting for {missing}", details)

@@ -120,6 +120,8 @@ class SpacecraftPlant(BaseNode):
         self._stamp = 0
         zeros = {column.name: (0.0,) * column.width for column in self._motion.inputs}
         self._state = self._motion.step(0, zeros)
+        for advice in self._motion.news():
+            self.say(advice.text, advice.warning)
         self.health.begin_again()
 
     def act(self, stamp_ns: int, inputs: Mapping[str, Values]) -> None:
@@ -159,11 +161,7 @@ class SpacecraftPlant(BaseNode):
 
     def announce(self, text: str, warning: bool) -> None:
         """Log that something has changed, and report it."""
-        # Two lines of source: rclpy ties a severity to each.
-        if warning:
-            self.get_logger().warning(text)
-        else:
-            self.get_logger().info(text)
+        self.say(text, warning)
         self.report(self._stamp, at_once=True)
 
     # What comes from outside.

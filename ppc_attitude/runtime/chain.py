@@ -14,11 +14,11 @@
 
 """The components that one node runs at each instant, one after the other."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ppc_attitude.runtime.stamps import Values
-from ppc_attitude.science.component import Column, Component
+from ppc_attitude.science.component import Advice, Column, Component
 from ppc_attitude.science.part import Part
 
 
@@ -74,6 +74,13 @@ class Chain:
         """Begin anew, as at the first step."""
         for part in self.parts:
             part.forget()
+
+    def news(self) -> Iterator[Advice]:
+        """Yield what components have to say since the last time."""
+        for part in self.parts:
+            if part.advices != part.told:
+                part.told = part.advices
+                yield part.advice
 
     def step(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Run every component once.

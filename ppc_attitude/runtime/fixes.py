@@ -17,51 +17,10 @@
 Every slot has one message, with or without a fix, so nobody has to guess whether one still comes.
 """
 
-import math
 from collections.abc import Iterator
 
 from ppc_attitude.runtime.stamps import Values
-from ppc_attitude.science.stamps import NANOSECONDS
-
-_ROUNDING = 1000  # [ns] stamps and latencies are rounded; no step is so short
-
-
-class Slots:
-    """Which fix arrives when.
-
-    Parameters
-    ----------
-    rate : float
-        Fixes per second [Hz]; the first one is valid at stamp zero.
-    latency : float
-        From validity to arrival [s]; it arrives with the first instant from then on.
-    initial : bool
-        True if the first one comes at once.
-    """
-
-    def __init__(self, rate: float, latency: float, initial: bool) -> None:
-        self._period = NANOSECONDS / rate
-        self._latency = round(latency * NANOSECONDS) - _ROUNDING
-        self._initial = initial
-
-    def due(self, last_ns: int | None, stamp_ns: int) -> int | None:
-        """Validity [ns] of the fix that arrives with a stamp [ns]; None if none does.
-
-        Parameters
-        ----------
-        last_ns : int or None
-            The stamp before; None if nobody knows it.
-        stamp_ns : int
-            The stamp.
-        """
-        if stamp_ns == 0 and self._initial:
-            return 0
-        slot = math.floor((stamp_ns - self._latency) / self._period)
-        known = slot == 0 and self._initial
-        if slot < 0 or known or (last_ns is None and stamp_ns > 0):
-            return None
-        came_before = last_ns is not None and slot * self._period + self._latency <= last_ns
-        return None if came_before else round(slot * self._period)
+from ppc_attitude.science.sensors.arrivals import Slots
 
 
 class Fixes:

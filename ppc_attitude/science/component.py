@@ -24,6 +24,7 @@ This file and `kinds` import neither kernels nor Numba, so that who only needs n
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -120,10 +121,16 @@ class Advice(NamedTuple):
         The advice.
     warning : bool
         True if the user should act.
+    failed : bool
+        True if what it gives cannot be relied on any more.
+    numbers : mapping of str to float
+        What it counts and measures of itself, by name with unit.
     """
 
     text: str
     warning: bool
+    failed: bool = False
+    numbers: Mapping[str, float] = MappingProxyType({})
 
 
 NOTHING = np.dtype([("nothing", np.float64)])

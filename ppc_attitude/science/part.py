@@ -98,6 +98,8 @@ class Part:
         What the next step reads, and what the last one gave.
     configuration, state : ndarray of one record
         What it is configured with, and what it remembers.
+    told : int
+        Number of the latest advice that its user has heard.
 
     Raises
     ------
@@ -122,6 +124,7 @@ class Part:
         self._slices = _slices(component)
         self._row: list[float] = self._output_row.tolist()
         self.state = np.zeros(1, component.state)
+        self.told = 0
         self._entry = entry_point(component)
         self._call = self._entry.ctypes
         self.configure(values)
@@ -153,6 +156,7 @@ class Part:
     def forget(self) -> None:
         """Begin anew, as at the first step."""
         self.state[:] = np.zeros((), self.component.state)
+        self.told = 0
 
     def step(self, stamp_ns: int, values: Iterable[float] = ()) -> list[float]:
         """Take one step.

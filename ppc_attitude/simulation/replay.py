@@ -30,6 +30,7 @@ from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, PLANTS, SENSORS, Kind
 from ppc_attitude.science.part import Part
+from ppc_attitude.science.sensors.arrivals import Slots
 from ppc_attitude.science.signals import TOLD, TORQUE_COMMAND, TRUTH
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.diagram import play
@@ -107,7 +108,7 @@ def replay(record: RunRecord) -> Replay:
     return Replay(
         _replayed(record, CONTROLLER, CONTROLLERS, law, (TORQUE_COMMAND,)),
         tuple(
-            _replayed(record, node, kind, component, _prompt(component.outputs))
+            _replayed(record, node, kind, component, component.outputs)
             for node, kind, component in _replayable(record)
         ),
     )
@@ -116,10 +117,8 @@ def replay(record: RunRecord) -> Replay:
 def _replayable(record: RunRecord) -> list[tuple[str, Kind, Component]]:
     """Components of a run, besides the law, whose inputs and outputs are all on record.
 
-    A late column is on record at the instant to which it belongs. Nobody knows from there when it
-    arrived, so a component that reads one cannot be replayed, and one that gives one is compared
-    in its other columns. A plant that runs free holds what has arrived by then, which the stamps do
-    not tell: only its sensors are replayed.
+    A plant that runs free holds what has arrived by then, which the stamps do not tell: only its
+    sensors are replayed.
     """
     free = not record.parameters.get(PLANT, {}).get("lockstep", False)
     columns = _columns(record)
@@ -129,18 +128,12 @@ def _replayable(record: RunRecord) -> list[tuple[str, Kind, Component]]:
             component = kind.selected(record.parameters.get(node, {}))
             if node not in record.parameters or component is None or kind is CONTROLLERS:
                 continue
-            late = any(each.late for each in component.inputs)
             used = (*component.inputs, *component.outputs)
             if free and kind in (PLANTS, ACTUATORS):
                 continue
-            if not late and all(each.name in columns for each in used):
+            if all(each.name in columns for each in used):
                 found.append((node, kind, component))
     return found
-
-
-def _prompt(columns: Sequence[Column]) -> tuple[Column, ...]:
-    """Columns that have a sample at the instant at which they are given."""
-    return tuple(column for column in columns if not column.late)
 
 
 def _columns(record: RunRecord) -> Mapping[str, Array]:
@@ -161,22 +154,25 @@ def _replayed(
     compared: Sequence[Column],
 ) -> Difference:
     """Run one component over the instants that have all it reads and all that is compared."""
-    columns = _columns(record)
-    read = _table(columns, component.inputs, record.stamps_ns.size)
+    values = record.parameters[node]
+    read = _table(record, component.inputs, values)
     if kind is PLANTS:
         # A plant reads what was given at the instant before.
         read = np.hstack([np.zeros((len(read), 1)), read[:, :-1]])
-    recorded = _table(columns, compared, record.stamps_ns.size)
-    complete = np.isfinite(read).all(axis=0) & np.isfinite(recorded).all(axis=0)
+    recorded = _table(record, compared, values)
+    names = [column.name for column in compared for _ in range(column.width)]
+    # Nobody can tell a late message that was never sent from one that is missing.
+    prompt = [not column.late for column in compared for _ in range(column.width)]
+    complete = np.isfinite(read).all(axis=0) & np.isfinite(recorded[prompt]).all(axis=0)
     if not complete.any():
         raise ConfigurationError(f"{record.source}: no instant has all inputs and a command")
     stamps = record.stamps_ns[complete]
     computed = _computed(record, node, kind, component, stamps, read[:, complete], compared)
-    difference = np.abs(recorded[:, complete] - computed)
+    difference = np.nan_to_num(np.abs(recorded[:, complete] - computed))
     row, k = np.unravel_index(int(np.argmax(difference)), difference.shape)
     return Difference(
         component.name,
-        [column.name for column in compared for _ in range(column.width)][row],
+        names[row],
         float(difference[row, k]),
         seconds(int(stamps[k])),
         int(stamps.size),
@@ -212,8 +208,42 @@ def _computed(
 
 
 def _table(
-    columns: Mapping[str, Array], wanted: Sequence[Column], size: int
+    record: RunRecord, wanted: Sequence[Column], values: Mapping[str, Any]
 ) -> NDArray[np.float64]:
-    """Return a row for each number of the wanted columns, a column for each instant."""
-    rows: list[Any] = [columns[column.name].T for column in wanted]
-    return np.ascontiguousarray(np.vstack(rows)) if rows else np.zeros((0, size))
+    """Return a row for each number of the wanted columns, a column for each instant.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+    wanted : sequence of Column
+        What of it.
+    values : mapping of str to value
+        Parameters of the node that reads or gives the columns.
+    """
+    columns = _columns(record)
+    rows: list[Any] = [
+        (_arrived(columns[each.name], record, values) if each.late else columns[each.name]).T
+        for each in wanted
+    ]
+    return np.ascontiguousarray(np.vstack(rows)) if rows else np.zeros((0, record.stamps_ns.size))
+
+
+def _arrived(rows: Array, record: RunRecord, values: Mapping[str, Any]) -> Array:
+    """Rows of a late column as they arrived, with their age [s].
+
+    A record has them at the instants to which they belong. A row is zero where none was due, and
+    NaN where one was due that is not on record.
+    """
+    slots, last = Slots.of(values), None
+    stamps = record.stamps_ns.tolist()
+    places = {stamp: place for place, stamp in enumerate(stamps)}
+    found = np.zeros((len(stamps), rows.shape[1] + 1))
+    for k, stamp in enumerate(stamps):
+        valid = slots.due(last, stamp)
+        last = stamp
+        if valid is not None:
+            row = rows[places[valid]] if valid in places else np.nan
+            found[k, :-1] = row
+            found[k, -1] = (stamp - valid) * 1e-9 if np.isfinite(row).all() else np.nan
+    return found

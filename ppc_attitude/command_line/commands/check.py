@@ -47,7 +47,7 @@ from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.controllers import momentum_tube
-from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, REFERENCES
+from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, REFERENCES, SENSORS
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Told, goals_told
@@ -124,7 +124,8 @@ def execute(arguments: argparse.Namespace) -> int:
             }
         print_json(page)
     else:
-        _print(scenario, conditions, q_e, [law.advice, *(told.advice for told in goals)])
+        advices = [law.advice, parts[SENSORS.name].advice, *(told.advice for told in goals)]
+        _print(scenario, conditions, q_e, advices)
         if guarantee:
             print("\n".join(["", *guarantee.lines(), *map(paragraph, (*known, *hits))]))
     holds = all(each.holds for each in conditions if each.necessary)

@@ -13,18 +13,28 @@
 # limitations under the License.
 
 
-"""`ppc_attitude design`: gains with a certificate, or the inequality that stands in the way."""
+"""`ppc_attitude design`: gains with a certificate, or the inequality that stands in the way.
+
+For a law without a guarantee it searches gains over the loop in process (`gain_search`).
+"""
 
 import argparse
 import json
 import math
+from pathlib import Path
 
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.gain_search import search_gains
 from ppc_attitude.command_line.guarantee_view import certificate_path, promise_lines
-from ppc_attitude.command_line.options import add_scenario_options, positive, scenario_of
+from ppc_attitude.command_line.options import (
+    add_requirements_option,
+    add_scenario_options,
+    positive,
+    scenario_of,
+)
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
-from ppc_attitude.science.controllers import tube_parameters
+from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.tube_parameters import ASSUMED, PREFIX, digest_of
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, parameters_of
@@ -41,6 +51,7 @@ from ppc_attitude.science.guarantee.surroundings import assumptions_from
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.scenario import Scenario
 
+LAW = momentum_tube.COMPONENT.name
 _UNITS = {"max_torque": "N·m", "Omega": "rad/s", "d": "N·m", "W": "rad/s", "dead_band": "N·m"}
 
 
@@ -48,11 +59,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     """Add the command."""
     parser = subparsers.add_parser(
         "design",
-        help="gains of the momentum-tube law with a certificate",
+        help="gains of the momentum-tube law with a certificate; of other laws by search",
         description="From craft, actuator, disturbance and reference of a configuration, and what "
-        "is wished, to a parameter file whose guarantee is proved by interval arithmetic.",
+        "is wished, to a parameter file whose guarantee is proved by interval arithmetic. With "
+        "--controller ppc or quaternion_feedback: gains by search over simulated runs, and how "
+        "many of other runs meet the requirements, which is no guarantee.",
     )
     add_scenario_options(parser)
+    add_requirements_option(parser)
+    parser.add_argument(
+        "--campaign", metavar="FILE", type=Path, help="what a search varies; default: every start"
+    )
+    parser.add_argument(
+        "--seconds", type=positive, default=40.0, help="how long a search may take; default 40"
+    )
     parser.add_argument(
         "--assume",
         metavar="NAME=VALUE",
@@ -92,6 +112,8 @@ def _assumption(text: str) -> tuple[str, float]:
 def execute(arguments: argparse.Namespace) -> int:
     """Search, prove, write and print."""
     scenario = scenario_of(arguments)
+    if arguments.controller not in (None, LAW):
+        return search_gains(arguments, scenario)
     assumed = _assumptions(scenario, dict(arguments.assume))
     h = 1.0 / scenario.number(PLANT, "rate")
     wishes = Wishes(

@@ -254,8 +254,30 @@ def _tumble(memory: Any, gains: Any, momentum: Vector) -> Vector:
 
 
 @kernel
+def ramp_torque(memory: Any, gains: Any, y: Vector) -> Vector:
+    """Torque [N·m] that F may use while a ramp moves: B from half the tube on, B_ramp near y = 0.
+
+    B keeps y inside its tube whatever the disturbance does, which only matters near the edge.
+    """
+    if memory.loss > 0.0:
+        return scale(1.0 - memory.loss, vector(gains.B))
+    most = (0.0, 0.0, 0.0)
+    for i in range(3):
+        inside = min(max(2.0 - 4.0 * abs(y[i]) / gains.Y[i], 0.0), 1.0)
+        more = gains.B[i] + inside * max(gains.B_ramp - gains.B[i], 0.0)
+        most = (most[1], most[2], more)
+    return most
+
+
+@kernel
 def _allocated(
-    memory: Any, gains: Any, feedforward: Vector, inertia: Matrix, n: Vector, fall: Vector
+    memory: Any,
+    gains: Any,
+    feedforward: Vector,
+    inertia: Matrix,
+    n: Vector,
+    fall: Vector,
+    y: Vector,
 ) -> Vector:
     """Set the rates of p, σ and r to what the torque allows; F = M0 − J v' [N·m] with them.
 
@@ -263,7 +285,7 @@ def _allocated(
     """
     f, f_cap, limit = fall
     memory.p_rate, memory.r_rate, memory.sigma_rate = 0.0, 0.0, 0.0
-    bound = scale(1.0 - memory.loss, vector(gains.B))
+    bound = ramp_torque(memory, gains, y)
     if memory.p > 0.0:
         direction = apply(inertia, vector(memory.residual))
         change = min(room(feedforward, direction, bound), memory.p / gains.h)
@@ -383,7 +405,7 @@ def _track(
     along = f_phi * dot(n, omega_e) + memory.done * f_cap * limit_rate
     braking = add(scale(along, n), scale(steepness, turn))
     feedforward = add(m_0, scale(memory.r, apply(inertia, braking)))
-    feedforward = _allocated(memory, gains, feedforward, inertia, n, (f, f_cap, limit))
+    feedforward = _allocated(memory, gains, feedforward, inertia, n, (f, f_cap, limit), y)
     u = scale(
         -1.0, add(feedforward, add(scale(gains.kappa, vector(memory.y_hat)), vector(memory.d_hat)))
     )

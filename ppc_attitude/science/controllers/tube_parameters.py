@@ -31,20 +31,20 @@ PREFIX = "momentum_tube."
 # The certified numbers of config/guaranteed.yaml: the paper's craft at 100 Hz.
 _OWN = (
     Parameter("h", 0.01, "sample time: the largest gap between two samples", "s", above=0.0),
-    Parameter("k", 1.0, "rate at which a small error falls", "1/s", above=0.0),
+    Parameter("k", 1.1, "rate at which a small error falls", "1/s", above=0.0),
     Parameter("kappa", 15.0, "κ: rate at which the momentum error falls", "1/s", above=0.0),
     Parameter(
         "ell",
-        0.2,
+        0.185,
         "ℓ: gain of the momentum observer; 1 switches it off",
         above=0.0,
         high=1.0,
     ),
-    Parameter("a", 0.0132070625, "deceleration of the brake", "rad/s²", above=0.0),
-    Parameter("Omega_e", 0.0514905699, "Ω_e: largest commanded rate ‖ω_s‖", "rad/s", above=0.0),
+    Parameter("a", 0.0129587458, "deceleration of the brake", "rad/s²", above=0.0),
+    Parameter("Omega_e", 0.0514394508, "Ω_e: largest commanded rate ‖ω_s‖", "rad/s", above=0.0),
     Parameter(
         "Y",
-        [1.17786366e-3, 1.15596051e-3, 1.11002616e-3],
+        [0.0012523477, 0.00122649184, 0.0011723612],
         "tube: largest momentum error, per axis",
         "N·m·s",
         length=3,
@@ -52,20 +52,27 @@ _OWN = (
     ),
     Parameter(
         "B",
-        [0.0438933267, 0.0440617142, 0.0444184318],
+        [0.0436222261, 0.0438190847, 0.04423464],
         "torque that feedforward and ramps may use, per axis",
         "N·m",
         length=3,
         above=0.0,
     ),
-    Parameter("z_bar", 8.55615675e-4, "z̄: largest rate error in the tube", "rad/s", above=0.0),
-    Parameter("V_rate", 1.31770424e-3, "largest |V'| where the cap acts", "rad/s²", low=0.0),
     Parameter(
-        "far", 0.54203422, "error from which the craft cruises", "rad", above=0.0, high=math.pi
+        "B_ramp",
+        0.05,
+        "torque that ramps may use while the momentum error is zero; B from half the tube on",
+        "N·m",
+        low=0.0,
     ),
-    Parameter("w_far", 0.0354925921, "rate up to which the craft cruises", "rad/s", above=0.0),
+    Parameter("z_bar", 0.000906346154, "z̄: largest rate error in the tube", "rad/s", above=0.0),
+    Parameter("V_rate", 0.00135661998, "largest |V'| where the cap acts", "rad/s²", low=0.0),
+    Parameter(
+        "far", 0.549770972, "error from which the craft cruises", "rad", above=0.0, high=math.pi
+    ),
+    Parameter("w_far", 0.035443934, "rate up to which the craft cruises", "rad/s", above=0.0),
     Parameter("omega0", 0.10472, "rate error from which it is tumbling", "rad/s", above=0.0),
-    Parameter("d_max", 4.5927e-3, "bound of the disturbance estimate", "N·m", low=0.0),
+    Parameter("d_max", 0.0045927, "bound of the disturbance estimate", "N·m", low=0.0),
     Parameter(
         "N", [0.0] * 3, "error of y from estimation errors, per axis", "N·m·s", length=3, low=0.0
     ),
@@ -143,9 +150,10 @@ def configure(values: Mapping[str, Any]) -> Any:
     if values[CERTIFICATE.name]:
         record["certified"] = 1.0 if values[CERTIFICATE.name] == digest_of(values) else -1.0
     record["tumbling_momentum"] = _TUMBLING_BAND * np.linalg.eigvalsh(inertia)[0] * record["omega0"]
-    if record["B"].max() > record["max_torque"]:
-        raise ConfigurationError(
-            f"{PREFIX}B = {record['B'].tolist()} N·m; allowed: at most max_torque = "
-            f"{values['max_torque']:g} N·m"
-        )
+    for name in ("B", "B_ramp"):
+        if record[name].max() > record["max_torque"]:
+            raise ConfigurationError(
+                f"{PREFIX}{name} = {record[name].tolist()} N·m; allowed: at most max_torque = "
+                f"{values['max_torque']:g} N·m"
+            )
     return record

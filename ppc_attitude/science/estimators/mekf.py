@@ -171,18 +171,26 @@ def advice(memory: Any) -> Advice:
     arcsec = 3.0 * float(memory["sigma"]) * 180.0 * 3600.0 / math.pi
     used = int(memory["used"])
     mean = float(memory["nis"][: max(min(used, INNOVATIONS), 1)].mean())
-    state = (
-        f"{memory['fixes']} fixes, {memory['refused']} refused, {memory['unmatched']} of no known "
-        f"instant, begun anew {memory['begun_anew']} times; 3σ = {arcsec:.4g}″, mean NIS {mean:.3g}"
-    )
-    head = {
+    age, verdict = float(memory["age"]), int(memory["verdict"])
+    text = {
         _GOOD: "tracking",
         _WAITING: "no fix yet",
         _DOUBTFUL: "the last fix was refused",
-        _STALE: f"no fix for {float(memory['age']):.3g} s",
-        _LOST: f"lost: no fix for {float(memory['age']):.3g} s",
-    }[int(memory["verdict"])]
-    return Advice(f"{head}: {state}", warning=int(memory["verdict"]) > _WAITING)
+        _STALE: f"no fix for {age:.3g} s",
+        _LOST: f"lost: no fix for {age:.3g} s",
+    }[verdict]
+    if verdict != _WAITING:
+        text += f", 3σ = {arcsec:.4g}″"
+    numbers = {
+        "fixes": int(memory["fixes"]),
+        "fixes refused": int(memory["refused"]),
+        "fixes of no known instant": int(memory["unmatched"]),
+        "begun anew": int(memory["begun_anew"]),
+        "age of the last fix used [s]": age,
+        "3σ of the attitude [arcsec]": arcsec,
+        f"mean NIS of {min(used, INNOVATIONS)}": mean,
+    }
+    return Advice(text, verdict > _WAITING, failed=verdict == _LOST, numbers=numbers)
 
 
 def advices(memory: Any) -> int:

@@ -83,6 +83,7 @@ class Law:
     Omega_e: float
     Y: Triple
     B: Triple
+    B_ramp: float
     z_bar: float
     V_rate: float
     far: float

@@ -127,6 +127,7 @@ class _Maker:
         self.e_w = number(assumed.e_W) + self.W * self.e_A  # error of ω_e
         self.Y = tuple(map(number, law.Y))
         self.B = tuple(map(number, law.B))
+        self.most_used = self.triple(lambda i: arithmetic.largest(self.B[i], number(law.B_ramp)))
         self.speed = Speed(
             self.k, number(law.a), number(law.Omega_e), self.W, self.W1, self.W2, self.z, arithmetic
         )
@@ -145,9 +146,9 @@ class _Maker:
         return x, y, z
 
     def acceleration(self, rate: Number, variation: Numbers) -> Number:
-        """A ≥ ‖ω_e'‖: v' from |F| ≤ B, and |y'| ≤ 2κY + δF."""
+        """A ≥ ‖ω_e'‖: v' from the most that |F| may be, and |y'| ≤ 2κY + δF."""
         feedforward = _feedforward(self.body, self.assumed, rate, self.arithmetic)
-        commanded = self.triple(lambda i: self.B[i] + feedforward[i])
+        commanded = self.triple(lambda i: self.most_used[i] + feedforward[i])
         tube = self.triple(lambda i: 2 * self.kappa * self.Y[i] + variation[i])
         return self.body.box(commanded, self.arithmetic) + self.body.box(tube, self.arithmetic)
 
@@ -243,11 +244,11 @@ class _Maker:
         factor = (1 + x / weak) / (self.kappa * late)
 
         def axis(i: int) -> Number:
-            free = (1 - eta) * self.B[i] + d + variation[i] + number(assumed.dead_band)
+            free = (1 - eta) * self.most_used[i] + d + variation[i] + number(assumed.dead_band)
             free = free + self.epsilon * root3 * (torque + d) + self.gyroscopic
             D = number(law.d_max) + self.kappa * noise[i] + noise_of_torque[i] + free / eta
             kick = self.body.row[i] * jump
-            kick = kick + self.late * self.h * (torque + 5 * self.B[i])
+            kick = kick + self.late * self.h * (torque + 5 * self.most_used[i])
             return D * factor + kick
 
         return self.triple(axis)

@@ -20,7 +20,7 @@ z̄, z̄ the speed, the speed the load, the load the brake, and the variation of
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -40,6 +40,8 @@ _KAPPA_H = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8)
 _K_SHARE = (0.02, 0.04, 0.067, 0.1)
 _ELL = (0.05, 0.1, 0.2, 0.4, 1.0)
 _SHORT = ((0.02, 0.07, 0.2, 0.4), (0.02, 0.05), (0.2, 1.0))
+_FACTORS = (1.4, 0.7)  # by which a search changes one gain
+_WORTHWHILE = 0.05  # [s] of settling time for which it goes on
 _TUMBLING = (2.0, 1.5, 1.2, 1.0, 0.8, 0.6)  # omega0 / Ω, the largest that fits
 _LONGEST_BRAKE = 0.95  # of the limits that C13 sets
 
@@ -110,6 +112,9 @@ def torque_noise(assumed: Assumptions, law: Law, wishes: Wishes) -> float:
 def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
     """Find the law with the least guaranteed settling time.
 
+    A coarse grid of gains decides whether anything is feasible; from its best law the gains are
+    changed one by one for as long as that helps. The whole grid is tried for wishes alone.
+
     Raises
     ------
     InfeasibleError
@@ -117,28 +122,64 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
     ValueError
         The inequalities can be satisfied, but not the wishes.
     """
-    found: list[Design] = []
-    unwished: list[str] = []
-    failing: list[Inequality] = []
-    for k, kappa, ell in _grid(assumed, h):
-        try:
-            law = tuned(assumed, h, k, kappa, ell, COARSE)
-        except InfeasibleError as error:
-            failing.append(error.failing)
-            continue
-        try:
-            found.append(_judged(assumed, law, wishes))
-        except ValueError as error:
-            unwished.append(str(error))
-    for best in sorted(found, key=lambda each: each.settling.time)[:3]:
+    search = _Search(assumed, wishes, h)
+    search.tries(_grid(assumed, h, short=True))
+    if search.unwished and not search.found:
+        search.tries(_grid(assumed, h))
+    search.climbs()
+    for best in sorted(search.found, key=lambda each: each.settling.time)[:3]:
         law = best.law
         try:
             return designed(assumed, wishes, h, law.k, law.kappa, law.ell)
         except ValueError as error:
-            unwished.append(str(error))
-    if unwished:
-        raise ValueError(min(unwished, key=len))
-    raise InfeasibleError(max(failing, key=lambda each: each.room))
+            search.unwished.append(str(error))
+    if search.unwished:
+        raise ValueError(min(search.unwished, key=len))
+    raise InfeasibleError(max(search.failing, key=lambda each: each.room))
+
+
+class _Search:
+    """Laws on coarse cells that a search has found, and what stood in the way of the others."""
+
+    def __init__(self, assumed: Assumptions, wishes: Wishes, h: float) -> None:
+        self._assumed, self._wishes, self._h = assumed, wishes, h
+        self._tried: set[tuple[float, float, float]] = set()
+        self.found: list[Design] = []
+        self.unwished: list[str] = []
+        self.failing: list[Inequality] = []
+
+    def tries(self, gains: Iterable[tuple[float, float, float]]) -> None:
+        """Try each k, κ and ℓ that was not tried before."""
+        for k, kappa, ell in gains:
+            if (k, kappa, ell) in self._tried:
+                continue
+            self._tried.add((k, kappa, ell))
+            try:
+                law = tuned(self._assumed, self._h, k, kappa, ell, COARSE)
+                self.found.append(_judged(self._assumed, law, self._wishes))
+            except InfeasibleError as error:
+                self.failing.append(error.failing)
+            except ValueError as error:
+                self.unwished.append(str(error))
+
+    def climbs(self) -> None:
+        """Change the gains of the best law one by one, until nothing is better."""
+        best = None
+        while self.found:
+            now = min(self.found, key=lambda each: each.settling.time)
+            if best and now.settling.time > best.settling.time - _WORTHWHILE:
+                return
+            best, law = now, now.law
+            self.tries(
+                (float(f"{k:.3g}"), float(f"{kappa:.4g}"), float(f"{ell:.3g}"))
+                for factor in _FACTORS
+                for k, kappa, ell in (
+                    (law.k * factor, law.kappa, law.ell),
+                    (law.k, law.kappa * factor, law.ell),
+                    (law.k, law.kappa, law.ell * factor),
+                )
+                if ell <= 1.0 and kappa * self._h <= 0.9
+            )
 
 
 def designed(
@@ -292,6 +333,7 @@ def _first(
         Omega_e=speed,
         Y=(tube, tube, tube),
         B=(B, B, B),
+        B_ramp=0.0,
         z_bar=tube / least,
         V_rate=2.0 * assumed.W1,
         far=0.5,
@@ -368,6 +410,7 @@ def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         law,
         Y=Y,
         B=B,
+        B_ramp=_ramp_torque(assumed, law, Y, B),
         z_bar=z,
         Omega_e=speed,
         a=a,
@@ -376,6 +419,18 @@ def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         w_far=0.945 * (speed - assumed.W) - errors,
         far=min(max(_far(assumed, law, bounds), 1e-3), 3.0),
     )
+
+
+def _ramp_torque(assumed: Assumptions, law: Law, Y: Triple, B: Triple) -> float:
+    """Torque that ramps may use while y is small [N·m]; no more than B if less may come, or late.
+
+    What the actuator does not give of it would be a disturbance, and widen the tube (C1).
+    """
+    if assumed.eta < 1.0 or assumed.late > 0.0:
+        return 0.0
+    axes = range(3)
+    most = min(B[i] + max(Y[i] / 2.0 - law.N[i], 0.0) / law.h for i in axes)
+    return min(assumed.max_torque, _rounded(most * (1 - 10 * _ROOM)))
 
 
 def _far(assumed: Assumptions, law: Law, bounds: Bounds) -> float:
@@ -396,10 +451,11 @@ def _roomy(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
     z = _rounded(bounds.body.box(Y, FLOATS) * (1 + 1e-6))
     V_rate = _rounded(bounds.V_rate * (1 + 50 * _ROOM))
     errors = assumed.e_W + assumed.W * assumed.e_A
+    B = _triple(_rounded(min(x, y) * (1 - _ROOM)) for x, y in zip(law.B, bounds.B, strict=True))
     return replace(
         law,
         Y=Y,
-        B=_triple(_rounded(min(x, y) * (1 - _ROOM)) for x, y in zip(law.B, bounds.B, strict=True)),
+        B=B,
         z_bar=z,
         V_rate=V_rate,
         Omega_e=_rounded((assumed.Omega - z - errors - law.h * V_rate) * (1 - _ROOM / 10)),

@@ -92,7 +92,7 @@ class _Judge:
 
     def _tube(self) -> Iterator[Inequality]:
         number, law, bounds, told = self.arithmetic.number, self.law, self.bounds, self.told
-        body = bounds.body
+        assumed, body = self.assumed, bounds.body
         least = number(0.0) if body.proved else number(float("inf"))
         yield told("C0", least, body.least, "kg·m²", "the moments of inertia are certain", True)
         for i, axis in enumerate(AXES):
@@ -101,6 +101,12 @@ class _Judge:
         for i, axis in enumerate(AXES):
             meaning = "a saturated axis is pushed back all the same"
             yield told(f"C2 {axis}", number(law.B[i]), bounds.B[i], "N·m", meaning)
+        late = number(1.0) + number(assumed.late)
+        for i, axis in enumerate(AXES):
+            more = number(law.B_ramp) - number(law.B[i])
+            drift = number(law.N[i]) + number(law.h) * late * more
+            meaning = "what a ramp may use beyond B leads out of half the tube in no sample"
+            yield told(f"C2 ramp {axis}", drift, number(law.Y[i]) / 2, "N·m·s", meaning)
         for i, axis in enumerate(AXES):
             meaning = "feedforward, reference and brake never lack torque"
             yield told(f"C3 {axis}", bounds.load[i], number(law.B[i]), "N·m", meaning)

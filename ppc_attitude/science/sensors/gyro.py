@@ -180,9 +180,13 @@ def effective_white_noise(white: float, resolution: float, interval: float) -> f
     return math.sqrt(white**2 + resolution**2 * interval / 12.0)
 
 
-def has_dead_band(white: float, resolution: float, interval: float) -> bool:
-    """True if a sample's noise is below its LSB, so that rounding hides motion and noise alike."""
-    return resolution > white / math.sqrt(interval)
+@kernel
+def widest_resolution(white: float, h: float) -> float:
+    """Largest LSB [rad/s] that acts as white noise: σ_v/√h, the noise of a sample of h [s].
+
+    A wider one is a dead band: rounding hides motion and noise alike.
+    """
+    return white / math.sqrt(h)
 
 
 @kernel

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Column, Component
+from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Advice, Column, Component
 from ppc_attitude.science.kernel import (
     add,
     kernel,
@@ -84,6 +84,7 @@ CONFIGURATION = np.dtype(
 STATE = np.dtype(
     [
         ("started", np.float64),
+        ("coarse", np.float64),  # LSB of the gyro by its noise, if it is a dead band
         ("stamp_ns", np.int64),  # of the last sample
         ("attitude", np.float64, (4,)),  # true attitude at it
         ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
@@ -121,6 +122,9 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         rate = vector(inputs.truth_angular_velocity)
         bias = vector(settings.initial_bias)
         middle = bias
+        widest = gyro.widest_resolution(settings.white, h)
+        if settings.resolution > widest:
+            state.coarse = settings.resolution / widest
     else:
         h = (inputs.stamp_ns - state.stamp_ns) * 1e-9
         rate = mean_rate(quaternion(state.attitude), q, h)
@@ -182,6 +186,17 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     state.started = 1.0
 
 
+def advice(state: Any) -> Advice:
+    """Warn of a gyro that rounds its own noise away."""
+    if not state["coarse"]:
+        return Advice("", warning=False)
+    return Advice(
+        f"gyro.resolution is {float(state['coarse']):.3g} times the noise of a sample: a dead "
+        "band, not the white noise that a filter takes rounding for",
+        warning=True,
+    )
+
+
 COMPONENT = Component(
     name="gyro_star_tracker",
     parameters=(*gyro.PARAMETERS, *star_tracker.PARAMETERS, INITIAL_FIX, SEED),
@@ -191,4 +206,6 @@ COMPONENT = Component(
     inputs=TRUTH,
     outputs=(GYRO_SAMPLE, STAR_FIX),
     step=step,
+    advice=advice,
+    advices=lambda state: int(state["coarse"] > 0.0),
 )

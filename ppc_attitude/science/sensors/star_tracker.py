@@ -48,7 +48,12 @@ MOUNTING = Parameter(
     length=4,
 )
 RATE = Parameter(
-    "star_tracker.rate", 10.0, "fixes per second; divides the steps per second", "Hz", above=0.0
+    "star_tracker.rate",
+    10.0,
+    "fixes per second; divides the steps per second",
+    "Hz",
+    above=0.0,
+    read_only=True,
 )
 LATENCY = Parameter(
     "star_tracker.latency",
@@ -57,6 +62,7 @@ LATENCY = Parameter(
     "s",
     low=0.0,
     high=10.0,
+    read_only=True,
 )
 PARAMETERS = (
     CROSS_NOISE,

@@ -1,0 +1,121 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The figures of a filter: its errors in the band of its own 3σ, and how each fix surprised it."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ppc_attitude.analysis.drawing import (
+    AXIS_COLOURS,
+    BLACK,
+    ENVELOPE_WIDTH,
+    draw,
+    legend,
+    limit_lines,
+    mark_hits,
+    panels,
+    time_axis,
+)
+from ppc_attitude.analysis.filter_health import attitude_sigmas
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.series import vectors
+from ppc_attitude.analysis.truth import knowledge_errors
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.topics import ESTIMATOR
+
+AXES = ("x", "y", "z")
+ARCSEC = float(np.rad2deg(3600.0))
+BAND = 3.0  # σ
+
+
+def knowledge_figure(run: Measured) -> Figure:
+    """Draw the knowledge error about each body axis within 3σ of the filter's own covariance.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no truth of its own, or no estimate.
+    """
+    sigmas = attitude_sigmas(run.record)
+    # A rotation vector of a small angle is twice the vector part of its quaternion.
+    errors = 2.0 * knowledge_errors(run.record).quaternions[:, :3]
+    return _in_band(run, ARCSEC * errors, 0.0, ARCSEC * sigmas, "knowledge error", "arcsec")
+
+
+def bias_figure(run: Measured) -> Figure:
+    """Draw the estimated bias of the gyro with 3σ on either side.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has not both.
+    """
+    bias, sigmas = (vectors(run.record, name) for name in ("gyro_bias", "gyro_bias_sigma"))
+    bias, sigmas = np.rad2deg(bias), np.rad2deg(sigmas)
+    return _in_band(run, bias, bias, sigmas, "gyro bias", "deg/s")
+
+
+def innovation_figure(run: Measured) -> Figure:
+    """Draw the innovation of each fix, by its standard deviation, and its square beside the gate.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no innovation.
+    """
+    values = vectors(run.record, "innovation")
+    figure, rows = panels(2, share_x=True)
+    top, bottom = rows[0][0], rows[1][0]
+    for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=True):
+        top.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
+    limit_lines(top, BAND, -BAND, label="3σ")
+    bottom.plot(run.t, np.square(values).sum(axis=1), ".", color=BLACK, markersize=1.5, label="NIS")
+    gate = run.record.parameters.get(ESTIMATOR, {}).get("gate")
+    if gate is not None:
+        limit_lines(bottom, float(str(gate)), label=f"gate {gate:g}")
+    bottom.set_yscale("log")
+    top.set_ylabel("innovation / σ [1]")
+    bottom.set_ylabel("NIS [1]")
+    for axes in (top, bottom):
+        time_axis(axes, run.t)
+        mark_hits(axes, [hit.start_s for hit in run.hits])
+        legend(axes)
+    top.set_xlabel("")
+    return figure
+
+
+def _in_band(
+    run: Measured, values: Array, middle: Array | float, sigmas: Array, name: str, unit: str
+) -> Figure:
+    """Draw values, shape (n, 3), an axis a panel, and 3σ on either side of their middle."""
+    figure, rows = panels(3, share_x=True, row_height=1.6)
+    low, high = middle - BAND * sigmas, middle + BAND * sigmas
+    for k, axis in enumerate(AXES):
+        axes = rows[k][0]
+        draw(axes, run.t, values[:, k], colour=AXIS_COLOURS[k], label=axis)
+        for edge, label in ((low, "3σ"), (high, "")):
+            draw(axes, run.t, edge[:, k], width=ENVELOPE_WIDTH, style="--", label=label)
+        # At the start nothing is known of the bias: the band of then would hide all that follows.
+        late = run.t >= 0.25 * run.t[-1]
+        reach = np.array([np.nanmin(low[late, k]), np.nanmax(high[late, k])])
+        if np.isfinite(reach).all() and reach[1] > reach[0]:
+            axes.set_ylim(*(reach + 0.3 * np.ptp(reach) * np.array([-1.0, 1.0])))
+        axes.set_ylabel(f"{name},\n{axis} [{unit}]")
+        time_axis(axes, run.t)
+        mark_hits(axes, [hit.start_s for hit in run.hits])
+        legend(axes)
+    for row in rows[:-1]:
+        row[0].set_xlabel("")
+    return figure

@@ -1,0 +1,193 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Gains for laws without a guarantee: a search over the loop in process, judged by requirements.
+
+CMA-ES changes the logarithms of the gains; every candidate flies the same drawn runs, so that two
+candidates differ by their gains alone. What comes out is judged by other runs than it was made
+with. Such a Monte Carlo verdict is an estimate and no guarantee.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.series import AnalysisError
+from ppc_attitude.analysis.verdict import Verdict
+from ppc_attitude.campaign.declaration import Campaign
+from ppc_attitude.campaign.draw import scenario_of
+from ppc_attitude.campaign.summary import Fraction
+from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import simulate
+
+GAINS: Mapping[str, tuple[str, ...]] = {
+    "ppc": ("k", "M_omega", "beta", "K_omega"),
+    "quaternion_feedback": tuple(
+        f"quaternion_feedback.{name}"
+        for name in ("natural_frequency", "damping", "integral_time", "max_rate")
+    ),
+}
+"""What is searched of each law; everything else stays as it is configured."""
+
+_WIDTH = 0.5  # of the first generation, in natural logarithms
+_MISSED = 10.0  # a missed requirement weighs at least as much as ten deadlines
+_NEAR = 0.95  # of a limit: from here on a run that meets it costs something
+_WORST = 1e6  # of a run that breaks
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a search has found.
+
+    Attributes
+    ----------
+    gains : mapping of str to float
+        Parameters of the controller.
+    candidates : int
+        How many sets of gains were tried.
+    fraction : Fraction
+        How many of the fresh runs met every requirement.
+    settling : tuple of 2 float
+        Median and largest settling time of the fresh runs [s]; infinite if one never settles.
+    """
+
+    gains: Mapping[str, float]
+    candidates: int
+    fraction: Fraction
+    settling: tuple[float, float]
+
+
+def tuned(
+    campaign: Campaign,
+    seconds: float,
+    executor: Executor,
+    *,
+    runs: int = 16,
+    fresh: int = 200,
+    candidates: int = 10_000,
+    progress: Callable[[int, float], None] = lambda _count, _cost: None,
+) -> Tuned:
+    """Search for gains, then judge the best by fresh runs.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What varies, and the requirements; its scenario's gains are where the search begins.
+    seconds : float
+        How long to search [s].
+    executor : Executor
+        Who computes.
+    runs, fresh : int
+        Runs of each candidate, and of the verdict.
+    candidates : int
+        Most sets of gains to try.
+    progress : callable
+        Called with the number of candidates and the least cost so far.
+
+    Raises
+    ------
+    ConfigurationError
+        The law has no gains that are searched, or `cma` is not installed.
+    """
+    law = campaign.scenario.controller.name
+    names = GAINS.get(law)
+    if names is None:
+        raise ConfigurationError(f"controller = {law}; gains are searched for {', '.join(GAINS)}")
+    try:
+        import cma
+    except ImportError:
+        raise ConfigurationError(
+            "the search needs CMA-ES: pip install 'ppc_attitude[guarantee]'"
+        ) from None
+    begin = np.log([campaign.scenario.number(CONTROLLER, name) for name in names])
+
+    def gains_of(x: NDArray[np.float64]) -> dict[str, float]:
+        return dict(zip(names, map(_rounded, np.exp(begin + x)), strict=True))
+
+    def mean_cost(x: NDArray[np.float64]) -> float:
+        gains = gains_of(x)
+        return float(np.mean([cost(_verdict(campaign, k, gains)) for k in range(runs)]))
+
+    strategy: Any = cma.CMAEvolutionStrategy(
+        np.zeros(begin.size), _WIDTH, {"seed": campaign.seed + 1, "verbose": -9}
+    )
+    end = time.monotonic() + seconds
+    best, least, tried = np.zeros(begin.size), math.inf, 0
+    questions = [best]  # the configured gains are the first candidate
+    while tried < candidates and (tried == 0 or time.monotonic() < end) and not strategy.stop():
+        costs = list(executor.map(mean_cost, questions))
+        if tried > 0:
+            strategy.tell(questions, costs)
+        tried += len(questions)
+        if min(costs) < least:
+            least, best = min(costs), questions[int(np.argmin(costs))]
+        progress(tried, least)
+        questions = strategy.ask()
+    return _judged(campaign, gains_of(best), tried, range(runs, runs + fresh), executor)
+
+
+def cost(verdict: Verdict | None) -> float:
+    """Cost of a run: what it misses or nearly misses, and its settling time by the deadline."""
+    if verdict is None:
+        return _WORST
+    missed = 0.0
+    for each in verdict.requirements:
+        share = each.value / each.limit if each.value is not None and each.limit > 0.0 else 0.0
+        if each.met is False:
+            missed += _MISSED * (1.0 + math.log(max(share, 1.0)))
+        else:  # other runs come nearer to the limit than these few
+            missed += min(max((share - _NEAR) / (1.0 - _NEAR), 0.0), 1.0)
+    deadline = verdict.required.settling_deadline
+    return missed + _settling(verdict, 2.0 * deadline) / deadline
+
+
+def _settling(verdict: Verdict, never: float) -> float:
+    found = verdict.metrics
+    return found.settling_time_s if found.settling_time_s is not None and found.settled else never
+
+
+def _verdict(campaign: Campaign, index: int, gains: Mapping[str, float]) -> Verdict | None:
+    """Verdict of one run with these gains; None if they are impossible or the run breaks."""
+    try:
+        scenario = scenario_of(campaign, index).with_values(CONTROLLER, **gains)
+        return analyse(simulate(scenario, campaign.duration), campaign.required)
+    except (AnalysisError, ConfigurationError):
+        return None
+
+
+def _judged(
+    campaign: Campaign,
+    gains: Mapping[str, float],
+    tried: int,
+    indices: range,
+    executor: Executor,
+) -> Tuned:
+    verdicts = list(executor.map(lambda k: _verdict(campaign, k, gains), indices))
+    met = sum(each is not None and each.all_met for each in verdicts)
+    times = [math.inf if each is None else _settling(each, math.inf) for each in verdicts]
+    settling = float(np.median(times)), max(times)
+    return Tuned(gains, tried, Fraction(met, len(verdicts)), settling)
+
+
+def _rounded(value: float) -> float:
+    """Four digits: what a file holds is what was flown."""
+    return float(f"{value:.4g}")

@@ -1,0 +1,90 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`ppc_attitude design` for a law without a guarantee: gains by search, and how sure they are."""
+
+import argparse
+import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+from tqdm import tqdm
+
+from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
+from ppc_attitude.campaign.pools import cores
+from ppc_attitude.campaign.report import share_text
+from ppc_attitude.campaign.tuning import Tuned, tuned
+from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.options import required_of
+from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.simulation.closed_loop import warm_up
+from ppc_attitude.simulation.scenario import Scenario
+
+
+def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
+    """Search, judge, print and write; `REQUIREMENT_FAILED` if a fresh run misses a requirement."""
+    varied = _campaign(arguments, scenario)
+    warm_up(scenario)
+    with (
+        ThreadPoolExecutor(cores()) as threads,
+        tqdm(unit=" candidates", file=sys.stderr) as bar,
+    ):
+
+        def show(count: int, least: float) -> None:
+            bar.update(count - bar.n)
+            bar.set_postfix_str(f"cost {least:.3g}")
+
+        found = tuned(varied, arguments.seconds, threads, progress=show)
+    lines = _told(found, scenario.controller.name)
+    for line in lines:
+        print(line)
+    if arguments.output:
+        arguments.output.write_text(_file(found, scenario, lines), encoding="utf-8")
+        print(arguments.output)
+    return DONE if found.fraction.met == found.fraction.judged else REQUIREMENT_FAILED
+
+
+def _campaign(arguments: argparse.Namespace, scenario: Scenario) -> Campaign:
+    """What varies: as declared, or every attitude with rates up to the one that was asked for."""
+    if arguments.campaign:
+        varied = load_campaign(arguments.campaign, scenario, seed=0)
+    else:
+        rate = {"distribution": "uniform", "low": 0.0, "high": math.radians(arguments.rate)}
+        declaration = {
+            "initial_attitude": {"distribution": "so3"},
+            "initial_rate": {"magnitude": rate, "direction": "sphere"},
+        }
+        varied = campaign(declaration, scenario, seed=0)
+    return replace(varied, required=required_of(arguments))
+
+
+def _told(found: Tuned, law: str) -> list[str]:
+    median, worst = found.settling
+    times = f"median {median:.1f} s, worst {worst:.1f} s" if math.isfinite(worst) else "not all"
+    return [
+        f"{law}: the best of {found.candidates} sets of gains",
+        f"Monte Carlo: {found.fraction.met} of {found.fraction.judged} fresh runs meet every "
+        f"requirement: {share_text(found.fraction)} with 95 % confidence",
+        f"settled: {times}",
+        "this is an estimate and no guarantee: momentum_tube is the law that has one",
+    ]
+
+
+def _file(found: Tuned, scenario: Scenario, lines: list[str]) -> str:
+    """Overlay with the gains, what they were judged by at its top."""
+    head = [f"# {line}" for line in lines]
+    body = [f"    {name}: {value!r}" for name, value in found.gains.items()]
+    law = f"    controller: {scenario.controller.name}"
+    return "\n".join([*head, f"/**/{CONTROLLER}:", "  ros__parameters:", law, *body]) + "\n"

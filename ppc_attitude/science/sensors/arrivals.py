@@ -1,0 +1,70 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which fix arrives with which instant, by the stamps alone, as an estimator must know it."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
+from ppc_attitude.science.sensors.star_tracker import LATENCY, RATE
+from ppc_attitude.science.stamps import NANOSECONDS
+
+_ROUNDING = 1000  # [ns] stamps and latencies are rounded; no step is so short
+
+
+class Slots:
+    """Which fix arrives when.
+
+    Parameters
+    ----------
+    rate : float
+        Fixes per second [Hz]; the first one is valid at stamp zero.
+    latency : float
+        From validity to arrival [s]; it arrives with the first instant from then on.
+    initial : bool
+        True if the first one comes at once.
+    """
+
+    def __init__(self, rate: float, latency: float, initial: bool) -> None:
+        self._period = NANOSECONDS / rate
+        self._latency = round(latency * NANOSECONDS) - _ROUNDING
+        self._initial = initial
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> "Slots":
+        """Slots of an estimator's parameters."""
+        return cls(
+            float(values[RATE.name]), float(values[LATENCY.name]), bool(values[INITIAL_FIX.name])
+        )
+
+    def due(self, last_ns: int | None, stamp_ns: int) -> int | None:
+        """Validity [ns] of the fix that arrives with a stamp [ns]; None if none does.
+
+        Parameters
+        ----------
+        last_ns : int or None
+            The stamp before; None if nobody knows it.
+        stamp_ns : int
+            The stamp.
+        """
+        if stamp_ns == 0 and self._initial:
+            return 0
+        slot = math.floor((stamp_ns - self._latency) / self._period)
+        known = slot == 0 and self._initial
+        if slot < 0 or known or (last_ns is None and stamp_ns > 0):
+            return None
+        came_before = last_ns is not None and slot * self._period + self._latency <= last_ns
+        return None if came_before else round(slot * self._period)

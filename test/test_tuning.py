@@ -1,0 +1,95 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Gains by search: better than those it began with, judged by fresh runs, and no guarantee."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.campaign.declaration import Campaign, campaign
+from ppc_attitude.campaign.tuning import GAINS, Tuned, tuned
+from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.scenario import load, scenario
+
+CUBESAT: dict[str, dict[str, Any]] = {
+    "spacecraft_plant": {
+        "inertia": [0.28, 0.0, 0.0, 0.0, 0.21, 0.0, 0.0, 0.0, 0.13],
+        "max_torque": 0.004,
+        "min_torque": 1e-6,
+        "rate": 5.0,
+        "duration": 120.0,
+    },
+    CONTROLLER: {
+        "controller": "quaternion_feedback",
+        "inertia": [0.28, 0.0, 0.0, 0.0, 0.21, 0.0, 0.0, 0.0, 0.13],
+        "max_torque": 0.004,
+        "quaternion_feedback.natural_frequency": 0.1,
+    },
+    "disturbance_injector": {"environment": False},
+}
+REQUIRED = Requirements(settling_deadline=100.0, terminal=None)
+EVERY_START = {"initial_attitude": {"distribution": "so3"}}
+
+
+def cubesat(**controller: Any) -> Campaign:
+    base = scenario(CUBESAT | {CONTROLLER: CUBESAT[CONTROLLER] | controller})
+    return replace(campaign(EVERY_START, base, seed=0), required=REQUIRED)
+
+
+def search(candidates: int) -> Tuned:
+    with ThreadPoolExecutor(2) as threads:
+        return tuned(cubesat(), 60.0, threads, runs=3, fresh=12, candidates=candidates)
+
+
+def test_a_search_settles_sooner_than_the_gains_it_began_with() -> None:
+    begun, found = search(1), search(40)
+    assert begun.gains["quaternion_feedback.natural_frequency"] == 0.1
+    assert set(found.gains) == set(GAINS["quaternion_feedback"])
+    assert found.fraction.judged == 12
+    assert found.fraction.met > begun.fraction.met
+    assert found.settling[0] < min(begun.settling[0], 80.0)
+
+
+def test_a_law_whose_gains_are_not_searched_is_named() -> None:
+    with (
+        ThreadPoolExecutor(1) as threads,
+        pytest.raises(ConfigurationError, match=r"controller = log_barrier; .* for ppc, quat"),
+    ):
+        tuned(cubesat(controller="log_barrier"), 1.0, threads)
+
+
+def test_design_writes_gains_and_says_that_they_are_no_guarantee(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    craft, gains = tmp_path / "craft.yaml", tmp_path / "gains.yaml"
+    craft.write_text(
+        yaml.safe_dump({f"/**/{node}": {"ros__parameters": v} for node, v in CUBESAT.items()})
+    )
+    law = ["--controller", "quaternion_feedback", "--seconds", "0.01", "--rate", "0.5"]
+    main(["design", "--config", str(craft), *law, "--output", str(gains)])
+    told = capsys.readouterr().out
+    assert "of 200 fresh runs meet every requirement" in told
+    assert "no guarantee" in told
+    values = load([craft, gains]).parameters[CONTROLLER]
+    assert values["quaternion_feedback.natural_frequency"] == 0.1
+    assert math.isfinite(values["quaternion_feedback.damping"])
