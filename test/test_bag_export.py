@@ -17,6 +17,7 @@
 import csv
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +25,11 @@ import pytest
 from synthetic import normal_run
 
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.export import export_csv, export_parquet
+from ppc_attitude.bags.export import export, export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.contract.topics import CONTROLLER
 
 
 @pytest.fixture
@@ -88,6 +90,28 @@ def test_refusals(export, bag: Path, tmp_path: Path) -> None:
         export(bag, tmp_path / "no" / "where")
     with pytest.raises(BagError, match=r"nothing does not exist"):
         export(tmp_path / "nothing", tmp_path / "out")
+
+
+def test_a_change_in_flight_is_a_column(tmp_path: Path) -> None:
+    run = normal_run(duration=0.03)
+    changes = (
+        Change(10_000_000, CONTROLLER, "k", 4.0),
+        Change(20_000_000, CONTROLLER, "k", 5.0),
+        Change(20_000_000, CONTROLLER, "tags", ["a", "b"]),
+    )
+    write_run(replace(run, changes=changes), tmp_path / "bag")
+    read = read_run(tmp_path / "bag")
+    assert read.changes == changes
+    assert [told.before for told in read.told_changes] == [3.0, 4.0, None]
+    export(read, tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["ppc_controller.k"] for row in rows] == ["3.0", "4.0", "5.0", "5.0"]
+    assert [row["ppc_controller.tags"] for row in rows] == ["", "", '["a", "b"]', '["a", "b"]']
+    parquet = pytest.importorskip("pyarrow.parquet")
+    export(read, tmp_path / "run.parquet")
+    table = parquet.read_table(tmp_path / "run.parquet")
+    assert table["ppc_controller.k"].to_pylist() == [3.0, 4.0, 5.0, 5.0]
 
 
 def test_missing_pyarrow_is_named(

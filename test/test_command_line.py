@@ -21,10 +21,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_layers import ROOT
 
 import ppc_attitude
+from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE
 from ppc_attitude.command_line.examples import EXAMPLES
 from ppc_attitude.command_line.main import COMMANDS, build_parser, command_parsers, main
@@ -127,6 +129,10 @@ WRONG = [
     ("run --report taken", "taken is a folder"),
     ("run --report a_file/x.html", "a_file is no folder"),
     ("simulate --report ''", "the path is empty"),
+    ("simulate --bag taken", "taken exists already"),
+    ("simulate --export a_file", "a_file exists already"),
+    ("simulate --export table.xlsx", ".csv or .parquet"),
+    ("analyse taken --topic attitude", "OURS=THEIRS"),
     ("simulate --config none.yaml", "none.yaml"),
     ("simulate --duration 0", "0 must be positive"),
     ("simulate --controller pid", "pid"),
@@ -280,6 +286,37 @@ def test_completion_is_announced_to_the_shell() -> None:
 def test_one_run_cannot_be_compared(recorded_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", str(recorded_bag)]) == BAD_INPUT
     assert capsys.readouterr().err == "error: 1 runs given; allowed: 2 to 6\n"
+
+
+@pytest.mark.ros
+def test_simulate_writes_what_run_would(
+    recorded_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, table = tmp_path / "bag", tmp_path / "run.csv"
+    options = ["simulate", "--duration", "2", "--bag", str(bag), "--export", str(table)]
+    assert main(options) in (DONE, 1)
+    assert f"bag: {bag}\ntable: {table}\n" in capsys.readouterr().out
+    written, recorded = read_run(bag, whole=True), read_run(recorded_bag)
+    np.testing.assert_array_equal(written.stamps_ns, recorded.stamps_ns)
+    assert set(written.columns) == set(recorded.columns)
+    for column, samples in recorded.columns.items():
+        assert written[column].tobytes() == samples.tobytes(), column
+    assert (written.warnings, written.missing) == ((), {})
+    assert "command" in written.metadata
+    assert main(["replay", str(bag), "--json"]) == DONE
+    assert json.loads(capsys.readouterr().out)["largest_difference"] == 0.0
+    assert len(table.read_text().splitlines()) == 202
+    assert main([*options[:5]]) == BAD_INPUT  # neither is overwritten
+    with pytest.raises(SystemExit):
+        main(["simulate", "--export", str(table)])
+
+
+def test_simulate_takes_the_storage_of_the_recorder(tmp_path: Path) -> None:
+    file = tmp_path / "sqlite.yaml"
+    file.write_text("/**/bag_recorder:\n  ros__parameters:\n    storage: sqlite3\n")
+    bag = tmp_path / "bag"
+    main(["simulate", "--config", str(file), "--duration", "0.1", "--bag", str(bag)])
+    assert [each.suffix for each in bag.iterdir() if each.suffix != ".yaml"] == [".db3"]
 
 
 @pytest.mark.ros

@@ -100,8 +100,8 @@ def test_each_side_of_a_reset_is_compared_by_itself() -> None:
     assert gap == "disturbance/torque begins again at another time than attitude"
 
 
-def names(parameters: dict[str, dict[str, str]], seen: tuple[Topic, ...] = ()) -> set[str]:
-    return {topic.name for topic in promised(parameters, seen)}
+def names(parameters: dict[str, dict[str, str]]) -> set[str]:
+    return {topic.name for topic in promised(parameters)}
 
 
 def test_who_took_part_promises_what_it_sends() -> None:
@@ -128,9 +128,7 @@ def test_a_recorder_is_told_what_comes_at_each_instant_and_what_does_not() -> No
     assert {topic.source for topic in declared.SAMPLED if topic.late} == {PLANT, ESTIMATOR}
 
 
-def test_where_nobody_says_who_took_part_the_topics_do() -> None:
-    plant = {topic.name for topic in SAMPLED if topic.source == PLANT}
-    assert names({}) == names({}, (ATTITUDE, TORQUE_COMMAND)) == plant
-    assert names({}, (ATTITUDE, DISTURBANCE)) == plant | {DISTURBANCE.name}
-    assert TORQUE_COMMAND.name in names({}, (ATTITUDE, AUXILIARY_STATE))
-    assert AUXILIARY_STATE.name not in names({}, (ATTITUDE, TORQUE_COMMAND, DISTURBANCE))
+def test_nodes_of_the_users_own_promise_nothing() -> None:
+    law = names({CONTROLLER: {"controller": "ppc"}})
+    assert law == {topic.name for topic in SAMPLED if topic.source == CONTROLLER}
+    assert names({}) == set()

@@ -80,7 +80,10 @@ def test_a_noisy_line_becomes_a_band_and_a_smooth_one_does_not():
     _, rows = panels(1)
     (axes,) = rows[0]
     draw(axes, t, np.sin(t) + noise)
-    (line,), (filled,) = axes.get_lines(), axes.collections
+    (low, high, line), (filled,) = axes.get_lines(), axes.collections
+    assert (low.get_ydata() < line.get_ydata()).all() and (
+        line.get_ydata() < high.get_ydata()
+    ).all()
     extent = filled.get_datalim(axes.transData).extents
     shown = t < line.get_xdata()[-1] + 0.17
     assert extent[1] == (np.sin(t) + noise)[shown].min()

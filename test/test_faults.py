@@ -268,7 +268,8 @@ def expect_readable(bag: Path) -> None:
     record = read_run(bag)
     assert record.stamps_ns.size > 100
     assert any("cut" in warning for warning in record.warnings)
-    assert not analyse(record).all_met
+    judged = {each.name: each.met for each in analyse(record).requirements}
+    assert judged["settling time"] is None, "nobody knows what would have come"
 
 
 def test_nodes_end_with_their_killed_starter(tmp_path: Path, start_process: StartProcess) -> None:

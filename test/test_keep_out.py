@@ -300,7 +300,7 @@ def test_random_scenes_are_never_violated() -> None:
 
 @pytest.mark.long
 def test_ten_thousand_random_scenes_are_never_violated() -> None:
-    assert outcomes(range(10_000))["unsolved"] <= 2
+    assert outcomes(range(10_000))["unsolved"] == 0
 
 
 def best_known(start: Array, goal: Array, record: Any, directions: Array, plan: Plan) -> float:
@@ -348,4 +348,4 @@ def detour_ratios(seeds: range) -> Array:
 
 @pytest.mark.long
 def test_detours_are_near_the_best_known() -> None:
-    assert detour_ratios(range(150)).max() <= 1.3
+    assert detour_ratios(range(1500)).max() <= 1.3

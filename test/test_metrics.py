@@ -81,6 +81,7 @@ def test_the_json_is_the_contract():
         "errors",
         "truth",
         "required",
+        "changes",
     ]
     assert list(told["metrics"]) == [
         "settling_time_s",
@@ -102,7 +103,8 @@ def test_the_json_is_the_contract():
     ]
     for each in told["requirements"]:
         assert list(each)[:6] == ["name", "value", "limit", "unit", "pass", "span"]
-        assert ("reason" in each) is (each["pass"] is None)
+        told_more = each["pass"] is None or "over the whole run" in each.get("reason", "")
+        assert ("reason" in each) is told_more
     assert list(told["metrics"]["disturbances"][0]) == [
         "start_s",
         "duration_s",
@@ -363,7 +365,7 @@ def test_what_the_record_lacks_is_named_and_the_rest_is_judged(column):
         verdict = analyse(lacking)
         open_rows = [each for each in verdict.requirements if each.met is None]
         assert [each.name for each in open_rows] == LACKING[column]
-        assert {each.reason for each in open_rows} == {f"the record has no sample of '{column}'"}
+        assert {each.reason for each in open_rows} == {f"no topic {column} in the bag"}
         json.dumps(verdict.to_json(), allow_nan=False)
     assert verdict.all_met
 

@@ -33,6 +33,8 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.report import run_labels, write_report
 from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.series import AnalysisError
+from ppc_attitude.analysis.verdict import verdict_table
+from ppc_attitude.contract.run_record import Change
 
 VOID = {"meta", "img", "input"}
 
@@ -123,7 +125,10 @@ def test_one_name_means_one_number_and_says_over_which_part_it_is_taken(tmp_path
     rate = run["angular_velocity"].copy()
     rate[9000] = np.deg2rad([0.0, 5.0, 0.0])
     page, _ = report(tmp_path, with_columns(run, angular_velocity=rate))
-    assert "angular rate (norm) 2.397 ≤ 3 deg/s 0 to 20 ✓ met" in page.text
+    beside = "✓ met over the whole run 5 deg/s"
+    assert f"angular rate (norm) 2.397 ≤ 3 deg/s 0 to 20 {beside}" in page.text
+    outside = "outside its envelope 0 ≤ 0 s 0 to 20 ✓ met over the whole run 0.32 s"
+    assert f"rate error {outside}" in page.text
     assert "(norm) before a sudden disturbance 2.397 deg/s 0 to 20" in page.text
     assert "(norm), whole run 5 deg/s 0 to 120" in page.text
     assert "settling time not settled 0 to 20" in page.text
@@ -140,6 +145,19 @@ def test_the_page_says_whose_it_is_and_hides_what_did_not_run(tmp_path):
     assert "inertia [1.0] kg·m²" in page.text
     assert "k 3.0" not in page.text  # of the law that did not run
     assert page.tags.count("details") == 3
+
+
+def test_what_was_changed_in_flight_is_told(tmp_path):
+    run = normal_run(duration=2.0)
+    changes = (Change(1_500_000_000, "ppc_controller", "k", 4.0),)
+    changed = replace(run, changes=changes)
+    (_, text), verdict = report(tmp_path, changed), analyse(changed)
+    row = "<td>1.5</td><td>ppc_controller</td><td>k</td><td>3.0 → 4.0</td>"
+    assert row in text
+    assert "<h3>Parameters changed in flight</h3>" not in report(tmp_path, run)[1]
+    told = "parameters changed in flight: ppc_controller k 3.0 → 4.0 from 1.5 s on"
+    assert verdict_table(verdict).splitlines()[-1] == told
+    assert verdict.to_json()["changes"] == ["ppc_controller k 3.0 → 4.0 from 1.5 s on"]
 
 
 def test_a_good_run(tmp_path):
@@ -184,6 +202,20 @@ def test_figures_can_be_zoomed_on_the_numbers_of_the_drawing(page_of_one):
     assert np.array_equal(y, drawn.get_ydata().astype("<f4"))
     page, _ = page_of_one
     assert page.tags.count("figure") + 2 == page.tags.count("script")  # the replay, the program
+
+
+def test_a_chart_has_the_envelopes_by_name_the_limits_of_the_drawing_and_no_marks_of_hits():
+    drawn = figures_of(hit_run())
+    panels = {
+        name: json.loads(re.search(r">(.*)<", plotted(figure))[1])
+        for name, (_, figure) in drawn.items()
+    }
+    told = [line["label"] for line in panels["rate_error"][0]["lines"]]
+    assert [each for each in told if "envelope" in each] == [f"envelope {k}" for k in "xyz"]
+    whole, enlarged = panels["disturbance"]
+    assert whole["limits"] is None
+    assert enlarged["limits"] == list(drawn["disturbance"][1].axes[1].get_ylim())
+    assert len(whole["lines"]) == len(enlarged["lines"]) == 3
 
 
 def test_the_replay_has_the_true_attitude_and_the_reference():

@@ -87,7 +87,7 @@ def test_a_limit_on_any_column_and_on_the_torque(tmp_path: Path) -> None:
     verdict = analyse(normal_run(), own)
     assert requirement(verdict, "applied torque on an axis").met is False
     row = requirement(verdict, "wheel momentum")
-    assert (row.met, row.reason) == (None, "the record has no sample of 'wheel/momentum'")
+    assert (row.met, row.reason) == (None, "no topic wheel/momentum in the bag")
     wheels = np.full((12001, 3), -0.03)
     row = requirement(analyse(with_columns(normal_run(), wheel_momentum=wheels), own), row.name)
     assert (row.met, row.value) == (False, 0.03)
@@ -164,4 +164,4 @@ def test_required_knowledge(tmp_path: Path) -> None:
     verdict = analyse(replace(normal_run(), parameters={}), own)
     assert verdict.truth == "unknown"
     row = requirement(verdict, name)
-    assert (row.met, row.reason) == (None, "the record has no sample of 'truth/attitude'")
+    assert (row.met, row.reason) == (None, "no topic truth/attitude in the bag")

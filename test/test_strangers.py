@@ -25,7 +25,7 @@ import rclpy
 from conftest import StartProcess
 from peer import peer
 from process_helpers import PAPER, Node, Run, pace
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.parameter_file import parameter_file
@@ -103,6 +103,23 @@ def test_an_idle_stranger_costs_nothing_and_who_comes_late_gets_no_history(
         late.destroy_node()
         assert stamps[0] >= 3  # the progress that is shown is rounded; history would begin at 0
         assert run.ends() == 0, run.err
+    assert read_run(run.bag).missing_messages == 0
+
+
+@long
+@ros
+def test_a_subscriber_that_keeps_all_and_reads_nothing_is_named_and_not_waited_for(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    with peer() as stranger:
+        keep_all = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+        kind = message_class(ATTITUDE.msgtype)
+        stranger.node.create_subscription(kind, ATTITUDE.name, lambda message: None, keep_all)
+        # More than Fast DDS lets a reader keep, which then acknowledges no more.
+        run = Run(start_process, tmp_path / "bag", "--duration", "120")
+        run.ends()
+    assert run.process.returncode == 0, run.err
+    assert f"/peer did not take all of /{ATTITUDE.name} within 8 s: not waited for" in run.err
     assert read_run(run.bag).missing_messages == 0
 
 

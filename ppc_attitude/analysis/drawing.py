@@ -189,6 +189,8 @@ def draw(
     if noisy is not None:
         t, low, values, high = noisy
         axes.fill_between(t, low, high, color=colour, alpha=0.3, linewidth=0, label="_")
+        for edge in (low, high):
+            axes.plot(t, edge, color=colour, linewidth=0.2, label="_")
     axes.plot(
         *decimated(t, values),
         color=colour,

@@ -19,6 +19,7 @@ import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -57,10 +58,16 @@ from ppc_attitude.analysis.truth import (
     EXACT,
     knowledge_errors,
     reference_rates_in_body,
+    truth_of,
 )
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, DISTURBANCE, STANDARD
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    DISTURBANCE,
+    REFERENCE_ATTITUDE,
+    STANDARD,
+)
 from ppc_attitude.science.component import QUATERNION, VECTOR, WRENCH
 
 AXES = ("x", "y", "z")
@@ -254,6 +261,8 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
     drawn |= {"innovation", "gyro_bias", "gyro_bias_sigma"}
     drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}
+    if not has(record, REFERENCE_ATTITUDE.column):
+        drawn.remove(truth_of(record).attitude)  # where there is no error to draw
     for column, topic in BY_COLUMN.items():
         if column not in drawn and topic.form in (QUATERNION, VECTOR, WRENCH):
             caption = topic.meaning[:1].upper() + topic.meaning[1:]
@@ -379,8 +388,11 @@ def draw_envelope(
     count = len(colours)
     for k, colour in enumerate(colours):
         dashes = (0.0, (1.0, 1.5)) if count == 1 else (3.0 * k, (3.0, 3.0 * (count - 1)))
-        for sign in (1.0, -1.0) if mirrored else (1.0,):
-            draw(axes, t, sign * envelope[:, k], colour=colour, width=ENVELOPE_WIDTH, style=dashes)
+        name = f"_{ENVELOPE_LABEL} {AXES[k]}" if count > 1 else f"_{ENVELOPE_LABEL}"
+        told: dict[str, Any] = {"colour": colour, "width": ENVELOPE_WIDTH, "style": dashes}
+        draw(axes, t, envelope[:, k], label=name, **told)
+        if mirrored:
+            draw(axes, t, -envelope[:, k], **told)
     if ENVELOPE_LABEL not in axes.get_legend_handles_labels()[1]:
         style = (0.0, (1.0, 1.5)) if count == 1 else "--"
         axes.plot([], [], color=BLACK, linewidth=0.8, linestyle=style, label=ENVELOPE_LABEL)

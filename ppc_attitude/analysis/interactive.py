@@ -64,12 +64,12 @@ def plotted(figure: Figure) -> str:
 
 def replay(run: Measured) -> str:
     """Replay of a run's true attitude over the reference, with the applied torque."""
-    if run.pointing is None:
+    if not has(run.record, run.truth.attitude):
         return ""
     step = -(-run.t.size // _FRAMES)
-    columns = {"attitude": run.truth.attitude, "reference": REFERENCE_ATTITUDE.column}
-    if has(run.record, APPLIED_TORQUE.column):
-        columns["torque"] = APPLIED_TORQUE.column
+    columns = {"attitude": run.truth.attitude}
+    others = {"reference": REFERENCE_ATTITUDE.column, "torque": APPLIED_TORQUE.column}
+    columns |= {name: column for name, column in others.items() if has(run.record, column)}
     content = _data(
         {
             "t": _packed(run.t[::step]),
@@ -90,14 +90,15 @@ def _panel(axes: Axes) -> dict[str, Any]:
     return {
         "label": _plain(axes.get_ylabel()),
         "scale": axes.get_yscale(),
+        "limits": None if axes.get_autoscaley_on() else axes.get_ylim(),
         "lines": [_line(axes, each) for each in axes.get_lines() if _is_line(axes, each)],
     }
 
 
 def _is_line(axes: Axes, line: Line2D) -> bool:
     """Whether it is a line over time: no mark of a hit, no entry of a legend alone."""
-    across = line.get_transform() == axes.get_yaxis_transform()
-    return across or (len(np.asarray(line.get_xdata())) > 1 and line.get_marker() != "v")
+    mark = line.get_transform() == axes.get_xaxis_transform()
+    return len(np.asarray(line.get_xdata())) > 1 and not mark
 
 
 def _line(axes: Axes, line: Line2D) -> dict[str, Any]:
@@ -108,7 +109,7 @@ def _line(axes: Axes, line: Line2D) -> dict[str, Any]:
     return {
         "x": _packed(x),
         "y": _packed(y),
-        "label": "" if label.startswith("_") else _plain(label),
+        "label": "" if label.startswith("_child") else _plain(label.lstrip("_")),
         "colour": to_hex(line.get_color()),
         "dashed": line.get_linestyle() != "-",
     }

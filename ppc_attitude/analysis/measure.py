@@ -112,8 +112,8 @@ class Measured:
 
     def lacks(self, *columns: str) -> str:
         """Why something cannot be judged: the topics that the record lacks; empty if none."""
-        lacking = [f"'{topic_of(each)}'" for each in columns if not has(self.record, each)]
-        return f"the record has no sample of {' and '.join(lacking)}" if lacking else ""
+        lacking = [topic_of(each) for each in columns if not has(self.record, each)]
+        return f"no topic {' and no topic '.join(lacking)} in the bag" if lacking else ""
 
     def size(self, accuracy: Accuracy) -> Array:
         """Pointing error in the unit of a limit, shape (n,); NaN where it is not known."""

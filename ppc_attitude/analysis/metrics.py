@@ -68,6 +68,8 @@ from ppc_attitude.analysis.verdict import (
     Requirement,
     Span,
     Verdict,
+    change_text,
+    number_text,
     span_text,
     verdict_table,
 )
@@ -146,6 +148,7 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
         metrics=judge.metrics,
         errors=tuple(judge.error_sizes()),
         required=required,
+        changes=tuple(change_text(told, int(record.stamps_ns[0])) for told in record.told_changes),
     )
 
 
@@ -174,7 +177,8 @@ class _Judge(Measured):
         if required.rate is not None:
             why = self.lacks_rate or self._never_calm
             rate = self.metrics.max_rate_deg_s
-            yield self._row("rate", rate, required.rate, "deg/s", self.calm_span, why)
+            note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
+            yield self._row("rate", rate, required.rate, "deg/s", self.calm_span, why, note=note)
         if required.torque is not None:
             limit = torque_limit(self.record, required)
             yield self._column("applied_torque", APPLIED_TORQUE.column, limit)
@@ -213,6 +217,12 @@ class _Judge(Measured):
             return Requirement(key, name, None, limit, unit, None, None, strict, why)
         met = value < limit if strict else value <= limit
         return Requirement(key, name, value, limit, unit, met, span, strict, note, without)
+
+    @staticmethod
+    def _whole_run(judged: float | None, whole: float | None, unit: str) -> str:
+        """Tell the number of the whole run beside the one that is judged, where they differ."""
+        told = whole is not None and whole != judged
+        return f"over the whole run {number_text(whole or 0.0)} {unit}" if told else ""
 
     def _ends_before(self, needed: float, what: str) -> str:
         return f"the run ends at {self.end:g} s, before {what}" if self.end < needed else ""
@@ -283,7 +293,8 @@ class _Judge(Measured):
             yield self._row(key, self.time(outside), 0.0, "s", self.whole)
             return
         calm = self.time(outside[self.calm])
-        yield self._row(key, calm, 0.0, "s", self.calm_span, self._never_calm)
+        note = self._whole_run(calm, self.time(outside), "s")
+        yield self._row(key, calm, 0.0, "s", self.calm_span, self._never_calm, note=note)
         limit = self.required.outside_after_hit
         if self.hits and limit is not None:
             longest = max(self.time(outside[window(self.t, hit, self.hits)]) for hit in self.hits)
@@ -379,7 +390,8 @@ def _lost(record: RunRecord) -> int:
     lost = record.missing_messages
     for column, rows in record.columns.items():
         known = finite(rows)
-        if column in BY_COLUMN and BY_COLUMN[column].late:  # it comes with some instants only
+        late = column in BY_COLUMN and BY_COLUMN[column].late
+        if late or column in record.held:  # it comes with some instants only
             known |= np.isnan(rows).all(axis=1)
         missing = record.missing.get(topic_of(column), 0)
         lost += max(int(np.count_nonzero(~known)) - missing, 0)

@@ -131,12 +131,13 @@ def _comparison(runs: Runs, labels: Sequence[str]) -> str:
             '<td class="number">–</td>' if each is None else _value_cell(each) for each in found
         )
         rows.append(f"<tr><th>{escape(name)}</th>{cells}<td>{escape(', '.join(limits))}</td></tr>")
+    compared = table(["requirement", *labels, "limit"], rows)
     records = [record for record, _ in runs]
-    return (
-        "<h2>Comparison</h2>\n"
-        + table(["requirement", *labels, "limit"], rows)
-        + figures(comparisons_of(records, labels, runs[0][1].required).values(), "page")
-    )
+    try:
+        drawn = figures(comparisons_of(records, labels, runs[0][1].required).values(), "page")
+    except AnalysisError as error:  # runs of which each lacks what the other has
+        drawn = f"<p>{escape(str(error))}</p>"
+    return f"<h2>Comparison</h2>\n{compared}{drawn}"
 
 
 def _requirement(verdict: Verdict, name: str) -> Requirement | None:
@@ -167,6 +168,7 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
             "<h3>Requirements</h3>",
             _requirements(verdict),
             _disturbances(verdict),
+            _changes(record),
             "<h3>Attitude errors</h3>",
             _errors(verdict),
             "<h3>Other numbers</h3>",
@@ -176,7 +178,7 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
             "<h3>Replay</h3>",
             replay(Measured(record, verdict.required)),
             collapsed("Requirements file", pairs(asked)),
-            collapsed("Configuration", configuration(record.parameters)),
+            collapsed("Configuration, as the run began", configuration(record.parameters)),
             collapsed("Versions", pairs(record.metadata.items())),
             "</section>",
         ]
@@ -226,6 +228,20 @@ def _metrics(verdict: Verdict) -> str:
             f"<td>{span_text(span)}</td></tr>"
         )
     return table(["number", "value", "over [s]"], rows)
+
+
+def _changes(record: RunRecord) -> str:
+    """Parameters changed in flight: each with its stamp, its node, and both values."""
+    if not record.changes:
+        return ""
+    rows = []
+    for change, before in record.told_changes:
+        stamp = f"{change.stamp_ns / 1e9:.9g}"
+        old = "not recorded" if before is None else str(before)
+        cells = [stamp, change.node, change.name, f"{old} → {change.value}"]
+        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
+    head = ["stamp [s]", "node", "parameter", "old → new"]
+    return "<h3>Parameters changed in flight</h3>\n" + table(head, rows)
 
 
 def _disturbances(verdict: Verdict) -> str:

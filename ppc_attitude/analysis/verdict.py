@@ -21,6 +21,7 @@ from typing import Any
 
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.analysis.truth import EXACT, STANDING
+from ppc_attitude.contract.run_record import ToldChange
 
 MET, NOT_MET, NOT_JUDGED = "met", "NOT MET", "not judged"
 
@@ -245,6 +246,8 @@ class Verdict:
         Pointing, control and knowledge.
     required : Requirements
         What was asked for.
+    changes : tuple of str
+        Parameters that were changed in flight, each in a few words.
     """
 
     source: str
@@ -257,6 +260,7 @@ class Verdict:
     metrics: Metrics
     errors: tuple[ErrorSize, ...]
     required: Requirements
+    changes: tuple[str, ...] = ()
 
     @property
     def all_met(self) -> bool:
@@ -289,6 +293,7 @@ class Verdict:
             "errors": [{**asdict(each), "span": list(each.span)} for each in self.errors],
             "truth": self.truth,
             "required": self.required.to_json(),
+            "changes": list(self.changes),
         }
 
 
@@ -328,6 +333,8 @@ def verdict_table(verdict: Verdict) -> str:
     kinds = verdict.errors[:1] if verdict.truth == EXACT else verdict.errors
     lines += [error_text(each) for each in kinds if each.max_deg is not None]
     lines += [disturbance_text(each) for each in verdict.metrics.disturbances]
+    if verdict.changes:
+        lines.append(f"parameters changed in flight: {'; '.join(verdict.changes)}")
     return "\n".join(lines)
 
 
@@ -347,6 +354,14 @@ def disturbance_text(disturbance: Disturbance) -> str:
         f"for {disturbance.duration_s:g} s: {disturbance.outcome}, "
         f"judged by {disturbance.judged_by}"
     )
+
+
+def change_text(told: ToldChange, start_ns: int) -> str:
+    """One parameter that was changed in flight, in a few words."""
+    change, before = told
+    old = "" if before is None else f"{before} → "
+    since = number_text((change.stamp_ns - start_ns) / 1e9)
+    return f"{change.node} {change.name} {old}{change.value} from {since} s on"
 
 
 def number_text(value: float) -> str:

@@ -14,7 +14,8 @@
 
 """Parameters that were changed in flight, as the nodes tell them on `parameters/changed`."""
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
@@ -53,6 +54,25 @@ def changes_of(messages: Iterable[bytes]) -> tuple[tuple[Change, ...], int]:
         except Exception:  # rosbags raises many types for bytes that are no message
             unreadable += 1
     return tuple(sorted(found, key=lambda change: change.stamp_ns)), unreadable
+
+
+def encode_changes(changes: Iterable[Change]) -> Iterator[tuple[int, bytes]]:
+    """Stamp [ns] and message of what was changed in flight, as the nodes tell it, one by one."""
+    array, status, pair, header, time = (
+        _TYPES.types[name]
+        for name in (
+            CHANGES_TOPIC.msgtype,
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            "diagnostic_msgs/msg/KeyValue",
+            "std_msgs/msg/Header",
+            "builtin_interfaces/msg/Time",
+        )
+    )
+    for change in changes:
+        told = status(0, change.node, "", "", [pair(change.name, json.dumps(change.value))])
+        stamp = time(*divmod(change.stamp_ns, NANOSECONDS))
+        message = array(header(stamp, ""), [told])
+        yield change.stamp_ns, bytes(_TYPES.serialize_cdr(message, CHANGES_TOPIC.msgtype))
 
 
 def _changes(data: bytes) -> list[Change]:

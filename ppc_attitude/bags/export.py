@@ -15,7 +15,8 @@
 """A run as one wide table, for pandas and spreadsheets.
 
 Columns: ``stamp_ns``, ``t`` [s], then every number of every sample: ``attitude_x``, …,
-``torque_command_z``. Missing samples are NaN in Parquet and empty in CSV.
+``torque_command_z``. Missing samples are NaN in Parquet and empty in CSV. A parameter that was
+changed in flight has a column ``node.name`` with its value at each instant.
 """
 
 import contextlib
@@ -25,7 +26,7 @@ import os
 from collections.abc import Iterator
 from io import TextIOWrapper
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -36,6 +37,11 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 
 _AXES = "xyzw"
 _ROWS = 10_000
+
+
+def export(run: RunRecord | Path | str, out: Path | str) -> None:
+    """Write a run in the format of the file's suffix, ``.csv`` or ``.parquet``; raises as they."""
+    (export_parquet if Path(out).suffix == ".parquet" else export_csv)(run, out)
 
 
 def export_parquet(run: RunRecord | Path | str, out: Path | str) -> None:
@@ -68,7 +74,12 @@ def export_parquet(run: RunRecord | Path | str, out: Path | str) -> None:
         "ppc_attitude.missing": json.dumps(dict(record.missing)),
         "ppc_attitude.warnings": json.dumps(record.warnings, ensure_ascii=False),
     }
-    columns = {"stamp_ns": record.stamps_ns, "t": record.t, **dict(_numbers(record))}
+    columns = {
+        "stamp_ns": record.stamps_ns,
+        "t": record.t,
+        **dict(_numbers(record)),
+        **_changed(record),
+    }
     table = pyarrow.table(columns).replace_schema_metadata(facts)
     with _new_file(target) as file:
         pyarrow.parquet.write_table(table, file)
@@ -91,12 +102,14 @@ def export_csv(run: RunRecord | Path | str, out: Path | str) -> None:
     """
     record, target = _prepare(run, out)
     names, columns = zip(*_numbers(record), strict=True)
+    changed = _changed(record)
     with _new_file(target) as binary, TextIOWrapper(binary, "utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(("stamp_ns", "t", *names))
+        writer.writerow(("stamp_ns", "t", *names, *changed))
         for start in range(0, len(record.stamps_ns), _ROWS):
             rows = slice(start, start + _ROWS)
             cells = [_cells(column[rows]) for column in (record.t, *columns)]
+            cells += [column[rows] for column in changed.values()]
             writer.writerows(zip(record.stamps_ns[rows].tolist(), *cells, strict=True))
 
 
@@ -131,6 +144,23 @@ def _numbers(record: RunRecord) -> Iterator[tuple[str, Array]]:
     for name, samples in record.columns.items():
         for axis, numbers in zip(_AXES, samples.T, strict=False):
             yield f"{name}_{axis}", numbers
+
+
+def _changed(record: RunRecord) -> dict[str, list[Any]]:
+    """Values, at each instant, of the parameters that were changed in flight."""
+    columns: dict[str, list[Any]] = {}
+    size = len(record.stamps_ns)
+    for change, before in record.told_changes:
+        start = int(np.searchsorted(record.stamps_ns, change.stamp_ns))
+        column = columns.setdefault(f"{change.node}.{change.name}", [_number(before)] * size)
+        column[start:] = [_number(change.value)] * (size - start)
+    return columns
+
+
+def _number(value: Any) -> Any:
+    """A number as it is, None where nothing is known, all else as JSON."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value if is_number or value is None else json.dumps(value, ensure_ascii=False)
 
 
 def _cells(numbers: Array) -> list[float | None]:

@@ -40,8 +40,6 @@ class Bag:
     ----------
     path : Path or str
         Folder of a bag, or an ``.mcap`` or ``.db3`` file.
-    times : bool
-        Whether blocks must say when a message was received.
 
     Attributes
     ----------
@@ -62,9 +60,8 @@ class Bag:
         There is no bag at this path.
     """
 
-    def __init__(self, path: Path | str, times: bool = True) -> None:
+    def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        self._times = times
         self.topics: dict[str, str] = {}
         self.counts: dict[str, int] = {}
         folder = self.path if self.path.is_dir() else self.path.parent
@@ -122,7 +119,7 @@ class Bag:
             path = plain
         if path.suffix == ".mcap":
             return McapSource(path, allowance)
-        return SqliteSource(path, self._times, finished=self._finished)
+        return SqliteSource(path, finished=self._finished)
 
     def _count(self, channels: Mapping[int, Channel], block: Block) -> None:
         for key, channel in channels.items():

@@ -14,37 +14,36 @@
 
 """Reading a recorded run, finished or cut, into a `RunRecord`."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ppc_attitude.bags.changes import MOST, changes_of
+from ppc_attitude.bags.collected import Collected, readings
 from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data
 from ppc_attitude.bags.errors import BagError, printable
 from ppc_attitude.bags.folder import Bag
-from ppc_attitude.bags.source import Block, Channel, split_rows
-from ppc_attitude.bags.timeline import Series, align
-from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.bags.timeline import align
+from ppc_attitude.contract.carriers import carriers
 from ppc_attitude.contract.completeness import promised
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED
-from ppc_attitude.contract.run_record import Array, Change, RunRecord
+from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
-    CHANGES_TOPIC,
     PLANT,
     Topic,
 )
 from ppc_attitude.science.stamps import seconds, stamp_of
 
-_Part = tuple[NDArray[np.int64], Array, NDArray[np.int64]]
 
-
-def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
+def read_run(
+    path: Path | str,
+    namespace: str | None = None,
+    *,
+    topics: Mapping[str, str] | None = None,
+    whole: bool = False,
+) -> RunRecord:
     """Read a run from a bag.
 
     Of several messages of a topic with one stamp the first counts. If the plant's clock went
@@ -57,57 +56,97 @@ def read_run(path: Path | str, namespace: str | None = None) -> RunRecord:
         Folder of a rosbag2 bag, or an ``.mcap`` or ``.db3`` file.
     namespace : str, optional
         Namespace of the run, such as ``/proposed``; needed only if the bag holds several runs.
+    topics : mapping of str to str, optional
+        Topic of the contract (``attitude``) to the one of the bag that carries it (``/imu/data``),
+        where the names differ.
+    whole : bool
+        Whether the bag must hold every topic that the nodes of the run send, by what it says of
+        them.
 
     Returns
     -------
     RunRecord
         Every topic of the contract that the bag has. NaN and counts in `missing` where a message
-        is missing; `warnings` say whether the recording was cut or goes on.
+        is missing; `warnings` say whether the recording was cut or goes on, and which topics the
+        bag lacks although nodes of the run send them.
 
     Raises
     ------
     BagError
-        No bag, an unreadable one, or one without messages of a topic that the nodes of the run
-        send.
+        No bag, an unreadable one, or one without what was asked for.
     """
-    bag = Bag(path, times=False)
+    names = _checked(topics or {})
+    bag = Bag(path)
     home = None if namespace is None else _tidy(namespace)
-    collected = _collect(bag, home)
-    return _record(bag, collected, _only_namespace(bag) if home is None else home)
+    collected = _collect(bag, home, names)
+    if home is None:
+        home = _only_namespace(bag, names)
+    return _record(bag, collected, home, whole=whole)
 
 
-def read_runs(path: Path | str) -> list[RunRecord]:
+def read_runs(path: Path | str, topics: Mapping[str, str] | None = None) -> list[RunRecord]:
     """Read every run of a bag, by namespace in alphabetical order.
 
     Raises
     ------
     BagError
-        See `read_run`.
+        See `read_run`; or the bag holds several runs and `topics` are given.
     """
-    bag = Bag(path, times=False)
-    collected = _collect(bag, None)
-    homes = _run_namespaces(bag) or [_only_namespace(bag)]
-    return [_record(bag, collected, home) for home in homes]
+    names = _checked(topics or {})
+    bag = Bag(path)
+    collected = _collect(bag, None, names)
+    homes = [] if names else _run_namespaces(bag)
+    return [_record(bag, collected, home) for home in homes or [_only_namespace(bag, names)]]
 
 
-def _collect(bag: Bag, home: str | None) -> "_Collected":
-    collected = _Collected(home)
+def _checked(topics: Mapping[str, str]) -> dict[Topic, str]:
+    """Topics of the contract with the absolute names that they are to have in a bag."""
+    names = {}
+    for ours, theirs in topics.items():
+        topic = BY_NAME.get(ours.strip("/"))
+        if topic is None or not topic.column:
+            allowed = ", ".join(each.name for each in SAMPLED)
+            raise BagError(f"there is no topic {ours} of a run to be read; allowed: {allowed}")
+        names[topic] = "/" + theirs.strip("/")
+    return names
+
+
+def _collect(bag: Bag, home: str | None, names: Mapping[Topic, str]) -> Collected:
+    collected = Collected(home, names)
     for channels, block in bag.blocks():
         collected.add(channels, block)
     if not sum(bag.counts.values()):
         raise BagError(f"{bag.path} holds no messages{_flaws(bag)}")
+    for topic, name in names.items():
+        msgtype = bag.topics.get(name)
+        if msgtype is None and not any(topic in found for found in _by_namespace(bag).values()):
+            raise BagError(
+                f"{bag.path} has no topic {name} for {topic.name}; it holds {_held(bag)}"
+            )
+        if msgtype is not None and msgtype not in carriers(topic):
+            raise BagError(f"{name} cannot be {topic.name}: {_wrong_type(topic, msgtype)}")
     return collected
 
 
-def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
-    series, changes = collected.series(home), collected.changes(home)
+def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -> RunRecord:
+    series, changes = collected.series(home, bag.topics), collected.changes(home)
     facts = decode_custom_data(bag.custom_data, home)
-    _demand_topics(bag, home, series, promised(facts.parameters, series))
+    if not series:
+        raise BagError(f"{bag.path} has no message that can be used{_flaws(bag)}")
+    lacking = _lacking(bag, home, series, facts.parameters)
+    lacks = f"lacks messages of {', '.join(lacking.values())}"
+    if lacking and whole:
+        read = ", ".join(f"{topic.name} ({len(one.stamps)})" for topic, one in series.items())
+        raise BagError(f"{bag.path} {lacks}; messages read: {read}{_flaws(bag)}")
     recovered = bag.custom_data.get(RECOVERED_KEY)
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
     rate = _rate(facts.parameters)
     timeline = align(series, rate, cut=bool(cut), end_ns=_planned_end(facts.parameters, rate))
+    announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
+    empty = dict.fromkeys(announced, len(timeline.stamps))
     warnings = [*facts.flaws, *collected.warnings(home), *timeline.warnings]
+    if lacking:
+        warnings.append(f"the bag {lacks}")
     if cut:
         end = seconds(int(timeline.stamps[-1]))
         warnings.insert(0, f"{_state(bag)}: {'; '.join(cut)}; read up to {end:g} s")
@@ -116,7 +155,8 @@ def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
         controller=facts.controller,
         stamps_ns=timeline.stamps,
         columns=timeline.columns,
-        missing=timeline.missing,
+        missing={**timeline.missing, **empty},
+        held=timeline.held,
         parameters=facts.parameters,
         changes=changes,
         metadata=facts.metadata,
@@ -124,138 +164,79 @@ def _record(bag: Bag, collected: "_Collected", home: str) -> RunRecord:
     )
 
 
-class _Collected:
-    """Decoded messages of every topic that may be one of the contract's, by absolute name.
-
-    Until the whole bag is read nobody knows whether ``/reference/attitude`` is the reference
-    or the attitude of a run in the namespace ``/reference``; so names are resolved at the end.
-    """
-
-    def __init__(self, namespace: str | None) -> None:
-        self._namespace = namespace
-        self._parts: dict[str, list[_Part]] = {}
-        self._unreadable: dict[str, int] = {}
-        self._changes: dict[str, list[bytes]] = {}
-        self._met = 0
-
-    def add(self, channels: Mapping[int, Channel], block: Block) -> None:
-        """Decode a block."""
-        for key, indices, rows in split_rows(block):
-            channel = channels[key]
-            if channel.topic.endswith(f"/{CHANGES_TOPIC.name}"):
-                kept = self._changes.setdefault(channel.topic, [])
-                kept += [row.tobytes() for row in rows[: MOST - len(kept)]]
-                continue
-            topic = self._topic_of(channel)
-            if topic is None or channel.encoding != "cdr":
-                continue
-            stamps, values, readable = Codec(topic).decode_rows(rows)
-            readable &= stamps >= 0  # every node refuses what was before time
-            bad = len(rows) - int(readable.sum())
-            if bad:
-                self._unreadable[channel.topic] = self._unreadable.get(channel.topic, 0) + bad
-                stamps, values, indices = stamps[readable], values[readable], indices[readable]
-            self._parts.setdefault(channel.topic, []).append((stamps, values, indices + self._met))
-        self._met += len(block.channel)
-
-    def series(self, namespace: str) -> dict[Topic, Series]:
-        """Messages of the run in a namespace; what was collected is given away."""
-        found = {}
-        for topic in SAMPLED:
-            parts = self._parts.pop(f"{namespace}/{topic.name}", [])
-            if sum(len(stamps) for stamps, _, _ in parts):
-                stamps, values, arrival = map(np.concatenate, zip(*parts, strict=True))
-                del parts
-                order = np.argsort(arrival, kind="stable")
-                if (np.diff(order) != 1).any():
-                    stamps, values, arrival = stamps[order], values[order], arrival[order]
-                found[topic] = Series(stamps, values, arrival)
-        return found
-
-    def changes(self, namespace: str) -> tuple[Change, ...]:
-        """What was changed in flight; messages that are none are counted."""
-        name = f"{namespace}/{CHANGES_TOPIC.name}"
-        changes, unreadable = changes_of(self._changes.get(name, []))
-        if unreadable:
-            self._unreadable[name] = unreadable
-        return changes
-
-    def warnings(self, namespace: str) -> list[str]:
-        """Say which topics of the run hold messages that are none."""
-        return [
-            f"{count} messages of {name} cannot be used"
-            for name, count in self._unreadable.items()
-            if name.startswith(f"{namespace}/")
-        ]
-
-    def _topic_of(self, channel: Channel) -> Topic | None:
-        for home, topic in _readings(channel.topic, channel.msgtype):
-            if self._namespace in (None, home):
-                return topic
-        return None
-
-
-def _readings(name: str, msgtype: str) -> Iterable[tuple[str, Topic]]:
-    """Ways to read an absolute name: namespace and topic of the contract."""
-    parts = name.lstrip("/").split("/")
-    for split in range(len(parts)):
-        topic = BY_NAME.get("/".join(parts[split:]))
-        if topic is not None and topic.column and topic.msgtype == msgtype:
-            yield "".join(f"/{part}" for part in parts[:split]), topic
-
-
-def _topics_by_namespace(bag: Bag) -> dict[str, set[str]]:
-    topics: dict[str, set[str]] = {}
+def _by_namespace(bag: Bag) -> dict[str, set[Topic]]:
+    """Topics of the contract that the bag has messages of, by the namespaces of a reading."""
+    topics: dict[str, set[Topic]] = {}
     for name, msgtype in bag.topics.items():
         if bag.counts.get(name):
-            for home, topic in _readings(name, msgtype):
-                topics.setdefault(home, set()).add(topic.name)
+            for home, topic in readings(name, msgtype):
+                topics.setdefault(home, set()).add(topic)
     return topics
 
 
 def _run_namespaces(bag: Bag) -> list[str]:
-    """Namespaces with all that a plant sends."""
+    """Namespaces with all that a plant sends, or with an attitude that can be nothing else."""
     # `reference/attitude` looks like a run of its own, with the topics of the reference only.
-    plant = {topic.name for topic in (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE)}
-    return sorted(home for home, names in _topics_by_namespace(bag).items() if plant <= names)
-
-
-def _only_namespace(bag: Bag) -> str:
-    """Namespace of the bag's only run."""
-    homes = _run_namespaces(bag)
-    if len(homes) > 1:
-        names = ", ".join(home or "/" for home in homes)
-        raise BagError(f"{bag.path} holds {len(homes)} runs; choose a namespace: {names}")
-    if homes:
-        return homes[0]
-    topics = _topics_by_namespace(bag)
-    if topics:
-        return max(sorted(topics), key=lambda home: len(topics[home]))
-    held = ", ".join(f"{name} ({msgtype})" for name, msgtype in sorted(bag.topics.items()))
-    raise BagError(f"{bag.path} is no run of this package; it holds {held}{_flaws(bag)}")
-
-
-def _demand_topics(
-    bag: Bag, namespace: str, series: Mapping[Topic, Series], demanded: Iterable[Topic]
-) -> None:
-    lacking = [
-        _lack(bag, f"{namespace}/{topic.name}", topic) for topic in demanded if topic not in series
-    ]
-    if not lacking:
-        return
-    read = ", ".join(f"{topic.name} ({len(one.stamps)})" for topic, one in series.items())
-    raise BagError(
-        f"{bag.path} lacks messages of {', '.join(lacking)}; "
-        f"messages read: {read or 'none'}{_flaws(bag)}"
+    plant = {ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE}
+    return sorted(
+        home
+        for home, found in _by_namespace(bag).items()
+        if plant <= found
+        or (ATTITUDE in found and _is_plain(f"{home}/{ATTITUDE.name}", bag.topics))
     )
 
 
-def _lack(bag: Bag, name: str, topic: Topic) -> str:
-    """Name of a topic that is missing, and why if the bag has it after all."""
-    msgtype = bag.topics.get(name, topic.msgtype)
-    if msgtype != topic.msgtype:
-        return f"{topic.name} (it is {msgtype} instead of {topic.msgtype})"
-    return topic.name if not bag.counts.get(name) else f"{topic.name} (none can be decoded)"
+def _is_plain(name: str, types: Mapping[str, str]) -> bool:
+    return len(list(readings(name, types[name]))) == 1
+
+
+def _only_namespace(bag: Bag, names: Mapping[Topic, str]) -> str:
+    """Namespace of the bag's only run."""
+    homes = _run_namespaces(bag)
+    if len(homes) > 1:
+        known = ", ".join(home or "/" for home in homes)
+        raise BagError(f"{bag.path} holds {len(homes)} runs; choose a namespace: {known}")
+    if homes:
+        return homes[0]
+    topics = _by_namespace(bag)
+    if topics:
+        return max(sorted(topics), key=lambda home: len(topics[home]))
+    if names:
+        return ""
+    raise BagError(
+        f"{bag.path} is no run of this package; it holds {_held(bag)}{_flaws(bag)}; "
+        "which topic carries what of a run can be told (--topic attitude=/imu/data)"
+    )
+
+
+def _held(bag: Bag) -> str:
+    return ", ".join(f"{name} ({msgtype})" for name, msgtype in sorted(bag.topics.items()))
+
+
+def _lacking(
+    bag: Bag,
+    home: str,
+    series: Collection[Topic],
+    parameters: Mapping[str, Mapping[str, Any]],
+) -> dict[Topic, str]:
+    """Topics that a run should have and has not, and why if the bag has them after all."""
+    found = {}
+    sent = promised(parameters)
+    for topic in SAMPLED:
+        name = f"{home}/{topic.name}"
+        msgtype = bag.topics.get(name, topic.msgtype)
+        if topic in series:
+            continue
+        if msgtype not in carriers(topic):
+            found[topic] = f"{topic.name} ({_wrong_type(topic, msgtype)})"
+        elif topic in sent:
+            why = " (none can be decoded)" if bag.counts.get(name) else ""
+            found[topic] = f"{topic.name}{why}"
+    return found
+
+
+def _wrong_type(topic: Topic, msgtype: str) -> str:
+    return f"it is {msgtype}; allowed: {', '.join(carriers(topic))}"
 
 
 def _flaws(bag: Bag) -> str:

@@ -18,12 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ppc_attitude.bags.changes import encode_changes
 from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import Codec, encode_clock
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import CLOCK_TOPIC
+from ppc_attitude.contract.topics import CHANGES_TOPIC, CLOCK_TOPIC
 
 
 def _present(samples: Array) -> list[bool]:
@@ -61,6 +62,10 @@ def write_run(
         writer.add_topic(CLOCK_TOPIC.name, CLOCK_TOPIC.msgtype, [offered_qos()])
         for name, codec, _, _ in lanes:
             writer.add_topic(name, codec.topic.msgtype, [offered_qos()])
+        if record.changes:
+            writer.add_topic(f"{namespace}/{CHANGES_TOPIC.name}", CHANGES_TOPIC.msgtype)
+        for stamp, data in encode_changes(record.changes):
+            writer.write(f"{namespace}/{CHANGES_TOPIC.name}", stamp, data)
         for step, stamp in enumerate(record.stamps_ns.tolist()):
             writer.write(CLOCK_TOPIC.name, stamp, encode_clock(stamp))
             for name, codec, samples, present in lanes:

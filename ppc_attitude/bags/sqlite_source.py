@@ -30,8 +30,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 from urllib.parse import quote
 
-import numpy as np
-
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import demand_plain, plain_file
 from ppc_attitude.bags.source import Block, Channel, block_of
@@ -61,8 +59,6 @@ class SqliteSource:
     ----------
     path : Path
         The file.
-    times : bool
-        Whether blocks say when a message was received; if not, the time is 0 and reading faster.
     finished : bool
         Whether nobody writes it any more: then a journal beside it is not its own.
 
@@ -72,9 +68,8 @@ class SqliteSource:
         The file is empty or no rosbag2 database.
     """
 
-    def __init__(self, path: Path, times: bool = True, *, finished: bool = False) -> None:
+    def __init__(self, path: Path, *, finished: bool = False) -> None:
         self.path = path
-        self._times = times
         self._finished = finished
         self.custom_data: dict[str, str] = {}
         self.cut = ""
@@ -97,8 +92,10 @@ class SqliteSource:
         The database is locked only while a block is fetched: a reader that takes its time must
         not keep a recorder from writing.
         """
-        columns = "id, topic_id, data, timestamp" if self._times else "id, topic_id, data"
-        query = f"SELECT {columns} FROM messages WHERE id > ? ORDER BY id LIMIT {_ROWS}"
+        query = (
+            "SELECT id, topic_id, data, timestamp FROM messages "
+            f"WHERE id > ? ORDER BY id LIMIT {_ROWS}"
+        )
         last = _BELOW_ALL_IDS
         with self._open() as database:
             try:
@@ -129,7 +126,7 @@ class SqliteSource:
     def _block(self, database: sqlite3.Connection, rows: list[tuple[Any, ...]]) -> Block:
         channel = [row[1] for row in rows]
         data = [row[2] for row in rows]
-        time = [row[3] for row in rows] if self._times else np.zeros(len(rows))
+        time = [row[3] for row in rows]
         if not self.channels.keys() >= set(channel):
             self.channels = self._read_channels(
                 database

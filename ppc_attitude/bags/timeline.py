@@ -33,6 +33,8 @@ Integers = NDArray[np.int64]
 # A message that comes late is followed within so many by one that is newer than all before;
 # the stamps of a plant that was reset stay behind for longer.
 _LONGEST_DELAY = 3
+# A sensor of others' has gaps only if three in four of its steps are as near as this to the median.
+_STEADY = 0.2
 # A killed recorder leaves the last instants without some of their messages: it takes what has
 # gathered one topic after the other, and on a busy machine much has gathered.
 _RAGGED_END = NANOSECONDS  # [ns]
@@ -75,6 +77,7 @@ class Timeline:
     stamps: Integers
     columns: Mapping[str, Array]
     missing: Mapping[str, int]
+    held: frozenset[str]
     warnings: tuple[str, ...]
 
 
@@ -86,10 +89,11 @@ def align(
     Parameters
     ----------
     series : dict of Topic to Series
-        Messages of the sampled topics, at least the attitude's; emptied on the way, so that a
-        long bag is not in memory twice.
+        Messages of the sampled topics, at least one; emptied on the way, so that a long bag is not
+        in memory twice.
     rate : float or None
-        Rate of the plant [Hz] where it is known.
+        Rate of the plant [Hz] where it is known. Where it is not, the plant is not ours: topics
+        whose stamps are not the attitude's are held, and a rhythm that changes has no gaps.
     cut : bool
         The recording ended abruptly: its last instants may lack messages without any loss.
     end_ns : int, optional
@@ -97,12 +101,14 @@ def align(
         end, may lack the answers to its last state without any loss.
     """
     warnings: list[str] = []
-    _keep_last_epoch(series, warnings)
+    master = _master(series)
+    _keep_last_epoch(series, master, warnings)
     for topic in series:
         series[topic] = _in_order(topic, series[topic], warnings)
+    held = frozenset() if rate else _hold(series, master, warnings)
     recorded = [
         one.stamps for topic, one in series.items() if topic.source == PLANT and not topic.late
-    ]
+    ] or [series[master].stamps]
     most = _LARGEST_FILL * sum(len(one.stamps) for one in series.values()) // len(series)
     stamps, unfilled = _complete(_union(recorded), rate, most, warnings)
     if cut:
@@ -114,16 +120,50 @@ def align(
     for topic in list(series):
         column, absent, strays = _spread(series.pop(topic), stamps)
         columns[topic.column] = column
-        if absent + unfilled and not topic.late:
+        if absent + unfilled and not topic.late and topic not in held:
             missing[topic.name] = absent + unfilled
         if strays:
             warnings.append(f"{strays} messages of {topic.name} have no stamp of the plant's")
-    return Timeline(stamps, columns, missing, tuple(warnings))
+    return Timeline(
+        stamps, columns, missing, frozenset(topic.column for topic in held), tuple(warnings)
+    )
 
 
-def _keep_last_epoch(series: dict[Topic, Series], warnings: list[str]) -> None:
+def _master(series: Mapping[Topic, Series]) -> Topic:
+    """Topic that tells time: the attitude's, else the plant's with the most messages, or any."""
+    if ATTITUDE in series:
+        return ATTITUDE
+    return max(
+        series, key=lambda each: (not each.late, each.source == PLANT, len(series[each].stamps))
+    )
+
+
+def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> frozenset[Topic]:
+    """Put topics with stamps of their own on the master's: at each instant the latest counts."""
+    stamps, held = series[master].stamps, set()
+    for topic, one in series.items():
+        own = np.count_nonzero(~np.isin(one.stamps, stamps))
+        if topic.late or 2 * own <= len(one.stamps):
+            continue
+        place = np.searchsorted(one.stamps, stamps, side="right") - 1
+        begun = place >= 0
+        place = place[begun]
+        if place.size:
+            oldest = seconds(int((stamps[begun] - one.stamps[place]).max()))
+            warnings.append(
+                f"{topic.name} has stamps of its own: at each instant of {master.name} the latest "
+                f"message counts, at most {oldest:g} s old"
+            )
+        else:
+            warnings.append(f"{topic.name} begins after the last instant of {master.name}")
+        series[topic] = Series(stamps[begun], one.values[place], one.arrival[place])
+        held.add(topic)
+    return frozenset(held)
+
+
+def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> None:
     """Drop what came before the last reset of the plant."""
-    plant = series[ATTITUDE]
+    plant = series[master]
     start, resets = _last_reset(plant.stamps)
     if not resets:
         return
@@ -183,7 +223,7 @@ def _complete(
     period = NANOSECONDS / rate if rate else float(np.median(steps))
     lost = np.maximum(np.rint(steps / period).astype(np.int64) - 1, 0)
     total = int(lost.sum())
-    if total == 0:
+    if total == 0 or (rate is None and np.quantile(np.abs(steps / period - 1.0), 0.75) > _STEADY):
         return stamps, 0
     if total > most:
         warnings.append(

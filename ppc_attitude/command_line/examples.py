@@ -23,12 +23,15 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "simulate": (
         "ppc_attitude simulate --config config/paper.yaml --json",
         "ppc_attitude simulate --controller quaternion_feedback --report simulated.html",
+        "ppc_attitude simulate --duration 30 --bag bags/simulated --export simulated.csv",
     ),
     "analyse": (
         "ppc_attitude analyse bags/here",
         "ppc_attitude analyse bags/here --figures figures --report here.html",
         "ppc_attitude analyse bags/here --requirements config/requirements.yaml",
         "ppc_attitude analyse bags/comparison --namespace /proposed --json",
+        "ppc_attitude analyse bags/rig --topic attitude=/imu/data --topic "
+        "angular_velocity=/imu/data",
     ),
     "compare": (
         "ppc_attitude compare bags/proposed bags/traditional --figures figures",

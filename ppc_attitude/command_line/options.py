@@ -16,6 +16,7 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -23,6 +24,7 @@ from typing import TextIO
 
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import Verdict
+from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.paths import new_file, new_folder
 from ppc_attitude.contract.run_record import RunRecord
@@ -30,6 +32,7 @@ from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.scenario import Overrides, Scenario, load
 
+_EXAMPLE = "attitude=/imu/data"
 PAPER_DURATION = 120.0  # [s] what a scenario without a duration of its own runs
 
 
@@ -49,6 +52,44 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--controller", choices=tuple(CONTROLLERS.components), help="the control law"
     )
+
+
+def add_reading_options(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """Add --topic and, for one run, --namespace."""
+    if not several:
+        parser.add_argument(
+            "--namespace", metavar="NS", help="of the stack, if the bag has several"
+        )
+    parser.add_argument(
+        "--topic",
+        metavar="OURS=THEIRS",
+        type=_pair,
+        action="append",
+        default=[],
+        help="read THEIRS, a topic of the bag, for the topic OURS of a run; may be given "
+        "several times",
+    )
+
+
+def _pair(text: str) -> tuple[str, str]:
+    ours, equals, theirs = text.partition("=")
+    if not (ours and equals and theirs):
+        raise argparse.ArgumentTypeError(f"{text}; allowed: OURS=THEIRS, as in {_EXAMPLE}")
+    return ours, theirs
+
+
+def record_of(arguments: argparse.Namespace) -> RunRecord:
+    """Read the run that the arguments name, and say what to know of it.
+
+    Raises
+    ------
+    BagError
+        It cannot be read, or lacks what was asked for.
+    """
+    record = read_run(arguments.bag, arguments.namespace, topics=dict(arguments.topic))
+    for warning in record.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return record
 
 
 def add_requirements_option(parser: argparse.ArgumentParser) -> None:
@@ -105,10 +146,10 @@ def add_figures_options(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
-def add_bag_option(parser: argparse.ArgumentParser) -> None:
+def add_bag_option(parser: argparse.ArgumentParser, default: str = "a new, dated one") -> None:
     """Add --bag."""
     parser.add_argument(
-        "--bag", metavar="DIR", type=new_folder, help="folder of the bag; default a new, dated one"
+        "--bag", metavar="DIR", type=new_folder, help=f"folder of the bag; default {default}"
     )
 
 

@@ -18,6 +18,8 @@ import argparse
 import os
 from pathlib import Path
 
+from ppc_attitude.science.errors import ConfigurationError
+
 
 def new_folder(text: str) -> Path:
     """Parse where files are to be; the folder and those above it are made."""
@@ -32,6 +34,35 @@ def new_file(text: str) -> Path:
     path = _writable(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(f"{text} is a folder")
+    return path
+
+
+def new_bag(path: Path) -> Path:
+    """See that a bag can be made there.
+
+    Raises
+    ------
+    ConfigurationError
+        The folder exists.
+    """
+    if path.exists():
+        raise ConfigurationError(f"bag folder {path} exists already and is not overwritten")
+    return path
+
+
+def absent_file(text: str) -> Path:
+    """Parse where a file is to be that is not there yet; the folders above it are made."""
+    path = new_file(text)
+    if os.path.lexists(path):
+        raise argparse.ArgumentTypeError(f"{text} exists already, it is not overwritten")
+    return path
+
+
+def new_table(text: str) -> Path:
+    """Parse where a table is to be: a file that is not there yet, whose suffix is its format."""
+    path = absent_file(text)
+    if path.suffix not in (".csv", ".parquet"):
+        raise argparse.ArgumentTypeError(f"{text}: allowed are files that end in .csv or .parquet")
     return path
 
 

@@ -31,6 +31,7 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import exit_code
+from ppc_attitude.command_line.paths import new_bag
 from ppc_attitude.command_line.security import secured
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
@@ -63,9 +64,8 @@ class Recording:
     """
 
     def __init__(self, bag: Path | None, keys: Path | None = None) -> None:
-        self.bag = bag or Path("bags") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
-        if self.bag.exists():
-            raise ConfigurationError(f"bag folder {self.bag} exists already and is not overwritten")
+        dated = Path("bags") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
+        self.bag = new_bag(bag or dated)
         if bag is None:
             self.bag = self.bag.absolute()
         self.told = f"bag: {self.bag}"
@@ -104,7 +104,7 @@ class Recording:
             warm_up(scenario)
         self._run_stack(scenario, environment, watch)
         try:
-            record = read_run(self.bag)
+            record = read_run(self.bag, whole=True)
         except BagError as error:
             if self._interrupted:
                 raise RunError("interrupted before anything was recorded") from None

@@ -187,9 +187,7 @@ class Codec:
             alike &= (rows[:, 12:16] == rows[0, 12:16]).all(axis=1)
             begin = start + 8 * self._skipped
             end = begin + 8 * self._width
-            stamps[:] = rows[:, 4:8].view(order + "i4")[:, 0]
-            stamps *= NANOSECONDS
-            stamps += rows[:, 8:12].view(order + "u4")[:, 0]
+            stamps = stamps_of_rows(rows, order)
             numbers = rows[:, begin:end].view(order + "f8")
             values[:] = numbers[:, self._places] if self._places else numbers
         for row in np.flatnonzero(~alike):
@@ -210,18 +208,36 @@ class Codec:
         return Sample(_stamp(data, order), frame_id, values)
 
     def _layout(self, data: bytes) -> tuple[str, int, int]:
-        """Byte order, length of the frame name with its NUL, offset of the first float64."""
-        order, align = _encapsulation(data)
-        if len(data) < _AFTER_STAMP + 4:
-            raise CdrError(f"{len(data)} bytes are too few for a header")
-        (length,) = struct.unpack_from(order + "I", data, _AFTER_STAMP)
-        if not 1 <= length <= _MAX_FRAME_ID:
-            raise CdrError(f"frame_id of {length} bytes, allowed are 1 to {_MAX_FRAME_ID}")
-        end = _AFTER_STAMP + length  # behind the name, counted from behind the encapsulation header
-        start = 4 + end + -end % align
-        if len(data) < start + 8 * self._count:
-            raise CdrError(f"{len(data)} bytes are too few for a {self.topic.msgtype}")
-        return order, length, start
+        return stamped_layout(data, self.topic.msgtype, self._count)
+
+
+def stamped_layout(data: bytes, msgtype: str, count: int) -> tuple[str, int, int]:
+    """Byte order, length of the frame name with its NUL, offset of the first of `count` float64.
+
+    Raises
+    ------
+    CdrError
+        The bytes are no header with so many float64 behind it.
+    """
+    order, align = encapsulation(data)
+    if len(data) < _AFTER_STAMP + 4:
+        raise CdrError(f"{len(data)} bytes are too few for a header")
+    (length,) = struct.unpack_from(order + "I", data, _AFTER_STAMP)
+    if not 1 <= length <= _MAX_FRAME_ID:
+        raise CdrError(f"frame_id of {length} bytes, allowed are 1 to {_MAX_FRAME_ID}")
+    end = _AFTER_STAMP + length  # behind the name, counted from behind the encapsulation header
+    start = 4 + end + -end % align
+    if len(data) < start + 8 * count:
+        raise CdrError(f"{len(data)} bytes are too few for a {msgtype}")
+    return order, length, start
+
+
+def stamps_of_rows(rows: NDArray[np.uint8], order: str) -> NDArray[np.int64]:
+    """Stamps [ns] of messages that have one, a row each of shape (n, length), in a byte order."""
+    stamps = rows[:, 4:8].view(order + "i4")[:, 0].astype(np.int64)
+    stamps *= NANOSECONDS
+    stamps += rows[:, 8:12].view(order + "u4")[:, 0]
+    return stamps
 
 
 def _stamp(data: bytes, order: str = "<") -> int:
@@ -230,7 +246,7 @@ def _stamp(data: bytes, order: str = "<") -> int:
     return int(sec) * NANOSECONDS + int(nanosec)
 
 
-def _encapsulation(data: bytes) -> tuple[str, int]:
+def encapsulation(data: bytes) -> tuple[str, int]:
     """Byte order and alignment of float64 of a message that has a stamp."""
     if len(data) < _AFTER_STAMP:
         raise CdrError(f"{len(data)} bytes are too few for a stamp")
@@ -254,7 +270,7 @@ def decode_clock(data: bytes) -> int:
     CdrError
         The bytes are not a clock message.
     """
-    order, _ = _encapsulation(data)
+    order, _ = encapsulation(data)
     return _stamp(data, order)
 
 

@@ -14,32 +14,22 @@
 
 """Which topics every instant of a run has, by what is known of its nodes."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from ppc_attitude.contract.declared import BY_COLUMN, gives, samples_of
-from ppc_attitude.contract.topics import PLANT, TORQUE_COMMAND, Topic
+from ppc_attitude.contract.declared import samples_of
+from ppc_attitude.contract.topics import Topic
 
 
-def promised(parameters: Mapping[str, Mapping[str, Any]], seen: Collection[Topic]) -> list[Topic]:
+def promised(parameters: Mapping[str, Mapping[str, Any]]) -> list[Topic]:
     """Return the topics that every instant of a run has, by what is known of its nodes.
 
-    A node of the user's in the place of one of ours promises nothing but what others wait for.
+    A node of the user's in the place of one of ours promises nothing.
 
     Parameters
     ----------
     parameters : mapping of str to mapping
-        The nodes of ours that took part, with their parameters; empty if nobody knows. Then those
-        did whose topics were seen; a torque command alone is no sign of our controller.
-    seen : collection of Topic
-        Topics that came.
+        The nodes of ours that took part, with their parameters; empty if nobody knows.
     """
-    present = set(parameters) or {topic.source for topic in seen if topic is not TORQUE_COMMAND}
-    present.add(PLANT)
-    topics: list[Topic] = []
-    for node in sorted(present):
-        if node in parameters:
-            topics += samples_of(node, parameters[node])
-        else:
-            topics += [BY_COLUMN[column.name] for column in gives(node)]
-    return list(dict.fromkeys(topics))
+    sent = [topic for node in sorted(parameters) for topic in samples_of(node, parameters[node])]
+    return list(dict.fromkeys(sent))

@@ -49,6 +49,21 @@ class Change(NamedTuple):
     value: Any
 
 
+class ToldChange(NamedTuple):
+    """A change with what was before.
+
+    Attributes
+    ----------
+    change : Change
+        What was changed.
+    before : bool, int, float, str, list or None
+        The value before; None if the record does not say it.
+    """
+
+    change: Change
+    before: Any
+
+
 @dataclass(frozen=True)
 class RunRecord:
     """The samples of one run.
@@ -66,6 +81,9 @@ class RunRecord:
         that the run does not have is not a key.
     missing : mapping of str to int
         Topic name to number of instants without a message; only topics that lack some.
+    held : frozenset of str
+        Columns that came at stamps of their own: the latest sample at each instant, and NaN before
+        the first one, where nothing is missing.
     parameters : mapping of str to mapping
         Node name to its parameters, as the run began with them.
     changes : tuple of Change
@@ -81,6 +99,7 @@ class RunRecord:
     stamps_ns: NDArray[np.int64]
     columns: Mapping[str, Array]
     missing: Mapping[str, int] = field(default_factory=dict)
+    held: frozenset[str] = frozenset()
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     changes: tuple[Change, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
@@ -98,6 +117,20 @@ class RunRecord:
     def t(self) -> Array:
         """Instants [s], shape (n,)."""
         return np.asarray(self.stamps_ns * 1e-9, dtype=np.float64)
+
+    @property
+    def told_changes(self) -> list[ToldChange]:
+        """What was changed during the run, with what was before, in the order of the stamps."""
+        values = {
+            (node, name): value
+            for node, own in self.parameters.items()
+            for name, value in own.items()
+        }
+        told = []
+        for change in self.changes:
+            told.append(ToldChange(change, values.get((change.node, change.name))))
+            values[change.node, change.name] = change.value
+        return told
 
     @property
     def missing_messages(self) -> int:

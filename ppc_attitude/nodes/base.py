@@ -29,6 +29,8 @@ from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
     CHANGES_TOPIC,
     DIAGNOSTICS_TOPIC,
+    ESTIMATOR,
+    NODES,
     PARAMETER_EVENTS_TOPIC,
     RECORDER,
     Topic,
@@ -263,12 +265,18 @@ class BaseNode(Node):
         said = Status(level, summary, details)
         self._diagnostics.publish(diagnostics(self.health.time_ns, name, "status", said))
 
-    def flush(self, patience: float = _ACKNOWLEDGE) -> bool:
-        """Wait until every peer has what this node has sent; False after `patience` [s]."""
-        end = time.monotonic() + patience
-        waited = [
-            publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
-            for publisher in self._outgoing
-            if publisher.get_subscription_count()
-        ]
-        return all(waited)
+    def flush(self) -> None:
+        """Wait until every peer has what this node has sent; name those that do not take it."""
+        end = time.monotonic() + _ACKNOWLEDGE
+        for publisher in self._outgoing:
+            left = Duration(seconds=max(end - time.monotonic(), 0.0))
+            if publisher.get_subscription_count() and not publisher.wait_for_all_acked(left):
+                readers = self.get_subscriptions_info_by_topic(publisher.topic_name)
+                names = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in readers}
+                ours = {
+                    f"{self.get_namespace().rstrip('/')}/{name}" for name in (ESTIMATOR, *NODES)
+                }
+                slow = ", ".join(sorted(names - ours or names))
+                text = f"{slow} did not take all of {publisher.topic_name}"
+                self.get_logger().warning(f"{text} within {_ACKNOWLEDGE:g} s: not waited for")
+                return

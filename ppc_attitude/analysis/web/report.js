@@ -17,11 +17,20 @@ function chart(box, panel, sync) {
     return [Array.from(numbers(line.x)), y];
   });
   const distribution = { linear: 1, log: 3, symlog: 4 }[panel.scale];
+  const [least, most] = panel.limits || [-Infinity, Infinity];
+  // As much as there is to see of the part that is shown, within the limits of the drawing.
+  const range = (_, low, high) => {
+    if (low == null) return [null, null];
+    const inside = low < most && high > least;
+    const [from, to] = inside ? [Math.max(low, least), Math.min(high, most)] : [low, high];
+    const log = distribution === 3;
+    return log ? uPlot.rangeLog(from, to, 10, false) : uPlot.rangeNum(from, to, 0.1, true);
+  };
   new uPlot({
     width: box.clientWidth, height: 260, cursor: { sync: { key: sync } },
-    scales: { x: { time: false }, y: { distr: distribution } },
+    scales: { x: { time: false }, y: { distr: distribution, range } },
     axes: [{ label: "time [s]" }, {
-      label: panel.label, size: 70,
+      label: panel.label, labelFont: "12px sans-serif", size: 70,
       values: (_, ticks) => ticks.map((each) => each == null ? "" : String(+each.toPrecision(3))),
     }],
     series: [{ label: "t [s]" }, ...panel.lines.map((line) => ({

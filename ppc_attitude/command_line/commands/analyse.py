@@ -19,13 +19,14 @@ import sys
 from pathlib import Path
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.options import (
     add_figures_options,
+    add_reading_options,
     add_report_option,
     add_requirements_option,
     exit_code,
     print_json,
+    record_of,
     required_of,
     write_report_of,
 )
@@ -39,7 +40,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="Verdict on every requirement, the paper's or one's own, from the bag alone.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
-    parser.add_argument("--namespace", metavar="NS", help="of the stack, if the bag has several")
+    add_reading_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_figures_options(parser, "every figure")
     add_requirements_option(parser)
@@ -50,10 +51,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Read, judge, print, draw."""
     required = required_of(arguments)
-    record = read_run(arguments.bag, arguments.namespace)
+    record = record_of(arguments)
     verdict = analyse(record, required)
-    for warning in record.warnings:
-        print(f"warning: {warning}", file=sys.stderr)
     if arguments.json:
         print_json(verdict.to_json())
     else:

@@ -25,6 +25,7 @@ from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE, UsageError
 from ppc_attitude.command_line.options import (
     add_figures_options,
+    add_reading_options,
     add_report_option,
     add_requirements_option,
     required_of,
@@ -48,6 +49,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         nargs="+",
         help="folders of bags, with two to six runs in all",
     )
+    add_reading_options(parser, several=True)
     add_figures_options(parser, "the comparisons")
     add_requirements_option(parser)
     add_report_option(parser)
@@ -57,9 +59,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Read all, print every verdict, draw."""
     required = required_of(arguments)
-    records = [record for bag in arguments.bags for record in read_runs(bag)]
+    names = dict(arguments.topic)
+    records = [record for bag in arguments.bags for record in read_runs(bag, names)]
     if not 2 <= len(records) <= _MOST:
         raise UsageError(f"{len(records)} runs given; allowed: 2 to {_MOST}")
+    for record in records:
+        for warning in record.warnings:
+            print(f"warning: {record.source}: {warning}", file=sys.stderr)
     judged = [(record, analyse(record, required)) for record in records]
     print("\n\n".join(verdict_table(verdict) for _, verdict in judged))
     if arguments.figures:

@@ -19,7 +19,8 @@ from pathlib import Path
 
 from ppc_attitude.bags.export import export_csv, export_parquet
 from ppc_attitude.command_line.errors import DONE
-from ppc_attitude.command_line.paths import new_file
+from ppc_attitude.command_line.options import add_reading_options, record_of
+from ppc_attitude.command_line.paths import absent_file
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -30,17 +31,19 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="One row an instant, one column a component.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
+    add_reading_options(parser)
     kind = parser.add_mutually_exclusive_group(required=True)
-    kind.add_argument("--parquet", metavar="FILE", type=new_file, help="a new Parquet file")
-    kind.add_argument("--csv", metavar="FILE", type=new_file, help="a new CSV file")
+    kind.add_argument("--parquet", metavar="FILE", type=absent_file, help="a new Parquet file")
+    kind.add_argument("--csv", metavar="FILE", type=absent_file, help="a new CSV file")
     parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Export."""
+    record = record_of(arguments)
     if arguments.parquet:
-        export_parquet(arguments.bag, arguments.parquet)
+        export_parquet(record, arguments.parquet)
     else:
-        export_csv(arguments.bag, arguments.csv)
+        export_csv(record, arguments.csv)
     print(f"table: {arguments.parquet or arguments.csv}")
     return DONE

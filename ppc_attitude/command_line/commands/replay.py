@@ -18,9 +18,8 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
-from ppc_attitude.command_line.options import print_json
+from ppc_attitude.command_line.options import add_reading_options, print_json, record_of
 from ppc_attitude.simulation.replay import replay
 
 
@@ -32,13 +31,14 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="Reports the largest difference of each; exit code 0 if there is none.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
+    add_reading_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Replay and report."""
-    result = replay(read_run(arguments.bag))
+    result = replay(record_of(arguments))
     found = (result.law, *result.others)
     if arguments.json:
         law = asdict(result.law)

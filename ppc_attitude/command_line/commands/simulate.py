@@ -15,15 +15,19 @@
 """`ppc_attitude simulate`: the closed loop in process, without ROS."""
 
 import argparse
+import shlex
 import sys
 from dataclasses import replace
 
 import numpy as np
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.bags.export import export
+from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
+    add_bag_option,
     add_report_option,
     add_requirements_option,
     add_scenario_options,
@@ -33,9 +37,10 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     write_report_of,
 )
+from ppc_attitude.command_line.paths import new_bag, new_table
 from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.flight_plan import goals_told
@@ -49,6 +54,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="The same loop as `run`, with the same kernels, in one process.",
     )
     add_scenario_options(parser)
+    add_bag_option(parser, "none")
+    parser.add_argument(
+        "--export",
+        metavar="FILE",
+        type=new_table,
+        help="write the samples as a table, .csv or .parquet",
+    )
     add_requirements_option(parser)
     add_report_option(parser)
     parser.add_argument("--json", action="store_true", help="print the verdict as JSON")
@@ -56,12 +68,14 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Simulate, judge, print."""
+    """Simulate, judge, write, print."""
+    if arguments.bag:
+        new_bag(arguments.bag)
     scenario, required = scenario_of(arguments), required_of(arguments)
     check_memory(scenario)
     record = simulate(scenario, scenario.number(PLANT, "duration"))
     _see_that_it_is_bounded(record)
-    record = replace(record, metadata=versions())
+    record = replace(record, metadata={**versions(), "command": shlex.join(sys.argv)})
     verdict = analyse(record, required)
     for told in goals_told(scenario):
         if told.advice.warning:
@@ -71,6 +85,12 @@ def execute(arguments: argparse.Namespace) -> int:
     else:
         print(verdict_table(verdict))
     output = sys.stderr if arguments.json else sys.stdout
+    if arguments.bag:
+        write_run(record, arguments.bag, storage=str(scenario.parameters[RECORDER]["storage"]))
+        print(f"bag: {arguments.bag}", file=output)
+    if arguments.export:
+        export(record, arguments.export)
+        print(f"table: {arguments.export}", file=output)
     write_report_of(arguments, [(record, verdict)], output)
     return exit_code(verdict)
 

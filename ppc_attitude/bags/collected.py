@@ -1,0 +1,164 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages of a bag that may belong to a run, decoded while the bag is read."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.bags.changes import MOST, changes_of
+from ppc_attitude.bags.source import Block, Channel, split_rows
+from ppc_attitude.bags.timeline import Series
+from ppc_attitude.contract.carriers import carriers, decode_rows, is_stamped
+from ppc_attitude.contract.declared import BY_NAME, SAMPLED
+from ppc_attitude.contract.run_record import Array, Change
+from ppc_attitude.contract.topics import CHANGES_TOPIC, Topic
+
+Integers = NDArray[np.int64]
+
+
+class _Part(NamedTuple):
+    """Messages of one topic; when they were received, where none of them has a stamp."""
+
+    stamps: Integers
+    values: Array
+    arrival: Integers
+    received: Integers | None
+
+
+def readings(name: str, msgtype: str) -> Iterator[tuple[str, Topic]]:
+    """Ways to read an absolute name: namespace and topic of the contract."""
+    parts = name.lstrip("/").split("/")
+    for split in range(len(parts)):
+        topic = BY_NAME.get("/".join(parts[split:]))
+        if topic is not None and topic.column and msgtype in carriers(topic):
+            yield "".join(f"/{part}" for part in parts[:split]), topic
+
+
+class Collected:
+    """Decoded messages of every topic that may be one of the contract's, by absolute name.
+
+    Until the whole bag is read nobody knows whether ``/reference/attitude`` is the reference
+    or the attitude of a run in the namespace ``/reference``; so names are resolved at the end.
+
+    Parameters
+    ----------
+    namespace : str or None
+        The run's, if it is known.
+    names : mapping of Topic to str
+        Topics of the contract that have another, absolute, name in the bag.
+    """
+
+    def __init__(self, namespace: str | None, names: Mapping[Topic, str]) -> None:
+        self._namespace = namespace
+        self._names = names
+        self._parts: dict[str, list[_Part]] = {}
+        self._unreadable: dict[str, int] = {}
+        self._notes: list[str] = []
+        self._changes: dict[str, list[bytes]] = {}
+        self._met = 0
+
+    def add(self, channels: Mapping[int, Channel], block: Block) -> None:
+        """Decode a block."""
+        for key, indices, rows in split_rows(block):
+            channel = channels[key]
+            if channel.topic.endswith(f"/{CHANGES_TOPIC.name}"):
+                kept = self._changes.setdefault(channel.topic, [])
+                kept += [row.tobytes() for row in rows[: MOST - len(kept)]]
+                continue
+            if channel.encoding != "cdr":
+                continue
+            for name, topic in self._uses(channel):
+                stamps, values, readable = decode_rows(topic, channel.msgtype, rows)
+                readable &= stamps >= 0  # every node refuses what was before time
+                received = None if stamps.any() else block.time[indices]
+                arrival = indices + self._met
+                bad = len(rows) - int(readable.sum())
+                if bad:
+                    self._unreadable[channel.topic] = self._unreadable.get(channel.topic, 0) + bad
+                    stamps, values, arrival = stamps[readable], values[readable], arrival[readable]
+                    received = None if received is None else received[readable]
+                self._parts.setdefault(name, []).append(_Part(stamps, values, arrival, received))
+        self._met += len(block.channel)
+
+    def series(self, namespace: str, types: Mapping[str, str]) -> dict[Topic, Series]:
+        """Messages of the run in a namespace; what was collected is given away.
+
+        Parameters
+        ----------
+        namespace : str
+            The run's.
+        types : mapping of str to str
+            ROS type of each topic of the bag, by its absolute name.
+        """
+        found = {}
+        for topic in SAMPLED:
+            name = f"{namespace}/{topic.name}"
+            parts = self._parts.pop(name, [])
+            given = self._names.get(topic, name)
+            if given in types:
+                name, parts = given, self._parts.pop(topic.name, parts)
+            elif parts:
+                self._notes.append(f"there is no topic {given}: {name} is read for {topic.name}")
+            if sum(len(part.stamps) for part in parts):
+                found[topic] = self._joined(name, types[name], parts)
+        return found
+
+    def _joined(self, name: str, msgtype: str, parts: list[_Part]) -> Series:
+        """One series of the parts, by receipt where there are no stamps, or only zeros."""
+        stamps = np.concatenate([part.stamps for part in parts])
+        values = np.concatenate([part.values for part in parts])
+        arrival = np.concatenate([part.arrival for part in parts])
+        received = [part.received for part in parts if part.received is not None]
+        never = len(received) == len(parts)
+        parts.clear()
+        if never and (not is_stamped(msgtype) or (values != values[0]).any()):
+            stamps = np.concatenate(received)
+            self._notes.append(f"{name} has no stamps: the times of receipt are taken")
+        order = np.argsort(arrival, kind="stable")
+        if (np.diff(order) != 1).any():
+            stamps, values, arrival = stamps[order], values[order], arrival[order]
+        return Series(stamps, values, arrival)
+
+    def changes(self, namespace: str) -> tuple[Change, ...]:
+        """What was changed in flight; messages that are none are counted."""
+        name = f"{namespace}/{CHANGES_TOPIC.name}"
+        changes, unreadable = changes_of(self._changes.get(name, []))
+        if unreadable:
+            self._unreadable[name] = unreadable
+        return changes
+
+    def warnings(self, namespace: str) -> list[str]:
+        """Say which topics of the run hold messages that are none, or are read otherwise."""
+        told = [
+            f"{count} messages of {name} cannot be used"
+            for name, count in self._unreadable.items()
+            if name.startswith(f"{namespace}/") or name in self._names.values()
+        ]
+        told += self._notes
+        self._notes = []
+        return told
+
+    def _uses(self, channel: Channel) -> Iterator[tuple[str, Topic]]:
+        """Topics that a channel may be: by a name that was given, or by its own."""
+        for topic, name in self._names.items():
+            if name == channel.topic and channel.msgtype in carriers(topic):
+                yield topic.name, topic
+        for home, topic in readings(channel.topic, channel.msgtype):
+            if self._namespace in (None, home):
+                yield channel.topic, topic
+                return

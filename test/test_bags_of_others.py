@@ -1,0 +1,294 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bags of a plant of one's own, of hardware, or of some topics only: read as far as they go."""
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bag_helpers import STORAGES, messages, write_messages
+from rosbags.typesys import Stores, get_typestore
+from synthetic import SAMPLED, normal_run, without_columns
+
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.verdict import NOT_JUDGED
+from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.reader import read_run, read_runs
+from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.bags.writer import BagWriter
+from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import CONTROLLER
+
+RUN = normal_run(duration=1.0)
+OWN_PLANT = ("attitude", "angular_velocity", "torque_command")
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = STORE.types
+MAPPED = {"attitude": "/imu/data", "angular_velocity": "/imu/data"}
+
+
+def vector(values: Any) -> Any:
+    return TYPES["geometry_msgs/msg/Vector3"](*values)
+
+
+def quaternion(values: Any) -> Any:
+    return TYPES["geometry_msgs/msg/Quaternion"](*values)
+
+
+def header(stamp: int) -> Any:
+    time = TYPES["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+    return TYPES["std_msgs/msg/Header"](stamp=time, frame_id=f"imu{stamp % 3}")
+
+
+def imu(stamp: int, attitude: Any, rate: Any, covariance: float = 0.0) -> Any:
+    covariances = np.array([covariance, *[0.0] * 8])
+    return TYPES["sensor_msgs/msg/Imu"](
+        header=header(stamp),
+        orientation=quaternion(attitude),
+        orientation_covariance=covariances,
+        angular_velocity=vector(rate),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=vector((0.0, 0.0, 9.81)),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+
+
+def pose(attitude: Any) -> Any:
+    point = TYPES["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)
+    return TYPES["geometry_msgs/msg/Pose"](position=point, orientation=quaternion(attitude))
+
+
+def write_typed(path: Path, typed: list[tuple[str, int, Any]], storage: str = "mcap") -> Path:
+    """Messages by absolute topic, receive time and content."""
+    with BagWriter(path, storage=storage) as writer:
+        for topic, msgtype in {topic: m.__msgtype__ for topic, _, m in typed}.items():
+            writer.add_topic(topic, msgtype)
+        for topic, time, m in typed:
+            writer.write(topic, time, bytes(STORE.serialize_cdr(m, m.__msgtype__)))
+    return path
+
+
+def only(run: RunRecord, *columns: str) -> RunRecord:
+    return without_columns(run, *(set(run.columns) - set(columns)))
+
+
+def rows(run: RunRecord, column: str) -> list[tuple[int, list[float]]]:
+    return list(zip(run.stamps_ns.tolist(), run[column].tolist(), strict=True))
+
+
+def why(path: Path, **options: Any) -> dict[str, str]:
+    """Key of a requirement that is not judged to the reason."""
+    verdict = analyse(read_run(path, **options))
+    assert verdict.all_met
+    return {each.key: each.note for each in verdict.requirements if each.outcome == NOT_JUDGED}
+
+
+def test_a_plant_of_ones_own_with_our_law_is_judged_by_what_it_sends(tmp_path: Path) -> None:
+    """What the how-to asks for: the reference and the law are ours, the plant is not."""
+    run = only(normal_run(), *OWN_PLANT, "reference_attitude", "reference_angular_velocity")
+    law = [topic.column for topic in SAMPLED if topic.source == CONTROLLER]
+    run = replace(
+        normal_run(),
+        columns={**run.columns, **{name: normal_run()[name] for name in law}},
+        parameters={name: normal_run().parameters[name] for name in (CONTROLLER,)},
+    )
+    write_run(run, tmp_path / "bag")
+    read = read_run(tmp_path / "bag", whole=True)
+    assert (read.warnings, read.missing) == ((), {})
+    verdict = analyse(read)
+    outcomes = {each.key: each.outcome for each in verdict.requirements}
+    assert outcomes["settling_time"] == outcomes["rate"] == "met"
+    assert why(tmp_path / "bag") == {"applied_torque": "no topic applied_torque in the bag"}
+
+
+def test_an_attitude_alone_is_read_and_says_what_it_lacks(tmp_path: Path) -> None:
+    write_messages(tmp_path / "bag", list(messages(only(RUN, "attitude"))))
+    reasons = why(tmp_path / "bag")
+    assert reasons["settling_time"] == "no topic reference/attitude in the bag"
+    assert reasons["rate"] == "no topic angular_velocity in the bag"
+
+
+def test_an_attitude_with_its_reference_is_judged_without_rate_and_torque(tmp_path: Path) -> None:
+    run = only(normal_run(), "attitude", "reference_attitude")
+    write_messages(tmp_path / "bag", list(messages(run)))
+    judged = analyse(read_run(tmp_path / "bag"))
+    outcomes = {each.key: each.outcome for each in judged.requirements}
+    assert outcomes["settling_time"] == outcomes["terminal_error"] == "met"
+    assert set(why(tmp_path / "bag")) == {"rate", "applied_torque"}
+
+
+KINDS: dict[str, Callable[[int, Any], Any]] = {
+    "imu": lambda stamp, q: imu(stamp, q, (0.0, 0.0, 0.0)),
+    "pose": lambda _, q: pose(q),
+    "stamped pose": lambda stamp, q: TYPES["geometry_msgs/msg/PoseStamped"](header(stamp), pose(q)),
+    "pose with covariance": lambda stamp, q: TYPES["geometry_msgs/msg/PoseWithCovarianceStamped"](
+        header(stamp), TYPES["geometry_msgs/msg/PoseWithCovariance"](pose(q), np.zeros(36))
+    ),
+    "quaternion": lambda _, q: quaternion(q),
+    "header that nobody fills": lambda _, q: TYPES["geometry_msgs/msg/QuaternionStamped"](
+        header(0), quaternion(q)
+    ),
+}
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_attitude_of_hardware(tmp_path: Path, kind: str, storage: str) -> None:
+    """With another type and name, with or without stamps: then it counts when it was received."""
+    sent = [("/mocap", stamp, KINDS[kind](stamp, q)) for stamp, q in rows(RUN, "attitude")]
+    bag = write_typed(tmp_path / "bag", sent, storage)
+    read = read_run(bag, topics={"attitude": "/mocap"})
+    np.testing.assert_array_equal(read.stamps_ns, RUN.stamps_ns)
+    np.testing.assert_array_equal(read["attitude"], RUN["attitude"])
+    told = "/mocap has no stamps: the times of receipt are taken"
+    assert (told in read.warnings) == (kind in ("pose", "quaternion", "header that nobody fills"))
+
+
+def test_one_imu_gives_attitude_and_rate(tmp_path: Path) -> None:
+    both = zip(rows(RUN, "attitude"), RUN["angular_velocity"].tolist(), strict=True)
+    sent = [("/imu/data", 5, imu(stamp, q, w)) for (stamp, q), w in both]
+    read = read_run(write_typed(tmp_path / "bag", sent), topics=MAPPED)
+    np.testing.assert_array_equal(read["attitude"], RUN["attitude"])
+    np.testing.assert_array_equal(read["angular_velocity"], RUN["angular_velocity"])
+
+
+def test_an_imu_without_orientation_and_a_quaternion_of_zeros_are_no_attitude(
+    tmp_path: Path,
+) -> None:
+    sent = [
+        ("/imu/data", 1, imu(0, (0, 0, 0, 1), (1, 2, 3))),
+        ("/imu/data", 2, imu(10, (0, 0, 0, 1), (1, 2, 3), covariance=-1.0)),
+        ("/imu/data", 3, imu(20, (0, 0, 0, 0), (1, 2, 3))),
+        ("/imu/data", 4, imu(30, (0, 0, 1, 0), (1, 2, 3))),
+    ]
+    read = read_run(write_typed(tmp_path / "bag", sent), topics=MAPPED)
+    assert "2 messages of /imu/data cannot be used" in read.warnings
+    assert np.isfinite(read["attitude"]).all(axis=1).tolist() == [True, False, False, True]
+    assert np.isfinite(read["angular_velocity"]).all()
+
+
+def test_topics_with_stamps_of_their_own_are_held(tmp_path: Path) -> None:
+    """A goal that is sent once, and a gyro that is not in step: the latest message counts."""
+    rate = [("/gyro", 5, vector((0.001 * k, 0.0, 0.0))) for k in range(3)]
+    at = [3_000_000, 333_000_000, 666_000_000]
+    sent = [("/gyro", time, m) for (_, _, m), time in zip(rate, at, strict=True)]
+    sent += [("/attitude", s, KINDS["quaternion"](s, q)) for s, q in rows(RUN, "attitude")]
+    sent += [("/goal", 500_000_001, quaternion((0.0, 0.0, 0.0, 1.0)))]
+    names = {"angular_velocity": "/gyro", "reference/attitude": "/goal"}
+    read = read_run(write_typed(tmp_path / "bag", sent), topics=names)
+    np.testing.assert_array_equal(read.stamps_ns, RUN.stamps_ns)
+    assert np.nanmax(np.abs(np.diff(read["angular_velocity"][1:, 0]))) == 0.001
+    assert np.isnan(read["reference_attitude"][:51]).all()
+    assert (read["reference_attitude"][51:] == (0.0, 0.0, 0.0, 1.0)).all()
+    assert any("at most 0.5 s old" in each or "0.499999" in each for each in read.warnings)
+    (lost,) = (each for each in analyse(read).requirements if each.key == "lost_messages")
+    assert (lost.value, read.missing) == (0.0, {})
+
+
+def test_a_plant_in_any_rhythm_has_no_gaps(tmp_path: Path) -> None:
+    stamps = np.cumsum([0, *[10_000_000, 30_000_000] * 50])
+    columns = {"attitude": RUN["attitude"]}
+    run = replace(RUN, stamps_ns=stamps, columns=columns, parameters={})
+    write_run(run, tmp_path / "bag")
+    read = read_run(tmp_path / "bag")
+    np.testing.assert_array_equal(read.stamps_ns, stamps)
+    assert read.missing == {}
+
+
+def test_what_is_asked_for_and_missing_is_an_error(tmp_path: Path) -> None:
+    attitude = rows(RUN, "attitude")
+    bag = write_typed(tmp_path / "bag", [("/imu", s, imu(s, q, (0, 0, 0))) for s, q in attitude])
+    with pytest.raises(BagError, match=r"has no topic /imuu for attitude; it holds /imu \(sensor"):
+        read_run(bag, topics={"attitude": "imuu"})
+    with pytest.raises(BagError, match="there is no topic altitude of a run to be read; allowed: "):
+        read_run(bag, topics={"altitude": "/imu"})
+    with pytest.raises(BagError, match=r"/imu cannot be torque_command: it is sensor_msgs/msg/Imu"):
+        read_run(bag, topics={"torque_command": "/imu"})
+    with pytest.raises(BagError, match=r"which topic carries what .*--topic attitude=/imu/data"):
+        read_run(bag)
+
+
+def test_two_partial_runs_in_one_bag_are_told_apart(tmp_path: Path) -> None:
+    part = only(RUN, "attitude", "reference_attitude")
+    bag = write_messages(tmp_path / "bag", list(messages(part)), namespaces=("/a", "/b"))
+    assert len(read_runs(bag)) == 2
+    with pytest.raises(BagError, match="holds 2 runs; choose a namespace: /a, /b"):
+        read_run(bag)
+
+
+@pytest.fixture(scope="module")
+def hardware(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A minute of an Imu and a goal, as a driver records them."""
+    run = normal_run(duration=70.0, rate=10.0)
+    both = zip(rows(run, "attitude"), run["angular_velocity"].tolist(), strict=True)
+    sent = [("/imu/data", stamp, imu(stamp, q, w)) for (stamp, q), w in both]
+    sent += [
+        ("/goal", stamp, TYPES["geometry_msgs/msg/PoseStamped"](header(stamp), pose(q)))
+        for stamp, q in rows(run, "reference_attitude")
+    ]
+    return write_typed(tmp_path_factory.mktemp("hardware") / "bag", sent)
+
+
+TOLD = [f"--topic={ours}=/imu/data" for ours in MAPPED] + ["--topic=reference/attitude=/goal"]
+
+
+def test_the_commands_take_bags_of_hardware(
+    hardware: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, table, bag = tmp_path / "run.html", tmp_path / "run.csv", str(hardware)
+    code = main(["analyse", bag, *TOLD, "--report", str(page), "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert code in (DONE, REQUIREMENT_FAILED)
+    by_name = {each["name"]: each for each in told["requirements"]}
+    assert by_name["settling time"]["pass"] and by_name["angular rate (norm)"]["pass"]
+    assert by_name["applied torque on an axis"]["reason"] == "no topic applied_torque in the bag"
+    assert "no topic applied_torque in the bag" in page.read_text()
+    assert main(["export", bag, *TOLD, "--csv", str(table)]) == DONE
+    with table.open() as file:
+        head = next(csv.reader(file))
+    assert head[2:9] == [f"attitude_{k}" for k in "xyzw"] + [f"angular_velocity_{k}" for k in "xyz"]
+    ours = tmp_path / "ours"
+    write_run(normal_run(duration=70.0, rate=10.0), ours)
+    compared = tmp_path / "compared.html"
+    assert main(["compare", bag, str(ours), *TOLD, "--report", str(compared)]) == DONE
+    said = capsys.readouterr()
+    assert f"warning: {ours}: there is no topic /imu/data: /attitude is read for attitude" in (
+        said.err
+    )
+    assert "Pointing errors" in compared.read_text()
+    assert main(["replay", bag, *TOLD]) == BAD_INPUT
+    assert "controller 'unknown'" in capsys.readouterr().err
+
+
+def test_a_bag_with_nothing_but_an_attitude_has_a_report(tmp_path: Path) -> None:
+    bag = write_messages(tmp_path / "bag", list(messages(only(RUN, "attitude"))))
+    page = tmp_path / "run.html"
+    assert main(["analyse", str(bag), "--report", str(page), "--figures", str(tmp_path)]) == DONE
+    assert (tmp_path / "attitude.png").exists()
+    assert "no topic reference/attitude in the bag" in page.read_text()
+    assert main(["compare", str(bag), str(bag), "--report", str(tmp_path / "two.html")]) == DONE
+
+
+def test_a_topic_is_given_as_a_pair(capsys: pytest.CaptureFixture[str]) -> None:
+    for wrong in ("attitude", "=/imu", "attitude="):
+        with pytest.raises(SystemExit):
+            main(["analyse", "bag", "--topic", wrong])
+        assert "allowed: OURS=THEIRS, as in attitude=/imu/data" in capsys.readouterr().err
