@@ -15,6 +15,7 @@
 """Bags for the tests: raw messages, comparison of runs, cut copies."""
 
 import shutil
+import sqlite3
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ import numpy as np
 from synthetic import SAMPLED
 
 from ppc_attitude.bags.custom_data import encode_custom_data
+from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_COLUMN
@@ -83,6 +85,27 @@ def storage_file(path: Path) -> Path:
     """The one storage file of a bag."""
     (file,) = (file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
     return file
+
+
+def hot(
+    tmp_path: Path, run: RunRecord, finished: bool = False, change: str = ""
+) -> tuple[Path, Path]:
+    """A SQLite bag in the midst of a transaction that spoils every message, and its journal."""
+    bag = unfinished(tmp_path / "bag", "sqlite3", run)
+    if finished:
+        recover(bag)
+    file = storage_file(bag)
+    database = sqlite3.connect(file, isolation_level=None)
+    database.execute("PRAGMA cache_size=1")  # write pages before the commit
+    database.executescript(change)
+    database.execute("BEGIN")
+    database.execute("UPDATE messages SET data = zeroblob(length(data) + 7)")
+    killed = tmp_path / "killed"
+    shutil.copytree(bag, killed)
+    database.close()
+    journal = killed / f"{file.name}-journal"
+    assert journal.stat().st_size > 0
+    return killed, journal
 
 
 def cut_copy(bag: Path, target: Path, size: int, *, with_metadata: bool = False) -> Path:

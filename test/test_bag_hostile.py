@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bag_helpers import STORAGES, assert_same, storage_file, unfinished
+from bag_helpers import STORAGES, assert_same, hot, storage_file, unfinished
 from synthetic import normal_run
 
 from ppc_attitude.bags.errors import BagError, printable
@@ -37,25 +37,6 @@ from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.command_line.main import main
 
 RUN = normal_run(duration=1.0)
-
-
-def hot(tmp_path: Path, finished: bool = False, change: str = "") -> tuple[Path, Path]:
-    """A SQLite bag in the midst of a transaction that spoils every message, and its journal."""
-    bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
-    if finished:
-        recover(bag)
-    file = storage_file(bag)
-    database = sqlite3.connect(file, isolation_level=None)
-    database.execute("PRAGMA cache_size=1")  # write pages before the commit
-    database.executescript(change)
-    database.execute("BEGIN")
-    database.execute("UPDATE messages SET data = zeroblob(length(data) + 7)")
-    killed = tmp_path / "killed"
-    shutil.copytree(bag, killed)
-    database.close()
-    journal = killed / f"{file.name}-journal"
-    assert journal.stat().st_size > 0
-    return killed, journal
 
 
 def name_super_journal(journal: Path, named: Path) -> None:
@@ -73,7 +54,7 @@ def name_super_journal(journal: Path, named: Path) -> None:
 def test_a_journal_deletes_no_file_that_it_names(
     tmp_path: Path, finished: bool, command: Callable[[Path], object]
 ) -> None:
-    bag, journal = hot(tmp_path, finished)
+    bag, journal = hot(tmp_path, RUN, finished)
     mine = tmp_path / "thesis.tex"
     mine.write_text("years of work")
     name_super_journal(journal, mine)
@@ -85,7 +66,7 @@ def test_a_journal_deletes_no_file_that_it_names(
 
 @pytest.mark.parametrize("change", ["", "PRAGMA synchronous=OFF", "PRAGMA locking_mode=EXCLUSIVE"])
 def test_what_is_undone_is_what_sqlite_would_undo(tmp_path: Path, change: str) -> None:
-    bag, journal = hot(tmp_path, change=change)
+    bag, journal = hot(tmp_path, RUN, change=change)
     theirs = tmp_path / "theirs"
     shutil.copytree(bag, theirs)
     with contextlib.closing(sqlite3.connect(storage_file(theirs))) as database:

@@ -14,12 +14,18 @@
 
 """Finishing bags that were cut."""
 
-import shutil
-import sqlite3
 from pathlib import Path
 
 import pytest
-from bag_helpers import STORAGES, assert_prefix, assert_same, cut_copy, storage_file, unfinished
+from bag_helpers import (
+    STORAGES,
+    assert_prefix,
+    assert_same,
+    cut_copy,
+    hot,
+    storage_file,
+    unfinished,
+)
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from synthetic import SAMPLED, normal_run
@@ -96,17 +102,7 @@ def test_a_recovery_that_was_killed_can_be_repeated(tmp_path: Path) -> None:
 
 def test_what_sqlite_left_half_done_is_undone(tmp_path: Path) -> None:
     """A kill within a commit leaves a hot journal beside pages of the unfinished transaction."""
-    bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
-    file = storage_file(bag)
-    database = sqlite3.connect(file, isolation_level=None)
-    database.execute("PRAGMA cache_size=1")  # write pages before the commit
-    database.execute("BEGIN")
-    database.execute("UPDATE messages SET data = zeroblob(length(data))")
-    killed = tmp_path / "killed"
-    shutil.copytree(bag, killed)
-    database.close()
-    journal = killed / f"{file.name}-journal"
-    assert journal.stat().st_size > 0
+    killed, journal = hot(tmp_path, RUN)
     assert_same(read_run(killed), RUN)
     assert journal.exists()
     recover(killed)

@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from docs_helpers import blocks
 from scipy import linalg, stats
 
 from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
@@ -236,16 +238,25 @@ def test_every_number_of_what_runs_can_be_a_variable() -> None:
 
 
 def test_sensor_numbers_and_a_goal_that_vary_are_in_run_and_row() -> None:
-    bias, goal = f"{PLANT}.gyro.initial_bias[1]", f"{REFERENCE}.goals.attitudes[0]"
-    of = campaign({"parameters": {bias: UNIFORM, goal: UNIFORM}}, CRAFT, 3)
+    bias, goal = f"{PLANT}.gyro.initial_bias[1]", f"{REFERENCE}.goals.attitudes"
+    cone = {"distribution": "cone", "angle": 0.5}
+    of = campaign({"parameters": {bias: UNIFORM, goal: cone}}, CRAFT, 3)
     row = run_one(of, 1).row
     assert row["error"] is None
-    assert len({row[bias], row[goal], run_one(of, 2).row[bias]}) == 3
+    assert run_one(of, 2).row[bias] != row[bias]
+    turned = [row[f"{goal}[{k}]"] for k in range(4)]
+    assert 0.0 < rotation_angle((turned[0], turned[1], turned[2], turned[3])) < 0.5
     record, _ = rerun(of, 1)
     still, _ = rerun(campaign({}, CRAFT, 3), 1)
-    assert record.parameters[REFERENCE]["goals.attitudes"] == [row[goal], 0.0, 0.0, 1.0]
+    assert record.parameters[REFERENCE]["goals.attitudes"] == turned
     change = (record["gyro"] - still["gyro"])[0, :3]
     np.testing.assert_allclose(change, [0.0, row[bias], 0.0], atol=2e-5)  # its resolution
+
+
+def test_the_example_of_the_guide_can_be_drawn() -> None:
+    (block,) = (b for b in blocks(ROOT / "docs/how-to.md", "yaml") if b.startswith("campaign:"))
+    drawn = draw(campaign(yaml.safe_load(block)["campaign"], CRAFT, 0), 0)
+    assert drawn[f"{ESTIMATOR}.star_tracker.cross_noise"] == 2e-5
 
 
 def test_a_reference_that_varies_is_no_part_of_what_runs_have_in_common() -> None:
@@ -270,6 +281,7 @@ def test_a_reference_that_varies_is_no_part_of_what_runs_have_in_common() -> Non
         (f"{PLANT}.max_torque[0]", 1.0, "max_torque is a single number"),
         (f"{PLANT}.max_torque", 0.0, "max_torque can become 0; allowed: > 0"),
         (f"{PLANT}.inertia[0]", "wide", r"inertia\[0\] = 'wide'; allowed: a finite number"),
+        (f"{PLANT}.initial_attitude", 0.1, "allowed: so3, cone"),
         (3, 1.0, "parameters has 3; allowed"),
     ],
 )
@@ -280,7 +292,7 @@ def test_a_number_that_cannot_vary_is_refused_by_name(name: Any, given: Any, mes
 
 def test_one_number_varies_once() -> None:
     given = {"rate_noise": 1e-6, "parameters": {f"{PLANT}.rate_noise": 1e-6}}
-    with pytest.raises(ConfigurationError, match="what rate_noise varies is varied twice"):
+    with pytest.raises(ConfigurationError, match="rate_noise varies is varied twice"):
         campaign(given, base(), 0)
 
 

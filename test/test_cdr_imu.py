@@ -14,6 +14,8 @@
 
 """The three uses of sensor_msgs/Imu, against rosbags' own serialiser."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
@@ -27,7 +29,7 @@ STAMP = 12_345_678_901_234
 NONE = [-1.0] + [0.0] * 8  # REP 145: there is no such quantity
 
 
-def message(data: bytes):  # type: ignore[no-untyped-def]
+def message(data: bytes) -> Any:
     return STORE.deserialize_cdr(data, MSGTYPE)
 
 
@@ -36,11 +38,11 @@ def symmetric(a: list[float]) -> list[float]:
     return [xx, xy, xz, xy, yy, yz, xz, yz, zz]
 
 
-def numbers(vector) -> list[float]:  # type: ignore[no-untyped-def]
+def numbers(vector: Any) -> list[float]:
     return [getattr(vector, name) for name in ("x", "y", "z", "w") if hasattr(vector, name)]
 
 
-def sent(column: str) -> tuple[list[float], object]:
+def sent(column: str) -> tuple[list[float], Any]:
     topic = BY_COLUMN[column]
     values = [0.5 * k + 0.25 for k in range(topic.width)]
     data = Codec(topic).encode(STAMP, values)

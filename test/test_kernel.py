@@ -60,8 +60,8 @@ def test_division() -> None:
             "science/kernel.py",
             "return (s * a[0], s * a[1], s * a[2])",
             "return (2 * s * a[0], s * a[1], s * a[2])",
-            "from ppc_attitude.science.barrier import barrier_gradient\n"
-            "print(barrier_gradient((1.0, 0.0, 0.0), 1.0, 1.0))",
+            "from ppc_attitude.science.attitude import jacobian\n"
+            "print(jacobian((0.0, 0.0, 0.0), 1.0, (1.0, 0.0, 0.0)))",
         ),
         (
             "science/stamps.py",

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.component import NOTHING, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
@@ -64,7 +64,6 @@ COMPONENT = Component(
     parameters=PARAMETERS,
     configure=configure,
     configuration=CONFIGURATION,
-    state=NOTHING,
     inputs=INPUTS,
     outputs=OUTPUTS,
     step=step,

@@ -27,7 +27,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, cast
+from typing import Any, BinaryIO, cast
 from zlib import crc32
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
@@ -49,15 +49,6 @@ _CHUNK, _DATA_END, _FOOTER = b"\x06", b"\x0f", b"\x02"
 _CRC = struct.Struct("<I")
 _MESSAGE_HEAD = 22  # bytes of a message record before the payload
 _LENGTH = struct.Struct("<Q")
-
-
-class KillSafeStorage(Protocol):
-    """A storage that can be flushed."""
-
-    path: Path
-
-    def flush(self) -> None:
-        """Hand everything written so far to the operating system."""
 
 
 class _ChunkIndexes:

@@ -73,13 +73,18 @@ _VARYING = (
 
 def drawn_columns(variables: Variables) -> dict[str, str]:
     """Every drawn column and its unit."""
-    return {**DRAWN, **{name: each.unit or "1" for name, each in variables.parameters.items()}}
+    units = {
+        column: each.unit or "1"
+        for name, each in variables.parameters.items()
+        for column in each.columns(name)
+    }
+    return {**DRAWN, **units}
 
 
 def varying(variables: Variables) -> dict[str, str]:
     """Return the drawn columns that say how hard a run is, and their units."""
     units = drawn_columns(variables)
-    return {name: units[name] for name in (*_VARYING, *variables.parameters)}
+    return {name: units[name] for name in units if name in _VARYING or name not in DRAWN}
 
 
 def stream(campaign: Campaign, index: int, variable: str) -> Generator:
@@ -112,10 +117,10 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | None]:
     """
     if index < 0:
         raise ConfigurationError(f"index = {index}; allowed: ≥ 0")
-    varied = {
-        name: each.number.draw(stream(campaign, index, name))
-        for name, each in campaign.variables.parameters.items()
-    }
+    varied: dict[str, float] = {}
+    for name, each in campaign.variables.parameters.items():
+        numbers = each.draw(stream(campaign, index, name), campaign.scenario)
+        varied |= zip(each.columns(name), numbers, strict=True)
     values = _with_varied(campaign, varied)
     plant, strength = values[PLANT], campaign.variables.actuator_strength
     own = stream(campaign, index, "actuator_strength")

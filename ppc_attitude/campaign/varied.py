@@ -14,7 +14,8 @@
 
 """Any declared number of a component as a variable: ``NODE.PARAMETER``, or ``NODE.PARAMETER[0]``.
 
-What may vary, and within which bounds, stands in the component's declaration alone.
+What may vary, and within which bounds, stands in the component's declaration alone. A parameter
+that is one quaternion or several can also vary as such, by a distribution of attitudes.
 """
 
 import math
@@ -24,10 +25,13 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
-from ppc_attitude.campaign.distributions import Number, Range, number
+from numpy.random import Generator
+
+from ppc_attitude.campaign.distributions import Attitudes, Number, Range, attitudes, number
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import PLANT, SOURCES
+from ppc_attitude.science.attitude import normalised
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.simulation.scenario import Scenario
@@ -45,27 +49,43 @@ class Varied:
     ----------
     node, parameter : str
         Whose parameter it is, and which.
-    place : int or None
-        Which of its numbers, from 0; None if it is a single one.
+    places : tuple of int
+        Which of its numbers, from 0; empty if it is a single one.
     unit : str
         Its unit.
-    number : Number
+    drawn_from : Number or Attitudes
         How it is drawn.
     """
 
     node: str
     parameter: str
-    place: int | None
+    places: tuple[int, ...]
     unit: str
-    number: Number
+    drawn_from: Number | Attitudes
+
+    def columns(self, name: str) -> list[str]:
+        """Columns of the results in which the numbers of a variable of this name are."""
+        several = len(self.places) > 1
+        return [f"{name}[{place}]" for place in self.places] if several else [name]
+
+    def draw(self, own: Generator, base: Scenario) -> list[float]:
+        """Draw the numbers of these columns."""
+        if not isinstance(self.drawn_from, Attitudes):
+            return [self.drawn_from.draw(own)]
+        given: Any = base.parameters[self.node][self.parameter]
+        return [
+            number
+            for k in range(0, len(given), 4)
+            for number in self.drawn_from.draw(own, normalised(tuple(given[k : k + 4])))
+        ]
 
 
-def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
+def varied(given: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
     """Read what varies of the declared numbers, by the names under which they are drawn.
 
     Parameters
     ----------
-    declaration : mapping
+    given : mapping
         A campaign's declaration: its section ``parameters``, and the `SHORT` names.
     base : Scenario
         What is varied; it says which components run, and how many numbers a list has.
@@ -75,13 +95,13 @@ def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
     ConfigurationError
         A name is of no number of a component that runs, or what can be drawn is not allowed.
     """
-    section = declaration.get("parameters", {})
+    section = given.get("parameters", {})
     if not isinstance(section, Mapping):
         raise ConfigurationError(f"parameters = {section!r}; allowed: a mapping of names")
     found = {
-        name: _read(name, target, declaration[name], base, PARAMETERS[PLANT])
+        name: _read(name, target, given[name], base, PARAMETERS[PLANT])
         for name, target in SHORT.items()
-        if name in declaration
+        if name in given
     }
     for name, each in section.items():
         node = str(name).partition(".")[0]
@@ -91,16 +111,16 @@ def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
         running = components_of(node, base.parameters[node])
         table = [parameter for component in running for parameter in component.parameters]
         found[name] = _read(name, name, each, base, table)
-    targets = [(each.node, each.parameter, each.place) for each in found.values()]
-    for name, target in zip(found, targets, strict=True):
-        if targets.count(target) > 1:
+    taken: set[tuple[str, str, int]] = set()
+    for name, each in found.items():
+        targets = {(each.node, each.parameter, place) for place in each.places or (0,)}
+        if targets & taken:
             raise ConfigurationError(f"parameters: what {name} varies is varied twice")
+        taken |= targets
     return found
 
 
-def _read(
-    name: str, target: str, declaration: Any, base: Scenario, table: Iterable[Parameter]
-) -> Varied:
+def _read(name: str, target: str, given: Any, base: Scenario, table: Iterable[Parameter]) -> Varied:
     numbers = {each.name: each for each in table if each.is_real}
     node, parameter, place = target.partition(".")[0], "", None
     if match := _NAME.fullmatch(target):
@@ -112,6 +132,9 @@ def _read(
             f"parameters has {name}, which is no real number of a component that runs{hint}"
         )
     value, declared = base.parameters[node][parameter], numbers[parameter]
+    if place is None and isinstance(value, list) and value and abs(declared.length) == 4:
+        places = tuple(range(len(value)))
+        return Varied(node, parameter, places, declared.unit, attitudes(name, given))
     if isinstance(value, list) and (place is None or int(place) >= len(value)):
         raise ConfigurationError(
             f"parameters has {name}; allowed: {node}.{parameter}[INDEX], for it has "
@@ -121,8 +144,8 @@ def _read(
         raise ConfigurationError(f"parameters has {name}; {node}.{parameter} is a single number")
     above = math.isfinite(declared.above) and declared.above >= declared.low
     allowed = Range(max(declared.low, declared.above), declared.high, declared.unit, above)
-    index = None if place is None else int(place)
-    return Varied(node, parameter, index, declared.unit, number(name, declaration, allowed))
+    places = () if place is None else (int(place),)
+    return Varied(node, parameter, places, declared.unit, number(name, given, allowed))
 
 
 def values_of(
@@ -132,9 +155,10 @@ def values_of(
     found: dict[str, dict[str, Any]] = {}
     for name, each in variables.items():
         values = found.setdefault(each.node, {})
-        if each.place is None:
+        given: Any = base.parameters[each.node][each.parameter]
+        if not each.places:
             values[each.parameter] = drawn[name]
-        else:
-            declaration: Any = base.parameters[each.node][each.parameter]
-            values.setdefault(each.parameter, [*declaration])[each.place] = drawn[name]
+            continue
+        for place, column in zip(each.places, each.columns(name), strict=True):
+            values.setdefault(each.parameter, [*given])[place] = drawn[column]
     return found

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Examples of every command, for its ``--help``; a test parses each of them."""
+"""Every command in the order of the help, with the examples of its own; a test parses each."""
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "run": (
@@ -70,13 +70,13 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "ROS_DOMAIN_ID=42 ppc_attitude goto --quaternion 0 0 0 1 --frame nadir --at 60",
         "ROS_DOMAIN_ID=42 ppc_attitude goto --vectors 0 0 1 1 0 0 1 0 0 0 0 1",
     ),
-    "latency": (
-        "ppc_attitude latency --config config/paper.yaml --rate 250 --duration 20",
-        "ppc_attitude latency --live --duration 10",
-    ),
     "watch": (
         "ROS_DOMAIN_ID=42 ppc_attitude watch",
         "ROS_DOMAIN_ID=42 ppc_attitude watch --once --namespace /proposed",
+    ),
+    "latency": (
+        "ppc_attitude latency --config config/paper.yaml --rate 250 --duration 20",
+        "ppc_attitude latency --live --duration 10",
     ),
     "recover": ("ppc_attitude recover bags/cut",),
     "export": (

@@ -24,29 +24,12 @@ from typing import NoReturn
 
 from ppc_attitude import __version__
 from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError, UsageError
-from ppc_attitude.command_line.examples import epilog
+from ppc_attitude.command_line.examples import EXAMPLES, epilog
 from ppc_attitude.command_line.stopping import end_at_once, ignore, interrupt
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
 from ppc_attitude.processes.child import forget_current_folder, take_signals
 
-COMMANDS = (
-    "run",
-    "simulate",
-    "analyse",
-    "compare",
-    "sweep",
-    "check",
-    "design",
-    "falsify",
-    "campaign",
-    "replay",
-    "inject",
-    "goto",
-    "watch",
-    "latency",
-    "recover",
-    "export",
-)
+COMMANDS = tuple(EXAMPLES)
 _EXAMPLES = """examples:
   ppc_attitude run --config config/paper.yaml
   ppc_attitude run --config config/paper.yaml --config config/sudden_disturbance.yaml
@@ -124,10 +107,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("ppc_attitude"):
             raise
-        missing = f"this needs {error.name}, which is not installed"
-        if error.name == "rclpy":
-            missing += ": source ROS 2 Jazzy, or pip install 'ppc_attitude[ros]'"
-        print(f"error: {missing}", file=sys.stderr)
+        name, hint = (error.name or "").partition(".")[0], ""
+        if name.startswith("rcl") or name.endswith(("_msgs", "_srvs")):  # whichever came first
+            name, hint = "rclpy", ": source ROS 2 Jazzy, or pip install 'ppc_attitude[ros]'"
+        print(f"error: this needs {name}, which is not installed{hint}", file=sys.stderr)
         return BAD_INPUT
     except BrokenPipeError:
         raise

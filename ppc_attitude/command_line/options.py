@@ -38,20 +38,36 @@ PAPER_DURATION = 120.0  # [s] what a scenario without a duration of its own runs
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Add --config, --duration and --controller."""
-    parser.add_argument(
-        "--config",
-        metavar="FILE",
-        type=Path,
-        action="append",
-        default=[],
-        help="ROS parameter file; may be given several times, later files win",
-    )
+    text = "ROS parameter file; may be given several times, later files win"
+    _add_files(parser, "--config", text)
     parser.add_argument(
         "--duration", metavar="S", type=positive, help="simulated time [s]; the plant's `duration`"
     )
     parser.add_argument(
         "--controller", choices=tuple(CONTROLLERS.components), help="the control law"
     )
+
+
+def _add_files(parser: argparse.ArgumentParser, option: str, description: str) -> None:
+    """Add an option that names a file and may be given several times."""
+    parser.add_argument(
+        option, metavar="FILE", type=Path, action="append", default=[], help=description
+    )
+
+
+def add_namespace_option(parser: argparse.ArgumentParser) -> None:
+    """Add --namespace, of a stack that runs."""
+    parser.add_argument(
+        "--namespace", metavar="NS", default="", help="namespace of the stack; default none"
+    )
+
+
+def add_stack_options(parser: argparse.ArgumentParser, event: str) -> None:
+    """Add --at and --namespace, for what a running stack is asked to do."""
+    parser.add_argument(
+        "--at", metavar="T", type=positive, help=f"simulated time [s] {event}; default now"
+    )
+    add_namespace_option(parser)
 
 
 def add_reading_options(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
@@ -94,14 +110,8 @@ def record_of(arguments: argparse.Namespace) -> RunRecord:
 
 def add_requirements_option(parser: argparse.ArgumentParser) -> None:
     """Add --requirements."""
-    parser.add_argument(
-        "--requirements",
-        metavar="FILE",
-        type=Path,
-        action="append",
-        default=[],
-        help="what the run is judged by, over config/requirements.yaml; later files win",
-    )
+    text = "what the run is judged by, over config/requirements.yaml; later files win"
+    _add_files(parser, "--requirements", text)
 
 
 def required_of(arguments: argparse.Namespace) -> Requirements:

@@ -62,6 +62,7 @@ class BaseNode(Node):
     """
 
     executable = ""
+    now = staticmethod(time.monotonic)  # [s] by the wall clock; a test has a clock of its own
 
     def __init__(self) -> None:
         super().__init__(self.executable)
@@ -71,9 +72,9 @@ class BaseNode(Node):
         self.failure = ""
         self.wake_at = 0.0  # on the monotonic clock [s]
         self.waits = bool(self.parameters.values.get(WAIT_FOR_RECORDER.name, False))
-        self.health = Health(time.monotonic())
+        self.health = Health(self.now())
         self._subscribe: list[Callable[[], None]] = []  # put off until the recorder listens
-        self._born = time.monotonic()
+        self._born = self.now()
         self._incoming: list[str] = []
         self._outgoing: list[Any] = []
         self._diagnostics = self.create_publisher(
@@ -93,7 +94,7 @@ class BaseNode(Node):
 
     def wake(self) -> float:
         """Do what is due by the wall clock; return the time [s] until the next call."""
-        now = time.monotonic()
+        now = self.now()
         if self.health.idle_report_is_due(now):
             self._publish_diagnostics()
         self._look_for_others(now)
@@ -197,7 +198,7 @@ class BaseNode(Node):
 
     def say_waiting(self, since: float, text: Callable[[], str]) -> None:
         """Log every few seconds what is waited for since a time [s] of the monotonic clock."""
-        now = time.monotonic()
+        now = self.now()
         if now - since >= _SAY_WAITING and self.health.may_log("waiting", now, _SAY_WAITING):
             tell(WAITING, text())
             self.get_logger().warning(text())
@@ -209,12 +210,12 @@ class BaseNode(Node):
 
     def complain(self, kind: str, text: str) -> None:
         """Log a warning, at most once a second for each kind."""
-        if self.health.may_log(kind, time.monotonic()):
+        if self.health.may_log(kind, self.now()):
             self.get_logger().warning(text)
 
     def mention(self, kind: str, text: str) -> None:
         """Log an event that a user can trigger from outside, at most once a second."""
-        if self.health.may_log(f"{kind} (accepted)", time.monotonic()):
+        if self.health.may_log(f"{kind} (accepted)", self.now()):
             self.get_logger().info(text)
 
     def say(self, text: str, warning: bool) -> None:
@@ -227,7 +228,7 @@ class BaseNode(Node):
 
     def report(self, stamp_ns: int, at_once: bool = False) -> None:
         """Publish diagnostics once per simulated second, or at once."""
-        if self.health.step(stamp_ns, time.monotonic()) or at_once:
+        if self.health.step(stamp_ns, self.now()) or at_once:
             self._publish_diagnostics()
 
     def fail(self, stamp_ns: int, reason: str) -> None:
@@ -241,7 +242,7 @@ class BaseNode(Node):
 
     def is_idle(self) -> bool:
         """True if no step has come for a while."""
-        return self.health.is_idle(time.monotonic())
+        return self.health.is_idle(self.now())
 
     def _look_for_others(self, now: float) -> None:
         """Fail if another node publishes what this one does; the one that came first goes on."""
@@ -267,9 +268,9 @@ class BaseNode(Node):
 
     def flush(self) -> None:
         """Wait until every peer has what this node has sent; name those that do not take it."""
-        end = time.monotonic() + _ACKNOWLEDGE
+        end = self.now() + _ACKNOWLEDGE
         for publisher in self._outgoing:
-            left = Duration(seconds=max(end - time.monotonic(), 0.0))
+            left = Duration(seconds=max(end - self.now(), 0.0))
             if publisher.get_subscription_count() and not publisher.wait_for_all_acked(left):
                 readers = self.get_subscriptions_info_by_topic(publisher.topic_name)
                 names = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in readers}

@@ -14,7 +14,6 @@
 
 """A node that runs components: it collects their inputs by stamp, steps, publishes the outputs."""
 
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -83,7 +82,7 @@ class ComponentNode(BaseNode):
 
     def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         name = self._topics[0].name
-        for stamp, answer in self.answers.to(name, stamp_ns, parts, time.monotonic()).items():
+        for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
             for column, send in self._senders.items():
                 send(stamp, answer[column])
         for advice in self.chain.news():

@@ -14,25 +14,18 @@
 
 """One goal: a short-lived node that publishes on `goal_pose` and waits for the answer."""
 
-import os
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import rclpy
-import rclpy.utilities
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
-from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.nodes.guidance_desk import ABOUT, ORDERS
-from ppc_attitude.nodes.namespaces import absolute_namespace
 from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
-
-_PATIENCE = 10.0  # [s] how long the reference generator may take to be found and to answer
 
 
 class Answer(NamedTuple):
@@ -40,10 +33,6 @@ class Answer(NamedTuple):
 
     text: str
     followed: bool
-
-
-class NoAnswerError(Exception):
-    """The stack did not answer; says what was waited for."""
 
 
 def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> Answer:
@@ -62,18 +51,11 @@ def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> A
 
     Raises
     ------
-    NoAnswerError
+    TimeoutError
         Nobody listens, or nobody answers.
     """
-    home = absolute_namespace(namespace)
-    check_discovery(os.environ)
-    rclpy.init()
-    node = Node("goto", namespace=home)
-    try:
+    with visiting("goto", namespace) as node:
         return _go_to(node, attitude, frame, at)
-    finally:
-        node.destroy_node()
-        rclpy.utilities.try_shutdown()
 
 
 def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answer:
@@ -91,7 +73,7 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
     goal.header.stamp.sec, goal.header.stamp.nanosec = divmod(nanoseconds(at), NANOSECONDS)
     turn = goal.pose.orientation
     turn.x, turn.y, turn.z, turn.w = map(float, attitude)
-    _wait(
+    await_answer(
         node,
         lambda: (
             publisher.get_subscription_count() > 0
@@ -103,20 +85,12 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
     heard.clear()
     publisher.publish(goal)
     if at > 0.0:
-        _wait(node, publisher.wait_for_all_acked, "the goal was not taken")
+        await_answer(node, publisher.wait_for_all_acked, "the goal was not taken")
         return Answer(f"goal sent, to begin at t = {at:g} s", followed=True)
-    _wait(node, lambda: bool(heard), f"no answer on {GUIDANCE_STATUS.name}")
+    await_answer(node, lambda: bool(heard), f"no answer on {GUIDANCE_STATUS.name}")
     return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)
 
 
 def _answers(status: DiagnosticStatus) -> bool:
     """True if a status is about an order, not about what moves."""
     return any(each.key == ABOUT and each.value == ORDERS for each in status.values)
-
-
-def _wait(node: Node, condition: Callable[[], bool], complaint: str) -> None:
-    end = time.monotonic() + _PATIENCE
-    while not condition():
-        if time.monotonic() > end:
-            raise NoAnswerError(f"{complaint} (waited {_PATIENCE:g} s)")
-        rclpy.spin_once(node, timeout_sec=0.05)

@@ -14,28 +14,15 @@
 
 """One injection: a short-lived node that asks the injector, and hears what it answers."""
 
-import os
-import time
-from collections.abc import Callable
-
-import rclpy
-import rclpy.utilities
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ppc_attitude.contract.cdr import finite
 from ppc_attitude.contract.topics import INJECTOR
-from ppc_attitude.nodes.discovery import check_discovery
-from ppc_attitude.nodes.namespaces import absolute_namespace
+from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.disturbances.pulses import TIMES
 from ppc_attitude.science.errors import ConfigurationError
-
-_PATIENCE = 10.0  # [s] how long the injector may take to be found and to answer
-
-
-class NoAnswerError(Exception):
-    """The injector did not answer; says what was waited for."""
 
 
 def inject(torque: tuple[float, ...], at: float, duration: float | None, namespace: str) -> str:
@@ -61,44 +48,30 @@ def inject(torque: tuple[float, ...], at: float, duration: float | None, namespa
     ------
     ConfigurationError
         The torque is not finite, the time too large, the namespace none, or the injector refuses.
-    NoAnswerError
+    TimeoutError
         No injector answered.
     """
     if not finite(torque):
         raise ConfigurationError(f"torque = {torque} N·m; allowed: finite")
     if at > (latest := TIMES.high):
         raise ConfigurationError(f"at = {at:g} s; allowed: up to {latest:g}")
-    home = absolute_namespace(namespace)
-    check_discovery(os.environ)
-    rclpy.init()
-    node = Node("inject", namespace=home)
-    try:
+    with visiting("inject", namespace) as node:
         return _ask(node, {"torque": list(torque), "start": at, "duration": duration})
-    finally:
-        node.destroy_node()
-        rclpy.utilities.try_shutdown()
 
 
 def _ask(node: Node, wishes: dict[str, object]) -> str:
     client = node.create_client(SetParametersAtomically, f"{INJECTOR}/inject")
     name = node.resolve_service_name(f"{INJECTOR}/inject")
-    _wait(node, client.service_is_ready, f"nobody offers {name}: does a stack run in this domain?")
+    complaint = f"nobody offers {name}: does a stack run in this domain?"
+    await_answer(node, client.service_is_ready, complaint)
     parameters = [
         Parameter(key, value=value).to_parameter_msg()
         for key, value in wishes.items()
         if value is not None
     ]
     future = client.call_async(SetParametersAtomically.Request(parameters=parameters))
-    _wait(node, future.done, f"{name} did not answer")
+    await_answer(node, future.done, f"{name} did not answer")
     result = future.result().result
     if not result.successful:
         raise ConfigurationError(result.reason)
     return str(result.reason)
-
-
-def _wait(node: Node, condition: Callable[[], bool], complaint: str) -> None:
-    end = time.monotonic() + _PATIENCE
-    while not condition():
-        if time.monotonic() > end:
-            raise NoAnswerError(f"{complaint} (waited {_PATIENCE:g} s)")
-        rclpy.spin_once(node, timeout_sec=0.05)

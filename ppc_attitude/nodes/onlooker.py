@@ -14,17 +14,13 @@
 
 """What a running stack says right now: latest samples and health, for those who only look on."""
 
-import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 
-import rclpy
-import rclpy.utilities
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.declared import (
@@ -41,11 +37,10 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.latest import LatestSamples
-from ppc_attitude.nodes.namespaces import absolute_namespace
 from ppc_attitude.nodes.qos import subscribed
+from ppc_attitude.nodes.visiting import visiting
 from ppc_attitude.runtime.stamps import RefusedError
 
 WATCHED = (
@@ -139,16 +134,5 @@ def looking_on(namespace: str) -> Iterator[Onlooker]:
     ConfigurationError
         The namespace cannot be one.
     """
-    home = absolute_namespace(namespace)
-    check_discovery(os.environ)
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = Node("watch", namespace=home)
-        onlooker = Onlooker(node)
-        try:
-            yield onlooker
-        finally:
-            onlooker.close()
-            node.destroy_node()
-    finally:
-        rclpy.utilities.try_shutdown()
+    with visiting("watch", namespace) as node, closing(Onlooker(node)) as onlooker:
+        yield onlooker

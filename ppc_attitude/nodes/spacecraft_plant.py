@@ -15,7 +15,6 @@
 """The plant: moves the craft, publishes its state, and owns simulated time."""
 
 import sys
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -73,7 +72,7 @@ class SpacecraftPlant(BaseNode):
             waits=bool(values[WAIT_FOR_RECORDER.name]),
         )
         kind = Lockstep if values["lockstep"] else FreeRunning
-        self.pace = kind(self, rules, time.monotonic())
+        self.pace = kind(self, rules, self.now())
         self._set_pace()
         for topic in topics:
             self.listen(topic, self._receiver(topic.name))
@@ -151,8 +150,8 @@ class SpacecraftPlant(BaseNode):
         for name in self._acted_columns:
             self._senders[name](self._acted_at, self._acted[name])
         self.report(self._stamp)
-        if time.monotonic() - self._told_at > _PROGRESS_PERIOD:
-            self._told_at = time.monotonic()
+        if self.now() - self._told_at > _PROGRESS_PERIOD:
+            self._told_at = self.now()
             tell(TIME, seconds(self._stamp))
 
     def is_published(self, name: str) -> bool:
@@ -180,7 +179,7 @@ class SpacecraftPlant(BaseNode):
     def _moved(self, move: Callable[..., Any], *values: Any) -> Any:
         """Let the pace do something at the present time; see whether the craft goes on."""
         try:
-            result = move(*values, time.monotonic())
+            result = move(*values, self.now())
         except _DivergedError as reason:
             self.fail(self._stamp, f"diverged: {reason}")
             return None
@@ -200,7 +199,7 @@ class SpacecraftPlant(BaseNode):
         return longest if wait is None else float(wait)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        self.pace.begin(time.monotonic())
+        self.pace.begin(self.now())
         self.wake_now()
         self.get_logger().info("reset: time begins again at zero")
         response.success = True
@@ -209,7 +208,7 @@ class SpacecraftPlant(BaseNode):
 
     def status(self) -> Status:
         """Waiting, zero torque for lack of commands, or running."""
-        return self.pace.report(time.monotonic())
+        return self.pace.report(self.now())
 
 
 class _DivergedError(Exception):

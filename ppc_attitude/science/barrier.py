@@ -16,34 +16,16 @@
 
 import math
 
-from ppc_attitude.science.kernel import Vector, dot, kernel, scale
-
-_LN_2 = math.log(2.0)
-
-
-@kernel
-def ln_cosh(x: float) -> float:
-    """ln(cosh(x)) without overflow."""
-    magnitude = abs(x)
-    return magnitude + math.log1p(math.exp(-2.0 * magnitude)) - _LN_2
-
-
-@kernel
-def barrier(epsilon: Vector, k: float, F: float) -> float:
-    """V_B = (k/2) F ln cosh(εᵀε/F): finite everywhere, also outside the envelope."""
-    return 0.5 * k * F * ln_cosh(dot(epsilon, epsilon) / F)
+from ppc_attitude.science.kernel import Vector, dot, kernel
 
 
 @kernel
 def barrier_gain(epsilon: Vector, k: float, F: float) -> float:
-    """K tanh(εᵀε/F), the factor of ε in the gradient."""
+    """K tanh(εᵀε/F), the factor of ε in the gradient of V_B = (k/2) F ln cosh(εᵀε/F).
+
+    V_B is finite everywhere, also outside the envelope, where the logarithmic barrier is singular.
+    """
     return k * math.tanh(dot(epsilon, epsilon) / F)
-
-
-@kernel
-def barrier_gradient(epsilon: Vector, k: float, F: float) -> Vector:
-    """∇V_B = k tanh(εᵀε/F) ε: bounded growth where the logarithmic barrier is singular."""
-    return scale(barrier_gain(epsilon, k, F), epsilon)
 
 
 @kernel

@@ -133,13 +133,11 @@ class Advice(NamedTuple):
     numbers: Mapping[str, float] = MappingProxyType({})
 
 
-NOTHING = np.dtype([("nothing", np.float64)])
-"""State or configuration of a component that has none."""
+_NOTHING = np.dtype([("nothing", np.float64)])  # state or configuration of who has none
 
 
-def no_configuration(values: Mapping[str, Any]) -> Any:
-    """Build the record of a component that needs none."""
-    return np.zeros((), NOTHING)[()]
+def _no_configuration(values: Mapping[str, Any]) -> Any:
+    return np.zeros((), _NOTHING)[()]
 
 
 def _no_advice(state: Any) -> Advice:
@@ -154,9 +152,9 @@ def _never(values: Mapping[str, Any]) -> bool:
     return False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Component:
-    """A part of the craft, or of what surrounds and steers it.
+    """A part of the craft, or of what surrounds and steers it; it says nothing of what it has not.
 
     Attributes
     ----------
@@ -189,11 +187,11 @@ class Component:
     """
 
     name: str
-    parameters: tuple[Parameter, ...]
-    configure: Callable[[Mapping[str, Any]], Any]
-    configuration: np.dtype[Any]
-    state: np.dtype[Any]
-    inputs: tuple[Column, ...]
+    parameters: tuple[Parameter, ...] = ()
+    configure: Callable[[Mapping[str, Any]], Any] = _no_configuration
+    configuration: np.dtype[Any] = _NOTHING
+    state: np.dtype[Any] = _NOTHING
+    inputs: tuple[Column, ...] = ()
     outputs: tuple[Column, ...]
     step: Callable[[Any, Any, Any, Any], None]
     advice: Callable[[Any], Advice] = _no_advice

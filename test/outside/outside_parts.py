@@ -34,12 +34,10 @@ from ppc_attitude.science.attitude import (
 from ppc_attitude.science.component import (
     BODY,
     INERTIAL,
-    NOTHING,
     QUATERNION,
     VECTOR,
     Column,
     Component,
-    no_configuration,
 )
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
@@ -165,10 +163,6 @@ def step_sensors(inputs: Any, state: Any, configuration: Any, outputs: Any) -> N
 
 SENSORS = Component(
     name="rounding",
-    parameters=(),
-    configure=no_configuration,
-    configuration=NOTHING,
-    state=NOTHING,
     inputs=TRUTH,
     outputs=(ROUNDED_ATTITUDE, ROUNDED_RATE),
     step=step_sensors,
@@ -195,9 +189,6 @@ def step_estimator(inputs: Any, state: Any, configuration: Any, outputs: Any) ->
 
 ESTIMATOR = Component(
     name="two_rates",
-    parameters=(),
-    configure=no_configuration,
-    configuration=NOTHING,
     state=ESTIMATOR_STATE,
     inputs=(ROUNDED_ATTITUDE, ROUNDED_RATE),
     outputs=(*TOLD, RATE_CHANGE),
@@ -235,8 +226,6 @@ REFERENCE = Component(
     parameters=(TURN, START),
     configure=configure_reference,
     configuration=REFERENCE_CONFIGURATION,
-    state=NOTHING,
-    inputs=(),
     outputs=DESIRED_MOTION,
     step=step_reference,
 )
@@ -271,7 +260,6 @@ LAW = Component(
     parameters=(INERTIA, MAX_TORQUE),
     configure=configure_law,
     configuration=LAW_CONFIGURATION,
-    state=NOTHING,
     inputs=INPUTS,
     outputs=(*OUTPUTS, USE),
     step=step_law,

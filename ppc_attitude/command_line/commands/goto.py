@@ -16,10 +16,9 @@
 
 import argparse
 import math
-import sys
 
-from ppc_attitude.command_line.errors import BROKEN, DONE, REQUIREMENT_FAILED
-from ppc_attitude.command_line.options import positive
+from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.options import add_stack_options
 from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.guidance.attitudes import from_euler, from_vectors
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
@@ -61,21 +60,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--frame", choices=FRAME_NAMES, default=FRAME_NAMES[0], help="what it is relative to"
     )
-    parser.add_argument(
-        "--at",
-        metavar="T",
-        type=positive,
-        help="simulated time [s] at which the turn begins; default now",
-    )
-    parser.add_argument(
-        "--namespace", metavar="NS", default="", help="namespace of the stack; default none"
-    )
+    add_stack_options(parser, "at which the turn begins")
     parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Send the goal and print the answer."""
-    from ppc_attitude.nodes.goto import NoAnswerError, go_to
+    from ppc_attitude.nodes.goto import go_to
 
     if arguments.quaternion:
         attitude = unit_quaternion("--quaternion", arguments.quaternion).tolist()
@@ -84,10 +75,6 @@ def execute(arguments: argparse.Namespace) -> int:
     else:
         n = arguments.vectors
         attitude = from_vectors(n[:3], n[3:6], n[6:9], n[9:])
-    try:
-        answer = go_to(attitude, arguments.frame, arguments.at or 0.0, arguments.namespace)
-    except NoAnswerError as reason:
-        print(f"error: {reason}", file=sys.stderr)
-        return BROKEN
+    answer = go_to(attitude, arguments.frame, arguments.at or 0.0, arguments.namespace)
     print(answer.text)
     return DONE if answer.followed else REQUIREMENT_FAILED

@@ -15,10 +15,9 @@
 """`ppc_attitude inject`: a sudden torque into a running stack, without the ros2 command."""
 
 import argparse
-import sys
 
-from ppc_attitude.command_line.errors import BROKEN, DONE
-from ppc_attitude.command_line.options import positive
+from ppc_attitude.command_line.errors import DONE
+from ppc_attitude.command_line.options import add_stack_options, positive
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -39,26 +38,14 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=positive,
         help="how long it acts [s]; default the injector's `injection_duration`",
     )
-    parser.add_argument(
-        "--at",
-        metavar="T",
-        type=positive,
-        help="simulated time [s] at which it begins; default now",
-    )
-    parser.add_argument(
-        "--namespace", metavar="NS", default="", help="namespace of the stack; default none"
-    )
+    add_stack_options(parser, "at which it begins")
     parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Inject and say what the injector answered."""
-    from ppc_attitude.nodes.inject import NoAnswerError, inject
+    from ppc_attitude.nodes.inject import inject
 
     torque = (arguments.x, arguments.y, arguments.z)
-    try:
-        print(inject(torque, arguments.at or 0.0, arguments.duration, arguments.namespace))
-    except NoAnswerError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BROKEN
+    print(inject(torque, arguments.at or 0.0, arguments.duration, arguments.namespace))
     return DONE

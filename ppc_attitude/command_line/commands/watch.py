@@ -22,7 +22,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from ppc_attitude.command_line.errors import DONE, RunError
-from ppc_attitude.command_line.options import positive
+from ppc_attitude.command_line.options import add_namespace_option, positive
 from ppc_attitude.contract.topics import ATTITUDE
 
 if TYPE_CHECKING:
@@ -42,9 +42,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
             "the domain that ROS_DOMAIN_ID names. Ctrl-C ends it; the stack does not notice."
         ),
     )
-    parser.add_argument(
-        "--namespace", metavar="NS", default="", help="namespace of the stack; default none"
-    )
+    add_namespace_option(parser)
     parser.add_argument("--once", action="store_true", help="print one picture and end")
     parser.add_argument(
         "--timeout",

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.component import NOTHING, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, kernel, store, vector
 from ppc_attitude.science.parameter import Parameter
@@ -87,7 +87,6 @@ COMPONENT = Component(
     parameters=(MAX_TORQUE, MIN_TORQUE),
     configure=configure,
     configuration=CONFIGURATION,
-    state=NOTHING,
     inputs=(TORQUE_COMMAND,),
     outputs=(APPLIED_TORQUE,),
     step=step,

@@ -41,12 +41,7 @@ from ppc_attitude.science.controllers.common import (
     envelope_of,
     is_diagonal,
 )
-from ppc_attitude.science.controllers.interface import (
-    INPUTS,
-    OUTPUTS,
-    error_state,
-    store_command,
-)
+from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.envelope_plan import (
     PLAN,
     carry_on,
@@ -150,12 +145,7 @@ MEMORY = np.dtype(
     align=True,
 )
 AUXILIARY_STATE = Column(
-    "auxiliary_state",
-    "control/auxiliary_state",
-    VECTOR,
-    BODY,
-    "1",
-    "anti-saturation state θ",
+    "auxiliary_state", "control/auxiliary_state", VECTOR, BODY, "1", "anti-saturation state θ"
 )
 # δ of the auxiliary system: the smallest |θ| that divides; the paper divides by zero at θ = 0.
 _DELTA = 1e-3

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.component import NOTHING, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, array_at, kernel, store, vector
 from ppc_attitude.science.parameter import Parameter
@@ -118,7 +118,6 @@ COMPONENT = Component(
     parameters=(TIMES, DURATIONS, TORQUES),
     configure=configure,
     configuration=CONFIGURATION,
-    state=NOTHING,
     inputs=(ENVIRONMENT_TORQUE,),
     outputs=(DISTURBANCE,),
     step=step,

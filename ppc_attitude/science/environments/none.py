@@ -16,7 +16,7 @@
 
 from typing import Any
 
-from ppc_attitude.science.component import NOTHING, Component, no_configuration
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import kernel, store
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
@@ -29,11 +29,6 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 COMPONENT = Component(
     name="none",
-    parameters=(),
-    configure=no_configuration,
-    configuration=NOTHING,
-    state=NOTHING,
-    inputs=(),
     outputs=(ENVIRONMENT_TORQUE,),
     step=step,
 )

@@ -17,7 +17,7 @@
 import math
 from typing import Any
 
-from ppc_attitude.science.component import NOTHING, Component, no_configuration
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import Vector, kernel, store
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
@@ -45,11 +45,6 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 COMPONENT = Component(
     name="paper",
-    parameters=(),
-    configure=no_configuration,
-    configuration=NOTHING,
-    state=NOTHING,
-    inputs=(),
     outputs=(ENVIRONMENT_TORQUE,),
     step=step,
 )

@@ -15,6 +15,7 @@
 
 """Bounds that follow from the craft alone: inertia, gyroscopic torque, tumbling, boxes."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 
@@ -66,10 +67,10 @@ class Body:
         return arithmetic.largest(*norms)
 
 
-def sum_of(values: object) -> Number:
+def sum_of(values: Iterable[Number]) -> Number:
     """Add numbers of any arithmetic."""
     total: Number = 0
-    for value in values:  # type: ignore[attr-defined]
+    for value in values:
         total = total + value
     return total
 

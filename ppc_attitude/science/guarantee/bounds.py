@@ -15,6 +15,7 @@
 
 """Everything that the proof bounds, for given assumptions and a given law (docs/guarantee.md)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ppc_attitude.science.controllers.brake import BLEND
@@ -140,9 +141,9 @@ class _Maker:
         fastest = arithmetic.largest(self.Omega, self.stop_rate + self.W)
         self.gyroscopic = (self.epsilon * spread + e_S * self.body.most) * fastest * fastest
 
-    def triple(self, function: object) -> Numbers:
+    def triple(self, function: Callable[[int], Number]) -> Numbers:
         """Value of a function of the axis for each axis."""
-        x, y, z = (function(i) for i in range(3))  # type: ignore[operator]
+        x, y, z = (function(i) for i in range(3))
         return x, y, z
 
     def acceleration(self, rate: Number, variation: Numbers) -> Number:

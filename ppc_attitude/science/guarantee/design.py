@@ -471,6 +471,6 @@ def _rounded(value: float) -> float:
     return float(f"{value:.9g}")
 
 
-def _triple(values: object) -> Triple:
-    x, y, z = (float(each) for each in values)  # type: ignore[attr-defined]
+def _triple(values: Iterable[float]) -> Triple:
+    x, y, z = (float(each) for each in values)
     return x, y, z

@@ -166,7 +166,6 @@ COMPONENT = Component(
     configure=configure,
     configuration=REFERENCE,
     state=CURSOR,
-    inputs=(),
     outputs=DESIRED_MOTION,
     step=step,
 )

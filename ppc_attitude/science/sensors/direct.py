@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import euler_step, kinematics, normalised
-from ppc_attitude.science.component import NOTHING, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
@@ -118,7 +118,6 @@ COMPONENT = Component(
     parameters=(*_SIZES, SEED),
     configure=configure,
     configuration=CONFIGURATION,
-    state=NOTHING,
     inputs=TRUTH,
     outputs=TOLD,
     step=step,

@@ -1,0 +1,86 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What commands share that visit a running stack: a node for a while, and patience."""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import rclpy
+import rclpy.utilities
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
+
+from ppc_attitude.nodes.discovery import check_discovery
+from ppc_attitude.science.errors import ConfigurationError
+
+_PATIENCE = 10.0  # [s] how long who is asked may take to be found and to answer
+
+
+@contextmanager
+def visiting(name: str, namespace: str) -> Iterator[Node]:
+    """Give a node of this name in the namespace of a stack, for as long as it is needed.
+
+    Raises
+    ------
+    ConfigurationError
+        The namespace is none, or the environment lets no node find another.
+    """
+    home = absolute_namespace(namespace)
+    check_discovery(os.environ)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = Node(name, namespace=home)
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+    finally:
+        rclpy.utilities.try_shutdown()
+
+
+def absolute_namespace(text: str) -> str:
+    """Return a namespace, given with or without its slashes, as ROS takes it.
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be one.
+    """
+    result = f"/{text.strip('/')}"
+    try:
+        validate_namespace(result)
+    except InvalidNamespaceException as error:
+        reason = str(error).partition("\n")[0].rstrip(":")
+        raise ConfigurationError(f"namespace {text!r}: {reason}") from None
+    return result
+
+
+def await_answer(node: Node, condition: Callable[[], bool], complaint: str) -> None:
+    """Let a node work until a condition holds.
+
+    Raises
+    ------
+    TimeoutError
+        It did not hold in time; says the complaint.
+    """
+    end = time.monotonic() + _PATIENCE
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError(f"{complaint} (waited {_PATIENCE:g} s)")
+        rclpy.spin_once(node, timeout_sec=0.05)
