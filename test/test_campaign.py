@@ -40,8 +40,8 @@ from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, campaign
 from ppc_attitude.campaign.draw import draw, scenario_of, varying
 from ppc_attitude.campaign.execution import outcomes
-from ppc_attitude.campaign.fan import QUANTITIES, UNKNOWN
 from ppc_attitude.campaign.pools import WorkerLostError
+from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN
 from ppc_attitude.campaign.results import BATCH
 from ppc_attitude.campaign.rows import (
     CampaignError,
@@ -173,7 +173,7 @@ def test_error_over_time_counts_every_run_in_every_bin(finished: Finished) -> No
     for each in kept:
         counts[each["quantity"], each["from_s"]] += each["runs"]
     assert set(counts.values()) == {RUNS}
-    assert len(counts) == len(QUANTITIES) * finished.fan.counts.shape[1]
+    assert len(counts) == len(QUANTITIES) * finished.bands.counts.shape[1]
     at_start = [e for e in kept if e["quantity"] == "attitude_error" and e["from_s"] == 0.0]
     for index in range(RUNS):
         error = np.abs(pointing_errors(rerun(small(), index)[0]).quaternions[0, :3]).max()

@@ -37,8 +37,15 @@ from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished
 from ppc_attitude.campaign.draw import DRAWN
-from ppc_attitude.campaign.fan import EDGES, QUANTITIES, UNKNOWN, Fan, levels_of, time_bins
-from ppc_attitude.campaign.figures import failing_figure, fan_figure, telling_variables
+from ppc_attitude.campaign.figures import bands_figure, failing_figure, telling_variables
+from ppc_attitude.campaign.quantile_bands import (
+    EDGES,
+    QUANTITIES,
+    UNKNOWN,
+    QuantileBands,
+    levels_of,
+    time_bins,
+)
 from ppc_attitude.campaign.report import write_campaign_report
 from ppc_attitude.campaign.summary import WORST, Fraction, Summary
 from ppc_attitude.command_line.main import main
@@ -72,29 +79,29 @@ def test_a_bin_with_a_hole_is_unknown() -> None:
     assert unknown.tolist() == [np.searchsorted(starts, 6000, "right") - 1]
 
 
-def fan_of(values: np.ndarray) -> Fan:
-    """Fan of one time bin in which the runs have these attitude errors."""
-    fan = Fan(np.array([0.0, 1.0]))
+def bands_of(values: np.ndarray) -> QuantileBands:
+    """Bands of one time bin in which the runs have these attitude errors."""
+    bands = QuantileBands(np.array([0.0, 1.0]))
     for value in values:
         level = np.full((len(QUANTITIES), 1), UNKNOWN, np.uint8)
         level[0] = np.searchsorted(EDGES, value, "right")
-        fan.add(level)
-    return fan
+        bands.add(level)
+    return bands
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.25, 0.5, 0.95, 1.0])
 def test_quantiles_are_true_to_a_level(share: float) -> None:
     values = np.exp(np.random.default_rng(2).normal(-6.0, 1.0, 5000))
-    (found,) = fan_of(values).quantiles("attitude_error", share)
+    (found,) = bands_of(values).quantiles("attitude_error", share)
     assert abs(math.log10(found / np.quantile(values, share))) <= 1 / 32 + 1e-9
 
 
 def test_counts_know_no_order() -> None:
     values = np.exp(np.random.default_rng(2).normal(-6.0, 1.0, 500)).tolist()
     shuffled = random.Random(1).sample(values, len(values))
-    forward, other = fan_of(np.array(values)), fan_of(np.array(shuffled))
+    forward, other = bands_of(np.array(values)), bands_of(np.array(shuffled))
     assert np.array_equal(forward.counts, other.counts)
-    assert np.isnan(forward.quantiles("attitude_fill", 0.5)).all()
+    assert np.isnan(forward.quantiles("normalised_error", 0.5)).all()
 
 
 @pytest.mark.parametrize(("met", "judged"), [(0, 10), (3, 7), (50, 50), (9990, 10000)])
@@ -148,9 +155,11 @@ def test_variables_that_decide_come_first() -> None:
 
 
 def test_figures_show_what_they_are_given(finished: Finished) -> None:
-    top, bottom = fan_figure(finished.fan).axes
+    top, bottom = bands_figure(finished.bands).axes
     (median,) = [line for line in top.lines if line.get_label() == "median"]
-    np.testing.assert_array_equal(median.get_ydata(), finished.fan.quantiles("attitude_error", 0.5))
+    np.testing.assert_array_equal(
+        median.get_ydata(), finished.bands.quantiles("attitude_error", 0.5)
+    )
     assert len(bottom.collections) == 3
     summary = finished.summary
     figure = failing_figure(summary.passing, summary.failing, DRAWN)

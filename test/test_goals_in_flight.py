@@ -138,7 +138,7 @@ class Pilot:
 
     def seen(self) -> int:
         """How many orders the node has taken or refused."""
-        return self.node._desk._book.given + self.node.health.refused.total()
+        return self.node._desk._book.in_flight + self.node.health.refused.total()
 
     def hold(self) -> Any:
         client = self.peer.create_client(Trigger, "reference_generator/hold")

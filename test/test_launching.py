@@ -102,5 +102,5 @@ def test_the_launch_commands_of_the_pages(command: Command) -> None:
     file, *given = command.words[3:]
     assert (ROOT / "launch" / file).is_file()
     asked = Request(dict(word.split(":=") for word in given))
-    assert set(asked.given) <= set(SIDE_BY_SIDE if file == "compare.launch.py" else ARGUMENTS)
+    assert set(asked.values) <= set(SIDE_BY_SIDE if file == "compare.launch.py" else ARGUMENTS)
     assert asked.scenario(CONFIG), shlex.join(given)

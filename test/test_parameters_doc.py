@@ -18,6 +18,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +27,15 @@ import rclpy
 import yaml
 from conftest import StartProcess
 from process_helpers import PATIENCE
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 from test_layers import ROOT
 
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.parameters_doc import page
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER
+from ppc_attitude.nodes import running
 from ppc_attitude.science.rate_observer import PARAMETERS as FRONT
 from ppc_attitude.simulation.scenario import load, read_files
 
@@ -229,3 +231,34 @@ def test_a_dump_with_an_empty_list_starts_a_node(
     content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
     assert content["pulse_times"] == []
     assert content["environment"] == "none"
+
+
+@pytest.mark.ros
+def test_param_load_takes_what_yaml_takes_for_text(
+    start_process: StartProcess, asker: Node, tmp_path: Path
+) -> None:
+    """`ros2 param load` reads 3e-05 as text, by the same function of rclpy."""
+    start_process([sys.executable, "-m", f"ppc_attitude.nodes.{INJECTOR}"])
+    file = tmp_path / "load.yaml"
+    file.write_text(f"/{INJECTOR}:\n  ros__parameters: {{injection_duration: 3e-05}}\n")
+    parameters = list(parameter_dict_from_yaml_file(str(file)).values())
+    assert parameters[0].value.string_value == "3e-05"
+    request = SetParameters.Request(parameters=parameters)
+    answer = call(asker, f"/{INJECTOR}", SetParameters, "set_parameters", request)
+    assert [each.successful for each in answer.results] == [True]
+    content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
+    assert content["injection_duration"] == 3e-5
+
+
+@pytest.mark.parametrize("node", [INJECTOR, PLANT])
+def test_a_node_says_what_it_is_and_which_parameters_it_has(
+    node: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As `ros2 run ppc_attitude NODE --help` asks."""
+    monkeypatch.setattr(running, "StopRequest", lambda: None)  # it would take over the signals
+    monkeypatch.setattr(sys, "argv", [node, "--help"])
+    assert import_module(f"ppc_attitude.nodes.{node}").main() == 0
+    told = capsys.readouterr().out.splitlines()
+    assert any(line.startswith(f"usage: ros2 run ppc_attitude {node} ") for line in told)
+    assert {f"  {each.name}" for each in PARAMETERS[node]} <= set(told)
+    assert max(map(len, told)) <= 80

@@ -15,6 +15,7 @@
 """The spine over real DDS: `run` gives what `simulate` gives, and ends as it should."""
 
 import json
+import os
 import signal
 import sys
 from pathlib import Path
@@ -61,6 +62,10 @@ def test_two_runs_and_simulate_agree_to_the_last_bit(tmp_path, start_process):
         assert code == 0, err  # eight seconds are too short to settle
         assert out.splitlines()[-1] == f"bag: {bag}"
         assert "8.0/8.0 s" in err.splitlines()[-1]  # the bar ends at the end
+        assert "[INFO]" not in err
+    logs = [path.read_text() for path in Path(os.environ["ROS_LOG_DIR"]).glob("*.log")]
+    assert sum("ends: what it was to do is done" in log for log in logs) == len(bags), "the plants"
+    assert sum("ends: it was asked to" in log for log in logs) == len(bags) * (len(NODES) - 1)
     expected = simulate(load([PAPER]), 8.0)
     for bag in bags:
         record = read_run(bag)
@@ -100,6 +105,7 @@ def test_every_node_alone_ends_cleanly(tmp_path, start_process, number):
         code, _, err = finished(process)
         assert code == 0, (name, err)
         assert "Traceback" not in err
+        assert err.count("ends: it was asked to") == 1, (name, err)
     (bag,) = (tmp_path / "bags").iterdir()
     assert (bag / "metadata.yaml").exists()
 

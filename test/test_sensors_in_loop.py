@@ -80,7 +80,7 @@ def test_parts_stepped_one_by_one_give_the_loops_bits(rate: float, overlay: str)
             for _ in range(2 if part.component.name in repeated and k % 7 == 0 else 1):
                 part.step(stamp, inputs)
             for column in part.component.outputs:
-                values[column.name] = part.given(column.name)
+                values[column.name] = part.output(column.name)
         for column in ("gyro", "attitude", "estimate", "gyro_bias", "torque_command"):
             assert values[column] == expected.columns[column][k].tolist(), (column, k)
         for column in ("star_fix", "innovation"):

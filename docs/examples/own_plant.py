@@ -68,8 +68,8 @@ class OwnPlant(Node):
             w * r + x * q - y * p,
             -x * p - y * q - z * r,
         )
-        moved = [a + 0.5 * self.h * b for a, b in zip(self.q, rates, strict=True)]
-        self.q = [each / math.hypot(*moved) for each in moved]
+        middle = [a + 0.5 * self.h * b for a, b in zip(self.q, rates, strict=True)]
+        self.q = [each / math.hypot(*middle) for each in middle]
         self.publish()
         self.k += 1
 

@@ -179,9 +179,9 @@ def delayed(scenario: Scenario, delay: int) -> tuple[Any, Any, float]:
     for k, stamp in enumerate(exact.stamps_ns.tolist()):
         state = plant.step(stamp, torques)
         law.step(stamp, [*state, *(x for name in desired for x in exact[name][k])])
-        held.append(actuator.step(stamp, law.given("torque_command")))
+        held.append(actuator.step(stamp, law.output("torque_command")))
         torques = [*held.pop(0), *exact["disturbance_torque"][k]]
-        errors.append(np.abs(law.given("attitude_error")[:3]).max())
+        errors.append(np.abs(law.output("attitude_error")[:3]).max())
         rates.append(np.linalg.norm(state[4:]))
     return exact.t, np.array(errors), float(np.degrees(max(rates)))
 

@@ -141,7 +141,7 @@ class Measured:
         settling = float(self.t[unsettled[-1]]) if unsettled.size else 0.0
         norm = None if self.rate is None else np.linalg.norm(self.rate, axis=1)
         axis = None if self.rate is None else component_size(self.rate)
-        taken: dict[str, tuple[float | None, Span]] = {
+        measured: dict[str, tuple[float | None, Span]] = {
             "settling_time_s": (
                 settling if np.isfinite(size[self.calm]).any() else None,
                 self.calm_span,
@@ -164,8 +164,8 @@ class Measured:
             "max_rate_whole_run_deg_s": (largest(norm), self.whole),
             "max_rate_axis_whole_run_deg_s": (largest(axis), self.whole),
         }
-        values: dict[str, Any] = {name: value for name, (value, _) in taken.items()}
-        spans = {name: span for name, (value, span) in taken.items() if value is not None}
+        values: dict[str, Any] = {name: value for name, (value, _) in measured.items()}
+        spans = {name: span for name, (value, span) in measured.items() if value is not None}
         worst = largest(size, self.last) if values["terminal_error"] is not None else None
         calm = size[self.calm & np.isfinite(size)]
         return Metrics(

@@ -144,12 +144,12 @@ def load_requirements(paths: Iterable[Path]) -> Requirements:
         if not isinstance(content, Mapping):
             raise ConfigurationError(f"requirements file {path}: it must be `name: value` lines")
         try:
-            given = {name: _checked(name, value) for name, value in content.items()}
+            named = {name: _checked(name, value) for name, value in content.items()}
         except ConfigurationError as error:
             raise ConfigurationError(f"requirements file {path}: {error}") from None
-        if "limits" in given:
-            given["limits"] = {**required.limits, **given["limits"]}
-        required = replace(required, **given)
+        if "limits" in named:
+            named["limits"] = {**required.limits, **named["limits"]}
+        required = replace(required, **named)
     return required
 
 

@@ -22,8 +22,8 @@ from pathlib import Path
 
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.execution import outcomes
-from ppc_attitude.campaign.fan import Fan
 from ppc_attitude.campaign.pools import ClusterPool, LocalPool, Pool, cores
+from ppc_attitude.campaign.quantile_bands import QuantileBands
 from ppc_attitude.campaign.results import Results
 from ppc_attitude.campaign.rows import grid_of
 from ppc_attitude.campaign.summary import Summary
@@ -42,14 +42,14 @@ class Finished:
         How many runs were wanted; `summary.runs` were done.
     summary : Summary
         What it comes to.
-    fan : Fan
+    bands : QuantileBands
         Errors over time.
     """
 
     folder: Path
     total: int
     summary: Summary
-    fan: Fan
+    bands: QuantileBands
 
 
 def run_campaign(
@@ -101,7 +101,7 @@ def run_campaign(
             raise ConfigurationError(f"{name} = {value}; allowed: ≥ 1")
     grid = grid_of(campaign.rate, campaign.duration)
     finished = Finished(
-        folder, runs, Summary(campaign.required, campaign.variables), Fan(grid.ends)
+        folder, runs, Summary(campaign.required, campaign.variables), QuantileBands(grid.ends)
     )
     pool: Pool
     with beginning():
@@ -109,11 +109,11 @@ def run_campaign(
             pool = ClusterPool(campaign, scheduler)
         else:
             pool = LocalPool(campaign, workers or cores())
-    with closing(pool), Results(folder, campaign, finished.fan) as results:
+    with closing(pool), Results(folder, campaign, finished.bands) as results:
         for outcome in outcomes(campaign, runs, pool, stop or threading.Event()):
             results.add(outcome.row)
             finished.summary.add(outcome.row)
-            finished.fan.add(outcome.levels)
+            finished.bands.add(outcome.levels)
             if progress is not None:
                 progress(finished.summary.runs, runs)
     return finished

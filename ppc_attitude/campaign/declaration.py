@@ -181,38 +181,38 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
         A name or value in it is wrong, or some draw would make an impossible scenario.
     """
     allowed = (*(each.name for each in fields(Variables)), *SHORT)
-    given = keys("campaign", declaration, allowed)
+    declared = keys("campaign", declaration, allowed)
     length = base.number(PLANT, "duration")
     variables = Variables(
-        initial_attitude=_optional(given, "initial_attitude", attitudes),
-        initial_rate=_optional(given, "initial_rate", _rate),
-        inertia_error=_number(given, "inertia_error", _INERTIA),
-        disturbance=_optional(given, "disturbance", lambda n, g: _pulse(n, g, length)),
-        actuator_strength=_number(given, "actuator_strength", _STRENGTH),
-        parameters=varied(given, base),
+        initial_attitude=_optional(declared, "initial_attitude", attitudes),
+        initial_rate=_optional(declared, "initial_rate", _rate),
+        inertia_error=_number(declared, "inertia_error", _INERTIA),
+        disturbance=_optional(declared, "disturbance", lambda n, g: _pulse(n, g, length)),
+        actuator_strength=_number(declared, "actuator_strength", _STRENGTH),
+        parameters=varied(declared, base),
     )
     _check_strength(variables.actuator_strength, base)
-    return Campaign(base, variables, seed, dict(given))
+    return Campaign(base, variables, seed, dict(declared))
 
 
-def _optional(given: Mapping[str, Any], name: str, read: Any) -> Any:
-    return read(name, given[name]) if name in given else None
+def _optional(declared: Mapping[str, Any], name: str, read: Any) -> Any:
+    return read(name, declared[name]) if name in declared else None
 
 
-def _number(given: Mapping[str, Any], name: str, allowed: Range) -> Number | None:
-    return number(name, given[name], allowed) if name in given else None
+def _number(declared: Mapping[str, Any], name: str, allowed: Range) -> Number | None:
+    return number(name, declared[name], allowed) if name in declared else None
 
 
-def _rate(name: str, given: Any) -> tuple[Number, Direction]:
-    parts = keys(name, given, ("magnitude", "direction"))
+def _rate(name: str, declared: Any) -> tuple[Number, Direction]:
+    parts = keys(name, declared, ("magnitude", "direction"))
     return (
         number(f"{name}.magnitude", parts.get("magnitude"), _RATE),
         direction(f"{name}.direction", parts.get("direction", "sphere")),
     )
 
 
-def _pulse(name: str, given: Any, length: float) -> Pulse:
-    parts = keys(name, given, ("time", "duration", "torque", "direction"))
+def _pulse(name: str, declared: Any, length: float) -> Pulse:
+    parts = keys(name, declared, ("time", "duration", "torque", "direction"))
     within = Range(0.0, length, "s (the length of a run)")
     lasting = Range(0.0, length, "s (the length of a run)", open_low=True)
     return Pulse(

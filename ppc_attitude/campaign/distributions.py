@@ -191,14 +191,14 @@ def random_axes(stream: Generator) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.asarray(axes * np.sign(np.diag(triangle)))
 
 
-def number(name: str, given: Any, allowed: Range) -> Number:
+def number(name: str, declared: Any, allowed: Range) -> Number:
     """Read a distribution of numbers.
 
     Parameters
     ----------
     name : str
         What to call it in an error.
-    given : number or mapping
+    declared : number or mapping
         As it stands in the YAML.
     allowed : Range
         Where all its numbers must lie.
@@ -208,29 +208,29 @@ def number(name: str, given: Any, allowed: Range) -> Number:
     ConfigurationError
         It is no distribution, or can give a number that is not allowed.
     """
-    read = _read_number(name, given)
+    read = _read_number(name, declared)
     for end in read.support():
         if not allowed.holds(end):
             raise ConfigurationError(f"{name} can become {end:g}; allowed: {allowed}")
     return read
 
 
-def _read_number(name: str, given: Any) -> Number:
-    if not isinstance(given, Mapping):
-        return Fixed(_finite(name, given))
-    kind = given.get("distribution")
+def _read_number(name: str, declared: Any) -> Number:
+    if not isinstance(declared, Mapping):
+        return Fixed(_finite(name, declared))
+    kind = declared.get("distribution")
     if kind == "fixed":
-        return Fixed(*_fields(name, given, "value"))
+        return Fixed(*_fields(name, declared, "value"))
     if kind in ("uniform", "log_uniform"):
-        low, high = _fields(name, given, "low", "high")
+        low, high = _fields(name, declared, "low", "high")
         _check_order(name, low, high)
         if kind == "log_uniform" and low <= 0.0:
             raise ConfigurationError(f"{name}.low = {low:g}; allowed: > 0 for log_uniform")
         return Uniform(low, high, kind == "log_uniform")
     if kind == "normal":
-        return _read_normal(name, given)
+        return _read_normal(name, declared)
     if kind == "choice":
-        values = _only(name, given, "values")
+        values = _only(name, declared, "values")
         if not isinstance(values, list) or not values:
             raise ConfigurationError(f"{name}.values = {values!r}; allowed: a list of numbers")
         return Choice(tuple(_finite(f"{name}.values", each) for each in values))
@@ -239,11 +239,11 @@ def _read_number(name: str, given: Any) -> Number:
     )
 
 
-def _read_normal(name: str, given: Mapping[str, Any]) -> Normal:
-    keys(name, given, ("distribution", "mean", "deviation", "low", "high"))
-    mean, deviation = (_finite(f"{name}.{key}", given.get(key)) for key in ("mean", "deviation"))
-    low = _finite(f"{name}.low", given["low"]) if "low" in given else -math.inf
-    high = _finite(f"{name}.high", given["high"]) if "high" in given else math.inf
+def _read_normal(name: str, declared: Mapping[str, Any]) -> Normal:
+    keys(name, declared, ("distribution", "mean", "deviation", "low", "high"))
+    mean, deviation = (_finite(f"{name}.{key}", declared.get(key)) for key in ("mean", "deviation"))
+    low = _finite(f"{name}.low", declared["low"]) if "low" in declared else -math.inf
+    high = _finite(f"{name}.high", declared["high"]) if "high" in declared else math.inf
     if deviation <= 0.0:
         raise ConfigurationError(f"{name}.deviation = {deviation:g}; allowed: > 0")
     _check_order(name, low, high)
@@ -256,7 +256,7 @@ def _read_normal(name: str, given: Mapping[str, Any]) -> Normal:
     return read
 
 
-def direction(name: str, given: Any) -> Direction:
+def direction(name: str, declared: Any) -> Direction:
     """Read a direction: ``sphere`` or three numbers.
 
     Raises
@@ -264,18 +264,18 @@ def direction(name: str, given: Any) -> Direction:
     ConfigurationError
         It is neither, or has no length.
     """
-    if given == "sphere":
+    if declared == "sphere":
         return Direction(None)
-    if not isinstance(given, list) or len(given) != 3:
-        raise ConfigurationError(f"{name} = {given!r}; allowed: sphere, or three numbers")
-    x, y, z = (_finite(name, each) for each in given)
+    if not isinstance(declared, list) or len(declared) != 3:
+        raise ConfigurationError(f"{name} = {declared!r}; allowed: sphere, or three numbers")
+    x, y, z = (_finite(name, each) for each in declared)
     length = math.sqrt(x * x + y * y + z * z)
     if not 0.0 < length < math.inf:
-        raise ConfigurationError(f"{name} = {given} has no direction")
+        raise ConfigurationError(f"{name} = {declared} has no direction")
     return Direction((x / length, y / length, z / length))
 
 
-def attitudes(name: str, given: Any) -> Attitudes:
+def attitudes(name: str, declared: Any) -> Attitudes:
     """Read a distribution of attitudes: ``so3`` or ``cone``.
 
     Raises
@@ -283,20 +283,20 @@ def attitudes(name: str, given: Any) -> Attitudes:
     ConfigurationError
         It is neither.
     """
-    kind = given.get("distribution") if isinstance(given, Mapping) else given
+    kind = declared.get("distribution") if isinstance(declared, Mapping) else declared
     if kind == "so3":
-        if isinstance(given, Mapping):
-            _fields(name, given)
+        if isinstance(declared, Mapping):
+            _fields(name, declared)
         return Attitudes(None)
-    if kind == "cone" and isinstance(given, Mapping):
-        (angle,) = _fields(name, given, "angle")
+    if kind == "cone" and isinstance(declared, Mapping):
+        (angle,) = _fields(name, declared, "angle")
         if not 0.0 <= angle <= math.pi:
             raise ConfigurationError(f"{name}.angle = {angle:g} rad; allowed: 0 to π")
         return Attitudes(angle)
     raise ConfigurationError(f"{name}.distribution = {kind!r}; allowed: so3, cone (with angle)")
 
 
-def keys(name: str, given: Any, allowed: tuple[str, ...]) -> Mapping[str, Any]:
+def keys(name: str, declared: Any, allowed: tuple[str, ...]) -> Mapping[str, Any]:
     """Check that something is a mapping with no other keys than those allowed.
 
     Raises
@@ -304,26 +304,28 @@ def keys(name: str, given: Any, allowed: tuple[str, ...]) -> Mapping[str, Any]:
     ConfigurationError
         It is not.
     """
-    if not isinstance(given, Mapping):
-        raise ConfigurationError(f"{name} = {given!r}; allowed: a mapping of {', '.join(allowed)}")
-    for key in given:
+    if not isinstance(declared, Mapping):
+        raise ConfigurationError(
+            f"{name} = {declared!r}; allowed: a mapping of {', '.join(allowed)}"
+        )
+    for key in declared:
         if key not in allowed:
             raise ConfigurationError(f"{name} has no {key}; allowed: {', '.join(allowed)}")
-    return given
+    return declared
 
 
-def _fields(name: str, given: Mapping[str, Any], *wanted: str) -> list[float]:
+def _fields(name: str, declared: Mapping[str, Any], *wanted: str) -> list[float]:
     """Return the numbers of a distribution: all that it needs and no others."""
-    keys(name, given, ("distribution", *wanted))
+    keys(name, declared, ("distribution", *wanted))
     for key in wanted:
-        if key not in given:
+        if key not in declared:
             raise ConfigurationError(f"{name} lacks {key}")
-    return [_finite(f"{name}.{key}", given[key]) for key in wanted]
+    return [_finite(f"{name}.{key}", declared[key]) for key in wanted]
 
 
-def _only(name: str, given: Mapping[str, Any], key: str) -> Any:
-    keys(name, given, ("distribution", key))
-    return given.get(key)
+def _only(name: str, declared: Mapping[str, Any], key: str) -> Any:
+    keys(name, declared, ("distribution", key))
+    return declared.get(key)
 
 
 def _check_order(name: str, low: float, high: float) -> None:
@@ -331,10 +333,14 @@ def _check_order(name: str, low: float, high: float) -> None:
         raise ConfigurationError(f"{name}.low = {low:g} is larger than high = {high:g}")
 
 
-def _finite(name: str, given: Any) -> float:
-    is_number = isinstance(given, int | float) and not isinstance(given, bool)
-    if not is_number or not math.isfinite(given):
+def _finite(name: str, declared: Any) -> float:
+    is_number = isinstance(declared, int | float) and not isinstance(declared, bool)
+    if not is_number or not math.isfinite(declared):
         # YAML takes 1e-7 for text: the commonest mistake in such a file.
-        hint = ", with a point: 1.0e-7" if isinstance(given, str) and "e" in given.lower() else ""
-        raise ConfigurationError(f"{name} = {given!r}; allowed: a finite number{hint}")
-    return float(given)
+        hint = (
+            ", with a point: 1.0e-7"
+            if isinstance(declared, str) and "e" in declared.lower()
+            else ""
+        )
+        raise ConfigurationError(f"{name} = {declared!r}; allowed: a finite number{hint}")
+    return float(declared)

@@ -34,7 +34,7 @@ from ppc_attitude.analysis.drawing import (
     time_axis,
 )
 from ppc_attitude.analysis.requirements import PAPER, Requirements
-from ppc_attitude.campaign.fan import Fan
+from ppc_attitude.campaign.quantile_bands import QuantileBands
 from ppc_attitude.contract.run_record import Array
 
 Sample = Sequence[Mapping[str, float]]
@@ -44,17 +44,17 @@ _ERROR_FLOOR = 1e-6
 _SHOWN = 3  # variables that are drawn against each other
 
 
-def fan_figure(fan: Fan, required: Requirements = PAPER) -> Figure:
+def bands_figure(bands: QuantileBands, required: Requirements = PAPER) -> Figure:
     """Draw the attitude error of all runs over time against the envelope, and the part it fills."""
     figure, ((top,), (bottom,)) = panels(2, width=PAGE_WIDTH, row_height=2.6, share_x=True)
-    t = 0.5 * (fan.ends[:-1] + fan.ends[1:])
-    _bands(top, t, fan, "attitude_error")
-    envelope = [fan.quantiles("attitude_envelope", share) for share in (0.05, 0.5, 0.95)]
+    t = 0.5 * (bands.ends[:-1] + bands.ends[1:])
+    _bands(top, t, bands, "attitude_error")
+    envelope = [bands.quantiles("attitude_envelope", share) for share in (0.05, 0.5, 0.95)]
     if np.isfinite(envelope[1]).any():
         top.plot(t, envelope[1], color=RED, linewidth=1.2, label="envelope, median")
         for edge, label in ((envelope[0], "envelope, 5 % and 95 %"), (envelope[2], "_")):
             top.plot(t, edge, color=RED, linewidth=0.7, linestyle=(0, (3, 2)), label=label)
-    end = float(fan.ends[-1])
+    end = float(bands.ends[-1])
     for name, accuracy, start in (
         ("settled", required.settled, required.settling_deadline),
         ("terminal", required.terminal, end - required.terminal_window),
@@ -64,23 +64,23 @@ def fan_figure(fan: Fan, required: Requirements = PAPER) -> Figure:
             judged_limit(top, t, t >= start, accuracy.component, label=label)
     log_axis(top, _ERROR_FLOOR)
     top.set_ylabel(r"pointing error $\max_i|q_{ev,i}|$ [1]")
-    _bands(bottom, t, fan, "attitude_fill")
+    _bands(bottom, t, bands, "normalised_error")
     limit_lines(bottom, 1.0, label="envelope")
     bottom.set_yscale("log")
     bottom.set_ylabel(r"own error / envelope $\max_i|q_{ev,i}|/\rho_{q,i}$ [1]")
     for axes in (top, bottom):
-        time_axis(axes, fan.ends)
+        time_axis(axes, bands.ends)
         legend(axes)
     top.set_xlabel("")
     return figure
 
 
-def _bands(axes: Axes, t: Array, fan: Fan, quantity: str) -> None:
+def _bands(axes: Axes, t: Array, bands: QuantileBands, quantity: str) -> None:
     """Draw nested bands and the median; nothing where nothing is known."""
     for low, high, label, opacity in _BANDS:
-        below, above = fan.quantiles(quantity, low), fan.quantiles(quantity, high)
+        below, above = bands.quantiles(quantity, low), bands.quantiles(quantity, high)
         axes.fill_between(t, below, above, color=BLUE, alpha=opacity, linewidth=0, label=label)
-    axes.plot(t, fan.quantiles(quantity, 0.5), color=BLUE, linewidth=1.3, label="median")
+    axes.plot(t, bands.quantiles(quantity, 0.5), color=BLUE, linewidth=1.3, label="median")
 
 
 def failing_figure(passing: Sample, failing: Sample, units: Mapping[str, str]) -> Figure | None:

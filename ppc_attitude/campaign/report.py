@@ -27,10 +27,10 @@ from ppc_attitude.analysis.verdict import number_text
 from ppc_attitude.campaign.campaign import Finished
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import varying
-from ppc_attitude.campaign.figures import failing_figure, fan_figure
+from ppc_attitude.campaign.figures import bands_figure, failing_figure
 from ppc_attitude.campaign.summary import SAMPLE_SIZE, Fraction, Summary, Tally
 
-_FAN = (
+_BANDS = (
     "Attitude error of all runs (top) and the part of its envelope that it fills (bottom): "
     "the largest value in each of the time bins; dashed: 5 % and 95 % of the envelopes"
 )
@@ -66,7 +66,7 @@ def write_campaign_report(
     """
     summary = finished.summary
     title = f"{mission or 'Attitude control'}, campaign: {campaign.scenario.controller.name}"
-    drawn = [(_FAN, fan_figure(finished.fan, campaign.required))]
+    drawn = [(_BANDS, bands_figure(finished.bands, campaign.required))]
     failing = failing_figure(summary.passing, summary.failing, varying(campaign.variables))
     if failing is not None:
         drawn.append((_FAILING, failing))

@@ -21,7 +21,7 @@ from types import TracebackType
 from typing import Any
 
 from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.fan import EDGES, QUANTITIES, Fan
+from ppc_attitude.campaign.quantile_bands import EDGES, QUANTITIES, QuantileBands
 from ppc_attitude.campaign.rows import Row, columns_of
 from ppc_attitude.science.errors import ConfigurationError
 
@@ -42,7 +42,7 @@ class Results:
         A folder that does not exist yet.
     campaign : Campaign
         What is run; kept in the files' metadata.
-    fan : Fan
+    bands : QuantileBands
         Written when the folder is closed.
 
     Raises
@@ -51,7 +51,7 @@ class Results:
         pyarrow is not installed, or the folder exists.
     """
 
-    def __init__(self, folder: Path, campaign: Campaign, fan: Fan) -> None:
+    def __init__(self, folder: Path, campaign: Campaign, bands: QuantileBands) -> None:
         try:
             import pyarrow
             import pyarrow.parquet
@@ -63,7 +63,7 @@ class Results:
             raise ConfigurationError(f"folder {folder} exists already and is not overwritten")
         folder.mkdir(parents=True)
         self._arrow, self._parquet = pyarrow, pyarrow.parquet
-        self._folder, self._fan = folder, fan
+        self._folder, self._counted = folder, bands
         self._metadata = {b"ppc_attitude": json.dumps(description(campaign)).encode()}
         self._schema = pyarrow.schema(
             [(name, _arrow_type(pyarrow, kind)) for name, kind in columns_of(campaign).items()],
@@ -84,17 +84,17 @@ class Results:
         self._writer.write_table(table, row_group_size=BATCH)
         self._rows.clear()
 
-    def _write_fan(self) -> None:
-        quantity, time, level = self._fan.counts[:, :, : EDGES.size + 1].nonzero()
+    def _write_bands(self) -> None:
+        quantity, time, level = self._counted.counts[:, :, : EDGES.size + 1].nonzero()
         lower, upper = [0.0, *EDGES.tolist()], [*EDGES.tolist(), float("inf")]
         table = self._arrow.table(
             {
                 "quantity": [QUANTITIES[k] for k in quantity],
-                "from_s": self._fan.ends[time],
-                "to_s": self._fan.ends[time + 1],
+                "from_s": self._counted.ends[time],
+                "to_s": self._counted.ends[time + 1],
                 "low": [lower[k] for k in level],
                 "high": [upper[k] for k in level],
-                "runs": self._fan.counts[quantity, time, level],
+                "runs": self._counted.counts[quantity, time, level],
             }
         )
         path = self._folder / f"{FAN_FILE}.unfinished"
@@ -116,7 +116,7 @@ class Results:
             self._flush()
         self._writer.close()
         self._unfinished.replace(self._folder / RUNS_FILE)
-        self._write_fan()
+        self._write_bands()
 
 
 def description(campaign: Campaign) -> Mapping[str, Any]:

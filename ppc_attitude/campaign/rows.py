@@ -27,7 +27,7 @@ from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.analysis.verdict import Metrics, Verdict
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of, scenario_with
-from ppc_attitude.campaign.fan import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
+from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import new_samples, record_of, run_samples, stamps_of
@@ -85,7 +85,7 @@ class Outcome:
     row : dict
         A value for every key of `columns_of`.
     levels : ndarray of uint8, shape (len(QUANTITIES), bins)
-        See `fan`.
+        See `quantile_bands`.
     """
 
     row: Row

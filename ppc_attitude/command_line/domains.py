@@ -25,8 +25,8 @@ _SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 def unused_domains() -> list[int]:
     """Domains without a participant on this host; all where the system does not tell."""
-    taken = set(_bound_ports())
-    return [domain for domain in DOMAINS if taken.isdisjoint(ports(domain))]
+    bound = set(_bound_ports())
+    return [domain for domain in DOMAINS if bound.isdisjoint(ports(domain))]
 
 
 def ports(domain: int) -> range:

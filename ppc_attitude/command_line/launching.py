@@ -74,11 +74,11 @@ SIDE_BY_SIDE = ("config", "duration", "bag", "realtime", "markers")  # what fits
 class Request:
     """What the user of a launch file asks for; arguments that a file lacks have their default."""
 
-    given: Mapping[str, str]
+    values: Mapping[str, str]
 
     def __getitem__(self, name: str) -> str:
         """Value of an argument."""
-        return self.given.get(name, ARGUMENTS[name].default).strip()
+        return self.values.get(name, ARGUMENTS[name].default).strip()
 
     def flag(self, name: str) -> bool:
         """Value of an argument that is true or false."""

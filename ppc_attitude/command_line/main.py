@@ -87,13 +87,13 @@ def _parsers(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    parser = build_parser(given[0] if given else "")
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parser = build_parser(words[0] if words else "")
     if "_ARGCOMPLETE" in os.environ:  # the shell asks how to complete a command line
         import argcomplete
 
         argcomplete.autocomplete(parser)
-    parsed = parser.parse_args(given)
+    parsed = parser.parse_args(words)
     try:
         interrupt()
         return int(parsed.execute(parsed))

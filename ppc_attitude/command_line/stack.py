@@ -16,7 +16,9 @@
 """Starting, watching and stopping the five processes of a run."""
 
 import os
+import re
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -37,6 +39,7 @@ from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
 _STALLED_AFTER = 30.0  # [s] without a step after which a run in lock-step is given up
+_EVENT = re.compile(r"(\x1b\[\d*m)*\[(INFO|DEBUG)\]")  # how ROS begins such a line
 _GLANCE = 0.02  # [s] between two looks at the processes
 # The recorder goes last, when all others have sent their last message.
 _ALL = (ESTIMATOR, *NODES)
@@ -147,9 +150,7 @@ class Stack:
         with tempfile.TemporaryFile() as file:
             file.write(self._parameters.encode())
             file.flush()
-            # What they print is for the user to read: warnings and errors.
             options = ["--ros-args", "--params-file", f"/dev/fd/{file.fileno()}"]
-            options += ["--log-level", "warn"]
             if "ROS_LOG_DIR" not in self.environment:
                 options.append("--disable-external-lib-logs")
             for name in self._names:
@@ -159,6 +160,7 @@ class Stack:
                     environment=self.environment,
                     inherited=[file.fileno()],
                     stdout=2,  # ours is for results
+                    hear=_pass_on,
                 )
 
     def wait(self, stop: threading.Event) -> None:
@@ -189,6 +191,7 @@ class Stack:
         """
         plant = self._nodes[PLANT]
         plant.listen(patience)
+        self.told()
         now: float | None = plant.told.get(TIME)
         if now is not None and now != self._time:
             self._time, self._advanced = now, time.monotonic()
@@ -232,6 +235,7 @@ class Stack:
                         node.kill()
         finally:
             self.kill()
+            self.told()
         codes = self.exit_codes()
         if failed := [name for name, code in codes.items() if code and name not in hanging]:
             raise self._broken(failed)
@@ -268,6 +272,12 @@ class Stack:
             return StackError(f"{name} was killed by {signal.Signals(-code).name}")
         reason = node.told.get(BROKEN, "without saying why")
         return StackError(f"{name} ended with exit code {code}: {reason}", code == BAD_INPUT)
+
+
+def _pass_on(line: str) -> None:
+    """Show the user warnings, errors and tracebacks; events are for the log and ``/rosout``."""
+    if not _EVENT.match(line):
+        print(line, file=sys.stderr, flush=True)
 
 
 def _broke_at(node: Child) -> float:

@@ -104,18 +104,20 @@ def _table(*names: str) -> Table:
 def _inside(error: float, envelope: float) -> tuple[str, str, RenderableType]:
     if math.isnan(error) or math.isnan(envelope):
         return _text(error), _text(envelope), ""
-    fill = abs(error) / envelope
-    style = "green" if fill < _NEAR else "yellow" if fill <= 1.0 else "bold red"
+    normalised = abs(error) / envelope
+    style = "green" if normalised < _NEAR else "yellow" if normalised <= 1.0 else "bold red"
     bar = Table.grid(padding=(0, 1))
     bar.add_row(
         ProgressBar(
             total=1.0,
-            completed=min(fill, 1.0),
+            completed=min(normalised, 1.0),
             width=16,
             complete_style=style,
             finished_style=style,
         ),
-        Text(f"{100.0 * fill:3.0f} %" + (" outside" if fill > 1.0 else ""), style=style),
+        Text(
+            f"{100.0 * normalised:3.0f} %" + (" outside" if normalised > 1.0 else ""), style=style
+        ),
     )
     return _text(error), _text(envelope), bar
 

@@ -140,20 +140,20 @@ class Search:
         answers = iter(self._answers)
         with self._file.open("a", encoding="utf-8") as file:
             for questions, tell in self._generations():
-                given = next(answers, None)
-                if given is None:
+                values = next(answers, None)
+                if values is None:
                     if best.runs >= runs or stop.is_set() or time.monotonic() > end:
                         return
-                    given = list(executor.map(value, questions))
-                    file.write(json.dumps(given) + "\n")
+                    values = list(executor.map(value, questions))
+                    file.write(json.dumps(values) + "\n")
                     file.flush()
-                if len(given) != len(questions):
+                if len(values) != len(questions):
                     raise ConfigurationError(f"{self._file} has a generation of another size")
-                tell(given)
-                top = int(np.argmax(given))
-                best = replace(best, runs=best.runs + len(given))
-                if given[top] > best.value:
-                    best = replace(best, value=given[top], x=questions[top])
+                tell(values)
+                top = int(np.argmax(values))
+                best = replace(best, runs=best.runs + len(values))
+                if values[top] > best.value:
+                    best = replace(best, value=values[top], x=questions[top])
                 yield best
 
     def _generations(self) -> Iterator[tuple[list[Vector], Callable[[list[float]], None]]]:
@@ -173,9 +173,9 @@ class Search:
             while not strategy.stop():
                 questions = strategy.ask()
 
-                def tell(given: list[float], asked: Any = questions, to: Any = strategy) -> None:
+                def tell(values: list[float], asked: Any = questions, to: Any = strategy) -> None:
                     # CMA-ES makes small; a run that was not finite is as bad as can be.
-                    to.tell(asked, [-min(each, 1e9) for each in given])
+                    to.tell(asked, [-min(each, 1e9) for each in values])
 
                 yield questions, tell
 

@@ -89,7 +89,7 @@ class BagRecorder(BaseNode):
             )
         except BagError as error:
             raise ConfigurationError(str(error)) from None
-        self._taken = 0
+        self._recorded = 0
         self._now = 0.0
         self._looked = -_LOOK
         self._topics: dict[str, Topic] = {}  # by full name
@@ -248,7 +248,7 @@ class BagRecorder(BaseNode):
     def _take_gathered(self) -> bool:
         """Take all that has arrived; False if there was nothing."""
         self._now = time.monotonic()
-        before = self._taken
+        before = self._recorded
         if self._now - self._listened < _LISTEN:
             for subscription in self._lively:
                 self._take(subscription)
@@ -259,17 +259,17 @@ class BagRecorder(BaseNode):
             stamp = recording.progress()
             if stamp is not None:
                 self._progress[home].publish(encode_clock(stamp))
-        return self._taken != before
+        return self._recorded != before
 
     def _take(self, subscription: Any) -> bool:
         """Take all that has arrived on a topic; False if there was nothing."""
-        before = self._taken
+        before = self._recorded
         with subscription.handle:
             take = subscription.handle.take_message
-            while (taken := take(subscription.msg_type, True)) is not None:
-                self._taken += 1
-                subscription.callback(*taken)
-        return self._taken != before
+            while (message := take(subscription.msg_type, True)) is not None:
+                self._recorded += 1
+                subscription.callback(*message)
+        return self._recorded != before
 
     def drain(self, executor: Executor) -> None:
         """Take all that was sent before the stop: until nothing has come for a while."""
@@ -300,7 +300,7 @@ class BagRecorder(BaseNode):
                 self.get_logger().error(f"bag {self._path} is incomplete: {gap}")
             self.failure = self.failure or f"bag {self._path} is incomplete: {gaps[0]}"
         elif not self.failure:
-            self.get_logger().info(f"closed {self._path}: {self._taken} messages, none missing")
+            self.get_logger().info(f"closed {self._path}: {self._recorded} messages, none missing")
         super().close()
 
     def _gaps(self, home: str) -> list[str]:

@@ -82,9 +82,9 @@ class ComponentNode(BaseNode):
 
     def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         name = self._topics[0].name
-        for stamp, given in self.answers.to(name, stamp_ns, parts, self.now()).items():
+        for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
             for column, send in self._senders.items():
-                send(stamp, given[column])
+                send(stamp, answer[column])
         for advice in self.chain.news():
             self.say(advice.text, advice.warning)
         self.report(stamp_ns)
@@ -107,17 +107,17 @@ class ComponentNode(BaseNode):
 
     def status(self) -> Status:
         """Waiting for inputs, outside an envelope, or running."""
-        fill = {}
+        normalised = {}
         for part in self.chain.parts:
-            fill.update(part.fill())
-        margins = {f"{name} margin": 1.0 - value for name, value in fill.items()}
+            normalised.update(part.normalised_errors())
+        margins = {f"{name} margin": 1.0 - value for name, value in normalised.items()}
         details = {**self.details(), **margins}
         for part in self.chain.parts:
             details.update(part.advice.numbers)
         if self.is_idle():
             missing = ", ".join(BY_COLUMN[column].name for column in self._instant.missing())
             return Status(STALE, f"waiting for {missing}", details)
-        outside = [name for name, value in fill.items() if value > 1.0]
+        outside = [name for name, value in normalised.items() if value > 1.0]
         if outside:
             return Status(WARN, f"outside: {', '.join(outside)}", details)
         return Status(OK, "running", details)

@@ -113,20 +113,20 @@ class DisturbanceInjector(ComponentNode):
 
 def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None]:
     """Torque [N·m], start [s] and duration [s] of a request; the last one may be left out."""
-    given = {each.name: parameter_value_to_python(each.value) for each in parameters}
-    unknown = sorted(set(given) - {"torque", "start", "duration"})
+    fields = {each.name: parameter_value_to_python(each.value) for each in parameters}
+    unknown = sorted(set(fields) - {"torque", "start", "duration"})
     if unknown:
         raise RefusedError(f"{unknown[0]} is unknown; allowed: torque, start, duration")
-    torque = given.get("torque")
+    torque = fields.get("torque")
     if torque is None or isinstance(torque, str | int | float) or len(torque) != 3:
         raise RefusedError(f"torque = {torque}; allowed: three numbers [N·m]")
     numbers = tuple(map(float, torque))
     if not finite(numbers):
         raise RefusedError(f"torque = {numbers} N·m must be finite")
-    start = _seconds("start", given.get("start", 0.0), lowest=0.0)
-    if "duration" not in given:
+    start = _seconds("start", fields.get("start", 0.0), lowest=0.0)
+    if "duration" not in fields:
         return numbers, start, None
-    return numbers, start, _seconds("duration", given["duration"], lowest=1e-9)
+    return numbers, start, _seconds("duration", fields["duration"], lowest=1e-9)
 
 
 def _seconds(name: str, value: Any, lowest: float) -> float:

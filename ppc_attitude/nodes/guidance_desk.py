@@ -99,7 +99,7 @@ class GuidanceDesk:
             return
         self._orders = Orders(orders, np.array(self._profiles, POINTS))
         self.configure()
-        if self._book.given:
+        if self._book.in_flight:
             self._node.tell_changes(stamp_ns, schedule_of(self._orders))
 
     def configure(self) -> None:

@@ -64,17 +64,18 @@ class NodeParameters:
         self._check = check
         self._table = {parameter.name: parameter for parameter in PARAMETERS[executable]}
         # rcl gives an empty list, such as `ros2 param dump` writes, without type and value.
-        given = {
+        chosen = {
             name: [] if override.type_ == RosParameter.Type.NOT_SET else _plain(override.value)
             for name, override in node._parameter_overrides.items()
             if name not in _OF_ROS and not name.startswith("qos_overrides.")
         }
-        self.values = resolved(self._table.values(), given, executable)
+        self.values = resolved(self._table.values(), chosen, executable)
         check(self.values)
         for parameter in self._table.values():
             _declare(node, parameter, self.values[parameter.name])
         self.changed = False
         self._taken = self.values
+        node.add_pre_set_parameters_callback(_with_numbers)
         node.add_on_set_parameters_callback(self._on_set)
 
     def __getitem__(self, name: str) -> Any:
@@ -104,11 +105,21 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
 
-def _plain(value: Any) -> Any:
-    """Value as Python has it; a number with an exponent may come as text.
+def _with_numbers(parameters: list[RosParameter]) -> list[RosParameter]:
+    """Make numbers with an exponent of those that come as text, so that a dump has numbers too.
 
     `ros2 param load` reads files as YAML 1.1, for which 3e-05 is no number.
     """
+    return [
+        RosParameter(each.name, value=float(each.value))
+        if isinstance(each.value, str) and _EXPONENT.fullmatch(each.value)
+        else each
+        for each in parameters
+    ]
+
+
+def _plain(value: Any) -> Any:
+    """Value as Python has it; a parameter file may hold a number with an exponent as text."""
     if isinstance(value, str) and _EXPONENT.fullmatch(value):
         return float(value)
     return list(value) if isinstance(value, array | tuple) else value

@@ -43,10 +43,10 @@ class PpcController(ComponentNode):
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Step the law."""
-        given = super().compute(stamp_ns, inputs)
-        torque = given[TORQUE_COMMAND.column]
-        self._saturated += torque != given.get(_UNSATURATED, torque)
-        return given if self._enabled else {**given, TORQUE_COMMAND.column: _ZERO}
+        outputs = super().compute(stamp_ns, inputs)
+        torque = outputs[TORQUE_COMMAND.column]
+        self._saturated += torque != outputs.get(_UNSATURATED, torque)
+        return outputs if self._enabled else {**outputs, TORQUE_COMMAND.column: _ZERO}
 
     def _on_enable(self, request: Any, response: Any) -> Any:
         if request.data and not self._enabled:

@@ -113,8 +113,10 @@ class PublisherWatch:
 def _take(subscription: Any, inbox: Inbox, publishers: Publishers, now: float) -> None:
     """Let what has gathered be judged."""
     with subscription.handle:
-        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-            data, about = taken
+        while (
+            received := subscription.handle.take_message(subscription.msg_type, True)
+        ) is not None:
+            data, about = received
             try:
                 stamp_ns = inbox.read(data).stamp_ns
             except RefusedError:

@@ -52,10 +52,10 @@ class ReferenceGenerator(ComponentNode):
         """Desired motion of an instant, with the goals that have come."""
         if self._desk:
             self._desk.before(stamp_ns)
-        given = super().compute(stamp_ns, inputs)
+        outputs = super().compute(stamp_ns, inputs)
         if self._desk:
             self._desk.after(stamp_ns)
-        return given
+        return outputs
 
     def status(self) -> Status:
         """As of any such node; a warning while the guidance warns of something."""

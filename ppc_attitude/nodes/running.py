@@ -15,11 +15,13 @@
 """Running a node: from the command line to its exit code."""
 
 import gc
+import json
 import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from textwrap import fill, indent
 from types import FrameType
 
 import rclpy
@@ -27,12 +29,14 @@ import rclpy.utilities
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
+from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.nodes.base import EXIT_BROKEN, EXIT_CONFIGURATION, EXIT_OK, BaseNode
 from ppc_attitude.nodes.transport import tune_transport
 from ppc_attitude.processes.child import ENDING, take_signals
 from ppc_attitude.processes.telling import tell_broken
 from ppc_attitude.science.errors import ConfigurationError
 
+_HELP = {"-h", "--help"}
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
@@ -54,7 +58,7 @@ class StopRequest:
         self.requested = True
 
 
-def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = None) -> int:
+def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> int:
     """Run a node until it has finished or is asked to stop; the `main` of every executable.
 
     Returns
@@ -63,12 +67,16 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
         Exit code: 0 done, 2 bad configuration, 3 the node broke.
     """
     stop = StopRequest()
-    given = list(arguments or sys.argv)
+    command_line = list(arguments or sys.argv)
     try:
         tune_transport()
-        if strange := rclpy.utilities.remove_ros_args(given)[1:]:
+        strange = rclpy.utilities.remove_ros_args(command_line)[1:]
+        if _HELP & set(strange):
+            print(help_text(make.executable, sys.modules[make.__module__].__doc__ or ""))
+            return EXIT_OK
+        if strange:
             raise ConfigurationError(f"argument {strange[0]}: what is for ROS follows --ros-args")
-        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=command_line, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
         return _refused(error)
     node = None
@@ -94,6 +102,22 @@ def run_node(make: Callable[[], BaseNode], arguments: Sequence[str] | None = Non
             node.destroy_node()
         rclpy.utilities.try_shutdown()
         stop.forget()
+
+
+def help_text(executable: str, what: str) -> str:
+    """Say what a node is, how it is run, and its parameters; 80 columns."""
+    lines = [
+        fill(" ".join(what.split()), 80),
+        f"\nusage: ros2 run ppc_attitude {executable} [--ros-args",
+        "           [--params-file FILE] [-p PARAMETER:=VALUE] [-r __ns:=/NAMESPACE] …]",
+        "\nparameters:",
+    ]
+    for each in PARAMETERS[executable]:
+        unit = f" [{each.unit}]" if each.unit else ""
+        default = json.dumps(each.default)
+        about = f"{each.description}{unit}; default {default}, allowed: {each.allowed}"
+        lines += [f"  {each.name}", indent(fill(about, 74), 6 * " ")]
+    return "\n".join(lines)
 
 
 def _refused(error: Exception) -> int:

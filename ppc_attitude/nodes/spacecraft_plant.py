@@ -53,10 +53,10 @@ class SpacecraftPlant(BaseNode):
         self._told_at = 0.0
         motion, acting = _split(values)
         self._motion, self._acting = Chain(motion, values), Chain(acting, values)
-        given = {column for part in self._motion.parts for column in part.component.outputs}
+        known = {column for part in self._motion.parts for column in part.component.outputs}
         acted = {column for part in self._acting.parts for column in part.component.outputs}
         inputs = dict.fromkeys((*self._acting.inputs, *self._motion.inputs))
-        topics = [BY_COLUMN[column.name] for column in inputs if column not in given | acted]
+        topics = [BY_COLUMN[column.name] for column in inputs if column not in known | acted]
         self._columns = {topic.name: topic.column for topic in topics}
 
         clock = self.create_publisher(Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC))
@@ -125,8 +125,8 @@ class SpacecraftPlant(BaseNode):
 
     def act(self, stamp_ns: int, inputs: Mapping[str, Values]) -> None:
         """Hold the inputs from a stamp [ns] on."""
-        given = {self._columns[name]: values for name, values in inputs.items()}
-        self._acted = self._acting.step(stamp_ns, {**self._state, **given})
+        known = {self._columns[name]: values for name, values in inputs.items()}
+        self._acted = self._acting.step(stamp_ns, {**self._state, **known})
         self._acted_at = stamp_ns
 
     def move_to(self, stamp_ns: int) -> None:

@@ -23,7 +23,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -60,6 +60,8 @@ class Child:
         File descriptors that it shares with this process.
     stdout : int, optional
         File descriptor to which it prints; default that of this process.
+    hear : callable, optional
+        Called by `listen` with each line of its standard error; default that of this process.
     """
 
     def __init__(
@@ -69,11 +71,14 @@ class Child:
         environment: Mapping[str, str] = os.environ,
         inherited: Sequence[int] = (),
         stdout: int | None = None,
+        hear: Callable[[str], None] | None = None,
     ) -> None:
         self.told: dict[str, Any] = {}
         """What it has told, by name of the fact (see `telling`): the latest of each."""
-        self._unread = b""
-        self._pipe, theirs = os.pipe()
+        self._pipes: list[int] = []
+        self._readers: dict[int, _Lines] = {}
+        theirs = self._new_pipe(self._take)
+        errors = self._new_pipe(hear) if hear else None
         try:
             with _signals_held():
                 self.process = subprocess.Popen(
@@ -81,25 +86,31 @@ class Child:
                     env=without_empty_entries(environment),
                     stdin=subprocess.DEVNULL,
                     stdout=stdout,
+                    stderr=errors,
                     pass_fds=(*inherited, theirs),
                     start_new_session=True,
                 )
-        except BaseException:
-            os.close(self._pipe)
-            raise
         finally:
-            os.close(theirs)
+            for pipe in (theirs, errors):
+                if pipe is not None:
+                    os.close(pipe)
+
+    def _new_pipe(self, take: Callable[[str], None]) -> int:
+        """Open a pipe whose lines are taken by `listen`; return the end for the child."""
+        ours, theirs = os.pipe()
+        self._pipes.append(ours)
+        self._readers[ours] = _Lines(take)
+        return theirs
+
+    def _take(self, line: str) -> None:
+        self.told.update(json.loads(line))
 
     def listen(self, patience: float = 0.0) -> None:
-        """Take in what it has told; wait some time [s] if there is nothing."""
-        while select.select([self._pipe], [], [], patience)[0]:
-            data = os.read(self._pipe, 65536)
-            if not data:  # it is about to end
-                time.sleep(patience)
-                return
-            *lines, self._unread = (self._unread + data).split(b"\n")
-            for line in lines:
-                self.told.update(json.loads(line))
+        """Take in what it has told and logged; wait some time [s] if there is nothing."""
+        while ready := select.select(list(self._readers), [], [], patience)[0]:
+            for pipe in ready:
+                if not self._readers[pipe].read(pipe):  # it is about to end
+                    del self._readers[pipe]
             patience = 0.0
 
     def ends(self, patience: float) -> bool:
@@ -111,11 +122,9 @@ class Child:
         pid = self.process.pid
         late = time.monotonic() + patience - starved(pid)
         while time.monotonic() < late + starved(pid):
-            try:
-                self.process.wait(_GLANCE)
-            except subprocess.TimeoutExpired:
-                continue
-            return True
+            self.listen(_GLANCE)  # who is not heard may wait for room in its pipe
+            if self.process.poll() is not None:
+                return True
         return False
 
     def kill(self) -> None:
@@ -126,8 +135,26 @@ class Child:
             self.process.wait(_KILLED_AFTER)
 
     def __del__(self) -> None:
-        """Close the pipe."""
-        os.close(self._pipe)
+        """Close the pipes."""
+        for pipe in self._pipes:
+            os.close(pipe)
+
+
+class _Lines:
+    """What comes through a pipe, line by line."""
+
+    def __init__(self, take: Callable[[str], None]) -> None:
+        self._take, self._unread = take, b""
+
+    def read(self, pipe: int) -> bool:
+        """Take what there is; False at the end."""
+        data = os.read(pipe, 65536)
+        *lines, self._unread = (self._unread + data).split(b"\n")
+        if not data and self._unread:
+            lines.append(self._unread)
+        for line in lines:
+            self._take(line.decode(errors="replace"))
+        return bool(data)
 
 
 def starved(pid: int) -> float:

@@ -17,7 +17,7 @@
 from collections.abc import Callable, Mapping
 from typing import Generic, TypeVar
 
-from ppc_attitude.runtime.stamps import StampGuard, Values, Verdict, out_of_order
+from ppc_attitude.runtime.stamps import StampGuard, StampKind, Values, out_of_order
 from ppc_attitude.science.stamps import NANOSECONDS
 
 Output = TypeVar("Output")
@@ -64,13 +64,13 @@ class Answers(Generic[Output]):
             The stamp is out of order; `name` says of what.
         """
         last = self._guard.last
-        verdict = self._guard.judge(stamp_ns, now)
-        if verdict is Verdict.REPEATED:
+        kind = self._guard.judge(stamp_ns, now)
+        if kind is StampKind.REPEATED:
             return self._sent
-        if verdict is Verdict.STALE:
+        if kind is StampKind.STALE:
             raise out_of_order(name, stamp_ns)
-        step = stamp_ns - last if verdict is Verdict.NEW and last is not None else 0
-        if verdict is Verdict.RESTART:
+        step = stamp_ns - last if kind is StampKind.NEW and last is not None else 0
+        if kind is StampKind.RESTART:
             self._period = 0
             self._sent = {}
             self._begin_again(stamp_ns)

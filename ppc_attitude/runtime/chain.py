@@ -64,10 +64,10 @@ class Chain:
             else:
                 part = Part(component, values)
             self.parts.append(part)
-        given = [column for part in self.parts for column in part.component.outputs]
+        output = [column for part in self.parts for column in part.component.outputs]
         needed = [column for part in self.parts for column in part.component.inputs]
         self.inputs: tuple[Column, ...] = tuple(
-            column for column in dict.fromkeys(needed) if column not in given
+            column for column in dict.fromkeys(needed) if column not in output
         )
 
     def forget(self) -> None:
@@ -102,5 +102,5 @@ class Chain:
             component = part.component
             part.step(stamp_ns, [x for column in component.inputs for x in signals[column.name]])
             for column in component.outputs:
-                signals[column.name] = tuple(part.given(column.name))
+                signals[column.name] = tuple(part.output(column.name))
         return signals

@@ -161,26 +161,26 @@ class Pace(ABC):
         RefusedError
             The stamp is out of order, or beyond the next instant.
         """
-        given = self.inputs[name]
+        stream = self.inputs[name]
         if stamp_ns > self.stamp:
             if stamp_ns != self.following:
                 raise RefusedError(
                     f"{name}: stamp {seconds(stamp_ns):.6f} s is in the future of "
                     f"{seconds(self.stamp):.6f} s"
                 )
-            given.keep(stamp_ns, values)
+            stream.keep(stamp_ns, values)
             return False
-        if stamp_ns < given.stamp:
+        if stamp_ns < stream.stamp:
             raise out_of_order(name, stamp_ns)
         # One of the same stamp is a peer's repeated answer.
-        return stamp_ns > given.stamp and self._taken(given, stamp_ns, values, now)
+        return stamp_ns > stream.stamp and self._accept(stream, stamp_ns, values, now)
 
     @abstractmethod
     def wake(self, now: float) -> float:
         """Do what is due; return the time [s] until the next call."""
 
     @abstractmethod
-    def _taken(self, given: _Input, stamp_ns: int, values: Values, now: float) -> bool:
+    def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
         """Take what is not of the future; True if `wake` has to be called."""
 
     @abstractmethod
@@ -199,8 +199,8 @@ class Pace(ABC):
         if not self.finished:
             self.step += 1
             self.stamp, self.following = self.following, stamp_of(self.step + 1, self.rules.rate)
-            for given in self.inputs.values():
-                given.reach(self.stamp)
+            for stream in self.inputs.values():
+                stream.reach(self.stamp)
             self.craft.move_to(self.stamp)
             self.waiting_since = now
             self._repeat_after = _REPEAT_FIRST
@@ -260,15 +260,15 @@ class Lockstep(Pace):
         """Which inputs have not come for the present instant."""
         return [name for name in self.rules.wait_for if self.inputs[name].stamp != self.stamp]
 
-    def _taken(self, given: _Input, stamp_ns: int, values: Values, now: float) -> bool:
+    def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
         if stamp_ns == self.stamp:  # else it was sent before its peer saw this state
-            given.take(stamp_ns, values)
+            stream.take(stamp_ns, values)
             self._go(now)
         return not self._shown
 
     def _go(self, now: float) -> None:
         while self._shown and not (self.finished or self._missing() or self._lags()):
-            values = {name: given.values for name, given in self.inputs.items()}
+            values = {name: stream.values for name, stream in self.inputs.items()}
             self._advance(values, show=self._ahead(now, self.following) <= 0.0, now=now)
 
     def _ahead(self, now: float, stamp_ns: int) -> float:
@@ -313,9 +313,9 @@ class FreeRunning(Pace):
         self._timed_out: set[str] = set()
         super().begin(now)
 
-    def _taken(self, given: _Input, stamp_ns: int, values: Values, now: float) -> bool:
+    def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
         awaited = self._awaits_first_answer()
-        given.take(stamp_ns, values)
+        stream.take(stamp_ns, values)
         if awaited:
             self._origin = now  # time begins with the last first answer
         return awaited

@@ -36,7 +36,7 @@ def out_of_order(name: str, stamp_ns: int) -> RefusedError:
     return RefusedError(f"{name}: stamp {seconds(stamp_ns):.6f} s is out of order")
 
 
-class Verdict(Enum):
+class StampKind(Enum):
     """What a stamp is, compared with those before."""
 
     NEW = "new"
@@ -65,16 +65,16 @@ class StampGuard:
         self._confirmed = 0
         self._confirmed_at = 0.0
 
-    def judge(self, stamp_ns: int, now: float) -> Verdict:
+    def judge(self, stamp_ns: int, now: float) -> StampKind:
         """Classify a stamp [ns] that came at a time [s], and remember it unless it is stale."""
         if stamp_ns == self.last:
-            return Verdict.REPEATED
+            return StampKind.REPEATED
         if self._goes_on(stamp_ns):
-            return self._accept(stamp_ns, Verdict.NEW)
+            return self._accept(stamp_ns, StampKind.NEW)
         self._weigh(stamp_ns, now)
         if stamp_ns == 0 or self._confirmed >= self.CONFIRMATIONS:
-            return self._accept(stamp_ns, Verdict.RESTART)
-        return Verdict.STALE
+            return self._accept(stamp_ns, StampKind.RESTART)
+        return StampKind.STALE
 
     def _weigh(self, stamp_ns: int, now: float) -> None:
         """Count how many stamps in a row agree on another time."""
@@ -91,11 +91,11 @@ class StampGuard:
             return stamp_ns <= self.LATEST_START
         return 0 < stamp_ns - self.last <= self.LARGEST_STEP
 
-    def _accept(self, stamp_ns: int, verdict: Verdict) -> Verdict:
+    def _accept(self, stamp_ns: int, kind: StampKind) -> StampKind:
         self.last = stamp_ns
         self._candidate = None
         self._confirmed = 0
-        return verdict
+        return kind
 
 
 class Instant:

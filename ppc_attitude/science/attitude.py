@@ -95,7 +95,7 @@ def kinematics(q: Quaternion, omega: Vector) -> Quaternion:
 
 
 @kernel
-def moved(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
+def euler_step(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
     """Q + h q', not normalised: the stages of a Runge-Kutta step."""
     return (q[0] + h * rate[0], q[1] + h * rate[1], q[2] + h * rate[2], q[3] + h * rate[3])
 
@@ -116,24 +116,33 @@ def runge_kutta(
 
 
 @kernel
+def _direction_cosines_times(a: Vector, q: Vector, q0: float) -> Vector:
+    """C(q) a = (q0² − qᵀq) a + 2 q qᵀa − 2 q0 q × a, with the direction cosine matrix C.
+
+    The inverse of C(q) is its transpose, C of the conjugate.
+    """
+    return add(
+        scale(q0 * q0 - dot(q, q), a),
+        subtract(scale(2.0 * dot(q, a), q), scale(2.0 * q0, cross(q, a))),
+    )
+
+
+@kernel
 def rotate(q: Quaternion, a: Vector) -> Vector:
-    """R(q) a: body to inertial when q is an attitude."""
-    return to_body(a, (-q[0], -q[1], -q[2]), q[3])
+    """R(q) a = C(q)ᵀ a: body to inertial when q is an attitude."""
+    return _direction_cosines_times(a, (-q[0], -q[1], -q[2]), q[3])
+
+
+@kernel
+def to_body(a: Vector, q: Vector, q0: float) -> Vector:
+    """C_e a: desired frame to body."""
+    return _direction_cosines_times(a, q, q0)
 
 
 @kernel
 def attitude_error(q_s: Quaternion, q_d: Quaternion) -> Quaternion:
     """q_e = q_d⁻¹ ⊗ q_s, normalised: rounding in messages must not leave the unit sphere."""
     return normalised(product(conjugate(q_d), q_s))
-
-
-@kernel
-def to_body(a: Vector, q: Vector, q0: float) -> Vector:
-    """C_e a = (q0² − qᵀq) a + 2 q qᵀa − 2 q0 q × a: desired frame to body."""
-    return add(
-        scale(q0 * q0 - dot(q, q), a),
-        subtract(scale(2.0 * dot(q, a), q), scale(2.0 * q0, cross(q, a))),
-    )
 
 
 @kernel

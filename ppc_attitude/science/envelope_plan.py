@@ -40,7 +40,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import kinematics, moved, normalised, rotation_angle
+from ppc_attitude.science.attitude import euler_step, kinematics, normalised, rotation_angle
 from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
@@ -61,7 +61,7 @@ PLAN = np.dtype(
     [
         ("start", np.float64),  # [s] when the plan was made
         ("hold", np.float64),  # [s] how long the attitude envelope waits before it falls
-        ("level", np.float64),  # part of the envelope that sin(φ/2) fills when the hold ends
+        ("level", np.float64),  # share of the envelope that sin(φ/2) takes when the hold ends
         ("stretch", np.float64),  # how many times slower than the table it falls
         ("attitude_clock", np.float64),  # [s] where on its table the attitude envelope begins
         ("rate_clock", np.float64),  # [s] where on its table the rate envelope begins
@@ -75,13 +75,13 @@ PLAN = np.dtype(
 MAX_STRETCH = 64.0
 # A plan made in flight does not begin at the table's top, so it may also be faster than the table.
 _MIN_STRETCH_IN_FLIGHT = 0.25
-# A plan made in flight begins where the error, at its coming peak, fills this part of the envelope.
-_FILL = 0.4
-# The model of the turn may fill this part; the rest is for what the model leaves out.
-_MODEL_FILL = 0.85
-# At t2 it may fill this part: from there the rest dies out in seconds instead of crawling.
-_END_FILL = 0.3
-# Fills at which the fall may begin. Near φ = π a turn hardly changes sin(φ/2), so none is near 1.
+# A plan made in flight begins where the error, at its coming peak, takes this share of its ρ.
+_SHARE = 0.4
+# The model of the turn may take this share; the rest is for what the model leaves out.
+_MODEL_SHARE = 0.85
+# At t2 it may take this share: from there the rest dies out in seconds instead of crawling.
+_END_SHARE = 0.3
+# Shares at which the fall may begin. Near φ = π a turn hardly changes sin(φ/2), so none is near 1.
 _LEVELS = (0.8, 0.6, 0.45, 0.35, 0.25, 0.15)
 _MODEL_STEPS = 200
 _BISECTIONS = 10
@@ -130,10 +130,10 @@ def _advanced(
 
 @kernel
 def _hold(
-    phi: float, rate: float, rho: float, fill: float, ready: float, brake: float, gains: Any
+    phi: float, rate: float, rho: float, share: float, ready: float, brake: float, gains: Any
 ) -> tuple[float, float, float]:
-    """Wait under ρ for the turn rate and for sin(φ/2) ≤ fill ρ: seconds, φ then, peak φ."""
-    enough = 2.0 * math.asin(fill * rho)
+    """Wait under ρ for the turn rate and for sin(φ/2) ≤ share ρ: seconds, φ then, peak φ."""
+    enough = 2.0 * math.asin(share * rho)
     t, peak = 0.0, phi
     while t < _LONGEST_HOLD and (t < ready or phi > enough):
         phi, rate = _advanced(phi, rate, rho, _HOLD_STEP, t < ready, brake, gains)
@@ -166,17 +166,17 @@ def _follows_table(
     shape = gains.attitude_shape
     h = (shape.t2 - clock) / _TABLE_STEPS
     for step in range(_TABLE_STEPS):
-        if largest((q_e[0], q_e[1], q_e[2])) > _MODEL_FILL * nominal(clock, shape)[0]:
+        if largest((q_e[0], q_e[1], q_e[2])) > _MODEL_SHARE * nominal(clock, shape)[0]:
             return False
         rho = nominal(clock + 0.5 * h, shape)[0]
         omega = _asked_rate(q_e, rho, gains)
-        omega = _asked_rate(moved(q_e, 0.5 * h, kinematics(q_e, omega)), rho, gains)
+        omega = _asked_rate(euler_step(q_e, 0.5 * h, kinematics(q_e, omega)), rho, gains)
         part = min((step + 0.5) * h / ready, 1.0)
         omega = add(scale(1.0 - part, omega_e), scale(part, omega))
-        middle = moved(q_e, 0.5 * h, kinematics(q_e, omega))
-        q_e = normalised(moved(q_e, h, kinematics(middle, omega)))
+        middle = euler_step(q_e, 0.5 * h, kinematics(q_e, omega))
+        q_e = normalised(euler_step(q_e, h, kinematics(middle, omega)))
         clock += h
-    return bool(largest((q_e[0], q_e[1], q_e[2])) <= _MODEL_FILL * shape.terminal)
+    return bool(largest((q_e[0], q_e[1], q_e[2])) <= _MODEL_SHARE * shape.terminal)
 
 
 @kernel
@@ -212,9 +212,9 @@ def least_settling_time(q_e: Quaternion, component: float, whole: float, gains: 
         if largest(error) <= component and norm(error) <= whole:
             return t
         omega = _asked_rate(q_e, 1.0, gains)
-        middle = moved(q_e, 0.5 * _HOLD_STEP, kinematics(q_e, omega))
+        middle = euler_step(q_e, 0.5 * _HOLD_STEP, kinematics(q_e, omega))
         omega = _asked_rate(middle, 1.0, gains)
-        q_e = normalised(moved(q_e, _HOLD_STEP, kinematics(middle, omega)))
+        q_e = normalised(euler_step(q_e, _HOLD_STEP, kinematics(middle, omega)))
         t += _HOLD_STEP
     return math.inf
 
@@ -226,12 +226,12 @@ def _stays_inside(stretch: float, clock: float, phi: float, gains: Any) -> bool:
     h_clock = (shape.t2 - clock) / _MODEL_STEPS
     h = h_clock * stretch
     for _ in range(_MODEL_STEPS):
-        if math.sin(0.5 * phi) > _MODEL_FILL * nominal(clock, shape)[0]:
+        if math.sin(0.5 * phi) > _MODEL_SHARE * nominal(clock, shape)[0]:
             return False
         rho = nominal(clock + 0.5 * h_clock, shape)[0]
         phi, _ = _advanced(phi, 0.0, rho, h, False, 0.0, gains)
         clock += h_clock
-    return bool(math.sin(0.5 * phi) <= _END_FILL * shape.terminal)
+    return bool(math.sin(0.5 * phi) <= _END_SHARE * shape.terminal)
 
 
 @kernel
@@ -277,7 +277,7 @@ def _plan_fall(plan: Any, phi: float, rate: float, ready: float, brake: float, g
 def _rate_clock(q_e: Quaternion, omega_e: Vector, rho: float, gains: Any) -> float:
     """Where on its table the rate envelope must begin to hold the present z2."""
     z2 = subtract(omega_e, _asked_rate(q_e, rho, gains))
-    return clock_at(largest(z2) / _FILL, gains.rate_shape)
+    return clock_at(largest(z2) / _SHARE, gains.rate_shape)
 
 
 @kernel
@@ -285,8 +285,8 @@ def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains:
     """Place both envelopes in time at t [s] for the present error.
 
     At t = 0 the envelopes begin at the top of their tables, as in the paper; a plan made later
-    begins where the errors fill a part `_FILL` of them. With ``envelope: nominal`` nothing waits
-    and the stretch is 1; `feasible` then says whether the model stays inside.
+    begins where the errors take the share `_SHARE` of them. With ``envelope: nominal`` nothing
+    waits and the stretch is 1; `feasible` then says whether the model stays inside.
     """
     shape = gains.attitude_shape
     phi = rotation_angle(q_e)
@@ -304,7 +304,7 @@ def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains:
         if gains.auto != 0.0:
             peak = _hold(phi, rate, 1.0, 1.0, ready, brake, gains)[2]
             reach = max(reach, math.sin(0.5 * peak))
-        plan.attitude_clock = clock_at(reach / _FILL, shape)
+        plan.attitude_clock = clock_at(reach / _SHARE, shape)
         rho = nominal(plan.attitude_clock, shape)[0]
         plan.rate_clock = _rate_clock(q_e, omega_e, rho, gains)
     inside = _follows_table(plan.attitude_clock, q_e, omega_e, ready, gains)

@@ -157,14 +157,14 @@ class Parameter:
         return ConfigurationError(f"{self.name} = {value!r}{unit}; allowed: {self.allowed}")
 
 
-def resolved(table: Iterable[Parameter], given: Mapping[str, Any], owner: str) -> dict[str, Value]:
+def resolved(table: Iterable[Parameter], chosen: Mapping[str, Any], owner: str) -> dict[str, Value]:
     """Defaults overlaid with checked values.
 
     Parameters
     ----------
     table : iterable of Parameter
         What may be given.
-    given : mapping
+    chosen : mapping
         What was given, by name.
     owner : str
         Whose parameters they are, for errors.
@@ -175,7 +175,7 @@ def resolved(table: Iterable[Parameter], given: Mapping[str, Any], owner: str) -
         An unknown name (with the nearest known one), or a value that is not allowed.
     """
     known = {parameter.name: parameter for parameter in table}
-    for name in given:
+    for name in chosen:
         if name not in known:
             close = get_close_matches(name, known, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
@@ -183,7 +183,7 @@ def resolved(table: Iterable[Parameter], given: Mapping[str, Any], owner: str) -
     values = {}
     for name, parameter in known.items():
         try:
-            values[name] = parameter.checked(given.get(name, parameter.default))
+            values[name] = parameter.checked(chosen.get(name, parameter.default))
         except ConfigurationError as error:
             raise ConfigurationError(f"{owner}: {error}") from None
     return values

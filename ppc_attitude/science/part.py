@@ -120,9 +120,9 @@ class Part:
         self.outputs = self.signals[split:].view(component.output_record)
         self._stamp = self.signals[:1].view(np.int64)
         self._read = self.signals[1:split]
-        self._given = self.signals[split:]
+        self._output_row = self.signals[split:]
         self._slices = _slices(component)
-        self._row: list[float] = self._given.tolist()
+        self._row: list[float] = self._output_row.tolist()
         self.state = np.zeros(1, component.state)
         self.told = 0
         self._entry = entry_point(component)
@@ -176,10 +176,10 @@ class Part:
         self._stamp[0] = stamp_ns
         self._read[:] = [seconds(stamp_ns), *values]
         self._call(*self._records)
-        self._row = self._given.tolist()
+        self._row = self._output_row.tolist()
         return self._row
 
-    def given(self, column: str) -> list[float]:
+    def output(self, column: str) -> list[float]:
         """One column as the last step gave it."""
         return self._row[self._slices[column]]
 
@@ -193,7 +193,7 @@ class Part:
         """What the component has to say after the last step."""
         return self.component.advice(self.state[0])
 
-    def fill(self) -> dict[str, float]:
+    def normalised_errors(self) -> dict[str, float]:
         """Largest |column|/bound of each column whose bound it gives; above 1 it is outside."""
         record = self.outputs[0]
         pairs = [

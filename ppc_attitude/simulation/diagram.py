@@ -112,8 +112,8 @@ def recorded_columns(parameters: Parameters) -> tuple[Column, ...]:
         for node in HOSTED
         for column in columns_of(node, parameters.get(node, {}))
     }
-    given = [column.name for _, component in selected(parameters) for column in component.outputs]
-    return tuple(columns[name] for name in given if name in columns)
+    names = [column.name for _, component in selected(parameters) for column in component.outputs]
+    return tuple(columns[name] for name in names if name in columns)
 
 
 class Diagram:

@@ -152,7 +152,7 @@ def _flattened(tree: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str,
             yield name, value
 
 
-def scenario(given: Overrides) -> Scenario:
+def scenario(chosen: Overrides) -> Scenario:
     """Check given parameters, fill in the defaults, and see that all of it fits together.
 
     Raises
@@ -160,15 +160,15 @@ def scenario(given: Overrides) -> Scenario:
     ConfigurationError
         Unknown node or name, or a value that is wrong, infeasible or does not fit another.
     """
-    unknown = sorted(set(given) - set(PARAMETERS))
+    unknown = sorted(set(chosen) - set(PARAMETERS))
     if unknown:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
-    return Scenario({node: _checked(node, given.get(node, {})) for node in PARAMETERS})
+    return Scenario({node: _checked(node, chosen.get(node, {})) for node in PARAMETERS})
 
 
-def _checked(node: str, given: Mapping[str, Any]) -> dict[str, Value]:
+def _checked(node: str, chosen: Mapping[str, Any]) -> dict[str, Value]:
     """Complete parameters of a node, with which the components that they select can run."""
-    values = resolved(PARAMETERS[node], given, node)
+    values = resolved(PARAMETERS[node], chosen, node)
     check_components(node, values)
     return values
 
@@ -196,7 +196,7 @@ def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Sce
     ConfigurationError
         See `read_files` and `scenario`.
     """
-    given = read_files(paths)
+    chosen = read_files(paths)
     for node, values in (overrides or {}).items():
-        given.setdefault(node, {}).update(values)
-    return scenario(given)
+        chosen.setdefault(node, {}).update(values)
+    return scenario(chosen)

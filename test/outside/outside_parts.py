@@ -24,7 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import kinematics, moved, normalised, product, unit_quaternion
+from ppc_attitude.science.attitude import (
+    euler_step,
+    kinematics,
+    normalised,
+    product,
+    unit_quaternion,
+)
 from ppc_attitude.science.component import (
     BODY,
     INERTIAL,
@@ -108,7 +114,7 @@ def step_plant(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
             drag = scale(configuration.damping, subtract(scale(_RING_INERTIA, omega), h))
             momentum = add(apply(inertia, omega), h)
             push = subtract(subtract(torque, cross(omega, momentum)), drag)
-            q = normalised(moved(q, dt, kinematics(q, omega)))
+            q = normalised(euler_step(q, dt, kinematics(q, omega)))
             omega = add(omega, scale(dt, apply(inverse, push)))
             h = add(h, scale(dt, drag))
         store_quaternion(state.attitude, q)

@@ -156,11 +156,11 @@ def execute(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _assumptions(scenario: Scenario, given: dict[str, float]) -> Assumptions:
+def _assumptions(scenario: Scenario, chosen: dict[str, float]) -> Assumptions:
     """Assumptions from configuration and options, each within the range of its parameter."""
     node = scenario.parameters
     assumed = assumptions_from(
-        node[PLANT], node[REFERENCE], node[INJECTOR], node[CONTROLLER], given
+        node[PLANT], node[REFERENCE], node[INJECTOR], node[CONTROLLER], chosen
     )
     table = {each.name: each for each in tube_parameters.PARAMETERS}
     for name in ASSUMED:
@@ -170,8 +170,8 @@ def _assumptions(scenario: Scenario, given: dict[str, float]) -> Assumptions:
 
 
 def _values(assumed: Assumptions, law: Law) -> dict[str, object]:
-    given = parameters_of(assumed, law)
-    values = resolved(tube_parameters.PARAMETERS, given, CONTROLLER)
+    chosen = parameters_of(assumed, law)
+    values = resolved(tube_parameters.PARAMETERS, chosen, CONTROLLER)
     values[tube_parameters.CERTIFICATE.name] = digest_of(values)
     return dict(values)
 

@@ -157,7 +157,7 @@ def assumptions_from(
     reference: Mapping[str, Any],
     injector: Mapping[str, Any],
     controller: Mapping[str, Any],
-    given: Mapping[str, float],
+    declared: Mapping[str, float],
 ) -> Assumptions:
     """Read from the nodes' parameters what a design may assume.
 
@@ -165,7 +165,7 @@ def assumptions_from(
     ----------
     plant, reference, injector, controller : mapping
         Checked parameters of the nodes.
-    given : mapping of str to float
+    declared : mapping of str to float
         Assumptions by name that stand over what the parameters tell.
     """
     amplitude, period = (np.array(reference[each]) for each in ("amplitude", "period_constant"))
@@ -176,7 +176,7 @@ def assumptions_from(
     known = {paper.COMPONENT.name, environment.COMPONENT.name, none.COMPONENT.name}
     for name, kind in needed.items():
         selected = _selected(kind, values[kind.name])
-        if selected not in known and name not in given:
+        if selected not in known and name not in declared:
             raise ConfigurationError(
                 f"{kind.selector} = {selected} tells no bound {name}: give it with "
                 f"--assume {name}=VALUE"
@@ -198,7 +198,7 @@ def assumptions_from(
     return Assumptions(
         inertia=tuple(controller["inertia"]),
         max_torque=min(plant["max_torque"], controller["max_torque"]),
-        **{**found, **given},
+        **{**found, **declared},
     )
 
 

@@ -106,7 +106,7 @@ def unit_vector(name: str, values: Any) -> NDArray[np.float64]:
     return np.asarray(vector / length)
 
 
-def each(name: str, given: Sequence[str], count: int) -> Sequence[str]:
+def each(name: str, texts: Sequence[str], count: int) -> Sequence[str]:
     """One text for each of `count`, which may be given once for all.
 
     Raises
@@ -114,8 +114,8 @@ def each(name: str, given: Sequence[str], count: int) -> Sequence[str]:
     ConfigurationError
         There are neither one nor `count`.
     """
-    if len(given) == 1:
-        return list(given) * count
-    if len(given) != count:
-        raise ConfigurationError(f"{name} has {len(given)} values; allowed: 1 or {count}")
-    return given
+    if len(texts) == 1:
+        return list(texts) * count
+    if len(texts) != count:
+        raise ConfigurationError(f"{name} has {len(texts)} values; allowed: 1 or {count}")
+    return texts

@@ -83,7 +83,7 @@ STATE = np.dtype(
         ("active", np.int64),  # which of the plans is followed
         ("plans", PLAN, (2,)),
         ("look", LOOK),
-        ("taken", np.int64),  # orders so far
+        ("obeyed", np.int64),  # orders so far
         ("outcome", np.int64),  # of the last one
         ("measured", np.float64),  # what it was refused for, and what is allowed, each in the
         ("allowed", np.float64),  # unit of its reason
@@ -294,7 +294,7 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
 
 
 @kernel
-def taken(t: float, outcome: int, state: Any) -> int:
+def adopt_plan(t: float, outcome: int, state: Any) -> int:
     """Follow the new plan from t [s] on if it was found, and remember the outcome."""
     state.outcome = outcome
     if outcome == ACCEPTED:
@@ -306,7 +306,7 @@ def taken(t: float, outcome: int, state: Any) -> int:
 @kernel
 def pursue(t: float, frame: int, attitude: Quaternion, guidance: Any, state: Any) -> int:
     """Take a goal at t [s] and follow it, or go on as before; see `plan_to`."""
-    return taken(t, plan_to(t, frame, attitude, guidance, state), state)
+    return adopt_plan(t, plan_to(t, frame, attitude, guidance, state), state)
 
 
 @kernel
@@ -318,7 +318,7 @@ def hold(t: float, guidance: Any, state: Any) -> int:
     state.cone = -1
     state.inside = 0
     if not _brake_to_stand(t, trial, motion, guidance, state):
-        return taken(t, NO_SLEW, state)
+        return adopt_plan(t, NO_SLEW, state)
     stand = _standing_attitude(trial, motion)
     store_quaternion(trial.attitude, stand)
-    return taken(t, ACCEPTED, state)
+    return adopt_plan(t, ACCEPTED, state)

@@ -59,7 +59,7 @@ class OrderBook:
         """
         if len(self._orders) + len(self._beginning) >= _MOST:
             raise ConfigurationError(f"{_MOST} orders were given; allowed: no more in one run")
-        self.given += 1
+        self.in_flight += 1
         if stamp_ns <= self._stamp:
             self._beginning.append(make)
             return "from the next state on"
@@ -84,6 +84,6 @@ class OrderBook:
         """Forget what was given in flight, since time began again."""
         self._orders = self._scheduled
         self._beginning.clear()
-        self.given = 0  # how many came in flight
+        self.in_flight = 0  # how many came in flight
         self._stamp = -1  # the latest instant [ns] that was asked for
         self._changed = True

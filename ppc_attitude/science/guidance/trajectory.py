@@ -28,10 +28,10 @@ from ppc_attitude.science.guidance.goals import (
     NO_SLEW,
     TOO_FAST,
     TOO_LATE,
+    adopt_plan,
     kept_clear,
     plan_to,
     refused,
-    taken,
 )
 from ppc_attitude.science.guidance.plan import MOST_LEGS, append_polynomial, leg_motion
 from ppc_attitude.science.guidance.rotation import axis_and_angle, rotation_vector_rates
@@ -95,25 +95,27 @@ def points(
         raise ConfigurationError(f"a trajectory of {count} points; allowed: 2 to {MOST_POINTS}")
     record = np.zeros((), POINTS)[()]
     record["count"] = count
-    given = np.asarray(attitudes, dtype=np.float64)
-    lengths = np.linalg.norm(given, axis=1)
+    quaternions = np.asarray(attitudes, dtype=np.float64)
+    lengths = np.linalg.norm(quaternions, axis=1)
     wrong = np.flatnonzero(~(np.abs(lengths - 1.0) <= 1e-3))
     if len(wrong):
         raise ConfigurationError(
-            f"point {wrong[0]} has attitude {given[wrong[0]].tolist()} of norm "
+            f"point {wrong[0]} has attitude {quaternions[wrong[0]].tolist()} of norm "
             f"{lengths[wrong[0]]:.6g}; allowed: 1 within 0.001"
         )
     # To normalise one again would change its last bits, and a replay would not be exact.
-    given = given / np.where(np.abs(lengths - 1.0) > _OWN_TOLERANCE, lengths, 1.0)[:, None]
+    quaternions = (
+        quaternions / np.where(np.abs(lengths - 1.0) > _OWN_TOLERANCE, lengths, 1.0)[:, None]
+    )
     if not (np.diff(times) > 0.0).all():
         raise ConfigurationError(
             f"times of the points are {list(times)}; allowed: finite and increasing"
         )
     record["time"][:count] = times
-    record["attitude"][:count] = given
+    record["attitude"][:count] = quaternions
     means = [
         np.multiply(*axis_and_angle(product(conjugate(_tuple(a)), _tuple(b)))) / length
-        for a, b, length in zip(given[:-1], given[1:], np.diff(times), strict=True)
+        for a, b, length in zip(quaternions[:-1], quaternions[1:], np.diff(times), strict=True)
     ]
     for i, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True)):
         within = 0 < i < count - 1
@@ -221,4 +223,4 @@ def follow(t: float, points: Any, guidance: Any, state: Any) -> int:
         As of `pursue`; also `TOO_LATE` if the first point comes before the slew to it has ended,
         and `TOO_FAST` if a segment breaks V or A.
     """
-    return taken(t, _plan_through(t, points, guidance, state), state)
+    return adopt_plan(t, _plan_through(t, points, guidance, state), state)

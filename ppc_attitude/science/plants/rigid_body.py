@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import (
+    euler_step,
     kinematics,
-    moved,
     runge_kutta,
     unit_quaternion,
 )
@@ -133,13 +133,13 @@ def rigid_body_step(
     q1 = kinematics(q, omega)
     a1 = angular_acceleration(omega, torque, inertia, inertia_inverse)
     w2 = add(omega, scale(0.5 * h, a1))
-    q2 = kinematics(moved(q, 0.5 * h, q1), w2)
+    q2 = kinematics(euler_step(q, 0.5 * h, q1), w2)
     a2 = angular_acceleration(w2, torque, inertia, inertia_inverse)
     w3 = add(omega, scale(0.5 * h, a2))
-    q3 = kinematics(moved(q, 0.5 * h, q2), w3)
+    q3 = kinematics(euler_step(q, 0.5 * h, q2), w3)
     a3 = angular_acceleration(w3, torque, inertia, inertia_inverse)
     w4 = add(omega, scale(h, a3))
-    q4 = kinematics(moved(q, h, q3), w4)
+    q4 = kinematics(euler_step(q, h, q3), w4)
     a4 = angular_acceleration(w4, torque, inertia, inertia_inverse)
     mean = add(add(a1, a4), scale(2.0, add(a2, a3)))
     return runge_kutta(q, h, q1, q2, q3, q4), add(omega, scale(h / 6.0, mean))

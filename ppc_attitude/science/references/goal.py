@@ -214,12 +214,12 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
         store(outputs.reference_angular_acceleration, (0.0, 0.0, 0.0))
         return
     orders = array_at(guidance.address, guidance.orders, ORDER)
-    before = state.taken
-    while state.taken < guidance.orders and orders[state.taken].stamp_ns <= inputs.stamp_ns:
-        state.taken += 1
-        obey(orders[state.taken - 1], guidance, state)
+    before = state.obeyed
+    while state.obeyed < guidance.orders and orders[state.obeyed].stamp_ns <= inputs.stamp_ns:
+        state.obeyed += 1
+        obey(orders[state.obeyed - 1], guidance, state)
     look_out(inputs.t, state.plans[state.active], guidance, state.look, state.watch)
-    if state.taken > before:
+    if state.obeyed > before:
         state.watch.said = state.watch.changes
     q_d, omega_d, acceleration_d = motion_now(inputs.t, guidance, state)
     last = quaternion(state.attitude)
@@ -238,9 +238,9 @@ def advice(state: Any) -> Advice:
     concern = f"the desired motion {' and '.join(warnings)}" if warnings else ""
     if watch["changes"] > watch["said"]:
         return Advice(concern or "what was warned of is over", warning=bool(warnings))
-    if state["taken"] == 0:
+    if state["obeyed"] == 0:
         return Advice("at rest at the first attitude; no goal yet", warning=False)
-    outcome, number = int(state["outcome"]), int(state["taken"])
+    outcome, number = int(state["outcome"]), int(state["obeyed"])
     if outcome != ACCEPTED:
         measured, allowed = float(state["measured"]), float(state["allowed"])
         if outcome == ILL_DEFINED:
@@ -277,7 +277,7 @@ def facts(t: float, guidance: Any, state: Any) -> dict[str, Any]:
     """Numbers of the last order and of what is in sight at t [s], for who reads them by machine."""
     plan = state["plans"][state["active"]]
     return {
-        "order": int(state["taken"]),
+        "order": int(state["obeyed"]),
         "outcome": int(state["outcome"]),
         "frame": FRAME_NAMES[plan["frame"]],
         "attitude": " ".join(repr(float(x)) for x in plan["attitude"]),
@@ -288,8 +288,8 @@ def facts(t: float, guidance: Any, state: Any) -> dict[str, Any]:
 
 
 def advices(state: Any) -> int:
-    """Return how many orders were taken, and how often what is warned of has changed."""
-    return int(state["taken"] + state["watch"]["changes"])
+    """Return how many orders were obeyed, and how often what is warned of has changed."""
+    return int(state["obeyed"] + state["watch"]["changes"])
 
 
 COMPONENT = Component(

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import (
+    euler_step,
     kinematics,
-    moved,
     normalised,
     runge_kutta,
     unit_quaternion,
@@ -101,9 +101,9 @@ def _attitude_step(q: Quaternion, t: float, h: float, reference: Any) -> Quatern
     """One Runge-Kutta step of q_d' = ½ q_d ⊗ [ω_d, 0]."""
     middle = desired_rate(t + 0.5 * h, reference)
     k1 = kinematics(q, desired_rate(t, reference))
-    k2 = kinematics(moved(q, 0.5 * h, k1), middle)
-    k3 = kinematics(moved(q, 0.5 * h, k2), middle)
-    k4 = kinematics(moved(q, h, k3), desired_rate(t + h, reference))
+    k2 = kinematics(euler_step(q, 0.5 * h, k1), middle)
+    k3 = kinematics(euler_step(q, 0.5 * h, k2), middle)
+    k4 = kinematics(euler_step(q, h, k3), desired_rate(t + h, reference))
     return runge_kutta(q, h, k1, k2, k3, k4)
 
 

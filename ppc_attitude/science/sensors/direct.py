@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import kinematics, moved, normalised
+from ppc_attitude.science.attitude import euler_step, kinematics, normalised
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import (
     Quaternion,
@@ -90,7 +90,7 @@ def measured(
     n2, n3 = normal_pair(seed, step, 1)
     n4, n5 = normal_pair(seed, step, 2)
     turn = kinematics(q, scale(attitude_noise, (n0, n1, n2)))
-    return normalised(moved(q, 1.0, turn)), add(omega, scale(rate_noise, (n3, n4, n5)))
+    return normalised(euler_step(q, 1.0, turn)), add(omega, scale(rate_noise, (n3, n4, n5)))
 
 
 @kernel

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
 from ppc_attitude.contract.run_record import Array, RunRecord
 
-QUANTITIES = ("attitude_error", "attitude_envelope", "attitude_fill")
+QUANTITIES = ("attitude_error", "attitude_envelope", "normalised_error")
 """max_i |q_ev,i| of the pointing error, max_i ρ_q,i, and max_i |q_ev,i|/ρ_q,i of the law's own."""
 TIME_BINS = 240
 STEPS_PER_DECADE = 32
@@ -78,7 +78,7 @@ def _largest(rows: Array) -> Array:
     return np.asarray(np.maximum.reduce(rows))
 
 
-class Fan:
+class QuantileBands:
     """How many runs were at each level in each time bin.
 
     Parameters
