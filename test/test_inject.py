@@ -27,7 +27,7 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import main
-from ppc_attitude.nodes import inject
+from ppc_attitude.nodes import visiting
 
 ROOT = Path(__file__).parent.parent
 TORQUE = (0.3, -0.2, 0.1)  # [N·m]
@@ -82,7 +82,7 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
 def test_nobody_to_inject_into_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(inject, "_PATIENCE", 0.5)
+    monkeypatch.setattr(visiting, "_PATIENCE", 0.5)
     assert main(["inject", "0.1", "0.1", "0.1"]) == errors.BROKEN
     err = capsys.readouterr().err
     assert "nobody offers /disturbance_injector/inject" in err

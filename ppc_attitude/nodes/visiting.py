@@ -22,6 +22,7 @@ from contextlib import contextmanager
 import rclpy
 import rclpy.utilities
 from rclpy.exceptions import InvalidNamespaceException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
@@ -80,7 +81,12 @@ def await_answer(node: Node, condition: Callable[[], bool], complaint: str) -> N
         It did not hold in time; says the complaint.
     """
     end = time.monotonic() + _PATIENCE
-    while not condition():
-        if time.monotonic() > end:
-            raise TimeoutError(f"{complaint} (waited {_PATIENCE:g} s)")
-        rclpy.spin_once(node, timeout_sec=0.05)
+    executor = SingleThreadedExecutor()  # its own: the one of the process may be at work
+    executor.add_node(node)
+    try:
+        while not condition():
+            if time.monotonic() > end:
+                raise TimeoutError(f"{complaint} (waited {_PATIENCE:g} s)")
+            executor.spin_once(timeout_sec=0.05)
+    finally:
+        executor.shutdown()
