@@ -95,15 +95,20 @@ def refused(stack: Peer, node: str, topic: Topic) -> int:
     return int(stack.health.get(node, {}).get(f"refused {topic.name}", 0))
 
 
-def expect_refusals(stack: Peer, topic: Topic, messages: list[bytes]) -> None:
+def expect_refusals(stack: Peer, messages: dict[Topic, list[bytes]]) -> None:
     """Send messages; every reader counts every one."""
-    before = {node: refused(stack, node, topic) for node in READERS[topic]}
-    for data in messages:
-        stack.send(topic, data)
-    for node, count in before.items():
+    ways = [(node, topic) for topic in messages for node in READERS[topic]]
+    before = {way: refused(stack, *way) for way in ways}
+    for topic, each in messages.items():
+        for data in each:
+            stack.send(topic, data)
+    for (node, topic), count in before.items():
+        expected = count + len(messages[topic])
         stack.until(
-            lambda node=node, count=count: refused(stack, node, topic) >= count + len(messages),
-            f"{len(messages)} refusals of {topic.name} by {node}",
+            lambda node=node, topic=topic, expected=expected: (
+                refused(stack, node, topic) >= expected
+            ),
+            f"{len(messages[topic])} refusals of {topic.name} by {node}",
         )
 
 
@@ -165,12 +170,16 @@ def test_bad_messages_change_nothing_and_the_loop_goes_on(nodes: dict[str, Node]
         stack.goes_on()
         for topic, readers in READERS.items():
             stack.matched(topic, len(readers))
-        for topic in READERS:
-            expect_refusals(stack, topic, list(impossible(topic)))
+        expect_refusals(stack, {topic: list(impossible(topic)) for topic in READERS})
         stack.goes_on()
-        for topic in (TORQUE_COMMAND, DISTURBANCE):  # out of order, and of an instant to come
-            codec = Codec(topic)
-            expect_refusals(stack, topic, [codec.encode(s, good(topic)) for s in (1, FUTURE)])
+        # Out of order, and of an instant to come.
+        expect_refusals(
+            stack,
+            {
+                topic: [Codec(topic).encode(stamp, good(topic)) for stamp in (1, FUTURE)]
+                for topic in (TORQUE_COMMAND, DISTURBANCE)
+            },
+        )
         send_states_of_other_times(stack)
         for topic in READERS:
             flood(stack, topic)

@@ -217,7 +217,8 @@ def test_third_controller_is_one_file_and_one_line() -> None:
     metrics = json.loads(done.stdout)["metrics"]
     text = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
     said = re.search(
-        r"settles in (\S+) s, at (\S+)°/s, and the environment torque leaves it (\S+) off", text
+        r"settles in (\S+) s and reaches (\S+)°/s, and the environment torque leaves it (\S+) off",
+        text,
     )
     assert said is not None
     reached = ("settling_time_s", "max_rate_deg_s", "terminal_error")

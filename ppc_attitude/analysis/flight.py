@@ -104,13 +104,13 @@ def flight_of(record: RunRecord) -> Flight | None:
                 change = changes.pop(0)
                 values[change.name] = change.value
             part.configure(values)
-        told, taken = part.advices, int(part.state[0]["taken"])
+        told, obeyed = part.advices, int(part.state[0]["obeyed"])
         part.step(stamp_ns, record[ATTITUDE.column][k])
         state = part.state[0]
         if not state["begun"]:
             continue
         if part.advices > told:
-            followed = int(state["taken"]) > taken and state["outcome"] == ACCEPTED
+            followed = int(state["obeyed"]) > obeyed and state["outcome"] == ACCEPTED
             legs = _legs(state["plans"][state["active"]]) if followed else ()
             advice = part.advice
             words.append(Word(seconds(stamp_ns), advice.text, advice.warning, legs))
