@@ -28,6 +28,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
+from unittest import mock
 
 import hypothesis
 import pytest
@@ -91,8 +92,12 @@ def _own_domain() -> Iterator[int]:
 
 @pytest.fixture(autouse=True)
 def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Give the test, and every process that it starts, a ROS graph of its own on this machine."""
-    with _own_domain() as domain:
+    """Give the test, and every process that it starts, a ROS graph of its own on this machine.
+
+    A command that runs in this process may set what the middleware reads; it does not outlive
+    the test.
+    """
+    with mock.patch.dict(os.environ), _own_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))

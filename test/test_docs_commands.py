@@ -162,7 +162,9 @@ def simulated_run(arguments: list[str]) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["README.md", "tutorial.md", "how-to.md"])
+@pytest.mark.parametrize(
+    "name", ["README.md", pytest.param("tutorial.md", marks=pytest.mark.long), "how-to.md"]
+)
 def test_commands_of_a_page_run_in_their_order(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

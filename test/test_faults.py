@@ -91,8 +91,9 @@ def test_a_killed_node_ends_the_run_and_is_named(
     assert cut == (name == RECORDER)
 
 
-@pytest.mark.parametrize("storage", ["mcap", pytest.param("sqlite3", marks=long)])
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=long) for seed in range(1, 4))])
+@long
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("seed", range(4))
 def test_after_sigkill_of_the_recorder_at_most_the_last_second_is_lost(
     storage: str, seed: int, tmp_path: Path, start_process: StartProcess
 ) -> None:

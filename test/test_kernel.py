@@ -63,13 +63,14 @@ def test_division() -> None:
             "from ppc_attitude.science.attitude import jacobian\n"
             "print(jacobian((0.0, 0.0, 0.0), 1.0, (1.0, 0.0, 0.0)))",
         ),
-        (
+        pytest.param(
             "science/stamps.py",
             "return stamp_ns * 1e-9",
             "return stamp_ns * 2e-9",
             "from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of\n"
             "from ppc_attitude.simulation.scenario import scenario\n"
             "print(timetable_of(scenario({}), stamps_of(1.0, 1.0)))",
+            marks=pytest.mark.long,
         ),
     ],
 )

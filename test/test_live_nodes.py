@@ -66,7 +66,7 @@ def end_all(nodes: Any) -> None:
 @pytest.mark.parametrize(
     ("mode", "number"),
     [
-        ("free-running", signal.SIGTERM),
+        pytest.param("free-running", signal.SIGTERM, marks=pytest.mark.long),
         pytest.param("lockstep", signal.SIGTERM, marks=pytest.mark.long),
         # The graph forgets a node that was killed only after seconds, and until then may be slow.
         pytest.param("free-running", signal.SIGKILL, marks=pytest.mark.long),

@@ -191,6 +191,7 @@ def impossible(topic: Topic, data: bytes) -> bool:
 
 
 @pytest.mark.ros
+@pytest.mark.long
 def test_random_messages_never_make_a_torque_wrong_or_end_the_loop(loop: Loop) -> None:
     loop.goes_on()
     sent = 0

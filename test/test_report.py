@@ -24,6 +24,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from synthetic import hit_run, normal_run, with_columns, without_columns
 
 from ppc_attitude.analysis.figures import figures_of
@@ -80,6 +81,12 @@ def report(tmp_path, *runs):
     return Page(text), text
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the drawings empty: what a test reads is in the text."""
+    monkeypatch.setattr(Figure, "savefig", lambda self, buffer, **_: buffer.write(b"<svg/>"))
+
+
 @pytest.fixture(scope="module")
 def one():
     return replace(hit_run(), warnings=("the clock jumped",), missing={"torque_command": 2})
@@ -120,7 +127,7 @@ def test_one_run(one, page_of_one):
     assert "120 s in 12001 instants" in page.text
 
 
-def test_one_name_means_one_number_and_says_over_which_part_it_is_taken(tmp_path):
+def test_one_name_means_one_number_and_says_over_which_part_it_is_taken(tmp_path, undrawn):
     run = hit_run()
     rate = run["angular_velocity"].copy()
     rate[9000] = np.deg2rad([0.0, 5.0, 0.0])
@@ -134,7 +141,7 @@ def test_one_name_means_one_number_and_says_over_which_part_it_is_taken(tmp_path
     assert "settling time not settled 0 to 20" in page.text
 
 
-def test_the_page_says_whose_it_is_and_hides_what_did_not_run(tmp_path):
+def test_the_page_says_whose_it_is_and_hides_what_did_not_run(tmp_path, undrawn):
     path = tmp_path / "report.html"
     law = {"controller": "log_barrier", "k": 3.0, "log_barrier.K1": 0.5, "inertia": [1.0]}
     run = replace(normal_run(5.0), parameters={"ppc_controller": law})
@@ -147,7 +154,7 @@ def test_the_page_says_whose_it_is_and_hides_what_did_not_run(tmp_path):
     assert page.tags.count("details") == 3
 
 
-def test_what_was_changed_in_flight_is_told(tmp_path):
+def test_what_was_changed_in_flight_is_told(tmp_path, undrawn):
     run = normal_run(duration=2.0)
     changes = (Change(1_500_000_000, "ppc_controller", "k", 4.0),)
     changed = replace(run, changes=changes)
@@ -160,7 +167,7 @@ def test_what_was_changed_in_flight_is_told(tmp_path):
     assert verdict.to_json()["changes"] == ["ppc_controller k 3.0 → 4.0 from 1.5 s on"]
 
 
-def test_a_good_run(tmp_path):
+def test_a_good_run(tmp_path, undrawn):
     page, _ = report(tmp_path, normal_run())
     assert "9 met of 9 requirements" in page.text
     assert "✗" not in page.text
@@ -228,7 +235,7 @@ def test_the_replay_has_the_true_attitude_and_the_reference():
     assert replay(Measured(without_columns(run, "attitude"), PAPER)) == ""
 
 
-def test_whatever_comes_from_the_record_is_escaped(tmp_path):
+def test_whatever_comes_from_the_record_is_escaped(tmp_path, undrawn):
     nasty = '<script>alert("x")</script> & <b>'
     run = replace(
         normal_run(5.0),

@@ -211,6 +211,7 @@ def test_the_bag_of_an_interrupted_run_can_be_read(tmp_path, start_process):
     assert json.loads(out)["missing_messages"] == 0
 
 
+@pytest.mark.long
 def test_latency_is_that_of_a_run_with_its_bag_and_verdict(tmp_path, start_process):
     bag = tmp_path / "bag"
     options = ["--rate", "50", "--duration", "5", "--bag", str(bag)]
