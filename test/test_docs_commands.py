@@ -253,6 +253,7 @@ def test_own_controller_joins_in_lockstep(start_process: StartProcess, tmp_path:
 
 
 @pytest.mark.ros
+@pytest.mark.long
 def test_a_run_started_by_hand_is_recorded_from_its_first_instant(
     start_process: StartProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -267,6 +268,9 @@ def test_a_run_started_by_hand_is_recorded_from_its_first_instant(
     recorder = start(lines[RECORDER][1:])
     peers = [start(lines[node][1:]) for node in (REFERENCE, INJECTOR)]
     peers.append(start([str(EXAMPLES / "own_controller.py")]))
+    # The example's controller reads no reference, so nobody else waits for that node.
+    assert peers[0].stderr is not None
+    assert any("ready" in line for line in peers[0].stderr)
     plant = start([*lines[PLANT][1:], "-p", "duration:=2.0"])
     assert plant.wait(timeout=PATIENCE) == 0
     for process in (*peers, recorder):
