@@ -6,8 +6,9 @@ SHELL := /bin/bash
 INSTALLED := .venv/.installed
 PYTHON ?=
 
-# Two tests at a time, those of a file one after the other; each has a ROS domain of its own.
-PYTEST := ROS_PYTHON_CHECK_FIELDS=1 python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Three tests at a time, for they often wait; those of a file one after the other, each in a ROS
+# domain of its own.
+PYTEST := ROS_PYTHON_CHECK_FIELDS=1 python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Every recipe that uses .venv starts with this. A .venv with ROS wheels of its own must not see
 # another ROS or other modules; one that was made on a sourced ROS 2 Jazzy needs it sourced again.
@@ -36,10 +37,12 @@ run: $(INSTALLED) ## run the paper's normal case through the five nodes, print t
 
 test: $(INSTALLED) ## lint, check types, run the tests (ARGS='-k name' goes to pytest)
 	@$(ENTER); \
+	python test/compile_steps.py & compiling=$$!; \
 	ruff check .; \
 	ruff check --preview --select CPY001 .; \
 	ruff format --check .; \
 	mypy; \
+	wait $$compiling; \
 	$(PYTEST) $(ARGS)
 
 test-all: $(INSTALLED) ## the tests of `make test` and the long ones: every variant, process faults
@@ -56,6 +59,7 @@ clean: ## remove what make created (recorded bags stay)
 	rm -rf .venv build install log *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+# colcon brings coverage, and Numba would import it in each process of a run.
 # A candidate counts only if it runs: a pyenv shim may exist for a version that is switched off.
 $(INSTALLED): setup.py Makefile
 	@set -euo pipefail; unset PYTHONHOME VIRTUAL_ENV; \
@@ -91,4 +95,5 @@ $(INSTALLED): setup.py Makefile
 	fi; \
 	echo "make: installing ppc_attitude[$$extras] (some minutes the first time)"; \
 	.venv/bin/python -m pip install -q --disable-pip-version-check -e ".[$$extras]"; \
+	.venv/bin/python -m pip uninstall -q -y coverage pytest-cov; \
 	touch $@

@@ -98,7 +98,7 @@ setup(
         "guarantee": ["cma>=4.5.0", "python-flint>=0.9.0"],
         "campaign": ["dask[distributed]>=2026.8.0", "pyarrow>=25.0.1"],
         "orbit": ["sgp4>=2.23"],  # for orbit.tle
-        "bench": ["bsk>=2.12.1"],
+        "bench": ["bsk>=2.12.1", "casadi>=3.8.2"],  # casadi: docs/examples/time_optimal.py
         "test": [
             "catkin_pkg>=1.1.1",
             "colcon-common-extensions>=0.3.0",

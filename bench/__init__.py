@@ -17,3 +17,4 @@
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]  # where processes find this package, which is not installed
+SENSORS = ROOT / "config" / "sensors_smallsat.yaml"  # of the rows with sensors

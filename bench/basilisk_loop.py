@@ -40,15 +40,20 @@ from bench.basilisk_models import (
     mrp,
     reference_table,
 )
+from bench.basilisk_sensors import Navigation
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.attitude import unit_quaternion
+from ppc_attitude.science.sensors import gyro_star_tracker
+from ppc_attitude.science.sensors.star_tracker import RATE
 from ppc_attitude.simulation.scenario import Scenario
 
 Law: TypeAlias = Literal["compiled", "numba", "python"]
 
 
 class BasiliskLoop:
-    """Rigid body, navigation, reference, error, feedback and torque: one task at one rate.
+    """Rigid body, navigation, reference, error, feedback and torque at one rate.
+
+    Where the scenario has sensors, navigation is Basilisk's star tracker, IMU and inertial filter.
 
     Parameters
     ----------
@@ -61,26 +66,41 @@ class BasiliskLoop:
     """
 
     def __init__(self, scenario: Scenario, duration: float, law: Law = "compiled") -> None:
-        period = macros.sec2nano(1.0 / scenario.number(PLANT, "rate"))
+        rate = scenario.number(PLANT, "rate")
         self.sim = SimulationBaseClass.SimBaseClass()
-        self.sim.CreateNewProcess("process").addTask(self.sim.CreateNewTask("task", period))
         inertia = np.array(scenario.parameters[PLANT]["inertia"], dtype=np.float64)
         self.body = _body(scenario, inertia)
         torque = extForceTorque.ExtForceTorque()
         self.body.addDynamicEffector(torque)
-        navigation = simpleNav.SimpleNav()
         reference = TableReference(reference_table(scenario, duration))
         self._error = attTrackingError.attTrackingError()
         control, *kept = _control(law, inertia)
-        navigation.scStateInMsg.subscribeTo(self.body.scStateOutMsg)
+        follow = (reference, self._error, control, torque)
+        tasks: tuple[tuple[float, tuple[Any, ...]], ...]  # rate [Hz], models in their order
+        if scenario.parameters[PLANT]["sensors"] == gyro_star_tracker.COMPONENT.name:
+            navigation = Navigation(scenario, self.body.scStateOutMsg, inertia)
+            fixes = scenario.number(PLANT, RATE.name)
+            tasks = (
+                (rate, (self.body,)),
+                (fixes, navigation.at_fixes),
+                (rate, (*navigation.at_steps, *follow)),
+            )
+        else:
+            navigation = simpleNav.SimpleNav()
+            navigation.scStateInMsg.subscribeTo(self.body.scStateOutMsg)
+            tasks = ((rate, (self.body, navigation, *follow)),)
         self._error.attNavInMsg.subscribeTo(navigation.attOutMsg)
         self._error.attRefInMsg.subscribeTo(reference.attRefOutMsg)
         control.guidInMsg.subscribeTo(self._error.attGuidOutMsg)
         torque.cmdTorqueInMsg.subscribeTo(control.cmdTorqueOutMsg)
-        models = (self.body, navigation, reference, self._error, control, torque)
-        for place, model in enumerate(models):
-            self.sim.AddModelToTask("task", model, len(models) - place)
-        self._kept = (models, kept)  # Basilisk holds what it was given by bare pointers
+        process = self.sim.CreateNewProcess("process")
+        for place, (frequency, models) in enumerate(tasks):
+            name = f"task_{place}"
+            task = self.sim.CreateNewTask(name, macros.sec2nano(1.0 / frequency))
+            process.addTask(task, len(tasks) - place)
+            for order, model in enumerate(models):
+                self.sim.AddModelToTask(name, model, len(models) - order)
+        self._kept = (tasks, navigation, kept)  # Basilisk holds what it was given by bare pointers
         self._duration = duration
 
     def prepare(self) -> None:

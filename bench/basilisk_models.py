@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the yardstick adds to Basilisk's modules: our reference, and its feedback in two more forms.
+"""Additions to Basilisk's modules: our reference, and its feedback in two more forms.
 
 The law is that of Basilisk's `mrpFeedback` without integral part, so all three forms give the same
 motion. Only `make bench` needs Basilisk.

@@ -19,19 +19,19 @@ from typing import Any
 
 import numpy as np
 
+from bench import SENSORS
 from bench.pairs import alternating
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.simulation.closed_loop import new_samples, run_samples, stamps_of
-from ppc_attitude.simulation.scenario import scenario
+from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
 DURATION = 120.0  # [s]
 _SAME = 1e-9  # the three forms of Basilisk's law may differ by this: rounding
 _OURS_AT_A_TIME = 10  # runs: as much wall time as one of Basilisk's
 
 
-def ours_s_per_s(duration: float, repeats: int) -> float:
+def ours_s_per_s(run: Scenario, duration: float, repeats: int) -> float:
     """Simulated seconds in a second of wall time, full law, every sample kept."""
-    run = scenario({})
     stamps = stamps_of(run.number(PLANT, "rate"), duration)
     samples = new_samples(run, stamps.size)
     run_samples(run, stamps, samples)
@@ -52,20 +52,26 @@ def measure(quick: bool) -> dict[str, Any]:
     from bench.basilisk_loop import BasiliskLoop, Law
 
     ends: dict[Law, Any] = {}
+    plain, sensing = scenario({}), load([SENSORS])
 
-    def basilisk_s_per_s(law: Law) -> float:
-        loop = BasiliskLoop(scenario({}), DURATION, law)
+    def basilisk_s_per_s(law: Law, run: Scenario = plain) -> float:
+        loop = BasiliskLoop(run, DURATION, law)
         loop.prepare()
         begin = time.perf_counter()
-        ends[law] = loop.run()
-        return DURATION / (time.perf_counter() - begin)
+        end = loop.run()
+        seconds = time.perf_counter() - begin
+        if run is plain:
+            ends[law] = end
+        return DURATION / seconds
 
-    ours, compiled, numba, python = alternating(
+    ours, compiled, numba, python, ours_sensing, basilisk_sensing = alternating(
         1 if quick else 9,
-        lambda: ours_s_per_s(DURATION, _OURS_AT_A_TIME),
+        lambda: ours_s_per_s(plain, DURATION, _OURS_AT_A_TIME),
         lambda: basilisk_s_per_s("compiled"),
         lambda: basilisk_s_per_s("numba"),
         lambda: basilisk_s_per_s("python"),
+        lambda: ours_s_per_s(sensing, DURATION, _OURS_AT_A_TIME),
+        lambda: basilisk_s_per_s("compiled", sensing),
     )
     for law, end in ends.items():
         if not np.allclose(end, ends["compiled"], rtol=0.0, atol=_SAME):
@@ -76,4 +82,10 @@ def measure(quick: bool) -> dict[str, Any]:
         "basilisk_numba": numba,
         "basilisk_python": python,
         "ratio": ours / compiled,
+        "sensors": {
+            "sim_s_per_s": ours_sensing,
+            "basilisk_compiled": basilisk_sensing,
+            "ratio": ours_sensing / basilisk_sensing,
+            "us_per_step": 1e6 / (ours_sensing * plain.number(PLANT, "rate")),
+        },
     }

@@ -20,22 +20,21 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from bench import ROOT
+from bench import ROOT, SENSORS
 from ppc_attitude.command_line.stack import Stack, private_environment
-from ppc_attitude.contract.declared import BY_COLUMN
+from ppc_attitude.contract.declared import BY_COLUMN, nodes_of
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
     DISTURBANCE,
-    NODES,
     PLANT,
     RECORDER,
     REFERENCE_ACCELERATION,
@@ -46,7 +45,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.simulation.closed_loop import warm_up
-from ppc_attitude.simulation.scenario import Overrides, scenario
+from ppc_attitude.simulation.scenario import Overrides, load
 
 _SETTLED = 0.25  # fraction of a run that is not timed: discovery, caches, clocks of the cores
 _PATIENCE = 60.0  # [s]
@@ -54,7 +53,11 @@ _PEER = (sys.executable, "-m", "bench.bare_peer")
 
 
 def stack_steps_per_s(
-    duration: float, values: Overrides | None = None, recorder: bool = True, domain: int = 0
+    duration: float,
+    values: Overrides | None = None,
+    recorder: bool = True,
+    domain: int = 0,
+    files: Sequence[Path] = (),
 ) -> dict[str, Any]:
     """Run all nodes with their telemetry for `duration` simulated seconds in lock-step.
 
@@ -68,6 +71,8 @@ def stack_steps_per_s(
         Whether the recorder runs as well.
     domain : int
         ROS domain; 0 for a random one.
+    files : sequence of Path
+        ROS parameter files of the case.
 
     Returns
     -------
@@ -76,7 +81,7 @@ def stack_steps_per_s(
         of each at the end; ``bag_bytes_per_step``.
     """
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
-        run = scenario(values or {}).with_values(PLANT, duration=duration, lockstep=True)
+        run = load(files, values).with_values(PLANT, duration=duration, lockstep=True)
         if recorder:
             run = run.awaiting_recorder().with_values(RECORDER, bag=f"{folder}/bag")
         warm_up(run)
@@ -94,7 +99,7 @@ def stack_steps_per_s(
         environment = private_environment()
         if domain:
             environment["ROS_DOMAIN_ID"] = str(domain)
-        nodes = [name for name in NODES if recorder or name != RECORDER]
+        nodes = [name for name in nodes_of(run.parameters) if recorder or name != RECORDER]
         stack = Stack.of(run, on_time, nodes, environment)
         try:
             stack.start()
@@ -205,12 +210,13 @@ def _names(topics: Iterable[Topic]) -> str:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Measure ``lockstep``: ours, the bare step and all messages without work, in turn."""
+    """Measure ``lockstep``: ours, also with sensors, the bare step and all messages, in turn."""
     duration, seconds, rounds = (20.0, 1.0, 1) if quick else (120.0, 6.0, 3)
-    runs = []
+    runs, sensing = [], []
     bare, messages = [], []
     for _ in range(rounds):
         runs.append(stack_steps_per_s(duration))
+        sensing.append(stack_steps_per_s(duration, files=[SENSORS]))
         bare.append(bare_steps_per_s(seconds))
         messages.append(bare_steps_per_s(seconds, ALL))
     steps = median(run["steps_per_s"] for run in runs)
@@ -221,4 +227,8 @@ def measure(quick: bool) -> dict[str, Any]:
         "messages_steps_per_s": median(messages),
         "messages_ratio": steps / median(messages),
         "cpu_us_per_step": runs[-1]["cpu_us_per_step"],
+        "sensors": {
+            "steps_per_s": median(run["steps_per_s"] for run in sensing),
+            "cpu_us_per_step": sensing[-1]["cpu_us_per_step"],
+        },
     }

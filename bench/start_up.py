@@ -44,12 +44,12 @@ def first_step_s(cache: str, folder: str) -> float:
         command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, bufsize=0
     )
     assert process.stderr is not None
-    moved, said = _second_bar(process.stderr)
+    first_step, said = _second_bar(process.stderr)
     said += process.stderr.read() or b""
     # The verdict of so short a run is no matter; that it ran is.
-    if process.wait() not in (0, 1) or moved is None:
+    if process.wait() not in (0, 1) or first_step is None:
         raise RuntimeError(said.decode(errors="replace"))
-    return moved - begin
+    return first_step - begin
 
 
 def _second_bar(stream: IO[bytes]) -> tuple[float | None, bytes]:

@@ -30,8 +30,10 @@ def tables(results: Figures) -> str:
     if comparisons:
         head = ("", "ours", "yardstick", "ratio", "goal")
         parts.append(markdown(head, comparisons))
-    if "cpu_us_per_step" in results.get("lockstep", {}):
-        parts.append(_step_line(results["lockstep"]["cpu_us_per_step"]))
+    lockstep = results.get("lockstep", {})
+    for what, found in (("", lockstep), (" with sensors", lockstep.get("sensors", {}))):
+        if "cpu_us_per_step" in found:
+            parts.append(_step_line(what, found["cpu_us_per_step"]))
     if "latency" in results:
         parts.append(_latency(results["latency"]))
     if "scaling" in results:
@@ -83,16 +85,29 @@ def _comparisons(results: Figures) -> Iterator[tuple[str, ...]]:
         messages = found["messages_steps_per_s"]
         yield row("lock-step over DDS, steps/s", steps, "bare step", bare, "0.8, 1000 steps/s")
         yield row("lock-step over DDS, steps/s", steps, "its messages, no work", messages, "")
+        if "sensors" in found:
+            sensing = number(found["sensors"]["steps_per_s"])
+            yield "lock-step with sensors, steps/s", sensing, "", "", "1000 steps/s"
     if "in_process" in results:
         found = results["in_process"]
         for law, goal in (("compiled", "10"), ("numba", ""), ("python", "")):
             theirs = found[f"basilisk_{law}"]
             name = "in process, simulated s/s"
             yield row(name, found["sim_s_per_s"], f"Basilisk, {law}", theirs, goal)
+        if "sensors" in found:
+            each, name = found["sensors"], "in process with sensors, simulated s/s"
+            theirs = each["basilisk_compiled"]
+            yield row(name, each["sim_s_per_s"], "Basilisk, compiled", theirs, "3500 s/s")
+            step = f"{number(each['us_per_step'])} µs"
+            yield "in process with sensors, a step in all", step, "", "", ""
     if "campaign" in results:
         found = results["campaign"]
         ours, theirs = found["runs_per_s"], found["basilisk_runs_per_s"]
         yield row("campaign, runs of 120 s/s", ours, "Basilisk's Monte Carlo", theirs, "20")
+        if "sensors" in found:
+            each, name = found["sensors"], "campaign with sensors, runs of 120 s/s"
+            ours, theirs = each["runs_per_s"], each["basilisk_runs_per_s"]
+            yield row(name, ours, "Basilisk's Monte Carlo", theirs, "20")
     if "bag_reading" in results:
         for storage, found in (
             ("MCAP", results["bag_reading"]),
@@ -107,9 +122,10 @@ def _comparisons(results: Figures) -> Iterator[tuple[str, ...]]:
             yield f"start-up to the first step, {which} run", seconds, "", "", goal
 
 
-def _step_line(used: Figures) -> str:
+def _step_line(what: str, used: Figures) -> str:
     parts = ", ".join(f"`{name}` {number(value)}" for name, value in used.items())
-    return f"CPU time of a step in lock-step [µs]: {parts}; together {number(sum(used.values()))}."
+    together = number(sum(used.values()))
+    return f"CPU time of a step in lock-step{what} [µs]: {parts}; together {together}."
 
 
 def _latency(found: Iterable[Figures]) -> str:

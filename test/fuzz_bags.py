@@ -21,6 +21,7 @@ the folder; `test_fuzz.py` replays those that were worth keeping.
 
 import contextlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -36,12 +37,15 @@ with searched:
     from bag_helpers import unfinished
     from synthetic import normal_run
 
+    from ppc_attitude.analysis.requirements import load_requirements
     from ppc_attitude.bags.errors import BagError
     from ppc_attitude.bags.reader import read_runs
     from ppc_attitude.bags.recover import recover
     from ppc_attitude.bags.run_writer import write_run
+    from ppc_attitude.campaign.declaration import load_campaign
+    from ppc_attitude.command_line.guarantee_view import certificate_path, stored_certificate
     from ppc_attitude.science.errors import ConfigurationError
-    from ppc_attitude.simulation.scenario import load
+    from ppc_attitude.simulation.scenario import load, scenario
 
 # What the bytes are put in place of, in a bag of this storage; a capital asks to recover it.
 PLACES = {
@@ -53,17 +57,22 @@ PLACES = {
     b"y": ("mcap", "metadata.yaml"),
     b"u": ("mcap", "unfinished.json"),
 }
-CONFIGURATION = b"c"
+FILES: dict[bytes, Callable[[Path], object]] = {
+    b"c": lambda file: load([file]),
+    b"r": lambda file: load_requirements([file]),
+    b"d": lambda file: load_campaign(file, scenario({}), seed=0),
+    b"k": lambda file: stored_certificate([file.replace(certificate_path(file))]),
+}
 
 
 def attempt(data: bytes) -> None:
     """Read what the bytes are; raises what no user may see."""
     with TemporaryDirectory() as folder:
-        if data[:1] == CONFIGURATION:
+        if data[:1] in FILES:
             file = Path(folder) / "configuration.yaml"
             file.write_bytes(data[1:])
             with contextlib.suppress(ConfigurationError):
-                load([file])
+                FILES[data[:1]](file)
         elif data[:1].lower() in PLACES:
             bag = Path(folder) / "bag"
             _put(bag, *PLACES[data[:1].lower()], data[1:])

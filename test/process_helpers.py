@@ -27,7 +27,14 @@ from typing import Any
 import pytest
 from conftest import StartProcess
 
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, REFERENCE
+from ppc_attitude.contract.topics import (
+    CONTROLLER,
+    ESTIMATOR,
+    INJECTOR,
+    NODES,
+    PLANT,
+    REFERENCE,
+)
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import load
 
@@ -113,11 +120,14 @@ class Node(Process):
         *parameters: str,
         mark: str = "",
         file: Path = PAPER,
+        remap: tuple[str, ...] = (),
         **popen: Any,
     ) -> None:
         arguments = ["--ros-args", "--params-file", str(file)]
         for parameter in parameters:
             arguments += ["-p", parameter]
+        for rule in remap:
+            arguments += ["-r", rule]
         command = [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *arguments]
         super().__init__(start_process, folder, f"{name}{mark}", command, **popen)
 
@@ -177,7 +187,9 @@ class Run(Process):
         found = {}
         for pid in _children(self.pid):
             command = _command(pid)
-            found.update({n: pid for n in NODES if f"ppc_attitude.nodes.{n}\0" in command})
+            found.update(
+                {n: pid for n in (ESTIMATOR, *NODES) if f"ppc_attitude.nodes.{n}\0" in command}
+            )
         return found
 
 

@@ -90,7 +90,7 @@ def normal_run(duration: float = 120.0, rate: float = 100.0) -> RunRecord:
         "spacecraft_plant": {
             "rate": rate,
             "max_torque": 0.05,
-            "inertia": [2.8, 0, 0, 0, 2.5],
+            "inertia": [2.8, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9],
             "attitude_noise": 0.0,
             "rate_noise": 0.0,
         },

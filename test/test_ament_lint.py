@@ -24,6 +24,7 @@ from ament_flake8.main import main_with_errors as flake8
 from ament_pep257.main import main as pep257
 from test_layers import PACKAGE, ROOT
 
+long = pytest.mark.long  # ruff knows these rules and is quicker
 SOURCES = [name for name in (PACKAGE, "bench", "launch", "setup.py") if (ROOT / name).exists()]
 
 
@@ -33,12 +34,13 @@ def in_root(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
 
 
-@pytest.mark.long  # ruff knows these rules and is quicker
+@long
 def test_flake8() -> None:
     status, errors = flake8(["--config", str(Path("setup.cfg")), *SOURCES, "test"])
     assert status == 0, "\n".join(errors)
 
 
+@long
 def test_pep257(capsys: pytest.CaptureFixture[str]) -> None:
     # D401: pydocstyle takes every noun for a wrong verb; ruff judges the mood. D403: a sentence may
     # begin with a symbol, and ω is not Ω.

@@ -21,12 +21,17 @@ import sqlite3
 import struct
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 from bag_helpers import STORAGES, assert_same, hot, storage_file, unfinished
+from matplotlib.figure import Figure
 from synthetic import normal_run
 
+from ppc_attitude.analysis.drawing import save
+from ppc_attitude.analysis.page import write_page
+from ppc_attitude.bags.custom_data import PARAMETERS_KEY, decode_custom_data
 from ppc_attitude.bags.errors import BagError, printable
 from ppc_attitude.bags.export import export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
@@ -172,23 +177,57 @@ def test_what_is_no_plain_file_is_refused_by_name(
 
 
 @pytest.mark.parametrize("export", [export_csv, export_parquet])
-@pytest.mark.parametrize("name", ["run", "run.part"])
-def test_an_export_follows_no_link(
-    tmp_path: Path, export: Callable[[object, Path], None], name: str
-) -> None:
+def test_an_export_follows_no_link(tmp_path: Path, export: Callable[[object, Path], None]) -> None:
     if export is export_parquet:
         pytest.importorskip("pyarrow")
     mine = tmp_path / "thesis.tex"
     for there in (True, False):
         if there:
             mine.write_text("years of work")
-        (tmp_path / name).symlink_to(mine)
-        with pytest.raises(BagError, match=f"{name}.* exists already"):
+        (tmp_path / "run").symlink_to(mine)
+        with pytest.raises(BagError, match="run exists already"):
             export(RUN, tmp_path / "run")
         assert not there or mine.read_text() == "years of work"
         mine.unlink(missing_ok=not there)
-        assert not mine.exists() and (tmp_path / name).is_symlink()
-        (tmp_path / name).unlink()
+        assert not mine.exists() and (tmp_path / "run").is_symlink()
+        (tmp_path / "run").unlink()
+
+
+@pytest.mark.parametrize(
+    ("write", "name"),
+    [
+        (partial(export_csv, RUN), "run.csv"),
+        (lambda path: write_page(path, title="", body=()), "page.html"),
+        (partial(save, Figure()), "figure.png"),
+    ],
+)
+def test_what_is_written_replaces_a_link_and_leaves_what_is_behind_it(
+    tmp_path: Path, write: Callable[[Path], object], name: str
+) -> None:
+    mine = tmp_path / "thesis.tex"
+    mine.write_text("years of work")
+    (tmp_path / f"{name}.unfinished").symlink_to(mine)
+    if name != "run.csv":  # an export replaces nothing
+        (tmp_path / name).symlink_to(mine)
+    write(tmp_path / name)
+    assert mine.read_text() == "years of work"
+    assert {path.name for path in tmp_path.iterdir()} == {"thesis.tex", name}
+    assert not (tmp_path / name).is_symlink()
+
+
+def test_a_recovery_deletes_and_overwrites_nothing_but_its_own(tmp_path: Path) -> None:
+    bag = unfinished(tmp_path / "bag", "mcap", RUN)
+    storage_file(bag).rename(bag / "theirs.mcap")
+    named = "rosbag2_bagfile_information: {message_count: 1, relative_file_paths: [theirs.mcap]}"
+    (bag / "metadata.yaml").write_text(named)
+    (bag / "bag.mcap").write_text("years of work")
+    (bag / "unfinished.tex").write_text("years of work")
+    with pytest.raises(BagError, match=r"bag\.mcap is in the way of the recovered file"):
+        recover(bag)
+    assert (bag / "bag.mcap").read_text() == "years of work"
+    (bag / "bag.mcap").unlink()
+    recover(bag)
+    assert (bag / "unfinished.tex").read_text() == "years of work"
 
 
 def test_a_recovery_follows_no_link(tmp_path: Path) -> None:
@@ -199,6 +238,15 @@ def test_a_recovery_follows_no_link(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="cannot be recovered: Cannot call rmtree on a symbolic"):
         recover(bag)
     assert (mine / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("value", ["[]", "{}", "null", "NaN", "1e400"])
+def test_a_parameter_that_no_node_can_have_is_left_out(value: str) -> None:
+    said = f'{{"spacecraft_plant": {{"plant": {value}, "max_torque": {value}, "mine": 1}}}}'
+    facts = decode_custom_data({PARAMETERS_KEY: said}, "")
+    assert facts.parameters == {"spacecraft_plant": {"mine": 1}}
+    assert len(facts.flaws) == 2
+    assert "its parameters of spacecraft_plant cannot be used: plant = " in facts.flaws[0]
 
 
 STEERING = "\x1b]0;owned\x07\x1b[2J\u202e\x9b<script>alert(1)</script>"

@@ -94,7 +94,7 @@ def test_a_recovery_that_was_killed_can_be_repeated(tmp_path: Path) -> None:
     # Killed between the two replacements: the file is complete, metadata.yaml is not there yet.
     (bag / "metadata.yaml").unlink()
     (bag / UNFINISHED).write_text("{}")
-    (bag / UNFINISHED).with_suffix(".tmp").write_text("{")
+    (bag / f"{UNFINISHED}.unfinished").write_text("{")
     recover(bag)
     assert {file.name for file in bag.iterdir()} == {"metadata.yaml", "bag.mcap"}
     assert_same(read_run(bag), RUN)

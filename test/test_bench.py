@@ -26,6 +26,7 @@ from bench.__main__ import main
 from bench.lockstep import ALL, bare_steps_per_s
 from bench.pairs import alternating
 from bench.table import number
+from ppc_attitude.simulation.scenario import scenario
 
 
 def test_pairs_alternate_and_give_medians() -> None:
@@ -98,7 +99,7 @@ def test_an_echo_answers_every_state() -> None:
 
 
 def test_loop_is_measured() -> None:
-    assert in_process.ours_s_per_s(1.0, 1) > 0.0
+    assert in_process.ours_s_per_s(scenario({}), 1.0, 1) > 0.0
 
 
 @pytest.mark.long

@@ -15,6 +15,7 @@
 """A campaign on a real Dask cluster of several processes gives what it gives at home."""
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -23,6 +24,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import distributed
 import pytest
 from campaign_helpers import files_of, rows_of, small
 from conftest import StartProcess
@@ -149,9 +151,13 @@ def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> Non
     assert again.summary.runs == 20
 
 
-def test_an_address_that_can_be_none_is_refused_at_once(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="scheduler = foo://x: unknown address scheme"):
-        run_campaign(small(), 1, tmp_path / "c", scheduler="foo://x")
+@pytest.mark.parametrize("address", ["foo://x", "host", "tcp://host", "tcp://host:port", "["])
+def test_an_address_that_can_be_none_is_refused_at_once(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: pytest.fail("asked"))
+    with pytest.raises(ConfigurationError, match=re.escape(f"scheduler = {address}: ")):
+        pools.connected(address)
 
 
 def test_an_address_without_scheduler_is_refused(

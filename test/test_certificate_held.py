@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.metrics import analyse
@@ -47,6 +48,28 @@ def test_a_hit_suspends_the_promise_and_says_so() -> None:
     assert held is not None
     assert not held.outside.any()
     assert held.note == "suspended: a torque beyond the assumed one at 10 instants"
+
+
+@pytest.mark.parametrize(
+    ("plant", "told"),
+    [
+        ({"max_torque": 0.03}, "max_torque = 0.03 N·m; assumed: at least 0.05"),
+        ({"late_command": True}, "late_command = true; assumed"),
+        ({"inertia": [2.9, 0, 0, 0, 2.5, 0, 0, 0, 1.9]}, "the craft's inertia is 0.0357 off"),
+        ({"rate_noise": 2e-5}, "rate_noise = 2e-05: 5 deviations pass"),
+    ],
+)
+def test_a_craft_that_is_not_as_assumed_is_not_judged(plant: dict[str, Any], told: str) -> None:
+    held = certificate_held(record_of("guaranteed", spacecraft_plant=plant))
+    assert held is not None
+    assert held.reason.startswith(told)
+    assert not held.outside.any()
+
+
+def test_sensors_without_a_known_bound_suspend_the_promise() -> None:
+    held = certificate_held(record_of("guaranteed", "sensors_flagship"))
+    assert held is not None
+    assert "sensors = gyro_star_tracker" in held.reason
 
 
 def test_a_changed_number_is_not_judged() -> None:

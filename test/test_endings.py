@@ -87,13 +87,12 @@ def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
 ASKED_AMIDST = """
 import os, pathlib, sys
 from ppc_attitude.command_line import main
-write = pathlib.Path.write_text
-def interrupted(path, *arguments, **named):
-    done = write(path, *arguments, **named)
-    if path.name.startswith("report.html"):
+replace = pathlib.Path.replace
+def interrupted(path, target):
+    if target.name == "report.html":
         os.kill(os.getpid(), {number})
-    return done
-pathlib.Path.write_text = interrupted
+    return replace(path, target)
+pathlib.Path.replace = interrupted
 main.run()
 """
 
@@ -113,6 +112,42 @@ def test_an_end_while_the_report_is_written(
     assert (process.returncode, err) == (3, "interrupted\n")
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["report.html"]
     assert (tmp_path / "report.html").read_text() == "the one before"
+
+
+def test_an_end_while_something_is_imported(tmp_path: Path, start_process: StartProcess) -> None:
+    """A library that is loaded bears no exception: what came of one was a traceback."""
+    (tmp_path / "rclpy.py").write_text(
+        "import os, signal\n"
+        "try:\n    os.kill(os.getpid(), signal.SIGTERM)\n"
+        "except BaseException:\n    raise ImportError('initialization failed') from None\n"
+    )
+    command = [*COMMAND, "run", "--config", str(PAPER), "--bag", str(tmp_path / "bag")]
+    process = start_process(command, env={**os.environ, "PYTHONPATH": str(tmp_path)})
+    _, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err) == (3, "interrupted\n")
+
+
+LOST = """
+import ctypes, os
+from ppc_attitude.command_line import main
+from ppc_attitude.command_line.commands import simulate
+@ctypes.CFUNCTYPE(None)
+def compiled():
+    os.kill(os.getpid(), {number})
+    pass  # here the handler is called; what it raises, a callback loses
+def compiles(*_):
+    compiled()
+    raise RuntimeError("no compiled object yet")
+simulate.simulate = compiles
+main.run()
+"""
+
+
+def test_an_end_while_a_compiler_is_at_work(start_process: StartProcess) -> None:
+    script = LOST.format(number=int(signal.SIGTERM))
+    process = start_process([sys.executable, "-c", script, *SIMULATE[len(COMMAND) :]])
+    _, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err) == (3, "interrupted\n")
 
 
 @pytest.mark.ros

@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
 from ppc_attitude.falsify.space import Space
@@ -47,6 +47,8 @@ def space_of(**changes: Any) -> Space:
         "e_S": 0.1,
         "eta": 0.8,
         "duration": 20.0,
+        "begin": 500.0,
+        "late": True,
     }
     return Space(base, **(given | changes))
 
@@ -62,7 +64,8 @@ def test_every_choice_keeps_its_bounds() -> None:
     space = space_of()
     random = np.random.default_rng(2)
     known = np.array(space.base.parameters[PLANT]["inertia"])
-    for width in (0.1, 1.0, 10.0):
+    late = set()
+    for width in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0):
         choice = space.choice(width * random.normal(size=space.size))
         plant, injector = choice[PLANT], choice[INJECTOR]
         assert np.linalg.norm(plant["initial_attitude"]) == pytest.approx(1.0)
@@ -70,6 +73,9 @@ def test_every_choice_keeps_its_bounds() -> None:
         assert np.abs(injector["pulse_torques"]).max() <= space.disturbance
         assert inertia_error(known, np.array(plant["inertia"])) <= space.e_S * (1 + 1e-9)
         assert 0.04 <= plant["max_torque"] <= 0.05
+        assert 0.0 <= choice[REFERENCE]["begin"] <= 500.0
+        late.add(plant["late_command"])
+    assert late == {True, False}
 
 
 def test_an_interrupted_search_goes_on_to_the_same_result(tmp_path: Path) -> None:
@@ -121,7 +127,7 @@ def test_an_unknown_goal_is_refused() -> None:
 
 
 def test_no_short_attack_breaks_the_guarantee(tmp_path: Path) -> None:
-    space = space_of(pieces=10, e_S=0.0, eta=1.0, duration=40.0)
+    space = space_of(pieces=10, e_S=0.0, eta=1.0, late=False, duration=40.0)
     law = space.base.controller
     for name in ("turn", "momentum_error", "rate"):
         goal = goal_of(name, law, 5e-3, 6.0)

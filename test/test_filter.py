@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimation_helpers import SUITES, Array, suite
+from estimation_helpers import SUITES, Array, filtered, new_memory, suite
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.estimators.filter import innovation, propagated, updated
+from ppc_attitude.science.estimators.mekf import filter_record
 from ppc_attitude.science.estimators.steady_state import (
     FLOOR,
     after_gap,
-    floor_factor,
     noise_floors,
     steady_state,
 )
@@ -169,6 +169,46 @@ def test_filter_settles_where_farrenkopf_says(
             assert np.allclose(np.diag(p), [expected[0]] * 3 + [expected[2]] * 3, rtol=1e-6)
 
 
+# σ_θ that is published ["]: latency after a fix, and until the next one arrives.
+PUBLISHED = [
+    (0.0638, 0.0639),
+    (0.2115, 0.2116),
+    (3.3226, 4.3758),
+    (5.7300, 6.3994),
+    (18.2917, 24.5722),
+    (35.9615, 40.0214),
+]
+
+
+@pytest.mark.parametrize(
+    ("row", "published"),
+    list(zip(ROWS, PUBLISHED, strict=True)),
+    ids=[f"{r[0]}-{r[1]}" for r in ROWS],
+)
+def test_what_is_published_is_as_old_as_the_latency(row: Any, published: Any) -> None:
+    """By the closed form, and by a filter at rest with late fixes; its bias is settled."""
+    name, arcsec, interval = row[:3]
+    noise = noise_of(name, arcsec)
+    _, after = steady_state(*noise, interval)
+    ages = (interval, 2.0 * interval)  # the latency is one interval
+    closed = [math.sqrt(after_gap(after, *noise[1:], age).attitude) / ARCSEC for age in ages]
+    assert np.abs(np.subtract(closed, published)).max() <= 5.1e-5
+    if name == "flagship":
+        return  # it takes an hour to settle
+    every, seconds = round(interval * 100), 1000
+    given = {"star_tracker__cross_noise": noise[0], "star_tracker__boresight_noise": noise[0]}
+    settings = filter_record(suite(name, gyro__initial_bias_sigma=math.sqrt(after.bias), **given))
+    valid = np.arange(0, 100 * seconds, every)
+    rows = np.full((100 * seconds + 1, 13), np.nan)
+    fixes = np.tile([0.0, 0.0, 0.0, 1.0], (valid.size, 1))
+    filtered(new_memory(), settings, np.zeros((len(rows), 3)), valid, valid + every, fixes, rows)
+    found = rows[-1 - every :, 7:10] / ARCSEC
+    assert [found.min(), found.max()] == pytest.approx(
+        [closed[0], math.sqrt(after_gap(after, *noise[1:], ages[1] - 0.01).attitude) / ARCSEC],
+        rel=1e-3,
+    )
+
+
 GAPS = {
     "flagship": (1, (0.075818, 0.124815, 0.319541)),
     "smallsat": (2, (28.8953, 75.3992, 221.367)),
@@ -196,10 +236,15 @@ def test_a_gap_grows_as_the_closed_form_says(name: str) -> None:
         assert np.allclose(known[3][0][0], form.cross, rtol=1e-9)
 
 
+def rices_floor(crossings: float, seconds: float, excursions: float) -> float:
+    """Envelope in σ that noise leaves so often: ν0 [Hz], T, and the number on three axes."""
+    return math.sqrt(2.0 * math.log(6.0 * crossings * seconds / excursions))
+
+
 def test_the_floor_is_rices() -> None:
-    # p = 1 % an hour: 5.8 with the observer, 6.0 with a quarter of 100 Hz.
-    assert round(floor_factor(8.0, 3600.0, 0.01), 1) == 5.8
-    assert round(floor_factor(25.0, 3600.0, 0.01), 1) == 6.0
+    # 1 % an hour: 5.8 with the observer, 6.0 with a quarter of 100 Hz.
+    assert round(rices_floor(8.0, 3600.0, 0.01), 1) == 5.8
+    assert round(rices_floor(25.0, 3600.0, 0.01), 1) == FLOOR
     # A band-limited Gaussian signal, counted: ν0 = 10/√3 Hz for a flat spectrum up to 10 Hz.
     rng = np.random.default_rng(5)
     seconds, rate = 20_000, 200
@@ -211,9 +256,8 @@ def test_the_floor_is_rices() -> None:
     above = np.abs(signal) > 3.0
     counted = np.count_nonzero(above[1:] & ~above[:-1])
     # Three such axes leave ±3σ three times as often: the factor for that number is 3.
-    assert math.isclose(
-        floor_factor(10.0 / math.sqrt(3.0), seconds, 3.0 * counted), 3.0, rel_tol=0.01
-    )
+    found = rices_floor(10.0 / math.sqrt(3.0), seconds, 3.0 * counted)
+    assert math.isclose(found, 3.0, rel_tol=0.01)
 
 
 LAW = {"rate_observer": 0.0, "k": 3.0, "M_omega": 0.017, "beta": 3.6}

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from ppc_attitude.runtime.fixes import Fixes
+from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.sensors.arrivals import Slots
 from ppc_attitude.science.sensors.star_tracker import slots as steps_of
 from ppc_attitude.science.stamps import stamp_of
@@ -29,7 +30,7 @@ def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int
     found = []
     for kind, stamp, value in events:
         take = fixes.fix if kind == "fix" else fixes.sample
-        found += [(at, sample[0], fix[0]) for at, sample, fix in take(stamp, (value,))]
+        found += [(at, sample[0], fix[0]) for at, sample, fix in take(stamp, (value,), 0.0)]
     return found
 
 
@@ -73,7 +74,7 @@ def test_a_fix_has_its_age() -> None:
     fixes = new()
     joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(20))])
     joined(fixes, [("fix", 10 * STEP, 2.0)])
-    ((_, _, row),) = fixes.sample(20 * STEP, (0.0,))
+    ((_, _, row),) = fixes.sample(20 * STEP, (0.0,), 0.0)
     assert row == (2.0, 10 * STEP * 1e-9)
 
 
@@ -93,6 +94,44 @@ def test_time_that_begins_again_begins_with_slot_zero() -> None:
 def test_who_begins_in_the_middle_waits_for_no_fix_of_before() -> None:
     fixes = new()
     assert joined(fixes, [("sample", 20 * STEP, 5.0)]) == [(20 * STEP, 5.0, 0.0)]
+
+
+def of_the_first_second() -> Fixes:
+    """Every slot until 1 s has been joined, the last one being that of 0.9 s."""
+    fixes = new()
+    events = [("fix", 0, 1.0)]
+    for k in range(101):
+        events.append(("sample", k * STEP, float(k)))
+        if k % 10 == 0 and k >= 20:
+            events.append(("fix", (k - 10) * STEP, 1.0))
+    assert len(joined(fixes, events)) == 101
+    return fixes
+
+
+@pytest.mark.parametrize("stamp", [50, 10_000, 10**9])
+def test_a_sample_of_another_time_is_refused_and_holds_nobody_up(stamp: int) -> None:
+    """In lock-step nothing would come after it that could free those who wait."""
+    fixes = of_the_first_second()
+    with pytest.raises(RefusedError, match=rf"sample: stamp {stamp / 100:.6f} s is out of order"):
+        joined(fixes, [("sample", stamp * STEP, 0.0)])
+    assert joined(fixes, [("sample", 101 * STEP, 7.0)]) == [(101 * STEP, 7.0, 0.0)]
+
+
+def test_a_fix_of_the_future_is_refused() -> None:
+    fixes = of_the_first_second()
+    with pytest.raises(RefusedError, match=r"fix: stamp 90.000000 s is out of order"):
+        joined(fixes, [("fix", 9000 * STEP, 0.0)])
+
+
+def test_fixes_of_the_past_and_of_no_slot_are_counted_and_a_repeated_one_is_not() -> None:
+    fixes = of_the_first_second()
+    events: list[tuple[str, int, float]]
+    events = [("fix", 30 * STEP, 5.0), ("fix", 85 * STEP, 5.0), ("fix", 90 * STEP, 5.0)]
+    events += [("sample", k * STEP, float(k)) for k in range(101, 111)]
+    assert {fix for *_, fix in joined(fixes, events)} == {0.0}
+    assert fixes.useless == 0  # nobody knows yet that time has not begun again
+    assert joined(fixes, [("fix", 100 * STEP, 3.0)]) == [(110 * STEP, 110.0, 3.0)]
+    assert fixes.useless == 2
 
 
 def test_a_fix_that_never_comes_is_given_up() -> None:

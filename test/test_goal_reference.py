@@ -158,9 +158,9 @@ def test_live_orders_act_from_their_stamp() -> None:
         ]
     )
     part = part_with(orders, profile)
-    assert part.step(3 * second, START)[4:] == [0.0] * 6
+    assert part.step(3 * second, START)[4:] == (0.0,) * 6
     assert np.linalg.norm(part.step(20 * second, START)[4:7]) > 0.01
-    assert part.step(39 * second, START)[4:] == [0.0] * 6
+    assert part.step(39 * second, START)[4:] == (0.0,) * 6
     assert "order 2 is followed" in part.advice.text
     part.step(40 * second, START)
     end = np.array(part.step(150 * second, START))
@@ -174,7 +174,7 @@ def test_orders_before_the_begin_act_at_the_begin() -> None:
     record, *_kept = configuration_of(DEFAULTS, Orders(orders, NO_PROFILES))
     part.hold(record)
     # No attitude yet: nothing begins.
-    assert part.step(2_000_000_000, [0.0] * 4) == [*STRAIGHT, *[0.0] * 6]
+    assert part.step(2_000_000_000, [0.0] * 4) == (*STRAIGHT, *[0.0] * 6)
     part.step(7_000_000_000, START)
     assert "there at t = 35.357 s" in part.advice.text
 

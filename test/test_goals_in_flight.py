@@ -174,7 +174,7 @@ def flown(orders: list[Any], times: list[float], profiles: Any = ()) -> list[lis
     listed = np.concatenate([np.zeros(0, ORDER), *orders])
     record, *_kept = configuration_of(DEFAULTS, Orders(listed, np.array(list(profiles), POINTS)))
     part.hold(record)
-    return [part.step(nanoseconds(t), START) for t in times]
+    return [list(part.step(nanoseconds(t), START)) for t in times]
 
 
 def test_goals_and_hold_act_from_the_next_state_as_in_process(pilot: Pilot) -> None:

@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import StartProcess
-from process_helpers import Run, pace
+from process_helpers import LOOP, Node, Run, pace
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.topics import REFERENCE
+from ppc_attitude.contract.topics import CLOCK_TOPIC, PLANT, RECORDER, REFERENCE
 
 pytestmark = pytest.mark.ros
 GOALS = "/**/reference_generator:\n  ros__parameters:\n    mode: goal\n"
@@ -62,3 +62,43 @@ def test_goal_in_flight_is_on_record_from_when_it_acted_and_is_flown_again(
     moving = np.linalg.norm(record["reference_angular_acceleration"], axis=1) > 0.0
     assert int(np.flatnonzero(moving)[0]) == began + 1
     assert main(["replay", str(run.bag)]) == 0
+
+
+@pytest.mark.long
+def test_a_goal_for_one_craft_moves_no_other(
+    tmp_path: Path, start_process: StartProcess, capsys: pytest.CaptureFixture[str]
+) -> None:
+    homes = ("/chief", "/deputy")
+    both = f"/bag_recorder:\n  ros__parameters:\n    namespaces: [{', '.join(homes)}]\n"
+    overlay = tmp_path / "two.yaml"
+    overlay.write_text(GOALS + pace(2.0) + both)
+    bag = tmp_path / "bag"
+    recorder = Node(start_process, tmp_path, RECORDER, f"bag:={bag}", file=overlay)
+    recorder.says("recording to")
+    crafts = [
+        Node(
+            start_process,
+            tmp_path,
+            name,
+            *(("lockstep:=true",) if name == PLANT else ()),
+            mark=home.strip("/"),
+            file=overlay,
+            remap=(f"__ns:={home}", f"{CLOCK_TOPIC.name}:={CLOCK_TOPIC.name.strip('/')}"),
+        )
+        for home in homes
+        for name in LOOP
+    ]
+    for node in crafts:
+        node.says("ready")
+    assert main(["goto", "--euler", "0", "0", "30", "--namespace", homes[0]]) == 0
+    assert "order 1 is followed" in capsys.readouterr().out
+    for node in (*crafts, recorder):
+        node.send(signal.SIGINT)
+    assert [node.ends() for node in (*crafts, recorder)] == [0] * (len(crafts) + 1)
+
+    chief, deputy = (read_run(bag, namespace=home) for home in homes)
+    assert "goals.times" in {each.name for each in chief.changes}
+    assert not deputy.changes
+    moving = [np.any(run["reference_angular_acceleration"]) for run in (chief, deputy)]
+    assert moving == [True, False]
+    assert [main(["replay", str(bag), "--namespace", home]) for home in homes] == [0, 0]

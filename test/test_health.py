@@ -23,6 +23,7 @@ from typing import Any
 
 import pytest
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from process_helpers import until
 from rclpy.node import Node
@@ -237,6 +238,24 @@ def test_an_estimator_that_is_lost_says_so_as_an_error(admit: Callable[..., Pati
     assert (values["fixes"], values["fixes refused"], values["begun anew"]) == ("1", "0", "0")
 
 
+def test_an_estimator_refuses_sensors_of_another_time_and_goes_on(
+    admit: Callable[..., Patient],
+) -> None:
+    patient = admit(AttitudeEstimator)
+    gyro, fix = MEASURED
+    patient.feed(0)
+    patient.says(OK, "tracking")
+    for step in (10**6, 2 * 10**6):  # each says another time
+        patient.send(MEASURED, step)
+    patient.until(lambda: patient.node.health.refused[gyro.name] == 2)
+    patient.until(lambda: patient.node.health.refused[fix.name] == 2)
+    patient.node.health.begin_again()
+    patient.send({gyro: MEASURED[gyro]}, 1)
+    values = patient.says(WARN, "refused 4")
+    assert (values["refused imu/data_raw"], values["refused star_tracker/attitude"]) == ("2", "2")
+    assert (values["steps"], values["fixes"]) == ("2", "1")
+
+
 def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
     admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -301,6 +320,20 @@ def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
     patient.node.close()
     assert "control/attitude_error never came" in patient.node.failure
     assert patient.node.exit_code == EXIT_BROKEN
+
+
+def test_a_recorder_counts_the_messages_of_its_bag_however_it_took_them(
+    admit: Callable[..., Patient], capfd: pytest.CaptureFixture[str]
+) -> None:
+    patient = admit(BagRecorder)
+    for step in range(3):
+        patient.feed(step)
+    patient.says(OK, "recording")
+    patient.node.drain(patient.executor)
+    patient.node.close()
+    written = yaml.safe_load(Path("bag/metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    said = f"closed bag: {written['message_count']} messages, none missing of the topics that every"
+    assert said in capfd.readouterr().err  # nobody told it what the law sends besides
 
 
 def test_a_recorder_that_cannot_write_says_so_before_it_ends(

@@ -28,6 +28,7 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.nodes import visiting
 
 ROOT = Path(__file__).parent.parent
@@ -81,6 +82,17 @@ def test_an_injected_torque_acts_for_its_duration_and_is_found_in_the_bag(
     assert disturbances[0].torque == pytest.approx(TORQUE, abs=1e-4)
     assert np.abs(record["disturbance_torque"]).max() < 0.31
     assert main(["replay", str(bag)]) == 0
+
+
+def test_a_refusal_is_told_and_makes_the_command_fail(
+    start_process: StartProcess, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start_process([sys.executable, "-m", f"ppc_attitude.nodes.{INJECTOR}"])
+    assert main(["inject", "99", "0", "0"]) == errors.BAD_INPUT
+    told = capsys.readouterr()
+    assert not told.out
+    allowed = "up to 10.0 N·m per axis (max_injected_torque)"
+    assert told.err == f"error: torque = (99.0, 0.0, 0.0) N·m; allowed: {allowed}\n"
 
 
 def test_nobody_to_inject_into_is_said(

@@ -181,11 +181,16 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
     recorder = Node(start_process, tmp_path, RECORDER, f"bag:={bag}")
     with peer() as stack:
         recorder.says("recording to")
-        paced = (*LOCKSTEP, "wait_for_recorder:=true")
-        nodes = loop_nodes(start_process, tmp_path, "lockstep", REFERENCE)
-        nodes[CONTROLLER] = Node(start_process, tmp_path, CONTROLLER, "wait_for_recorder:=true")
-        nodes[INJECTOR] = Node(start_process, tmp_path, INJECTOR, *LASTING_HIT)
-        nodes[PLANT] = Node(start_process, tmp_path, PLANT, *paced)
+        waits = "wait_for_recorder:=true"  # who is not found by then gets nothing of the first
+        nodes = {
+            name: Node(start_process, tmp_path, name, waits, *options)
+            for name, options in {
+                REFERENCE: (),
+                CONTROLLER: (),
+                INJECTOR: LASTING_HIT,
+                PLANT: LOCKSTEP,
+            }.items()
+        }
         stack.goes_on()
         for case, (node, name, value, reason) in REFUSED.items():
             result = set_parameter(stack, node, name, value)

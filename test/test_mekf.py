@@ -12,11 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+import gzip
+import math
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from docs_helpers import EXAMPLES
 from estimation_helpers import (
+    ROOT,
     STEP_NS,
     Array,
     angles_between,
@@ -28,9 +34,12 @@ from estimation_helpers import (
 )
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.science.component import Advice
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.late_fixes import take_fix, take_sample
 from ppc_attitude.science.estimators.mekf import filter_record
+from ppc_attitude.science.part import Part
 
 MOUNTINGS = {
     "smallsat_slew": [0.0, 0.573576436351046, 0.0, 0.819152044288992],
@@ -60,8 +69,15 @@ def run(settings: Any, rates: Array, valid: Any, arrival: Any, fixes: Array) -> 
 
 
 @pytest.mark.parametrize("case", MOUNTINGS)
-def test_recorded_data_give_what_the_reference_filter_knows(case: str) -> None:
-    memory, rows = run(*recording(case))
+def test_recorded_data_give_what_the_reference_filter_knows(case: str, tmp_path: Path) -> None:
+    """By the example of docs/estimation.md, as a user feeds them."""
+    example = runpy.run_path(str(EXAMPLES / "recorded_sensors.py"))
+    packed = (ROOT / "test" / "truth" / f"{case}_gyro.csv.gz").read_bytes()
+    (tmp_path / "gyro.csv").write_bytes(gzip.decompress(packed))
+    gyro = example["read_gyro"](tmp_path / "gyro.csv")
+    values = suite(case.partition("_")[0], star_tracker__mounting=MOUNTINGS[case])
+    fed = example["estimates"](values, gyro, table(f"{case}_star"), 100.0)
+    rows = np.array(list(fed))
     oracle = table(f"{case}_oracle")
     rows = rows[oracle[:, 0].astype(int)]
     known = ~np.isnan(oracle[:, 1])
@@ -70,6 +86,8 @@ def test_recorded_data_give_what_the_reference_filter_knows(case: str) -> None:
     assert angles_between(rows[:, :4], oracle[:, 1:5]).max() < 1e-9
     assert np.abs(rows[:, 4:7] - oracle[:, 5:8]).max() < 5e-9
     assert np.allclose(rows[:, 7:], oracle[:, 8:], rtol=1e-6)  # the file has seven digits
+    memory, inner = run(*recording(case))
+    assert np.array_equal(inner[oracle[:, 0].astype(int)], rows)
     assert (memory["refused"], memory["unmatched"]) == (REFUSED[case], 0)
 
 
@@ -205,3 +223,33 @@ def test_a_fix_of_no_remembered_step_is_counted_and_changes_nothing() -> None:
 def test_a_tracker_without_noise_is_refused(name: str) -> None:
     with pytest.raises(ConfigurationError, match=rf"{name} = 0.0 rad; allowed: > 0"):
         filter_record({**suite("smallsat"), name: 0.0})
+
+
+def test_the_filter_says_what_it_thinks_of_itself() -> None:
+    values = suite("smallsat")
+    part = Part(mekf.COMPONENT, values)
+    no_fix, good = (0.0,) * 8, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    false = (0.0, 0.0, math.sin(0.1), math.cos(0.1), 0.0, 0.0, 0.0, 0.0)
+
+    def after(*fixes: tuple[float, ...]) -> Advice:
+        for fix in fixes:
+            stamp = int(part.state[0]["count"]) * STEP_NS
+            part.step(stamp, (*(0.0, 0.0, 0.0, 0.0), *fix))
+        return part.advice
+
+    assert after(no_fix)[:3] == ("no fix yet", False, False)
+    assert after(good).text.startswith("tracking, 3σ = 30″")  # 3 · 10″, about the boresight
+    assert after(*[no_fix] * 50).text.startswith("tracking")  # five slots
+    stale = after(no_fix)
+    assert stale.text.startswith("no fix for 0.51 s, 3σ = ")
+    assert (stale.warning, stale.failed) == (True, False)
+    assert after(good).text.startswith("tracking")
+    refused = after(false)
+    assert refused.text.startswith("the last fix was refused, 3σ = ")
+    assert (refused.warning, refused.failed) == (True, False)
+    assert (refused.numbers["fixes"], refused.numbers["fixes refused"]) == (3, 1)
+    lost = after(*[no_fix] * 6000)  # it hardly knows the bias yet
+    assert lost.text.startswith("lost: no fix for 60 s, 3σ = ")
+    assert (lost.warning, lost.failed) == (True, True)
+    assert after(good).text.startswith("tracking")
+    assert part.advices == 8  # every change of mind, once

@@ -16,14 +16,15 @@
 
 import math
 import struct
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.declared import SAMPLED
-from ppc_attitude.contract.topics import ANGULAR_VELOCITY, ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.contract.declared import BY_COLUMN, SAMPLED
+from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
 from ppc_attitude.nodes.messages import Inbox
 from ppc_attitude.runtime.stamps import RefusedError
 
@@ -50,12 +51,33 @@ def test_a_quaternion_is_normalised_within_a_thousandth_and_refused_beyond():
             read(ATTITUDE, 0, (0.0, 0.0, 0.0, norm))
 
 
-def test_negative_stamps_and_other_frames_are_refused():
+def test_negative_stamps_are_refused():
     with pytest.raises(RefusedError, match="negative"):
         read(ATTITUDE, -1, UNIT)
-    data = Codec(TORQUE_COMMAND).encode(0, (0.0, 0.0, 0.0))
-    with pytest.raises(RefusedError):
-        Inbox(ANGULAR_VELOCITY).read(data.replace(b"body", b"moon"))
+
+
+@pytest.mark.parametrize("topic", SAMPLED, ids=lambda topic: topic.name)
+def test_other_frames_are_refused_and_named(topic):
+    data = Codec(replace(topic, frame_id="moon")).encode(
+        0, (*UNIT, *[1.0] * topic.width)[: topic.width]
+    )
+    with pytest.raises(
+        RefusedError, match=f"{topic.name}: frame_id 'moon'; allowed: '{topic.frame_id}'"
+    ):
+        Inbox(topic).read(data)
+
+
+def test_impossible_variances_of_sensors_are_refused():
+    gyro, fix = BY_COLUMN["gyro"], BY_COLUMN["star_fix"]
+    read(gyro, 0, (0.1, 0.2, 0.3, 0.0))
+    for variance in (-1.0, -1e-9, math.nan):
+        with pytest.raises(RefusedError, match="imu/data_raw"):
+            read(gyro, 0, (0.1, 0.2, 0.3, variance))
+    read(fix, 0, (*UNIT, 1e-10, 1e-10, 1e-8))
+    assert read(fix, 0, (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)).values[4] == -1.0  # no fix
+    for variances in ((-1.0, 0.0, 0.0), (1e-10, 0.0, 1e-8), (1e-10, 1e-10, -1e-8), (math.nan,) * 3):
+        with pytest.raises(RefusedError, match="star_tracker/attitude"):
+            read(fix, 0, (*UNIT, *variances))
 
 
 @settings(max_examples=2_000, deadline=None)

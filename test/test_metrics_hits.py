@@ -45,7 +45,8 @@ def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
     assert requirement(verdict, "attitude error from 60 s on").without == ((80.0, 90.0),)
     assert (early.judged_by, late.judged_by) == ("the envelope", "recovery")
     after, before = (
-        requirement(verdict, f"rate error outside its envelope{which}") for which in (", a hit", "")
+        requirement(verdict, f"rate error outside its envelope{which}")
+        for which in (", after a hit", "")
     )
     assert (after.value, after.span) == (0.16, (20.0, 120.0))
     assert (before.value, before.span) == (0.0, (0.0, 20.0))
@@ -152,7 +153,7 @@ def test_the_rate_error_may_be_outside_half_a_second_a_hit():
     z2 = run["rate_error"].copy()
     z2[8000:8051] = 1.0
     row = requirement(
-        analyse(with_columns(run, rate_error=z2)), "rate error outside its envelope, a hit"
+        analyse(with_columns(run, rate_error=z2)), "rate error outside its envelope, after a hit"
     )
     assert (row.value, row.met) == (0.51, False)
 

@@ -104,6 +104,17 @@ def test_what_the_record_lacks_is_named_and_the_rest_is_judged(column):
     assert verdict.all_met
 
 
+def test_without_our_plant_the_torque_is_judged_by_what_the_controller_was_told():
+    run = normal_run()
+    for parameters, limit in (
+        ({"spacecraft_plant": {"max_torque": 0.2}, "ppc_controller": {"max_torque": 0.1}}, 0.2),
+        ({"ppc_controller": {"max_torque": 0.005}}, 0.005),
+        ({}, 0.05),
+    ):
+        verdict = analyse(replace(run, parameters=parameters))
+        assert requirement(verdict, "applied torque on an axis").limit == limit
+
+
 def test_one_sample_is_a_run():
     run = normal_run(0.0)
     verdict = analyse(run)

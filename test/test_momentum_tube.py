@@ -25,8 +25,10 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.brake import BLEND, brake, capped_brake
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.parameter import resolved
-from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.closed_loop import new_samples, simulate, stamps_of
+from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import scenario
 
 LAW = {"controller": "momentum_tube"}
@@ -232,6 +234,51 @@ def test_torque_that_was_short_twice_is_not_counted_on_and_said() -> None:
     told = momentum_tube.advice(memory)
     assert told.warning
     assert told.text.startswith("the guarantee is suspended: torque was short 2 times, so 20 %")
+
+
+@pytest.mark.parametrize(
+    ("told", "nodes"),
+    [
+        ("the guarantee is suspended: the measurement", {"spacecraft_plant": {"rate_noise": 5e-5}}),
+        ("the guarantee is suspended: commands act", {"spacecraft_plant": {"late_command": True}}),
+        ("the guarantee is suspended: torque was", {"spacecraft_plant": {"max_torque": 0.03}}),
+        (
+            "the guarantee is suspended: the craft",
+            {"spacecraft_plant": {"inertia": [3.6, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.4]}},
+        ),
+        (
+            "the guarantee is suspended: a disturbance",
+            {
+                "disturbance_injector": {
+                    "pulse_times": [0.0],
+                    "pulse_durations": [100.0],
+                    "pulse_torques": [5e-3] * 3,
+                }
+            },
+        ),
+        ("nothing is guaranteed: no certificate", {}),
+    ],
+)
+def test_an_assumption_that_is_seen_broken_is_named(
+    told: str, nodes: dict[str, dict[str, Any]]
+) -> None:
+    """From what the law itself measures: it is not told what the craft is really like."""
+    case = scenario({"ppc_controller": LAW} | nodes)
+    found = set()
+    for duration in (0.5, 1.0, 1.5, 5.0):
+        stamps = stamps_of(100.0, duration)
+        diagram = Diagram(case.parameters)
+        diagram.run(stamps, new_samples(case, stamps.size))
+        found.add(diagram.parts[CONTROLLERS.name].advice.text[: len(told)])
+    assert told in found
+    assert bool(nodes) == any("suspended" in each for each in found)
+
+
+def test_noise_far_beyond_the_assumed_one_makes_no_cycle_of_events() -> None:
+    """As after a small satellite's filter: a hit in every sample, were it taken for hits."""
+    record = run(100.0, spacecraft_plant={"rate_noise": 5e-4})
+    assert settled_after(record) < 30.0
+    assert record["phase"][-1, 1] <= 4
 
 
 def test_an_impossible_torque_is_refused() -> None:

@@ -76,7 +76,7 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 bag, *configs = sys.argv[1:]
-recorded, computed = read_run(bag), simulate(load(configs), 5.0)
+recorded, computed = read_run(bag), simulate(load(configs), 2.0)
 assert not recorded.missing, recorded.missing
 assert set(recorded.columns) == set(computed.columns), set(recorded.columns) ^ set(computed.columns)
 for name, column in computed.columns.items():
@@ -91,7 +91,7 @@ def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> 
     bag = str(tmp_path / "bag")
     command = ["-m", "ppc_attitude.command_line.main"]
     report = str(tmp_path / "report.html")
-    run_outside(*command, "run", *CONFIGS, "--duration", "5", "--bag", bag, "--report", report)
+    run_outside(*command, "run", *CONFIGS, "--duration", "2", "--bag", bag, "--report", report)
     same = run_outside("-c", COMPARE, bag, CONFIGS[1], CONFIGS[3])
     assert set(same.stdout.split()) >= OWN
     replayed = json.loads(run_outside(*command, "replay", bag, "--json").stdout)

@@ -29,13 +29,19 @@ from conftest import StartProcess
 from process_helpers import PATIENCE
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
-from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
+from rclpy.parameter import (
+    get_parameter_value,
+    parameter_dict_from_yaml_file,
+    parameter_value_to_python,
+)
 from test_layers import ROOT
 
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.parameters_doc import page
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER, REFERENCE
 from ppc_attitude.nodes import running
+from ppc_attitude.nodes.parameters import _quoted
+from ppc_attitude.science.parameter import unquoted
 from ppc_attitude.science.rate_observer import PARAMETERS as FRONT
 from ppc_attitude.simulation.scenario import load, read_files
 
@@ -173,7 +179,16 @@ def asker() -> Iterator[Node]:
 
 
 @pytest.mark.ros
-def test_param_dump_round_trips(start_process: StartProcess, asker: Node, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "node",
+    [
+        pytest.param(node, marks=() if node in {PLANT, CONTROLLER, RECORDER} else pytest.mark.long)
+        for node in PARAMETERS
+    ],
+)
+def test_param_dump_round_trips(
+    node: str, start_process: StartProcess, asker: Node, tmp_path: Path
+) -> None:
     overlay = tmp_path / "overlay.yaml"
     overlay.write_text(
         f"/**/{PLANT}:\n  ros__parameters: {{lockstep: true, seed: 7}}\n"
@@ -183,31 +198,23 @@ def test_param_dump_round_trips(start_process: StartProcess, asker: Node, tmp_pa
         f"/**/{RECORDER}:\n  ros__parameters: {{bag: {tmp_path / 'first' / 'bag'}}}\n"
     )
     given = [ROOT / "config" / "paper.yaml", overlay]
-    expected = load(given).parameters
 
-    def dump_all(namespace: str, files: dict[str, list[Path]]) -> dict[str, Path]:
-        """Start every node with its files; dump each into a file of its own."""
-        for node, paths in files.items():
-            options = [option for path in paths for option in ("--params-file", str(path))]
-            command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args"]
-            start_process(
-                [*command, "-r", f"__ns:={namespace}", *options], stdout=subprocess.DEVNULL
-            )
-        dumps = {}
-        for node in files:
-            dumps[node] = tmp_path / f"{namespace.strip('/')}_{node}.yaml"
-            dumps[node].write_text(yaml.safe_dump(dumped(asker, f"{namespace}/{node}")))
-        return dumps
+    def dump(namespace: str, files: list[Path]) -> Path:
+        """Start the node with the files; dump it into another."""
+        options = [option for path in files for option in ("--params-file", str(path))]
+        command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args"]
+        start_process([*command, "-r", f"__ns:={namespace}", *options], stdout=subprocess.DEVNULL)
+        file = tmp_path / f"{namespace.strip('/')}.yaml"
+        file.write_text(yaml.safe_dump(dumped(asker, f"{namespace}/{node}")))
+        return file
 
-    first = dump_all("/first", dict.fromkeys(PARAMETERS, given))
-    for node, file in first.items():
-        assert_described(asker, f"/first/{node}")
-        assert load([file]).parameters[node] == expected[node]
-        # A dump names the node with its namespace; the second round has another, and its own bag.
-        file.write_text(file.read_text().replace("/first/", "/second/"))
-    second = dump_all("/second", {node: [file] for node, file in first.items()})
-    for node, file in second.items():
-        assert yaml.safe_load(file.read_text()) == yaml.safe_load(first[node].read_text())
+    first = dump("/first", given)
+    assert_described(asker, f"/first/{node}")
+    assert load([first]).parameters[node] == load(given).parameters[node]
+    # A dump names the node with its namespace; the second round has another, and its own bag.
+    first.write_text(first.read_text().replace("/first/", "/second/"))
+    second = dump("/second", [first])
+    assert yaml.safe_load(second.read_text()) == yaml.safe_load(first.read_text())
 
 
 @pytest.mark.ros
@@ -233,19 +240,63 @@ def test_a_dump_with_an_empty_list_starts_a_node(
     assert content["environment"] == "none"
 
 
+def loaded(asker: Node, node: str, file: Path) -> dict[str, str]:
+    """What `ros2 param load` does, by the same function of rclpy: why each name was refused."""
+    parameters = list(parameter_dict_from_yaml_file(str(file)).values())
+    request = SetParameters.Request(parameters=parameters)
+    results = call(asker, f"/{node}", SetParameters, "set_parameters", request).results
+    names = [each.name for each in parameters]
+    return {n: each.reason for n, each in zip(names, results, strict=True) if not each.successful}
+
+
+@pytest.mark.ros
+def test_a_dump_can_be_loaded(start_process: StartProcess, asker: Node, tmp_path: Path) -> None:
+    """YAML takes the text of a date for a date, and rclpy then sends nothing."""
+    start_process([sys.executable, "-m", f"ppc_attitude.nodes.{REFERENCE}"])
+    file = tmp_path / "dump.yaml"
+    before = dumped(asker, f"/{REFERENCE}")
+    file.write_text(yaml.safe_dump(before))
+    assert "orbit.epoch" in loaded(asker, REFERENCE, file)  # it has effect only at start
+    assert dumped(asker, f"/{REFERENCE}") == before
+    assert load([file]).parameters[REFERENCE] == load([]).parameters[REFERENCE]
+
+
+@pytest.mark.parametrize("text", ["2025-01-01", '{"run": {"t": 1}}', "a: b", "@b", '"', "plain"])
+def test_a_text_is_the_same_after_dump_and_load(text: str) -> None:
+    assert unquoted(_quoted(text)) == text
+    assert get_parameter_value(_quoted(text)).string_value == text
+
+
+@pytest.mark.ros
+def test_param_load_gives_no_node_the_value_of_another(
+    start_process: StartProcess, asker: Node, tmp_path: Path
+) -> None:
+    """`ros2 param load` sends a node every section of the file, and tells of none whose it is."""
+    start_process([sys.executable, "-m", f"ppc_attitude.nodes.{PLANT}"], stderr=subprocess.DEVNULL)
+    file = tmp_path / "load.yaml"
+    sections = (
+        f"/**/{PLANT}:\n  ros__parameters: {{min_torque: 2.0e-4, max_torque: 0.04}}\n",
+        f"/**/{CONTROLLER}:\n  ros__parameters: {{max_torque: 0.03, beta: 3.5}}\n",
+    )
+    for text, refused in ((sections[1] + sections[0], {"max_torque", "beta"}), (sections[0], {})):
+        file.write_text(text)
+        reasons = loaded(asker, PLANT, file)
+        assert set(reasons) == set(refused)
+        limit = dumped(asker, f"/{PLANT}")[f"/{PLANT}"]["ros__parameters"]["max_torque"]
+        assert limit == (0.05 if refused else 0.04), reasons
+        if refused:
+            assert "load one that holds this node's parameters alone" in reasons["max_torque"]
+
+
 @pytest.mark.ros
 def test_param_load_takes_what_yaml_takes_for_text(
     start_process: StartProcess, asker: Node, tmp_path: Path
 ) -> None:
-    """`ros2 param load` reads 3e-05 as text, by the same function of rclpy."""
+    """`ros2 param load` reads 3e-05 as text."""
     start_process([sys.executable, "-m", f"ppc_attitude.nodes.{INJECTOR}"])
     file = tmp_path / "load.yaml"
     file.write_text(f"/{INJECTOR}:\n  ros__parameters: {{injection_duration: 3e-05}}\n")
-    parameters = list(parameter_dict_from_yaml_file(str(file)).values())
-    assert parameters[0].value.string_value == "3e-05"
-    request = SetParameters.Request(parameters=parameters)
-    answer = call(asker, f"/{INJECTOR}", SetParameters, "set_parameters", request)
-    assert [each.successful for each in answer.results] == [True]
+    assert loaded(asker, INJECTOR, file) == {}
     content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
     assert content["injection_duration"] == 3e-5
 

@@ -16,6 +16,7 @@
 """Processes execute nothing from the folder where the user stands, and tell why they break off."""
 
 import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -51,6 +52,7 @@ def trap(tmp_path: Path) -> Path:
     set_traps(folder, *sys.stdlib_module_names, *OTHERS, "ppc_attitude")
     # Numba reads this; machine code in its cache is executed.
     (folder / ".numba_config.yaml").write_text(f"cache_dir: {folder / 'cache'}")
+    os.mkfifo(folder / "matplotlibrc")  # who opened it would wait for ever
     return folder
 
 
@@ -166,6 +168,28 @@ def test_a_process_that_does_not_end_is_given_up() -> None:
     pause(child.process.pid)
     assert not child.ends(0.3)
     child.kill()
+
+
+def test_a_process_that_hangs_says_where(tmp_path: Path) -> None:
+    reached, said = tmp_path / "reached", list[str]()
+    (tmp_path / "hangs.py").write_text(
+        "import pathlib, signal, time\n"
+        "def for_ever():\n"
+        "    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])\n"
+        f"    pathlib.Path({str(reached)!r}).touch()\n"
+        "    time.sleep(1000.0)\n"
+        "for_ever()\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    child = Child("hangs", environment=environment, hear=said.append)
+    try:
+        until(reached.exists, "the hanging")
+        child.process.send_signal(signal.SIGINT)
+        assert not child.ends(0.1)
+        until(lambda: said, "where it hangs", meanwhile=child.says_where)
+        assert any("hangs.py" in line and "in for_ever" in line for line in said)
+    finally:
+        child.kill()
 
 
 def test_waiting_for_the_processor_is_no_reason_to_be_given_up(

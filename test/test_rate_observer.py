@@ -33,7 +33,6 @@ from ppc_attitude.science.rate_observer import (
     observe,
     observer_record,
     rate_sigma,
-    zero_crossings,
 )
 
 INERTIA = np.array([[2.8, 0.15, -0.1], [0.15, 2.5, 0.2], [-0.1, 0.2, 1.9]])
@@ -106,8 +105,9 @@ def test_noise_behind_the_observer_is_that_of_its_transfer() -> None:
     expected = [disturbance_sigma(frequency, WHITE, moment) for moment in np.diag(inertia)]
     assert rows[:, 3:].std(axis=0) == pytest.approx(expected, rel=0.05)
     crossings = np.count_nonzero((rows[1:, :3] > 0) & (rows[:-1, :3] <= 0)) / (3 * H * len(rows))
-    assert crossings == pytest.approx(zero_crossings(frequency, 100.0), rel=0.05)
-    assert zero_crossings(0.0, 100.0) == 25.0
+    assert crossings == pytest.approx(
+        math.sqrt(3.2 * frequency * 100.0) / (2.0 * math.pi), rel=0.05
+    )
 
 
 def test_the_published_sigma() -> None:

@@ -48,6 +48,14 @@ def test_rate_is_the_papers() -> None:
         assert np.allclose(desired_rate(t, paper()), rate(t), rtol=1e-15)
 
 
+def test_a_run_may_begin_at_a_later_instant_of_the_motion() -> None:
+    later = paper()
+    later["begin"] = 37.5
+    for t in (0.0, 1.0, 119.99):
+        assert desired_rate(t, later) == desired_rate(t + 37.5, paper())
+        assert desired_acceleration(t, later) == desired_acceleration(t + 37.5, paper())
+
+
 def test_largest_rate_is_as_stated() -> None:
     times = np.linspace(0.0, 120.0, 12_001)
     norms = [np.linalg.norm(desired_rate(t, paper())) for t in times]

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from synthetic import hit_run, without_columns
+from synthetic import hit_run, with_columns, without_columns
 
 from ppc_attitude.analysis.drawing import AXIS_COLOURS
 from ppc_attitude.analysis.metrics import analyse
@@ -70,7 +70,9 @@ def pixels(picture: np.ndarray, colour: str) -> int:
 def test_figures_can_be_zoomed_and_the_attitude_be_seen(tmp_path: Path) -> None:
     clicks = "document.querySelectorAll('figure button').forEach((each) => each.click());"
     replay = "const s = document.querySelector('.replay input'); s.value = 700; s.oninput();"
-    dom, picture = seen(hit_run(90.0), tmp_path, clicks + replay)
+    run = hit_run(90.0)
+    run = with_columns(run, rate_error=9.0 * run["rate_error"])  # far outside: a logarithmic axis
+    dom, picture = seen(run, tmp_path, clicks + replay)
     figures = dom.count("<figure")
     assert figures == dom.count(">back to the drawing</button>") == 8
     assert dom.count('class="uplot') >= figures
@@ -78,6 +80,8 @@ def test_figures_can_be_zoomed_and_the_attitude_be_seen(tmp_path: Path) -> None:
     assert "attitude error, angle [deg]" in dom  # the label of a chart, of its own text
     (told,) = re.findall(r"<span> ([\d.]+) s, torque (.*?) N·m</span>", dom)
     assert float(told[0]) > 0.0 and len(told[1].split(", ")) == 3
+    heights = [float(each) for each in re.findall(r'"u-wrap" style="[^"]*height: ([\d.]+)px', dom)]
+    assert max(heights) > 7.5 * len("rate error / envelope, logarithmic beyond ±1 [1]")  # not cut
     assert all(pixels(picture, colour) > 300 for colour in AXIS_COLOURS)
 
 

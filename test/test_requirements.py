@@ -108,6 +108,7 @@ def test_a_limit_on_any_column_and_on_the_torque(tmp_path: Path) -> None:
         ("limits: {a: no}", "limits: a = False"),
         ("[1, 2]", "must be `name: value` lines"),
         ("a: [", "is not YAML"),
+        (f"rate: {900 * '9'}", "number of 900 characters, allowed are 250"),
     ],
 )
 def test_bad_files_are_refused_by_name_and_value(tmp_path: Path, text: str, told: str) -> None:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from docs_helpers import EXAMPLES
-from estimation_helpers import ROOT, Array
+from estimation_helpers import ROOT, Array, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
@@ -82,7 +82,7 @@ def test_parts_stepped_one_by_one_give_the_loops_bits(rate: float, overlay: str)
             for column in part.component.outputs:
                 values[column.name] = part.output(column.name)
         for column in ("gyro", "attitude", "estimate", "gyro_bias", "torque_command"):
-            assert values[column] == expected.columns[column][k].tolist(), (column, k)
+            assert list(values[column]) == expected.columns[column][k].tolist(), (column, k)
         for column in ("star_fix", "innovation"):
             *row, age = values[column]
             if any(row):
@@ -167,12 +167,42 @@ def test_the_law_lives_with_the_noise_of_many_seeds(name: str) -> None:
     assert np.median(judge(name, range(100, 180))) <= GOALS[name][1]
 
 
-@pytest.mark.parametrize(
-    ("name", "knowledge", "terminal"),
-    [("flagship", 1.0, 9.6e-5), ("smallsat", 156.0, 4e-4), ("cubesat", 1660.0, 6e-3)],
-)
-def test_a_minute_without_fixes_is_survived(name: str, knowledge: float, terminal: float) -> None:
+def sigma_after_a_minute(name: str) -> float:
+    """√(trace P_θθ) ["] at 110 s of a cold start without fixes from 50 s on, each axis by itself.
+
+    NumPy's matrices, no kernel: Riccati's recursion from fix to fix, then the gap in one step.
+    """
+    given = suite(name)
+    interval = 1.0 / given["star_tracker.rate"]
+    white = np.hypot(given["gyro.angular_random_walk"], given["gyro.resolution"] / math.sqrt(1200))
+    walk, fixes = given["gyro.rate_random_walk"], round(50.0 / interval)
+
+    def later(p: Array, h: float) -> Array:
+        f = np.array([[1.0, -h], [0.0, 1.0]])
+        cross = -0.5 * walk**2 * h**2
+        q = [[white**2 * h + walk**2 * h**3 / 3.0, cross], [cross, walk**2 * h]]
+        return np.asarray(f @ p @ f.T + q)
+
+    trace = 0.0
+    for axis in ("cross", "cross", "boresight"):
+        fix = given[f"star_tracker.{axis}_noise"] ** 2
+        p = np.diag([fix, given["gyro.initial_bias_sigma"] ** 2])
+        for _ in range(fixes - 1):
+            p = later(p, interval)
+            p = p - np.outer(p[:, 0], p[:, 0]) / (p[0, 0] + fix)
+        trace += later(p, 60.0 + interval)[0, 0]
+    return math.sqrt(trace) / ARCSEC
+
+
+# Suite: the filter's own σ ["] after the gap, if no axis told of another; largest true error.
+AFTER_GAP = {"flagship": (1.976, 9.6e-5), "smallsat": (180.5, 4e-4), "cubesat": (2305.0, 6e-3)}
+
+
+@pytest.mark.parametrize("name", AFTER_GAP)
+def test_a_minute_without_fixes_is_survived(name: str) -> None:
     """The gap's own random walk: 3σ of the filter hold it, whatever the seed."""
+    knowledge, terminal = AFTER_GAP[name]
+    assert sigma_after_a_minute(name) == pytest.approx(knowledge, rel=1e-3)
     given = scenario(
         name, star_tracker__blinding_times=[50.0], star_tracker__blinding_durations=[60.0]
     )
@@ -186,7 +216,9 @@ def test_a_minute_without_fixes_is_survived(name: str, knowledge: float, termina
     sigma = np.sqrt(columns["estimate"][-1, [4, 7, 9]])
     error = knowledge_error(record, slice(-1, None))[0]
     assert error < 3.0 * np.linalg.norm(sigma)
-    assert np.linalg.norm(sigma) / ARCSEC < 2.0 * knowledge
+    # A craft that turns learns of the boresight from the other axes; the flagship's are apart.
+    least = 0.85 if name == "flagship" else 0.99
+    assert least * knowledge < np.linalg.norm(sigma) / ARCSEC < knowledge
     assert true_error(record)[10_000:].max() < terminal + 3.0 * np.linalg.norm(sigma)
 
 

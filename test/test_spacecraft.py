@@ -134,17 +134,24 @@ def test_a_plant_holds_both_torques_from_stamp_to_stamp() -> None:
     applied, disturbance = (0.01, 0.0, -0.02), (0.003, 0.002, 0.001)
     total = tuple(a + d for a, d in zip(applied, disturbance, strict=True))
     expected = rigid_body_step(q, omega, total, matrix(FULL), matrix(np.linalg.inv(FULL)), 0.01)
-    assert body.step(0, (*applied, *disturbance)) == [*q, *omega]  # nothing was held before
-    after = [*expected[0], *expected[1]]
+    assert body.step(0, (*applied, *disturbance)) == (*q, *omega)  # nothing was held before
+    after = (*expected[0], *expected[1])
     assert body.step(10_000_000, (*applied, *disturbance)) == after
     assert body.step(10_000_000, (9.0,) * 6) == after  # no time has passed
     body.forget()
-    assert body.step(10_000_000, (*applied, *disturbance)) == [*q, *omega]
+    assert body.step(10_000_000, (*applied, *disturbance)) == (*q, *omega)
 
 
 def test_an_actuator_gives_what_its_limits_leave() -> None:
-    part = Part(ideal.COMPONENT, {"max_torque": 0.05, "min_torque": 1e-4})
-    assert part.step(0, (1.0, 5e-5, -0.02)) == [0.05, 0.0, -0.02]
+    part = Part(ideal.COMPONENT, {"max_torque": 0.05, "min_torque": 1e-4, "late_command": False})
+    assert part.step(0, (1.0, 5e-5, -0.02)) == (0.05, 0.0, -0.02)
+
+
+def test_a_late_command_acts_with_the_next_sample() -> None:
+    part = Part(ideal.COMPONENT, {"max_torque": 0.05, "min_torque": 1e-4, "late_command": True})
+    assert part.step(0, (1.0, 5e-5, -0.02)) == (0.0, 0.0, 0.0)
+    assert part.step(10_000_000, (0.01, 0.02, 0.03)) == (0.05, 0.0, -0.02)
+    assert part.step(20_000_000, (0.0, 0.0, 0.0)) == (0.01, 0.02, 0.03)
 
 
 TRUE_ATTITUDE = tuple(map(float, Rotation.from_rotvec([1.0, -0.4, 0.2]).as_quat()))

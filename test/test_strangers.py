@@ -19,12 +19,15 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import rclpy
 from conftest import StartProcess
 from peer import peer
 from process_helpers import PAPER, Node, Run, pace
+from rclpy.duration import Duration
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ppc_attitude.bags.reader import read_run
@@ -35,10 +38,13 @@ from ppc_attitude.contract.topics import (
     ESTIMATOR,
     INJECTOR,
     PLANT,
+    RECORDER,
     REFERENCE,
     TORQUE_COMMAND,
 )
+from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.processes.telling import LINGERS
 from ppc_attitude.simulation.scenario import load
 
 ros = pytest.mark.ros
@@ -119,8 +125,50 @@ def test_a_subscriber_that_keeps_all_and_reads_nothing_is_named_and_not_waited_f
         run = Run(start_process, tmp_path / "bag", "--duration", "120")
         run.ends()
     assert run.process.returncode == 0, run.err
-    assert f"/peer did not take all of /{ATTITUDE.name} within 8 s: not waited for" in run.err
+    assert f"/peer did not take all of /{ATTITUDE.name}: not waited for" in run.err
     assert read_run(run.bag).missing_messages == 0
+
+
+@pytest.mark.parametrize(
+    ("stranger", "recorder_goes", "waited", "lingers", "named"),
+    [
+        (True, 3.0, 3.0, True, "/slow"),
+        (True, 99.0, 8.0, True, "/slow"),
+        (False, 99.0, 8.0, False, f"/{RECORDER}"),
+    ],
+)
+def test_who_is_not_of_the_run_is_waited_for_until_its_recorder_goes(
+    stranger: bool,
+    recorder_goes: float,
+    waited: float,
+    lingers: bool,
+    named: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    time, told, warnings = [0.0], [], []
+
+    def wait(duration: Duration) -> bool:
+        time[0] += duration.nanoseconds * 1e-9
+        return False
+
+    def readers(topic: str) -> list[SimpleNamespace]:
+        names = [RECORDER] * (time[0] < recorder_goes) + ["slow"] * stranger
+        return [SimpleNamespace(node_namespace="/", node_name=name) for name in names]
+
+    publisher = SimpleNamespace(
+        topic_name="/attitude", get_subscription_count=lambda: 1, wait_for_all_acked=wait
+    )
+    node: Any = SimpleNamespace(
+        now=lambda: time[0],
+        get_namespace=lambda: "/",
+        get_subscriptions_info_by_topic=readers,
+        get_logger=lambda: SimpleNamespace(warning=warnings.append),
+    )
+    monkeypatch.setattr("ppc_attitude.nodes.base.tell", lambda fact, value: told.append(fact))
+    BaseNode._await_readers(node, [publisher])
+    assert time[0] == pytest.approx(waited, abs=0.11)
+    assert (LINGERS in told) == lingers
+    assert warnings == [f"{named} did not take all of /attitude: not waited for"]
 
 
 def test_the_recorder_loads_no_law_and_no_compiler() -> None:

@@ -47,9 +47,10 @@ def test_both_profiles_write_alike() -> None:
 
 
 def test_localhost_means_loopback_alone() -> None:
-    environment = {RANGE: "LOCALHOST"}
-    tune_transport(environment)
-    assert environment == {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST), **ALONE}
+    for peers in ({}, {"ROS_STATIC_PEERS": ";;"}):
+        environment = {RANGE: "LOCALHOST", **peers}
+        tune_transport(environment)
+        assert environment == {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST), **ALONE, **peers}
 
 
 def test_the_older_word_for_localhost_means_the_same() -> None:
@@ -159,6 +160,7 @@ def test_what_is_said_is_what_is_bound(
         ({"ROS_DOMAIN_ID": "-1"}, "ROS_DOMAIN_ID = '-1'; allowed: 0 to 232"),
         ({"ROS_DOMAIN_ID": "233"}, "ROS_DOMAIN_ID = '233'; allowed: 0 to 232"),
         ({"ROS_DOMAIN_ID": "7x"}, "ROS_DOMAIN_ID = '7x'"),
+        ({"ROS_DOMAIN_ID": "9" * 5000}, "ROS_DOMAIN_ID = '9999"),
         ({"ROS_DOMAIN_ID": "²"}, "ROS_DOMAIN_ID = '²'"),
         ({"ROS_STATIC_PEERS": "127.0.0.1;no.such.invalid"}, "ROS_STATIC_PEERS: 'no.such.invalid'"),
         ({"ROS_STATIC_PEERS": "a b"}, "ROS_STATIC_PEERS: 'a b'"),

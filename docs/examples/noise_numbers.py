@@ -177,17 +177,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=80)
     parser.add_argument("--suite", choices=SUITES, action="append")
     parser.add_argument("--plain", action="store_true", help="the paper's law as it is")
-    given = parser.parse_args()
-    seeds = range(FIRST_SEED, FIRST_SEED + given.seeds)
-    chosen = given.suite or SUITES
+    arguments = parser.parse_args()
+    seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
+    chosen = arguments.suite or SUITES
     with ProcessPoolExecutor(2) as pool:
         print(f"worst of {len(seeds)} seeds, every second one a cold start")
         print(row(["", "terminal error (median)", *Flight._fields[1:]]))
         for suite in chosen:
-            found = np.array(list(pool.map(partial(fly, suite, plain=given.plain), seeds)))
+            found = np.array(list(pool.map(partial(fly, suite, plain=arguments.plain), seeds)))
             worst, median = found.max(axis=0), np.median(found[:, 0])
             print(row([suite, f"{worst[0]:.3g} ({median:.3g})", *worst[1:]]))
-        if given.plain:
+        if arguments.plain:
             return
         print("a minute without fixes")
         print(row(["", "knowledge RMS", "worst", "stated σ", "error median", "worst", "at 120 s"]))

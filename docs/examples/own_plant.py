@@ -28,7 +28,6 @@ import rclpy
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped, WrenchStamped
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 INERTIA = 1.0  # [kg·m²]
 
@@ -46,9 +45,8 @@ class OwnPlant(Node):
         self.q = [0.1, 0.0, 0.0, math.sqrt(0.99)]  # x y z w, body to inertial
         self.omega = [0.0, 0.0, 0.0]  # [rad/s] body
         self.tau = [0.0, 0.0, 0.0]  # [N·m] body
-        kept = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.attitude = self.create_publisher(QuaternionStamped, "attitude", kept)
-        self.rate = self.create_publisher(Vector3Stamped, "angular_velocity", kept)
+        self.attitude = self.create_publisher(QuaternionStamped, "attitude", 1000)
+        self.rate = self.create_publisher(Vector3Stamped, "angular_velocity", 1000)
         self.create_subscription(WrenchStamped, "torque_command", self.on_torque, 10)
         self.create_timer(self.h, self.tick)
 

@@ -215,10 +215,10 @@ def benchmark() -> None:
 def along_the_run(paper: Scenario) -> None:
     """How much of its envelope the normal case fills."""
     record = simulate(paper, 120.0)
-    fill = np.abs(record["attitude_error"][:, :3]) / record["attitude_envelope"]
-    show("normal case: largest |eps_q|", fill.max())
-    show("normal case: at", record.t[fill.max(axis=1).argmax()], "s")
-    show("normal case: |eps_q| at t2 = 60 s", fill[record.t >= 60.0].max())
+    normalised = np.abs(record["attitude_error"][:, :3]) / record["attitude_envelope"]
+    show("normal case: largest |eps_q|", normalised.max())
+    show("normal case: at", record.t[normalised.max(axis=1).argmax()], "s")
+    show("normal case: |eps_q| at t2 = 60 s", normalised[record.t >= 60.0].max())
     outer = np.abs(record["rate_error"]) / record["rate_envelope"]
     show("normal case: largest |eps_omega|", outer.max())
     saturated = record["torque_command"] != record["unsaturated_torque"]

@@ -39,7 +39,9 @@ from ppc_attitude.analysis.drawing import (
     time_axis,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope
-from ppc_attitude.analysis.figures import (
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.requirements import PAPER, Requirements
+from ppc_attitude.analysis.run_panels import (
     AXES,
     draw_envelope,
     fit,
@@ -48,8 +50,6 @@ from ppc_attitude.analysis.figures import (
     symbols,
     zoom_window,
 )
-from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.analysis.series import AnalysisError, has, vectors
 from ppc_attitude.contract.run_record import Array, RunRecord
 

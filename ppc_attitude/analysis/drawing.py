@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every figure shares: style, panels, lines that stay light and lose no spike."""
+"""Tools of every figure: style, panels, lines that stay light and lose no spike."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.whole_file import whole_file
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart.
 BLUE, RED, GREEN = "#0072B2", "#D55E00", "#009E73"
@@ -247,7 +248,7 @@ def mark_hits(axes: Axes, starts: Iterable[float]) -> None:
 
 
 def legend(axes: Axes, without: Iterable[str] = ()) -> None:
-    """Put the legend above the panel, where it hides nothing; it leaves out what others tell."""
+    """Put the legend above the panel, where it hides nothing, without the entries of others."""
     told = set(without)
     entries = zip(*axes.get_legend_handles_labels(), strict=True)
     handles, labels = zip(*(each for each in entries if each[1] not in told), strict=True)
@@ -308,6 +309,6 @@ def save(figure: Figure, path: Path) -> Path:
     if form not in FORMATS:
         raise AnalysisError(f"figure {path}: its name must end in .{', .'.join(FORMATS)}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context({"svg.hashsalt": "ppc_attitude"}):
-        figure.savefig(path, dpi=300, metadata=_UNDATED[form])
+    with mpl.rc_context({"svg.hashsalt": "ppc_attitude"}), whole_file(path) as file:
+        figure.savefig(file, format=form, dpi=300, metadata=_UNDATED[form])
     return path

@@ -45,7 +45,7 @@ class Envelope:
 
     @property
     def title(self) -> str:
-        """What the error is, for an axis."""
+        """The quantity of an axis."""
         return BY_COLUMN[self.error].meaning.partition(",")[0]
 
     @property

@@ -15,33 +15,25 @@
 
 """The figures of one run, each the counterpart of one in the paper."""
 
-import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ppc_attitude.analysis.drawing import (
     AXIS_COLOURS,
     BLACK,
     BLUE,
-    ENVELOPE_WIDTH,
-    GREEN,
     RED,
     draw,
     in_degrees,
     judged_limit,
-    legend,
     limit_lines,
     log_axis,
-    mark_hits,
     panels,
     save,
-    time_axis,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.filter_figures import (
@@ -53,6 +45,18 @@ from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured, known
 from ppc_attitude.analysis.metrics import torque_limit
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
+from ppc_attitude.analysis.run_panels import (
+    AXES,
+    accuracy_limits,
+    components,
+    draw_envelope,
+    finish,
+    fit,
+    log_floor,
+    look_closely,
+    symbols,
+    window_of,
+)
 from ppc_attitude.analysis.series import AnalysisError, has, lacking, vectors
 from ppc_attitude.analysis.truth import (
     EXACT,
@@ -67,15 +71,11 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     REFERENCE_ATTITUDE,
     STANDARD,
+    TORQUE_COMMAND,
 )
 from ppc_attitude.science.component import QUATERNION, VECTOR, WRENCH
 
-AXES = ("x", "y", "z")
-COLOURS = (*AXIS_COLOURS, BLACK)
-ENVELOPE_LABEL = "envelope"
-BELOW = 3e3  # how far below the least envelope a logarithmic panel reaches
 ANGLE_FLOOR = 1e-4  # [deg] where the panel of angles ends
-ZOOM_BEFORE, ZOOM_AFTER = 2.0, 12.0  # of a hit [s]
 
 
 def pointing_figure(run: Measured) -> Figure:
@@ -88,7 +88,7 @@ def pointing_figure(run: Measured) -> Figure:
     """
     if run.pointing is None:
         raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
-    window = _window(run)
+    window = window_of(run)
     figure, rows = panels(1 if window is None else 2, row_height=2.1)
     shown = [row[0] for row in rows]
     look_closely(shown, window)
@@ -102,10 +102,10 @@ def pointing_figure(run: Measured) -> Figure:
     for axes in shown:
         for label, errors, colour in kinds:
             draw(axes, run.t, np.rad2deg(errors.angles), label=label, colour=colour)
-        _accuracy_limits(axes, run, DEGREES)
+        accuracy_limits(axes, run, DEGREES)
         log_axis(axes, ANGLE_FLOOR)
         axes.set_ylabel("attitude error, angle [deg]")
-    _finish(shown, run)
+    finish(shown, run)
     return figure
 
 
@@ -142,17 +142,17 @@ def applied_torque_figure(run: Measured) -> Figure:
         vectors(run.record, APPLIED_TORQUE.column),
         torque_limit(run.record, run.required),
     )
-    window = _window(run)
+    window = window_of(run)
     figure, rows = panels(1 if window is None else 2, row_height=2.0)
     shown = [row[0] for row in rows]
     look_closely(shown, window)
     reach = 1.15 * max(limit, float(np.nanmax(np.abs(torque))))
     for axes in shown:
-        _components(axes, run.t, torque)
+        components(axes, run.t, torque)
         limit_lines(axes, limit, -limit, label=f"limit ±{limit:g} N·m")
         axes.set_ylabel("applied torque [N·m]")
         axes.set_ylim(-reach, reach)
-    _finish(shown, run)
+    finish(shown, run)
     return figure
 
 
@@ -162,7 +162,7 @@ def angular_velocity_figure(run: Measured) -> Figure:
         raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
     figure, rows = panels(2, share_x=True)
     top, bottom = rows[0][0], rows[1][0]
-    _components(top, run.t, run.rate)
+    components(top, run.t, run.rate)
     try:
         desired = np.rad2deg(reference_rates_in_body(run.record))
     except AnalysisError:
@@ -179,7 +179,7 @@ def angular_velocity_figure(run: Measured) -> Figure:
     bottom.set_ylim(bottom=0.0)
     top.set_ylabel("angular velocity [deg/s]")
     bottom.set_ylabel("its norm [deg/s]")
-    _finish([top, bottom], run)
+    finish([top, bottom], run)
     return figure
 
 
@@ -189,7 +189,7 @@ def disturbance_figure(run: Measured) -> Figure:
     figure, rows = panels(2 if run.hits else 1, row_height=1.9, share_x=True)
     shown = [row[0] for row in rows]
     for axes in shown:
-        _components(axes, run.t, torque)
+        components(axes, run.t, torque)
         axes.set_ylabel("external torque [N·m]")
     if run.hits:
         rest = np.ones(run.t.size, dtype=np.bool_)
@@ -198,7 +198,7 @@ def disturbance_figure(run: Measured) -> Figure:
         reach = 1.2 * max(float(np.nanmax(np.abs(torque[rest]), initial=0.0)), 1e-4)
         shown[1].set_ylim(-reach, reach)
         shown[1].set_ylabel("external torque, enlarged [N·m]")
-    _finish(shown, run)
+    finish(shown, run)
     return figure
 
 
@@ -212,7 +212,7 @@ def transformed_errors_figure(run: Measured) -> Figure:
     for axes, envelope in zip(shown, pairs, strict=True):
         bound = vectors(run.record, envelope.bound)
         values = vectors(run.record, envelope.error)[:, : bound.shape[1]] / bound
-        _components(axes, run.t, values)
+        components(axes, run.t, values)
         limit_lines(axes, 1.0, -1.0, label="envelope")
         label = f"{envelope.name} / envelope [1]"
         if np.nanmax(np.abs(values), initial=0.0) > 2.0:
@@ -220,7 +220,7 @@ def transformed_errors_figure(run: Measured) -> Figure:
             axes.set_yscale("symlog", linthresh=1.0, linscale=2.0)
             label = f"{envelope.name} / envelope,\nlogarithmic beyond ±1 [1]"
         axes.set_ylabel(label)
-    _finish(shown, run)
+    finish(shown, run)
     return figure
 
 
@@ -237,9 +237,9 @@ def column_figure(run: Measured, column: str) -> Figure:
         for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
             axes.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
     else:
-        _components(axes, run.t, values)
+        components(axes, run.t, values)
     axes.set_ylabel(f"{column.replace('_', ' ')} [{unit}]")
-    _finish([axes], run)
+    finish([axes], run)
     return figure
 
 
@@ -263,6 +263,8 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}
     if not has(record, REFERENCE_ATTITUDE.column):
         drawn.remove(truth_of(record).attitude)  # where there is no error to draw
+    if not has(record, APPLIED_TORQUE.column):
+        drawn.remove(TORQUE_COMMAND.column)  # a plant of somebody else's tells no more
     for column, topic in BY_COLUMN.items():
         if column not in drawn and topic.form in (QUATERNION, VECTOR, WRENCH):
             caption = topic.meaning[:1].upper() + topic.meaning[1:]
@@ -337,72 +339,11 @@ def save_figures(
     ]
 
 
-def zoom_window(t: Array, hits: Sequence[float], deadline: float) -> tuple[float, float] | None:
-    """Time to look at closely [s]: around the first hit from the settling deadline on.
-
-    Earlier ones are plain to see in the large error of the approach. None if there is none.
-    """
-    late = [start for start in hits if start >= deadline]
-    if not late:
-        return None
-    return max(late[0] - ZOOM_BEFORE, float(t[0])), min(late[0] + ZOOM_AFTER, float(t[-1]))
-
-
-def _window(run: Measured) -> tuple[float, float] | None:
-    hits = [hit.start_s for hit in run.hits]
-    return zoom_window(run.t, hits, run.required.settling_deadline)
-
-
-def look_closely(shown: Sequence[Axes], window: tuple[float, float] | None) -> None:
-    """Restrict the last panel to the window, if there is one, before anything is drawn."""
-    if window is not None:
-        shown[-1].set_xlim(*window)
-
-
-def symbols(text: str) -> str:
-    """Write the symbols of a declaration, such as q_e, as mathematics."""
-    return re.sub(r"\b(\w)_(\w+)\b", r"$\1_{\2}$", text)
-
-
-def log_floor(least: float) -> float:
-    """Where a logarithmic panel ends, from the least envelope: zero crossings reach no lower."""
-    return float(10.0 ** np.floor(np.log10(max(least, 1e-12) / BELOW)))
-
-
-def fit(axes: Axes, window: tuple[float, float], t: Array, shown: Sequence[Array]) -> None:
-    """Make the ordinate just large enough for what the arrays, shape (n, …), do in the window."""
-    inside = (t >= window[0]) & (t <= window[1])
-    largest = max(float(np.nanmax(np.abs(each[inside]), initial=0.0)) for each in shown)
-    if largest > 0.0:
-        axes.set_ylim(-1.1 * largest, 1.1 * largest)
-
-
-def draw_envelope(
-    axes: Axes, t: Array, envelope: Array, colours: Sequence[str], *, mirrored: bool = True
-) -> None:
-    """Draw envelopes, shape (n, k), dashed in the colours of their errors.
-
-    The dashes of several take turns, so that envelopes that coincide still show every colour;
-    a single one is dotted, as the paper has it. The legend tells the dashes, in black, for all.
-    """
-    count = len(colours)
-    for k, colour in enumerate(colours):
-        dashes = (0.0, (1.0, 1.5)) if count == 1 else (3.0 * k, (3.0, 3.0 * (count - 1)))
-        name = f"_{ENVELOPE_LABEL} {AXES[k]}" if count > 1 else f"_{ENVELOPE_LABEL}"
-        told: dict[str, Any] = {"colour": colour, "width": ENVELOPE_WIDTH, "style": dashes}
-        draw(axes, t, envelope[:, k], label=name, **told)
-        if mirrored:
-            draw(axes, t, -envelope[:, k], **told)
-    if ENVELOPE_LABEL not in axes.get_legend_handles_labels()[1]:
-        style = (0.0, (1.0, 1.5)) if count == 1 else "--"
-        axes.plot([], [], color=BLACK, linewidth=0.8, linestyle=style, label=ENVELOPE_LABEL)
-
-
 def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array | None) -> Figure:
     """Draw an error, shape (n, 3), in its envelope, if it has one."""
     factor, unit = in_degrees(envelope.unit)
     error, bound = factor * error, None if bound is None else factor * bound
-    window = _window(run)
+    window = window_of(run)
     figure, rows = panels(2 if window is None else 3)
     shown = [row[0] for row in rows]
     look_closely(shown, window)
@@ -410,7 +351,7 @@ def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array |
     scales = ("linear", "log", "log" if envelope.jumps else "linear")
     for axes, scale in zip(shown, scales, strict=False):
         magnitude = scale == "log"
-        _components(axes, run.t, np.abs(error) if magnitude else error)
+        components(axes, run.t, np.abs(error) if magnitude else error)
         if bound is not None:
             colours = AXIS_COLOURS[: bound.shape[1]]
             draw_envelope(axes, run.t, bound, colours, mirrored=not magnitude)
@@ -420,41 +361,8 @@ def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array |
             least = np.nanmin(bound) if bound is not None else np.nanmax(np.abs(error))
             log_axis(axes, log_floor(float(least)))
     if not envelope.jumps:
-        _accuracy_limits(shown[1], run, "")
-    _finish(shown, run)
+        accuracy_limits(shown[1], run, "")
+    finish(shown, run)
     if window is not None and not envelope.jumps:
         fit(shown[2], window, run.t, [error] if bound is None else [error, bound])
     return figure
-
-
-def _accuracy_limits(axes: Axes, run: Measured, unit: str) -> None:
-    """Draw the required accuracies that are given in this unit, where they are judged."""
-    for name, accuracy, judged, colour in (
-        ("settled", run.required.settled, run.settled, BLACK),
-        ("terminal", run.required.terminal, run.last & (run.end >= run.terminal_from), GREEN),
-    ):
-        if accuracy is not None and accuracy.unit == unit and judged.any():
-            label = f"{name} < {accuracy}"
-            judged_limit(axes, run.t, judged, accuracy.limit, label=label, colour=colour)
-
-
-def _components(axes: Axes, t: Array, values: Array) -> None:
-    """Draw the components, shape (n, up to 4)."""
-    for axis, colour, component in zip((*AXES, "w"), COLOURS, values.T, strict=False):
-        draw(axes, t, component, label=axis, colour=colour)
-
-
-def _finish(shown: Sequence[Axes], run: Measured) -> None:
-    """Label time and marks; a panel has a legend if it says more than the first panel's."""
-    for axes in shown:
-        time_axis(axes, run.t)
-        mark_hits(axes, [hit.start_s for hit in run.hits])
-    for axes in shown[:-1]:
-        if axes.get_shared_x_axes().joined(axes, shown[-1]):
-            axes.set_xlabel("")
-    _, told = shown[0].get_legend_handles_labels()
-    legend(shown[0])
-    for axes in shown[1:]:
-        _, labels = axes.get_legend_handles_labels()
-        if set(labels) - set(told):
-            legend(axes, told)

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.analysis.series import elapsed, has, lacking
+from ppc_attitude.analysis.series import elapsed, finite, has, lacking
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ESTIMATOR, TRUE_ATTITUDE
@@ -40,7 +40,7 @@ _VARIANCES = [4, 7, 9]  # of the attitude, among the numbers of an estimate
 
 
 class FilterHealth(NamedTuple):
-    """What a record says of its filter; None where it says nothing.
+    """The health of a filter, as a record shows it; None where it shows nothing.
 
     Attributes
     ----------
@@ -102,22 +102,24 @@ def attitude_sigmas(record: RunRecord) -> Array:
     """
     if not has(record, _ESTIMATE):
         raise lacking(record, _ESTIMATE)
-    variances = record[_ESTIMATE][:, _VARIANCES]
+    variances = record[_ESTIMATE].T[_VARIANCES].T  # by component, as the loop gives them
     return np.sqrt(np.where(variances > 0.0, variances, np.nan))
 
 
 def _outside(record: RunRecord) -> float | None:
     """Largest share outside 3σ of any axis."""
-    late = elapsed(record) >= SETTLED
-    if not late.any() or not has(record, TRUE_ATTITUDE.column) or not has(record, ATTITUDE.column):
+    t = elapsed(record)
+    first = int(np.searchsorted(t, SETTLED))
+    if first == t.size or not has(record, TRUE_ATTITUDE.column) or not has(record, ATTITUDE.column):
         return None
     # A rotation vector of a small angle is twice the vector part of its quaternion.
-    errors = 2.0 * np.abs(knowledge_errors(record).quaternions[late, :3])
-    sigma = attitude_sigmas(record)[late]
-    known = np.isfinite(errors).all(axis=1) & np.isfinite(sigma).all(axis=1)
-    if not known.any():
+    errors = 2.0 * np.abs(knowledge_errors(record).quaternions[first:, :3])
+    limits = 3.0 * attitude_sigmas(record)[first:]
+    count = np.count_nonzero(finite(errors) & finite(limits))
+    if not count:
         return None
-    return float((errors[known] > 3.0 * sigma[known]).mean(axis=0).max())
+    outside = errors > limits  # what is not known is not beyond
+    return float(np.count_nonzero(outside, axis=0).max() / count)
 
 
 def _is_good(record: RunRecord, settings: Any, row: int) -> bool:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the guidance of a run did: its reference once more, from the parameters on record."""
+"""The guidance of a run: its reference once more, from the parameters on record."""
 
 import math
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ class Leg(NamedTuple):
 
 
 class Word(NamedTuple):
-    """What the guidance said: when [s], what, whether it was a warning, and the way it planned."""
+    """A report of the guidance: when [s], its text, whether it is a warning, the planned way."""
 
     time: float
     text: str

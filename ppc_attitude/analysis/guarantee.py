@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Whether a recorded run kept what its certificate promises, and when the promise was suspended."""
+"""Judge whether a run kept the promise of its certificate, and when that was suspended."""
 
 from dataclasses import dataclass
 
@@ -22,13 +22,22 @@ import numpy as np
 from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.series import has
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, DISTURBANCE, REFERENCE_RATE
+from ppc_attitude.contract.topics import (
+    CONTROLLER,
+    DISTURBANCE,
+    INJECTOR,
+    PLANT,
+    REFERENCE,
+    REFERENCE_RATE,
+)
 from ppc_attitude.science.controllers.tube_parameters import (
     CERTIFICATE,
     PARAMETERS,
     PREFIX,
     digest_of,
 )
+from ppc_attitude.science.guarantee.assumptions import assumptions_of
+from ppc_attitude.science.guarantee.surroundings import broken_assumptions
 
 # The law sees a torque at the next sample, and begins anew with the one after it.
 _SEEN_AFTER = 2
@@ -36,7 +45,7 @@ _SEEN_AFTER = 2
 
 @dataclass(frozen=True)
 class Held:
-    """What became of a certificate during a run.
+    """The fate of a certificate during a run.
 
     Attributes
     ----------
@@ -64,6 +73,9 @@ def certificate_held(record: RunRecord) -> Held | None:
         return Held(nothing, "the record lacks parameters of the law", "")
     if digest != digest_of(values):
         return Held(nothing, "the certificate is for other numbers", "")
+    different = _broken_all_along(record)
+    if different:
+        return Held(nothing, "; ".join(different), "")
     pairs = (("momentum_error", "momentum_tube"), ("turn", "turn_envelope"))
     if not all(has(record, each) for pair in pairs for each in pair):
         return Held(nothing, "the record lacks the law's telemetry", "")
@@ -75,6 +87,19 @@ def certificate_held(record: RunRecord) -> Held | None:
             for late in range(_SEEN_AFTER + 1):
                 suspended[late:] |= broken[: broken.size - late]
     return Held(outside & ~suspended, "", "suspended: " + ", ".join(causes) if causes else "")
+
+
+def _broken_all_along(record: RunRecord) -> list[str]:
+    """Assumptions that the craft's own parameters break, where the record has them."""
+    values = record.parameters[CONTROLLER]
+    plant, reference, injector = (
+        record.parameters.get(each, {}) for each in (PLANT, REFERENCE, INJECTOR)
+    )
+    if not (plant and reference and injector):
+        return []
+    assumed, h = assumptions_of(values), values[PREFIX + "h"]
+    duration = float(record.t[-1])
+    return list(broken_assumptions(assumed, h, plant, reference, injector, duration))
 
 
 def _assumptions(record: RunRecord) -> dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What makes a page's figures zoomable and replays an attitude, carried by the page itself."""
+"""Scripts in the page itself that make its figures zoomable and replay an attitude."""
 
 import base64
 import json
@@ -38,7 +38,7 @@ _WEB = files(__package__) / "web"
 
 
 def script() -> str:
-    """Everything that runs in a page: uPlot (MIT licence), and what draws with it."""
+    """Everything that runs in a page: uPlot (MIT licence), and our code that draws with it."""
     library = _text("uPlot.js") + f"\n/*\n{_text('uPlot.LICENSE')}*/\n"
     return f"<script>{library}{_text('report.js')}</script>"
 

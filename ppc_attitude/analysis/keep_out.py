@@ -48,15 +48,15 @@ class Approach(NamedTuple):
 
 def guidance_values(record: RunRecord) -> dict[str, Any] | None:
     """Parameters of a run's guidance, complete; None if it followed no goals."""
-    given: Mapping[str, Any] = record.parameters.get(REFERENCE, {})
-    if REFERENCES.selected(given) is not goal.COMPONENT:
+    configured: Mapping[str, Any] = record.parameters.get(REFERENCE, {})
+    if REFERENCES.selected(configured) is not goal.COMPONENT:
         return None
     defaults = {parameter.name: parameter.default for parameter in goal.COMPONENT.parameters}
-    return {**defaults, **given}
+    return {**defaults, **configured}
 
 
 def cone_names(values: Mapping[str, Any]) -> list[str]:
-    """What each keep-out cone is about."""
+    """The direction that each keep-out cone is about."""
     names, count = list(values[DIRECTIONS.name]), len(values[HALF_ANGLES.name])
     return names * count if len(names) == 1 else names
 

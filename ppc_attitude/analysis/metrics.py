@@ -75,15 +75,15 @@ from ppc_attitude.analysis.verdict import (
 )
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, PLANT, TRUE_ATTITUDE
+from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, CONTROLLER, PLANT, TRUE_ATTITUDE
 from ppc_attitude.science.kinds import SENSORS
 
 __all__ = ["AnalysisError", "analyse", "names_of", "pulses_of", "torque_limit", "verdict_table"]
 
 PAPER_TORQUE_LIMIT = 0.05
-"""What the actuator gives on an axis, if the record does not say [N·m]."""
+"""Torque limit on an axis [N·m], if the record does not say."""
 ROUNDING = 1e-9
-"""How far a reported attitude error may be from the one that follows from what was told [1]."""
+"""Largest allowed difference of the reported attitude error from the one that we compute [1]."""
 NOISE_EXPLAINS = 8.0
 """Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
 
@@ -112,7 +112,7 @@ def names_of(required: Requirements) -> dict[str, str]:
 
 def _outside(envelope: Envelope) -> dict[str, str]:
     key, name = f"outside_{envelope.bound}", f"{envelope.name} outside its envelope"
-    after_hit = {f"{key}_after_hit": f"{name}, a hit"} if envelope.jumps else {}
+    after_hit = {f"{key}_after_hit": f"{name}, after a hit"} if envelope.jumps else {}
     return {key: name, **after_hit}
 
 
@@ -154,10 +154,10 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
 
 def torque_limit(record: RunRecord, required: Requirements = PAPER) -> float:
     """Limit on an axis [N·m]: as required, else the actuator's as configured, else the paper's."""
-    limit = required.torque
-    if not isinstance(limit, int | float):
-        limit = record.parameters.get(PLANT, {}).get("max_torque")
-    return float(limit) if isinstance(limit, int | float) else PAPER_TORQUE_LIMIT
+    # A bag of somebody else's plant says only what the controller was told of the actuator.
+    told = [record.parameters.get(node, {}).get("max_torque") for node in (PLANT, CONTROLLER)]
+    limits = (required.torque, *told, PAPER_TORQUE_LIMIT)
+    return next(float(each) for each in limits if isinstance(each, int | float))
 
 
 class _Judge(Measured):
@@ -329,14 +329,14 @@ class _Judge(Measured):
         yield self._row("keep_out", float(half_angle - angle), 0.0, "deg", self.whole, note=note)
 
     def _certificate(self) -> Iterator[Requirement]:
-        """Judge the time outside what a certificate promises while its assumptions held."""
+        """Judge how long the run broke its certificate's promise while the assumptions held."""
         held = certificate_held(self.record)
         if held is not None:
             time = self.time(held.outside)
             yield self._row("certificate", time, 0.0, "s", self.whole, held.reason, note=held.note)
 
     def _reported(self) -> Iterator[Requirement]:
-        """Compare the reported error with that of what was told; q_e and −q_e are one."""
+        """Compare the reported error with the one that we compute; q_e and −q_e are the same."""
         told = self.control
         if told is None or not has(self.record, ATTITUDE_ERROR.column):
             return
@@ -350,7 +350,7 @@ class _Judge(Measured):
         yield self._row("reported_error", largest(apart), ROUNDING, "", self.whole)
 
     def _knowledge(self) -> Iterator[Requirement]:
-        """Compare what was told with the truth: as required, else as the noise explains."""
+        """Judge the knowledge error, by the requirement or else by the noise that explains it."""
         accuracy, standing = self.required.knowledge, truth_of(self.record).standing
         plant = self.record.parameters.get(PLANT, {})
         sensors, noise = SENSORS.selected(plant), plant.get("attitude_noise")
@@ -368,7 +368,7 @@ class _Judge(Measured):
         yield self._row("knowledge", value, limit, unit, self.whole, why, strict=True)
 
     def _filter(self) -> Iterator[Requirement]:
-        """Compare a filter's errors with what it says of them."""
+        """Compare a filter's errors with the covariance that it tells."""
         found = filter_health(self.record)
         if found is None:
             return

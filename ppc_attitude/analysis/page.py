@@ -28,6 +28,7 @@ from ppc_attitude.analysis.interactive import plotted, script, style
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import HOSTED
+from ppc_attitude.contract.whole_file import write_whole
 
 # Colours are stated throughout and the scheme is light: a dark browser changes nothing.
 _CSS = """
@@ -101,12 +102,7 @@ def write_page(path: Path, title: str, body: Sequence[str]) -> None:
         + f"\n{script()}\n</body>\n</html>\n"
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f"{path.name}.unfinished")  # a page is whole, or not there
-    try:
-        unfinished.write_text(page, encoding="utf-8")
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    write_whole(path, page)
 
 
 def collapsed(title: str, content: str) -> str:

@@ -33,7 +33,7 @@ SMALLEST_STEP = 1e-3
 """A change of one axis between two samples that is a step and not the environment [N·m]."""
 
 LARGEST_ENVIRONMENT = 6e-3
-"""What a torque without pulses may reach on an axis [N·m]: tells pulse from rest."""
+"""Largest torque on an axis [N·m] that is no pulse."""
 
 SAME_TORQUE = 2e-4
 """Two torques that differ by less on every axis are taken as one [N·m]."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a run is asked for: limits and deadlines, the paper's unless a file says otherwise."""
+"""Requirements of a run: limits and deadlines, the paper's unless a file says otherwise."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -54,12 +54,12 @@ class Accuracy:
 
     @property
     def component(self) -> float:
-        """The limit on max_i |q_ev,i|; of an angle: what it cannot exceed within the angle."""
+        """The limit on max_i |q_ev,i|; for an angle, the value that no smaller rotation exceeds."""
         return math.sin(math.radians(self.limit) / 2.0) if self.unit == DEGREES else self.limit
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """What max_i |q_ev,i| and ‖q_ev‖ must come down to; 1 is no bound."""
+        """Limit of max_i |q_ev,i| and ‖q_ev‖; 1 is no bound."""
         return (1.0, self.component) if self.unit == DEGREES else (self.component, 1.0)
 
     def __str__(self) -> str:
@@ -74,7 +74,7 @@ def component_size(rows: Array) -> Array:
 
 @dataclass(frozen=True)
 class Requirements:
-    """What a run is judged by; the defaults are the paper's [1].
+    """The requirements that a run is judged by; the defaults are the paper's [1].
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 
 
 class AnalysisError(ValueError):
-    """The record has not what a judgement or a figure needs; the message says what."""
+    """The record lacks something that a judgement or a figure needs; the message names it."""
 
 
 def elapsed(record: RunRecord) -> Array:

@@ -111,7 +111,7 @@ def pointing_errors(record: RunRecord) -> Errors:
 
 
 def control_errors(record: RunRecord) -> Errors:
-    """What the controller was told against the reference; raises as `pointing_errors`."""
+    """Told attitude against the reference; raises as `pointing_errors`."""
     return errors_between(record, ATTITUDE.column, REFERENCE_ATTITUDE.column)
 
 

@@ -89,7 +89,7 @@ class Requirement:
 
     @property
     def note(self) -> str:
-        """What else a reader must know."""
+        """A remark for the reader."""
         gaps = ", ".join(span_text(each) for each in self.without)
         return self.reason or (f"without {gaps}" if gaps else "")
 

@@ -41,9 +41,9 @@ class _Part(NamedTuple):
 
 
 def readings(name: str, msgtype: str) -> Iterator[tuple[str, Topic]]:
-    """Ways to read an absolute name: namespace and topic of the contract."""
-    parts = name.lstrip("/").split("/")
-    for split in range(len(parts)):
+    """Ways to read an absolute name: namespace and topic of the contract; others are none."""
+    before, *parts = name.split("/")
+    for split in range(len(parts) if not before else 0):
         topic = BY_NAME.get("/".join(parts[split:]))
         if topic is not None and topic.column and msgtype in carriers(topic):
             yield "".join(f"/{part}" for part in parts[:split]), topic
@@ -109,11 +109,11 @@ class Collected:
         for topic in SAMPLED:
             name = f"{namespace}/{topic.name}"
             parts = self._parts.pop(name, [])
-            given = self._names.get(topic, name)
-            if given in types:
-                name, parts = given, self._parts.pop(topic.name, parts)
+            wanted = self._names.get(topic, name)
+            if wanted in types:
+                name, parts = wanted, self._parts.pop(topic.name, parts)
             elif parts:
-                self._notes.append(f"there is no topic {given}: {name} is read for {topic.name}")
+                self._notes.append(f"there is no topic {wanted}: {name} is read for {topic.name}")
             if sum(len(part.stamps) for part in parts):
                 found[topic] = self._joined(name, types[name], parts)
         return found
@@ -135,7 +135,7 @@ class Collected:
         return Series(stamps, values, arrival)
 
     def changes(self, namespace: str) -> tuple[Change, ...]:
-        """What was changed in flight; messages that are none are counted."""
+        """Parameters that were changed in flight; messages that are none are counted."""
         name = f"{namespace}/{CHANGES_TOPIC.name}"
         changes, unreadable = changes_of(self._changes.get(name, []))
         if unreadable:

@@ -12,15 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a bag says about its run besides messages: rosbag2's custom data, under our own keys."""
+"""Facts about a run in its bag besides messages: rosbag2's custom data, under our own keys."""
 
 import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ppc_attitude.bags.errors import all_printable, printable
+from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.yaml_file import parsed_json
+from ppc_attitude.science.errors import ConfigurationError
 
 CONTROLLER_KEY = "ppc_attitude.controller"
 PARAMETERS_KEY = "ppc_attitude.parameters"
@@ -73,6 +75,7 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     flaws: list[str] = []
     told = _mapping(custom_data, PARAMETERS_KEY, flaws)
     parameters = of_namespace({n: v for n, v in told.items() if isinstance(v, dict)}, namespace)
+    parameters = {node: _usable(node, values, flaws) for node, values in parameters.items()}
     metadata = {
         key: str(value) for key, value in _mapping(custom_data, METADATA_KEY, flaws).items()
     }
@@ -80,6 +83,21 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     own = parameters.get(CONTROLLER, {}).get("controller")
     stated = printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER)
     return RunFacts(own if isinstance(own, str) else stated, parameters, metadata, tuple(flaws))
+
+
+def _usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, Any]:
+    """Parameters of a node, of those that we know only such as the node could have."""
+    usable = dict(values)
+    for known in PARAMETERS.get(node, ()):
+        try:
+            if known.name in values:
+                known.checked(values[known.name])
+        except ConfigurationError as error:
+            named = known.choices and not known.is_list and isinstance(values[known.name], str)
+            if not named:  # else it may be a component that is not installed here
+                del usable[known.name]
+                flaws.append(f"its parameters of {node} cannot be used: {error}")
+    return usable
 
 
 def _gaps(custom_data: Mapping[str, str]) -> list[str]:
@@ -92,7 +110,7 @@ def _gaps(custom_data: Mapping[str, str]) -> list[str]:
 
 
 def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
-    """What is said of the nodes of a namespace, by the node's bare name.
+    """Facts about the nodes of a namespace, by the node's bare name.
 
     A node with the namespace in its name goes before one without.
     """

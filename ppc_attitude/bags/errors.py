@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a bag can do wrong, and how its words are told."""
+"""The errors of bags, and how their words are told."""
 
 from typing import Any
 

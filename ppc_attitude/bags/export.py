@@ -34,6 +34,7 @@ from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.whole_file import whole_file
 
 _AXES = "xyzw"
 _ROWS = 10_000
@@ -115,19 +116,9 @@ def export_csv(run: RunRecord | Path | str, out: Path | str) -> None:
 
 @contextlib.contextmanager
 def _new_file(target: Path) -> Iterator[BinaryIO]:
-    """File that is at its place when it is complete; neither step follows a link."""
-    partial = target.with_name(f"{target.name}.part")
     try:
-        with partial.open("xb") as file:
-            try:
-                yield file
-                file.close()
-                partial.replace(target)
-            except BaseException:
-                partial.unlink()
-                raise
-    except FileExistsError as error:
-        raise BagError(f"{partial}, in which {target.name} is to grow, exists already") from error
+        with whole_file(target) as file:
+            yield file
     except OSError as error:
         raise BagError(f"{target} cannot be written: {error.strerror or error}") from error
 

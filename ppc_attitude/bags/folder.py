@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What lies in a bag's folder, read as one bag: storage files, ``metadata.yaml``, marks."""
+"""A bag's folder, read as one bag: storage files, ``metadata.yaml``, marks."""
 
 import os
 import re

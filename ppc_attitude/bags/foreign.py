@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What strangers send: opened, measured and unpacked before anything else sees it."""
+"""Files of strangers: opened, measured and unpacked before anything else sees them."""
 
 import os
 import stat

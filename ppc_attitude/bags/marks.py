@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.contract.whole_file import write_whole
 
 METADATA = "metadata.yaml"
 UNFINISHED = "unfinished.json"  # custom data of a bag that is being recorded, or was cut
@@ -28,10 +29,7 @@ UNFINISHED = "unfinished.json"  # custom data of a bag that is being recorded, o
 
 def write_unfinished(folder: Path, custom_data: Mapping[str, str]) -> None:
     """Mark the bag in a folder as unfinished and keep its custom data, in one atomic step."""
-    target = folder / UNFINISHED
-    temporary = target.with_suffix(".tmp")
-    temporary.write_text(json.dumps({"custom_data": dict(custom_data)}), "utf-8")
-    temporary.replace(target)
+    write_whole(folder / UNFINISHED, json.dumps({"custom_data": dict(custom_data)}))
 
 
 def claimed(folder: Path) -> bool:

@@ -136,7 +136,9 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     lacking = _lacking(bag, home, series, facts.parameters)
     lacks = f"lacks messages of {', '.join(lacking.values())}"
     if lacking and whole:
-        read = ", ".join(f"{topic.name} ({len(one.stamps)})" for topic, one in series.items())
+        read = ", ".join(
+            f"{topic.name} ({len(messages.stamps)})" for topic, messages in series.items()
+        )
         raise BagError(f"{bag.path} {lacks}; messages read: {read}{_flaws(bag)}")
     recovered = bag.custom_data.get(RECOVERED_KEY)
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws

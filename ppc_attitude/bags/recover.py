@@ -29,6 +29,7 @@ from ppc_attitude.bags.marks import METADATA, UNFINISHED, claim
 from ppc_attitude.bags.source import Channel, payloads_of
 from ppc_attitude.bags.sqlite_source import settle
 from ppc_attitude.bags.writer import BagWriter
+from ppc_attitude.contract.whole_file import unfinished_of
 from ppc_attitude.contract.yaml_file import FAST, parsed
 
 _WORK = ".recovering"
@@ -37,7 +38,7 @@ _STORAGE = {".mcap": "mcap", ".db3": "sqlite3"}
 
 @dataclass(frozen=True)
 class Recovery:
-    """What was saved.
+    """The result of a recovery.
 
     Attributes
     ----------
@@ -120,12 +121,15 @@ def _replace(original: Path, folder: Path) -> Recovery:
     recovery = _copy(Bag(folder), copy)
     (finished,) = (file for file in copy.iterdir() if file.suffix in _STORAGE)
     target = folder / finished.name
+    if target != original and os.path.lexists(target):
+        raise BagError(f"{target} is in the way of the recovered file, and not of this bag")
     finished.replace(target)
     if target != original:
         original.unlink()
     (copy / METADATA).replace(folder / METADATA)
-    for mark in folder.glob(f"{Path(UNFINISHED).stem}.*"):
-        mark.unlink()
+    mark = folder / UNFINISHED
+    for each in (mark, unfinished_of(mark)):
+        each.unlink(missing_ok=True)
     return recovery
 
 

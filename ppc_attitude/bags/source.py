@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the two storages look like to the reader: channels, and messages in large blocks."""
+"""The interface of both storages for the reader: channels, and messages in large blocks."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple, Protocol

@@ -107,9 +107,11 @@ def align(
         series[topic] = _in_order(topic, series[topic], warnings)
     held = frozenset() if rate else _hold(series, master, warnings)
     recorded = [
-        one.stamps for topic, one in series.items() if topic.source == PLANT and not topic.late
+        messages.stamps
+        for topic, messages in series.items()
+        if topic.source == PLANT and not topic.late
     ] or [series[master].stamps]
-    most = _LARGEST_FILL * sum(len(one.stamps) for one in series.values()) // len(series)
+    most = _LARGEST_FILL * sum(len(messages.stamps) for messages in series.values()) // len(series)
     stamps, unfilled = _complete(_union(recorded), rate, most, warnings)
     if cut:
         most_lacking = int((stamps > stamps[-1] - _RAGGED_END).sum())
@@ -141,22 +143,22 @@ def _master(series: Mapping[Topic, Series]) -> Topic:
 def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> frozenset[Topic]:
     """Put topics with stamps of their own on the master's: at each instant the latest counts."""
     stamps, held = series[master].stamps, set()
-    for topic, one in series.items():
-        own = np.count_nonzero(~np.isin(one.stamps, stamps))
-        if topic.late or 2 * own <= len(one.stamps):
+    for topic, messages in series.items():
+        own = np.count_nonzero(~np.isin(messages.stamps, stamps))
+        if topic.late or 2 * own <= len(messages.stamps):
             continue
-        place = np.searchsorted(one.stamps, stamps, side="right") - 1
+        place = np.searchsorted(messages.stamps, stamps, side="right") - 1
         begun = place >= 0
         place = place[begun]
         if place.size:
-            oldest = seconds(int((stamps[begun] - one.stamps[place]).max()))
+            oldest = seconds(int((stamps[begun] - messages.stamps[place]).max()))
             warnings.append(
                 f"{topic.name} has stamps of its own: at each instant of {master.name} the latest "
                 f"message counts, at most {oldest:g} s old"
             )
         else:
             warnings.append(f"{topic.name} begins after the last instant of {master.name}")
-        series[topic] = Series(stamps[begun], one.values[place], one.arrival[place])
+        series[topic] = Series(stamps[begun], messages.values[place], messages.arrival[place])
         held.add(topic)
     return frozenset(held)
 
@@ -173,10 +175,10 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
         f"{after:g} s (plant reset or restarted); only what follows is read"
     )
     arrival = plant.arrival[start]
-    for topic, one in series.items():
-        own, own_resets = _last_reset(one.stamps)
-        first = own if own_resets else int(np.searchsorted(one.arrival, arrival))
-        series[topic] = one.since(first)
+    for topic, messages in series.items():
+        own, own_resets = _last_reset(messages.stamps)
+        first = own if own_resets else int(np.searchsorted(messages.arrival, arrival))
+        series[topic] = messages.since(first)
 
 
 def _last_reset(stamps: Integers) -> tuple[int, int]:
@@ -195,16 +197,16 @@ def _last_reset(stamps: Integers) -> tuple[int, int]:
         resets += 1
 
 
-def _in_order(topic: Topic, one: Series, warnings: list[str]) -> Series:
+def _in_order(topic: Topic, messages: Series, warnings: list[str]) -> Series:
     """Sort by stamp; of several messages with one stamp keep the first, on which others acted."""
-    steps = np.diff(one.stamps)
+    steps = np.diff(messages.stamps)
     if (steps > 0).all():
-        return one
+        return messages
     late = int((steps < 0).sum())
     if late:
         warnings.append(f"{late} messages of {topic.name} arrived out of order")
-    stamps, first = np.unique(one.stamps, return_index=True)
-    return Series(stamps, one.values[first], one.arrival[first])
+    stamps, first = np.unique(messages.stamps, return_index=True)
+    return Series(stamps, messages.values[first], messages.arrival[first])
 
 
 def _union(parts: list[Integers]) -> Integers:
@@ -253,25 +255,27 @@ def _without_ragged_end(stamps: Integers, series: dict[Topic, Series], most: int
     """Drop up to `most` last instants that lack messages, and what the series have of them."""
     for _ in range(min(most, len(stamps) - 1)):
         if all(
-            one.stamps[-1] >= stamps[-1]
-            for topic, one in series.items()
-            if len(one.stamps) and not topic.late
+            messages.stamps[-1] >= stamps[-1]
+            for topic, messages in series.items()
+            if len(messages.stamps) and not topic.late
         ):
             break
         stamps = stamps[:-1]
-    for topic, one in series.items():
-        series[topic] = one.until(int(np.searchsorted(one.stamps, stamps[-1], side="right")))
+    for topic, messages in series.items():
+        series[topic] = messages.until(
+            int(np.searchsorted(messages.stamps, stamps[-1], side="right"))
+        )
     return stamps
 
 
-def _spread(one: Series, stamps: Integers) -> tuple[Array, int, int]:
+def _spread(messages: Series, stamps: Integers) -> tuple[Array, int, int]:
     """Column on the timeline, number of instants without and of messages beside the timeline."""
-    if np.array_equal(one.stamps, stamps):
-        return one.values, 0, 0
-    place = np.searchsorted(stamps, one.stamps)
+    if np.array_equal(messages.stamps, stamps):
+        return messages.values, 0, 0
+    place = np.searchsorted(stamps, messages.stamps)
     inside = place < len(stamps)
-    inside[inside] = stamps[place[inside]] == one.stamps[inside]
-    column = np.full((len(stamps), one.values.shape[1]), np.nan)
-    column[place[inside]] = one.values[inside]
-    strays = ~inside & (one.stamps <= stamps[-1])
+    inside[inside] = stamps[place[inside]] == messages.stamps[inside]
+    column = np.full((len(stamps), messages.values.shape[1]), np.nan)
+    column[place[inside]] = messages.values[inside]
+    strays = ~inside & (messages.stamps <= stamps[-1])
     return column, len(stamps) - int(inside.sum()), int(strays.sum())

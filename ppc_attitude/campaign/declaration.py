@@ -62,7 +62,7 @@ class Pulse:
 
 @dataclass(frozen=True)
 class Variables:
-    """What varies; None leaves it as the scenario has it.
+    """Variables of a campaign; None leaves one as the scenario has it.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a campaign can draw from: numbers, directions and attitudes, checked when they are read.
+"""Distributions that a campaign draws from: numbers, directions and attitudes, checked when read.
 
 Numbers
     a bare number, or a mapping with ``distribution``:
@@ -42,7 +42,7 @@ _LEAST_SHARE = 1e-3  # of a cut normal distribution that must remain: it is draw
 
 @dataclass(frozen=True)
 class Range:
-    """What a drawn number may be.
+    """Limits of a drawn number.
 
     Attributes
     ----------

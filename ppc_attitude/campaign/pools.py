@@ -160,40 +160,15 @@ class ClusterPool:
     campaign : Campaign
         What it runs.
     address : str
-        Of the scheduler, such as ``tcp://host:8786``.
-
-    Raises
-    ------
-    ConfigurationError
-        Dask is not installed, no scheduler answers there, or it has no worker.
+        Of the scheduler, as for `connected`, which says what is raised.
     """
 
     def __init__(self, campaign: Campaign, address: str) -> None:
-        try:
-            import distributed
-            from distributed.comm.addressing import parse_address
-            from distributed.comm.registry import get_backend
-        except ImportError:
-            raise ConfigurationError(
-                "a Dask scheduler needs Dask: pip install 'ppc_attitude[campaign]'"
-            ) from None
-        try:
-            get_backend(parse_address(address)[0])
-        except ValueError as error:
-            raise ConfigurationError(f"scheduler = {address}: {error}") from None
+        self._client = connected(address)
+        import distributed
+
+        self.slots = max(sum(self._client.nthreads().values()), 1)
         self._killed: type[BaseException] = distributed.KilledWorker
-        self._client: Any = None
-        connect: Any = distributed.Client  # carries no types
-        try:
-            self._client = connect(address, timeout=_PATIENCE, set_as_default=False)
-            self._client.wait_for_workers(1, timeout=_PATIENCE)
-            self.slots = max(sum(self._client.nthreads().values()), 1)
-        except (OSError, TimeoutError, ValueError) as error:
-            self.close()
-            raise ConfigurationError(
-                f"scheduler = {address}: no Dask scheduler with a worker answers "
-                f"within {_PATIENCE:g} s ({error})"
-            ) from None
         self._campaign, self._address = campaign, address
         self._executor = self._client.get_executor(pure=False)
 
@@ -219,6 +194,48 @@ class ClusterPool:
 
     def close(self) -> None:
         """End everything, now."""
-        if self._client is not None:
-            with contextlib.suppress(OSError, TimeoutError):
-                self._client.close()
+        _disconnect(self._client)
+
+
+def connected(address: str) -> Any:
+    """Client of a Dask cluster that has a worker.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as ``tcp://host:8786``.
+
+    Raises
+    ------
+    ConfigurationError
+        Dask is not installed, no scheduler answers there, or it has no worker.
+    """
+    try:
+        import distributed
+        from distributed.comm.addressing import get_address_host_port
+    except ImportError:
+        raise ConfigurationError(
+            "a Dask scheduler needs Dask: pip install 'ppc_attitude[campaign]'"
+        ) from None
+    try:  # for what is no address its client takes a minute
+        get_address_host_port(address)
+    except ValueError as error:
+        raise ConfigurationError(f"scheduler = {address}: {error}") from None
+    connect: Any = distributed.Client  # carries no types
+    client = None
+    try:
+        client = connect(address, timeout=_PATIENCE, set_as_default=False)
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except (OSError, TimeoutError, ValueError) as error:
+        if client is not None:
+            _disconnect(client)
+        raise ConfigurationError(
+            f"scheduler = {address}: no Dask scheduler with a worker answers "
+            f"within {_PATIENCE:g} s ({error})"
+        ) from None
+    return client
+
+
+def _disconnect(client: Any) -> None:
+    with contextlib.suppress(OSError, TimeoutError):
+        client.close()

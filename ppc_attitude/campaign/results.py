@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a campaign leaves on disk: one Parquet file of runs, one of errors over time."""
+"""The files of a campaign: one Parquet file of runs, one of errors over time."""
 
 import json
 from collections.abc import Mapping

@@ -78,7 +78,7 @@ class CampaignError(RuntimeError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a campaign keeps of one run.
+    """The part of a run that a campaign keeps.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Grid:
-    """What all runs of a campaign have in common: instants and time bins."""
+    """Instants and time bins, which all runs of a campaign have in common."""
 
     stamps_ns: NDArray[np.int64]
     starts: NDArray[np.intp]

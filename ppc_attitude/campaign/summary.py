@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a campaign comes to: how many runs meet what, the worst ones, a sample to draw."""
+"""The result of a campaign: how many runs meet a requirement, the worst ones, a sample to draw."""
 
 import heapq
 import math
@@ -73,7 +73,7 @@ class Fraction:
 
 @dataclass
 class Tally:
-    """What is known of one requirement."""
+    """The tally of one requirement."""
 
     met: int = 0
     judged: int = 0

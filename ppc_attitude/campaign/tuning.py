@@ -46,7 +46,7 @@ GAINS: Mapping[str, tuple[str, ...]] = {
         for name in ("natural_frequency", "damping", "integral_time", "max_rate")
     ),
 }
-"""What is searched of each law; everything else stays as it is configured."""
+"""The parameters of each law that are searched; everything else stays as it is configured."""
 
 _WIDTH = 0.5  # of the first generation, in natural logarithms
 _MISSED = 10.0  # a missed requirement weighs at least as much as ten deadlines
@@ -56,7 +56,7 @@ _WORST = 1e6  # of a run that breaks
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a search has found.
+    """The result of a search.
 
     Attributes
     ----------

@@ -72,20 +72,20 @@ class Varied:
         """Draw the numbers of these columns."""
         if not isinstance(self.drawn_from, Attitudes):
             return [self.drawn_from.draw(own)]
-        given: Any = base.parameters[self.node][self.parameter]
+        nominal: Any = base.parameters[self.node][self.parameter]
         return [
             number
-            for k in range(0, len(given), 4)
-            for number in self.drawn_from.draw(own, normalised(tuple(given[k : k + 4])))
+            for k in range(0, len(nominal), 4)
+            for number in self.drawn_from.draw(own, normalised(tuple(nominal[k : k + 4])))
         ]
 
 
-def varied(given: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
+def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
     """Read what varies of the declared numbers, by the names under which they are drawn.
 
     Parameters
     ----------
-    given : mapping
+    declaration : mapping
         A campaign's declaration: its section ``parameters``, and the `SHORT` names.
     base : Scenario
         What is varied; it says which components run, and how many numbers a list has.
@@ -95,13 +95,13 @@ def varied(given: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
     ConfigurationError
         A name is of no number of a component that runs, or what can be drawn is not allowed.
     """
-    section = given.get("parameters", {})
+    section = declaration.get("parameters", {})
     if not isinstance(section, Mapping):
         raise ConfigurationError(f"parameters = {section!r}; allowed: a mapping of names")
     found = {
-        name: _read(name, target, given[name], base, PARAMETERS[PLANT])
+        name: _read(name, target, declaration[name], base, PARAMETERS[PLANT])
         for name, target in SHORT.items()
-        if name in given
+        if name in declaration
     }
     for name, each in section.items():
         node = str(name).partition(".")[0]
@@ -111,16 +111,18 @@ def varied(given: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
         running = components_of(node, base.parameters[node])
         table = [parameter for component in running for parameter in component.parameters]
         found[name] = _read(name, name, each, base, table)
-    taken: set[tuple[str, str, int]] = set()
+    varying: set[tuple[str, str, int]] = set()
     for name, each in found.items():
         targets = {(each.node, each.parameter, place) for place in each.places or (0,)}
-        if targets & taken:
+        if targets & varying:
             raise ConfigurationError(f"parameters: what {name} varies is varied twice")
-        taken |= targets
+        varying |= targets
     return found
 
 
-def _read(name: str, target: str, given: Any, base: Scenario, table: Iterable[Parameter]) -> Varied:
+def _read(
+    name: str, target: str, distribution: Any, base: Scenario, table: Iterable[Parameter]
+) -> Varied:
     numbers = {each.name: each for each in table if each.is_real}
     node, parameter, place = target.partition(".")[0], "", None
     if match := _NAME.fullmatch(target):
@@ -134,7 +136,7 @@ def _read(name: str, target: str, given: Any, base: Scenario, table: Iterable[Pa
     value, declared = base.parameters[node][parameter], numbers[parameter]
     if place is None and isinstance(value, list) and value and abs(declared.length) == 4:
         places = tuple(range(len(value)))
-        return Varied(node, parameter, places, declared.unit, attitudes(name, given))
+        return Varied(node, parameter, places, declared.unit, attitudes(name, distribution))
     if isinstance(value, list) and (place is None or int(place) >= len(value)):
         raise ConfigurationError(
             f"parameters has {name}; allowed: {node}.{parameter}[INDEX], for it has "
@@ -145,7 +147,7 @@ def _read(name: str, target: str, given: Any, base: Scenario, table: Iterable[Pa
     above = math.isfinite(declared.above) and declared.above >= declared.low
     allowed = Range(max(declared.low, declared.above), declared.high, declared.unit, above)
     places = () if place is None else (int(place),)
-    return Varied(node, parameter, places, declared.unit, number(name, given, allowed))
+    return Varied(node, parameter, places, declared.unit, number(name, distribution, allowed))
 
 
 def values_of(
@@ -155,10 +157,10 @@ def values_of(
     found: dict[str, dict[str, Any]] = {}
     for name, each in variables.items():
         values = found.setdefault(each.node, {})
-        given: Any = base.parameters[each.node][each.parameter]
+        nominal: Any = base.parameters[each.node][each.parameter]
         if not each.places:
             values[each.parameter] = drawn[name]
             continue
         for place, column in zip(each.places, each.columns(name), strict=True):
-            values.setdefault(each.parameter, [*given])[place] = drawn[column]
+            values.setdefault(each.parameter, [*nominal])[place] = drawn[column]
     return found

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What a process of a campaign runs: chunks that are asked for through a pipe."""
+"""A process of a campaign: it runs the chunks that are asked for through a pipe."""
 
 import contextlib
 import sys

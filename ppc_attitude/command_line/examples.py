@@ -87,5 +87,5 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 
 
 def epilog(command: str) -> str:
-    """Return what stands below the help of a command."""
+    """Return the text below the help of a command."""
     return "\n".join(["examples:", *(f"  {line}" for line in EXAMPLES[command])])

@@ -27,14 +27,17 @@ from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text
 from ppc_attitude.campaign.tuning import Tuned, tuned
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import required_of
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
 
 
 def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
     """Search, judge, print and write; `REQUIREMENT_FAILED` if a fresh run misses a requirement."""
+    check_memory(scenario, cores())
     varied = _campaign(arguments, scenario)
     warm_up(scenario)
     with (
@@ -51,13 +54,13 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
     for line in lines:
         print(line)
     if arguments.output:
-        arguments.output.write_text(_file(found, scenario, lines), encoding="utf-8")
+        write_whole(arguments.output, _file(found, scenario, lines))
         print(arguments.output)
     return DONE if found.fraction.met == found.fraction.judged else REQUIREMENT_FAILED
 
 
 def _campaign(arguments: argparse.Namespace, scenario: Scenario) -> Campaign:
-    """What varies: as declared, or every attitude with rates up to the one that was asked for."""
+    """The variables: as declared, or every attitude with rates up to the one that was asked for."""
     if arguments.campaign:
         varied = load_campaign(arguments.campaign, scenario, seed=0)
     else:
@@ -83,7 +86,7 @@ def _told(found: Tuned, law: str) -> list[str]:
 
 
 def _file(found: Tuned, scenario: Scenario, lines: list[str]) -> str:
-    """Overlay with the gains, what they were judged by at its top."""
+    """Overlay with the gains; the comment at its top says how they were judged."""
     head = [f"# {line}" for line in lines]
     body = [f"    {name}: {value!r}" for name, value in found.gains.items()]
     law = f"    controller: {scenario.controller.name}"

@@ -15,7 +15,6 @@
 
 """How a certificate is told: its file beside the configuration, its promises, its inequalities."""
 
-import json
 import math
 from collections.abc import Sequence
 from itertools import groupby
@@ -27,6 +26,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.yaml_file import LARGEST, parsed_json
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.arithmetic import balls
@@ -40,6 +40,8 @@ from ppc_attitude.science.guarantee.surroundings import broken_assumptions
 from ppc_attitude.science.references import paper
 from ppc_attitude.simulation.scenario import Scenario
 
+_PROMISED = ("rate", "time")
+
 
 def certificate_path(configuration: Path) -> Path:
     """Where the certificate of a parameter file lies."""
@@ -47,23 +49,31 @@ def certificate_path(configuration: Path) -> Path:
 
 
 def stored_certificate(configurations: Sequence[Path]) -> dict[str, Any] | None:
-    """Read the certificate beside the last parameter file that has one.
+    """Read what the certificate beside the last parameter file that has one says.
 
     Raises
     ------
-    ValueError
-        It is no JSON object; names the file.
+    ConfigurationError
+        It is no certificate; names the file.
     """
     for path in map(certificate_path, reversed(configurations)):
         if path.is_file():
             try:
-                content = json.loads(path.read_text(encoding="utf-8"))
-            except ValueError as error:
-                raise ValueError(f"certificate {path} is not JSON: {error}") from None
-            if not isinstance(content, dict):
-                raise ValueError(f"certificate {path} is not a JSON object")
-            return content
+                with path.open(encoding="utf-8") as file:
+                    return _stated(parsed_json(file.read(LARGEST + 1)))
+            except (ValueError, LookupError, TypeError, OverflowError) as error:
+                raise ConfigurationError(f"certificate {path} is none: {error!r}") from None
     return None
+
+
+def _stated(content: Any) -> dict[str, Any]:
+    """Digest, accuracy and promises of a certificate, with numbers that are some."""
+    accuracy = float(content["accuracy"])
+    promises = [{name: float(each[name]) for name in _PROMISED} for each in content["promises"]]
+    numbers = [number for promise in promises for number in promise.values()]
+    if not (0.0 < accuracy <= 1.0 and all(0.0 <= number < math.inf for number in numbers)):
+        raise ValueError("a number in it means nothing")
+    return {"digest": content["digest"], "accuracy": accuracy, "promises": promises}
 
 
 def promise_lines(certificate: Certificate) -> list[str]:
@@ -79,7 +89,7 @@ def promise_lines(certificate: Certificate) -> list[str]:
 
 
 class Judgement:
-    """What a scenario's certificate says, proved anew.
+    """The statement of a scenario's certificate, proved anew.
 
     Parameters
     ----------
@@ -98,7 +108,7 @@ class Judgement:
         self._scenario = scenario
         values = scenario.parameters[CONTROLLER]
         stored = stored_certificate(configurations)
-        accuracy = float(stored.get("accuracy", ACCURACY)) if stored else ACCURACY
+        accuracy = stored["accuracy"] if stored else ACCURACY
         self.certificate = certify(values, accuracy)
         self.broken = list(
             broken_assumptions(

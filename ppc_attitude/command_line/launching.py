@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a user of the launch files asks for: the arguments, and the configuration they make."""
+"""The arguments of the launch files, and the configuration that they make."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ SIDE_BY_SIDE = ("config", "duration", "bag", "realtime", "markers")  # what fits
 
 @dataclass(frozen=True)
 class Request:
-    """What the user of a launch file asks for; arguments that a file lacks have their default."""
+    """The arguments of one launch; those that a launch file lacks have their default."""
 
     values: Mapping[str, str]
 

@@ -23,9 +23,10 @@ from importlib import import_module
 from typing import NoReturn
 
 from ppc_attitude import __version__
+from ppc_attitude.bags.errors import printable
 from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError, UsageError
 from ppc_attitude.command_line.examples import EXAMPLES, epilog
-from ppc_attitude.command_line.stopping import end_at_once, ignore, interrupt
+from ppc_attitude.command_line.stopping import asked, end_at_once, ignore, interrupt
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
 from ppc_attitude.processes.child import forget_current_folder, take_signals
 
@@ -102,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BROKEN
     except (ValueError, UsageError) as error:
         # Configuration, bag and analysis errors are ValueErrors that name what is wrong.
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"error: {printable(str(error))}", file=sys.stderr)
         return BAD_INPUT
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("ppc_attitude"):
@@ -118,7 +119,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return BAD_INPUT if error.filename else BROKEN
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Exception) as error:
+        # A compiler that is interrupted fails with an error of its own.
+        if not isinstance(error, KeyboardInterrupt) and not asked:
+            raise
         print("interrupted", file=sys.stderr)
         return BROKEN
 

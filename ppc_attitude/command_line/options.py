@@ -63,7 +63,7 @@ def add_namespace_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_stack_options(parser: argparse.ArgumentParser, event: str) -> None:
-    """Add --at and --namespace, for what a running stack is asked to do."""
+    """Add --at and --namespace, for commands that ask a running stack to do something."""
     parser.add_argument(
         "--at", metavar="T", type=positive, help=f"simulated time [s] {event}; default now"
     )
@@ -95,7 +95,7 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def record_of(arguments: argparse.Namespace) -> RunRecord:
-    """Read the run that the arguments name, and say what to know of it.
+    """Read the run that the arguments name, and print the warnings about it.
 
     Raises
     ------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where a command is to write: what cannot work is told before the work, not after it."""
+"""Check where a command will write before it begins its work."""
 
 import argparse
 import os
@@ -32,8 +32,9 @@ def new_folder(text: str) -> Path:
 def new_file(text: str) -> Path:
     """Parse where a file is to be; the folders above it are made."""
     path = _writable(text)
-    if path.is_dir():
-        raise argparse.ArgumentTypeError(f"{text} is a folder")
+    if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
+        what = "a folder" if path.is_dir() else "no plain file"
+        raise argparse.ArgumentTypeError(f"{text} is {what}")  # which the new one would replace
     return path
 
 
@@ -52,14 +53,14 @@ def new_bag(path: Path) -> Path:
 
 def absent_file(text: str) -> Path:
     """Parse where a file is to be that is not there yet; the folders above it are made."""
-    path = new_file(text)
+    path = _writable(text)
     if os.path.lexists(path):
         raise argparse.ArgumentTypeError(f"{text} exists already, it is not overwritten")
     return path
 
 
 def new_table(text: str) -> Path:
-    """Parse where a table is to be: a file that is not there yet, whose suffix is its format."""
+    """Parse the path of a new table; its suffix says the format, and no such file may exist yet."""
     path = absent_file(text)
     if path.suffix not in (".csv", ".parquet"):
         raise argparse.ArgumentTypeError(f"{text}: allowed are files that end in .csv or .parquet")

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether what is asked of a scenario is in proportion to its craft, as conditions for `check`."""
+"""Conditions of `check`: wishes and settings must be in proportion to the craft."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -64,7 +64,7 @@ def environment_torque(scenario: Scenario, environment: Part) -> float:
 def settling_conditions(
     scenario: Scenario, required: Requirements, q_e: tuple[float, float, float, float]
 ) -> Iterator[Condition]:
-    """What the wish to settle needs at best, for the actuator and for the law, and what it leaves.
+    """The least time to settle, for the actuator and for the law, and the time that is left.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _least_turn(
 
 
 def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
-    """What a slew needs: of the actuator's torque, and of the rate that the craft may have."""
+    """The needs of a slew: of the actuator's torque, and of the rate that the craft may have."""
     reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
     if REFERENCES.selected(reference) is not goal.COMPONENT:
         return
@@ -157,7 +157,7 @@ def _rate_of_slew(rate: float, times: Sequence[float], law: Mapping[str, Any]) -
 
 
 def dead_zone_conditions(scenario: Scenario) -> Iterator[Condition]:
-    """What the actuator does not give, against what it gives and what the law asks for."""
+    """Compare the actuator's dead zone with its limit and with the torque that the law asks for."""
     dead = scenario.number(PLANT, "min_torque")
     yield Condition(
         "min_torque",
@@ -219,7 +219,7 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
 
 
 def _sigmas(scenario: Scenario) -> Sigmas:
-    """σ of what the law sees of its errors, on the axis on which it is largest."""
+    """σ of the errors as the law sees them, on the axis on which it is largest."""
     plant: Mapping[str, Any] = scenario.parameters[PLANT]
     estimator: Mapping[str, Any] = scenario.parameters[ESTIMATOR]
     law: Mapping[str, Any] = scenario.parameters[CONTROLLER]

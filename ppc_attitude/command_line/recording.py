@@ -44,7 +44,7 @@ from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
 
 Watch: TypeAlias = Callable[[Callable[[], bool]], None]
-"""Does something as long as what it is given, called again and again, returns true."""
+"""Works as long as the function that it is given returns true; it calls it again and again."""
 
 
 class Recording:

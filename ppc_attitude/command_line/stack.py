@@ -34,7 +34,7 @@ from ppc_attitude.contract.declared import nodes_of
 from ppc_attitude.contract.topics import ESTIMATOR, NODES, PLANT, RECORDER
 from ppc_attitude.nodes.discovery import DOMAIN, RANGE, check_discovery
 from ppc_attitude.processes.child import Child
-from ppc_attitude.processes.telling import AT, BROKEN, TIME, WAITING
+from ppc_attitude.processes.telling import AT, BROKEN, LINGERS, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
@@ -198,7 +198,7 @@ class Stack:
             plant.told.pop(WAITING, None)
             self._on_time(now)
         ended = {name: code for name, code in self.exit_codes().items() if code is not None}
-        finished = ended.get(PLANT) == 0
+        finished = ended.get(PLANT, 0 if LINGERS in plant.told else None) == 0
         if broken := [name for name in ended if not (name == PLANT and finished)]:
             raise self._broken(broken)
         self._look_for_stall()
@@ -230,9 +230,14 @@ class Stack:
                     if node.process.poll() is None:
                         node.process.send_signal(signal.SIGINT)
                 for name, node in nodes.items():
-                    if not node.ends(_PATIENCE):
+                    if not node.ends(_PATIENCE, LINGERS):
                         hanging.append(name)
+                        node.says_where()
                         node.kill()
+            # Who lingers ends when the recorder has gone, which got what was sent until then.
+            for name, node in self._nodes.items():
+                if not node.ends(_PATIENCE):
+                    hanging.append(name)
         finally:
             self.kill()
             self.told()
@@ -249,7 +254,7 @@ class Stack:
             node.kill()
 
     def told(self) -> dict[str, dict[str, Any]]:
-        """What each process has told, by name of the fact (see `telling`)."""
+        """Facts that each process has told, by name (see `telling`)."""
         for node in self._nodes.values():
             node.listen()
         return {name: node.told for name, node in self._nodes.items()}
@@ -263,7 +268,7 @@ class Stack:
         return {name: node.process.pid for name, node in self._nodes.items()}
 
     def _broken(self, ended: Iterable[str]) -> StackError:
-        """Say how the node ended that ended first: what others met is a consequence."""
+        """Say how the node ended that ended first, because the others ended as a consequence."""
         self.told()
         name = min(ended, key=lambda each: _broke_at(self._nodes[each]))
         node = self._nodes[name]

@@ -16,6 +16,7 @@
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -37,11 +38,24 @@ def end_at_once() -> None:
         signal.signal(number, _end_at_once)
 
 
+asked: list[int] = []
+"""Signals by which this process was asked to end, once that raises KeyboardInterrupt.
+
+A list, because one request may interrupt the handler of another: a lock would wait for ever.
+"""
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    asked.append(number)
+    sys.unraisablehook = lambda _: None  # a compiler's callback loses the exception, and tells it
+    raise KeyboardInterrupt
+
+
 def interrupt() -> None:
     """Let a request to end raise KeyboardInterrupt, if it was to end this process at once."""
     for number in ENDING:
         if signal.getsignal(number) is _end_at_once:
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, _interrupt)
 
 
 def ignore() -> None:

@@ -45,7 +45,7 @@ def _spelt(error: UnicodeError) -> tuple[str, int]:
 
 
 class _Forgiving(io.TextIOWrapper):
-    """What is told to nobody stops nothing."""
+    """An outlet that nobody reads stops nothing."""
 
     def write(self, text: str) -> int:
         try:
@@ -72,14 +72,14 @@ def prepare_streams() -> None:
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
     codecs.register_error("ppc_attitude", _spelt)
-    sys.stdout = sys.stdout or open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="ppc_attitude")
-    error = open(2, "wb", buffering=0, closefd=False)  # noqa: SIM115
+    error = os.fdopen(2, "wb", buffering=0, closefd=False)
     encoding = sys.stderr.encoding if sys.stderr else "utf-8"
     sys.stderr = _Forgiving(error, encoding, "ppc_attitude", write_through=True)
 
 
 def give_up_output() -> None:
-    """Let what is still to be written to standard output go nowhere."""
+    """Discard everything that is still to be written to standard output."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

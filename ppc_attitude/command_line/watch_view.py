@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What `ppc_attitude watch` shows: errors in their envelopes, rates, torques, health."""
+"""The view of `ppc_attitude watch`: errors in their envelopes, rates, torques, health."""
 
 import math
 from collections.abc import Sequence
@@ -47,6 +47,7 @@ _STYLES = ("green", "yellow", "bold red", "dim")
 _NEAR = 0.8  # part of an envelope from which its bar is yellow
 _DEGREES, _MILLI = 180.0 / math.pi, 1e3
 _ABSENT = "–"
+_SHARE = "|error| / envelope"
 _OWN_COLUMNS = ("time [s]",)  # shown elsewhere
 
 
@@ -81,7 +82,7 @@ def _title(snapshot: Snapshot, silent: float) -> Text:
 
 
 def _errors(snapshot: Snapshot) -> Table:
-    table = _table("error", "", "envelope", "fill")
+    table = _table("error", "", "envelope", _SHARE)
     for name, factor, topic, envelope_topic in (
         ("attitude", 1.0, ATTITUDE_ERROR, ATTITUDE_ENVELOPE),
         ("rate [°/s]", _DEGREES, RATE_ERROR, RATE_ENVELOPE),
@@ -97,7 +98,7 @@ def _table(*names: str) -> Table:
     # Text, because rich takes a unit in brackets for its own markup.
     table = Table(box=None, pad_edge=False)
     for number, name in enumerate(names):
-        table.add_column(Text(name), justify="right" if number and name != "fill" else "left")
+        table.add_column(Text(name), justify="right" if number and name != _SHARE else "left")
     return table
 
 

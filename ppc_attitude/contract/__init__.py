@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every floor agrees on: topics, wire format, parameters, the arrays of one run."""
+"""The contract of all floors: topics, wire format, parameters, the arrays of one run."""

@@ -99,15 +99,16 @@ def decode_rows(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
         Zero where the type has no stamp.
     values : ndarray of float64, shape (n, width)
     readable : ndarray of bool, shape (n,)
-        False where a row is not a message of this type, says that it has no such quantity, or has
-        an attitude that is none, all zero.
+        False where a row is not a message of this type, says that it has no such quantity, or, of
+        another type than the topic's own, has an attitude that is none, all zero: our own say so
+        that there is no estimate yet.
     """
     if msgtype == topic.msgtype:
         stamps, values, readable = Codec(topic).decode_rows(rows)
     else:
         stamps, values, readable = _decode_others(topic, msgtype, rows)
-    if topic.form == QUATERNION:
-        readable &= values.any(axis=1)
+        if topic.form == QUATERNION:
+            readable &= values.any(axis=1)
     return stamps, values, readable
 
 

@@ -74,7 +74,7 @@ class CdrError(ValueError):
 
 
 class Sample(NamedTuple):
-    """What one stamped message says."""
+    """The content of one stamped message."""
 
     stamp_ns: int
     frame_id: str

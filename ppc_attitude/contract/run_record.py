@@ -120,7 +120,7 @@ class RunRecord:
 
     @property
     def told_changes(self) -> list[ToldChange]:
-        """What was changed during the run, with what was before, in the order of the stamps."""
+        """Changes during the run, each with the value before, in the order of the stamps."""
         values = {
             (node, name): value
             for node, own in self.parameters.items()

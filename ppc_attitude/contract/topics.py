@@ -158,7 +158,7 @@ STANDARD = (
     TRUE_ATTITUDE,
     TRUE_RATE,
 )
-"""What is between the nodes, whatever components they run."""
+"""Topics between the nodes, whatever components they run."""
 
 INJECT = Topic(
     "disturbance/inject",

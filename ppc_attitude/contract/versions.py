@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What made a run: versions of everything that can change a number."""
+"""Versions of everything that can change a number of a run."""
 
 import platform
 import subprocess

@@ -31,8 +31,11 @@ FAST: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 LARGEST = 4 * 2**20  # characters
 _DEEPEST = 64
 _NODE = 32
-_LONGEST_NUMBER = 1_000
+_LONGEST_NUMBER = 250  # digits, of which every integer fits into a float
 _NUMBER = re.compile(r"[-+]?(0x[0-9a-fA-F_]+|[0-9_:.]+)")
+_STEERING = re.compile(  # a terminal or a page, or the direction of writing
+    "[\0-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]"
+)
 _JSON = re.compile(r'"(?:[^"\\]|\\.)*"?|[][{}]', re.DOTALL)
 # What PyYAML's constructors raise besides its own errors, for values such as `2020-13-01`.
 _ITS_ERRORS = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
@@ -66,7 +69,12 @@ def parsed_json(text: str) -> Any:
     for token in _JSON.finditer(text):
         depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token[0], 0)
         _demand_depth(depth)
-    return json.loads(text)
+    return json.loads(text, parse_int=_integer)
+
+
+def _integer(text: str) -> int:
+    _demand_short(text)
+    return int(text)
 
 
 def _measure(text: str) -> None:
@@ -81,7 +89,8 @@ def _measure(text: str) -> None:
                 raise ValueError(f"*{event.anchor} stands before the end of what it means")
             size += sizes[event.anchor]
         elif isinstance(event, yaml.ScalarEvent):
-            _demand_short_number(event)
+            if (event.implicit[0] or event.tag) and _NUMBER.fullmatch(event.value):
+                _demand_short(event.value)
             sizes[event.anchor] = _NODE + len(event.value)
             size += sizes[event.anchor]
         elif isinstance(event, yaml.CollectionStartEvent):
@@ -104,11 +113,20 @@ def _demand_depth(depth: int) -> None:
         raise ValueError(f"nested too deeply, allowed are {_DEEPEST} levels")
 
 
-def _demand_short_number(scalar: yaml.ScalarEvent) -> None:
+def _demand_short(number: str) -> None:
     # Time and digits of a number to base 60 (1:30:00) grow with the square of its length.
-    size, a_number = len(scalar.value), scalar.implicit[0] or scalar.tag
-    if size > _LONGEST_NUMBER and a_number and _NUMBER.fullmatch(scalar.value):
-        raise ValueError(f"number of {size} characters, allowed are {_LONGEST_NUMBER}")
+    if len(number) > _LONGEST_NUMBER:
+        raise ValueError(f"number of {len(number)} characters, allowed are {_LONGEST_NUMBER}")
+
+
+def _demand_harmless(content: Any, file: str) -> None:
+    if isinstance(content, dict):
+        _demand_harmless([*content, *content.values()], file)
+    elif isinstance(content, list):
+        for each in content:
+            _demand_harmless(each, file)
+    elif isinstance(content, str) and _STEERING.search(content):
+        raise ConfigurationError(f"{file}: control characters in {content!r}")
 
 
 def read(path: Path, kind: str, loader: Any = yaml.SafeLoader) -> Any:
@@ -126,12 +144,14 @@ def read(path: Path, kind: str, loader: Any = yaml.SafeLoader) -> Any:
     Raises
     ------
     ConfigurationError
-        It cannot be read, or is not YAML.
+        It cannot be read, is not YAML, or holds control characters.
     """
     try:
         with path.open(encoding="utf-8") as file:
-            return parsed(file.read(LARGEST + 1), loader)
+            content = parsed(file.read(LARGEST + 1), loader)
     except OSError as error:
         raise ConfigurationError(f"{kind} {path}: {error.strerror}") from None
     except ValueError as error:
         raise ConfigurationError(f"{kind} {path} is not YAML: {error}") from None
+    _demand_harmless(content, f"{kind} {path}")
+    return content

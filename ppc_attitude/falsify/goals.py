@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What the adversary makes as large as it can."""
+"""The goals of the adversary: numbers that it makes as large as it can."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,6 +24,7 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 
+RATE = 3.0  # [deg/s] the paper's limit
 _LAST = 20_000_000_000  # [ns] over which the error in the end is judged
 
 
@@ -39,11 +40,14 @@ class Goal:
         Settled means |q_ev,i| below this.
     after : float
         Instants before this are not judged [s].
+    rate : float
+        Rate that no run should pass [deg/s].
     """
 
     name: str
     accuracy: float = 5e-3
     after: float = 0.0
+    rate: float = RATE
 
     @property
     def unit(self) -> str:
@@ -52,8 +56,10 @@ class Goal:
 
     @property
     def limit(self) -> float:
-        """What no run should pass; infinite where there is no such number."""
-        return {"settling": np.inf, "terminal": self.accuracy, "rate": 3.0}.get(self.name, 1.0)
+        """The limit that no run should pass; infinite where there is none."""
+        return {"settling": np.inf, "terminal": self.accuracy, "rate": self.rate}.get(
+            self.name, 1.0
+        )
 
     def value(self, record: RunRecord, law: Component) -> float:
         """Value of a run; a run that is not finite is worst of all."""
@@ -99,18 +105,18 @@ _OF_RUN: dict[str, Callable[[Goal, RunRecord], float]] = {
 }
 
 
-def goal_of(name: str, law: Component, accuracy: float, after: float) -> Goal:
-    """Goal by its name.
+def goal_of(name: str, law: Component, accuracy: float, after: float, rate: float = RATE) -> Goal:
+    """Goal by its name; the rest as in `Goal`.
 
     Raises
     ------
     ConfigurationError
         The law has no such column, or the column no bound.
     """
-    given = {each.name for each in law.outputs}
-    bounded = [each.name for each in law.outputs if each.bound in given]
+    columns = {each.name for each in law.outputs}
+    bounded = [each.name for each in law.outputs if each.bound in columns]
     if name not in (*_OF_RUN, *bounded):
         raise ConfigurationError(
             f"goal = {name}; allowed for {law.name}: {', '.join((*_OF_RUN, *bounded))}"
         )
-    return Goal(name, accuracy, after)
+    return Goal(name, accuracy, after, rate)

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.contract.yaml_file import parsed_json
 from ppc_attitude.falsify.goals import Goal
 from ppc_attitude.falsify.space import Space
 from ppc_attitude.science.errors import ConfigurationError
@@ -43,7 +44,7 @@ _STALE = 40
 
 @dataclass(frozen=True)
 class Found:
-    """What a search has found so far.
+    """The state of a search.
 
     Attributes
     ----------
@@ -106,8 +107,8 @@ class Search:
         whole, _, _ = self._file.read_text(encoding="utf-8").rpartition("\n")
         lines = whole.split("\n")
         try:
-            known = json.loads(lines[0])["search"]
-            answers = [[float(each) for each in json.loads(line)] for line in lines[1:]]
+            known = parsed_json(lines[0])["search"]
+            answers = [[float(each) for each in parsed_json(line)] for line in lines[1:]]
         except (ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(f"{self._file} is no history of a search: {error}") from None
         if known != self._digest:

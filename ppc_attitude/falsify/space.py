@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What the adversary may choose, as a vector of numbers: start, disturbance, craft."""
+"""The adversary's choice, as a vector of numbers: start, disturbance, craft."""
 
 import math
 from collections.abc import Mapping
@@ -24,14 +24,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.simulation.scenario import Scenario
 
 Vector = NDArray[np.float64]
 _START = 7  # numbers of the start: a quaternion of any length, and a rate
-_CRAFT = 7  # numbers of the craft: six of a symmetric matrix, and the actuator's strength
+# Numbers of the craft: six of a symmetric matrix, the actuator's strength, the instant of the
+# reference at which the run begins, and whether commands act a sample late.
+_CRAFT = 9
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,10 @@ class Space:
         Least share of its torque limit that the actuator has.
     duration : float
         Length of a run [s].
+    begin : float
+        Latest instant of the paper's reference at which a run begins [s].
+    late : bool
+        True if commands may act a sample late.
     """
 
     base: Scenario
@@ -63,6 +69,8 @@ class Space:
     e_S: float
     eta: float
     duration: float
+    begin: float = 0.0
+    late: bool = False
 
     def __post_init__(self) -> None:
         """Refuse bounds that are none."""
@@ -73,6 +81,7 @@ class Space:
             ("e_S", self.e_S, 0.0, 0.5),
             ("eta", self.eta, 1e-3, 1.0),
             ("duration", self.duration, 1e-3, 1e8),
+            ("begin", self.begin, 0.0, 1e9),
         ):
             if not low <= value <= high:
                 raise ConfigurationError(f"{name} = {value:g}; allowed: {low:g} to {high:g}")
@@ -97,16 +106,21 @@ class Space:
         turn, rate = x[:4], x[4:_START]
         length = float(np.linalg.norm(turn))
         attitude = turn / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
-        strength = 1.0 - (1.0 - self.eta) * min(abs(float(x[-1])), 1.0)
+        *inertia, strength, begin, late = x[-_CRAFT:].tolist()
+        strength = 1.0 - (1.0 - self.eta) * min(abs(strength), 1.0)
         changed: dict[str, dict[str, Any]] = {
             PLANT: {
                 "duration": self.duration,
                 "initial_attitude": attitude.tolist(),
                 "initial_angular_velocity": (self.rate * _in_ball(rate)).tolist(),
-                "inertia": self._changed_inertia(x[-_CRAFT:-1]).ravel().tolist(),
+                "inertia": self._changed_inertia(inertia).ravel().tolist(),
                 "max_torque": strength * self.base.number(PLANT, "max_torque"),
             }
         }
+        if self.late:
+            changed[PLANT]["late_command"] = late > 0.0
+        if self.begin:
+            changed[REFERENCE] = {"begin": self.begin * min(abs(begin), 1.0)}
         if self.pieces:
             torques = self.disturbance * np.clip(x[_START:-_CRAFT], -1.0, 1.0)
             length = self.duration / self.pieces
@@ -125,7 +139,7 @@ class Space:
             result = result.with_values(node, **values)
         return result
 
-    def _changed_inertia(self, numbers: Vector) -> Vector:
+    def _changed_inertia(self, numbers: list[float]) -> Vector:
         """J = Ĵ^½ (I + S) Ĵ^½ with ‖S‖ ≤ e_S; less of S where no rigid body has it."""
         if self.e_S == 0.0:
             return self._inertia
@@ -145,7 +159,7 @@ class Space:
 
     def to_json(self) -> Mapping[str, Any]:
         """Say what the space is, for a file that is to be continued in the same one."""
-        numbers = ("rate", "disturbance", "pieces", "e_S", "eta", "duration")
+        numbers = ("rate", "disturbance", "pieces", "e_S", "eta", "duration", "begin", "late")
         return {"parameters": self.base.parameters} | {n: getattr(self, n) for n in numbers}
 
 

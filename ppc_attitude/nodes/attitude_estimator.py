@@ -47,7 +47,7 @@ class AttitudeEstimator(ComponentNode):
         take = self._fixes.fix if topic.late else self._fixes.sample
 
         def receive(stamp_ns: int, values: Values) -> None:
-            self._answer_all(take(stamp_ns, values))
+            self._answer_all(take(stamp_ns, values, self.now()))
 
         return receive
 
@@ -58,11 +58,12 @@ class AttitudeEstimator(ComponentNode):
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""
-        lost = self._fixes.lost if self._fixes else 0
-        return {**super().details(), "fixes that never came": lost}
+        lost, useless = (self._fixes.lost, self._fixes.useless) if self._fixes else (0, 0)
+        counts = {"fixes that never came": lost, "fixes too late or of no slot": useless}
+        return {**super().details(), **counts}
 
     def status(self) -> Status:
-        """What the filter says of itself, or what every component node says."""
+        """Status of the filter, or that of every component node."""
         status = super().status()
         if status.level == STALE and self._fixes and self._fixes.waits_for_fix:
             late = ", ".join(topic.name for topic in self._topics if topic.late)

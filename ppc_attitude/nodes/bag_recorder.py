@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The recorder: every topic of the run into a rosbag2 bag, and the truth about what is missing."""
+"""The recorder: writes every topic of a run into a rosbag2 bag, and tells what is missing."""
 
 import contextlib
 import json
@@ -63,7 +63,7 @@ _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
-_LOOK_EARLY, _LOOK = 0.1, 1.0  # [s] between two looks at the graph: before a run, and during it
+_LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
 
 _NOTHING: Mapping[str, Any] = {}
 
@@ -89,7 +89,8 @@ class BagRecorder(BaseNode):
             )
         except BagError as error:
             raise ConfigurationError(str(error)) from None
-        self._recorded = 0
+        self._heard = 0  # messages, whether the executor took them or `wake`
+        self._written = 0
         self._now = 0.0
         self._looked = -_LOOK
         self._topics: dict[str, Topic] = {}  # by full name
@@ -137,7 +138,7 @@ class BagRecorder(BaseNode):
             self._record_topic(home, topic)
 
     def _learn(self, parameters: dict[str, dict[str, Any]]) -> None:
-        """Write down what the other nodes say of themselves."""
+        """Write down the parameters that the other nodes have told."""
         self._run_info["parameters"] = parameters
         for key, value in self._custom_data().items():
             self._writer.set_custom_data(key, value)
@@ -174,9 +175,11 @@ class BagRecorder(BaseNode):
 
         # Without a second argument what the executor has taken, which does not tell the number.
         def receive_event(data: bytes, about: Mapping[str, Any] = _NOTHING) -> None:
+            self._heard += 1
             recording.event(name, header_stamp(data, msgtype), data)
 
         def receive(data: bytes, about: Mapping[str, Any] = _NOTHING) -> None:
+            self._heard += 1
             number = about.get("publication_sequence_number")
             recording.sample(name, header_stamp(data, msgtype), data, number, self._now)
 
@@ -192,6 +195,7 @@ class BagRecorder(BaseNode):
                 topic = self._topics[full]
                 self._writer.add_topic(full, topic.msgtype, [_offered(topic)])
             self._writer.write(full, time_ns, data)
+            self._written += 1
         except BagError as error:
             self.fail(time_ns, str(error))
         else:
@@ -199,7 +203,7 @@ class BagRecorder(BaseNode):
                 self.report(time_ns)
 
     def _look_around(self) -> None:
-        """Find what else the nodes of the run publish, and who publishes what is not his."""
+        """Find the other topics of the run's nodes, and strangers that publish on its topics."""
         runs = any(recording.now >= 0 for recording in self._recordings.values())
         if self._now - self._looked < (_LOOK if runs else _LOOK_EARLY):
             return
@@ -248,7 +252,7 @@ class BagRecorder(BaseNode):
     def _take_gathered(self) -> bool:
         """Take all that has arrived; False if there was nothing."""
         self._now = time.monotonic()
-        before = self._recorded
+        before = self._heard
         if self._now - self._listened < _LISTEN:
             for subscription in self._lively:
                 self._take(subscription)
@@ -259,17 +263,16 @@ class BagRecorder(BaseNode):
             stamp = recording.progress()
             if stamp is not None:
                 self._progress[home].publish(encode_clock(stamp))
-        return self._recorded != before
+        return self._heard != before
 
     def _take(self, subscription: Any) -> bool:
         """Take all that has arrived on a topic; False if there was nothing."""
-        before = self._recorded
+        before = self._heard
         with subscription.handle:
             take = subscription.handle.take_message
             while (message := take(subscription.msg_type, True)) is not None:
-                self._recorded += 1
                 subscription.callback(*message)
-        return self._recorded != before
+        return self._heard != before
 
     def drain(self, executor: Executor) -> None:
         """Take all that was sent before the stop: until nothing has come for a while."""
@@ -300,7 +303,9 @@ class BagRecorder(BaseNode):
                 self.get_logger().error(f"bag {self._path} is incomplete: {gap}")
             self.failure = self.failure or f"bag {self._path} is incomplete: {gaps[0]}"
         elif not self.failure:
-            self.get_logger().info(f"closed {self._path}: {self._recorded} messages, none missing")
+            known = "" if self._run_info.get("samples") else " of the topics that every run has"
+            text = f"closed {self._path}: {self._written} messages, none missing{known}"
+            self.get_logger().info(text)
         super().close()
 
     def _gaps(self, home: str) -> list[str]:
@@ -311,7 +316,7 @@ class BagRecorder(BaseNode):
         return [f"{home}/{gap}" if len(self._recordings) > 1 else gap for gap in gaps]
 
     def wake(self) -> float:
-        """Take what comes in batches."""
+        """Take messages in batches."""
         end = time.monotonic() + _LONGEST
         while self._take_gathered() and time.monotonic() < end:
             time.sleep(_BATCH)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What all nodes share: parameters, links, refusals, diagnostics."""
+"""The base of all nodes: parameters, links, refusals, diagnostics."""
 
 import json
 import time
@@ -40,7 +40,7 @@ from ppc_attitude.nodes.messages import Inbox, diagnostics, message_class, stamp
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch
 from ppc_attitude.nodes.qos import published, subscribed
-from ppc_attitude.processes.telling import WAITING, tell, tell_broken
+from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.parameter import Value
@@ -53,6 +53,8 @@ _IDLE_WAIT = 0.1  # [s] longest wait for a message before a node looks around
 # [s] how long a stopping node waits for its last messages to arrive: a peer that was paused asks
 # for what it missed when it hears a heartbeat; without our profile those come every 3 s.
 _ACKNOWLEDGE = 8.0
+_SOON = 1.0  # [s] after which whoever of the run can answer has answered
+_GLANCE = Duration(seconds=0.1)  # between two looks at who still reads
 
 
 class BaseNode(Node):
@@ -65,7 +67,7 @@ class BaseNode(Node):
     now = staticmethod(time.monotonic)  # [s] by the wall clock; a test has a clock of its own
 
     def __init__(self) -> None:
-        super().__init__(self.executable)
+        super().__init__(self.executable, start_parameter_services=False)
         self.parameters = NodeParameters(self, self.executable, self.check)
         self.finished = False
         self.exit_code = EXIT_OK
@@ -89,7 +91,7 @@ class BaseNode(Node):
         """Raise ConfigurationError if the parameters do not fit together."""
 
     def status(self) -> Status:
-        """What is said on `/diagnostics`."""
+        """The status for `/diagnostics`."""
         return Status(OK, "running", {})
 
     def wake(self) -> float:
@@ -109,10 +111,10 @@ class BaseNode(Node):
         return new_executor()
 
     def drain(self, executor: Executor) -> None:
-        """Take what has already arrived, before the node ends."""
+        """Take the messages that have already arrived, before the node ends."""
 
     def close(self) -> None:
-        """Release what the node holds, after the last message, and say why it ends."""
+        """Release the node's resources after its last message, and say why it ends."""
         self._watch.close()
         end = "what it was to do is done" if self.finished else "it was asked to"
         self.get_logger().info(f"ends: {self.failure or end}")
@@ -122,7 +124,7 @@ class BaseNode(Node):
         self.tell_changes(stamp_ns, self.parameters.take_changes())
 
     def tell_changes(self, stamp_ns: int, changes: Mapping[str, Value]) -> None:
-        """Tell what holds from a stamp [ns] on, as parameters, so that it is on record."""
+        """Publish values that hold from a stamp [ns] on as parameters; so they are recorded."""
         said = DiagnosticStatus(
             name=self.get_name(),
             values=[KeyValue(key=key, value=json.dumps(value)) for key, value in changes.items()],
@@ -219,7 +221,7 @@ class BaseNode(Node):
             self.get_logger().info(text)
 
     def say(self, text: str, warning: bool) -> None:
-        """Log what the node itself has to say."""
+        """Log advice of the node's components."""
         # Two lines of source: rclpy ties a severity to each.
         if warning:
             self.get_logger().warning(text)
@@ -237,15 +239,14 @@ class BaseNode(Node):
         tell_broken(reason)
         self.exit_code, self.failure, self.finished = EXIT_BROKEN, reason, True
         self.report(stamp_ns, at_once=True)
-        if self._diagnostics.get_subscription_count():
-            self._diagnostics.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE))
+        self._await_readers([self._diagnostics])
 
     def is_idle(self) -> bool:
         """True if no step has come for a while."""
         return self.health.is_idle(self.now())
 
     def _look_for_others(self, now: float) -> None:
-        """Fail if another node publishes what this one does; the one that came first goes on."""
+        """Fail if another node publishes on the same topics; the one that came first goes on."""
         self._watch.look(now)
         others = self._watch.found
         if not others:
@@ -267,17 +268,25 @@ class BaseNode(Node):
         self._diagnostics.publish(diagnostics(self.health.time_ns, name, "status", said))
 
     def flush(self) -> None:
-        """Wait until every peer has what this node has sent; name those that do not take it."""
-        end = self.now() + _ACKNOWLEDGE
-        for publisher in self._outgoing:
-            left = Duration(seconds=max(end - self.now(), 0.0))
-            if publisher.get_subscription_count() and not publisher.wait_for_all_acked(left):
+        """Wait until every peer has all messages of this node; name those that have not."""
+        self._await_readers(self._outgoing)
+
+    def _await_readers(self, publishers: Sequence[Any]) -> None:
+        """Wait for who reads these, and for strangers only as long as somebody of the run reads."""
+        home = self.get_namespace().rstrip("/")
+        ours = {f"{home}/{name}" for name in (ESTIMATOR, *NODES)}
+        begin = self.now()
+        for publisher in publishers:
+            while publisher.get_subscription_count() and not publisher.wait_for_all_acked(_GLANCE):
                 readers = self.get_subscriptions_info_by_topic(publisher.topic_name)
                 names = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in readers}
-                ours = {
-                    f"{self.get_namespace().rstrip('/')}/{name}" for name in (ESTIMATOR, *NODES)
-                }
-                slow = ", ".join(sorted(names - ours or names))
-                text = f"{slow} did not take all of {publisher.topic_name}"
-                self.get_logger().warning(f"{text} within {_ACKNOWLEDGE:g} s: not waited for")
-                return
+                waited = self.now() - begin
+                if waited < _SOON:
+                    continue
+                if names - ours:
+                    tell(LINGERS, True)
+                if waited > _ACKNOWLEDGE or not names & ours:
+                    slow = ", ".join(sorted(names - ours or names))
+                    text = f"{slow} did not take all of {publisher.topic_name}: not waited for"
+                    self.get_logger().warning(text)
+                    return

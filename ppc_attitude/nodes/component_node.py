@@ -30,7 +30,7 @@ from ppc_attitude.simulation.scenario import check_components
 
 
 class ComponentNode(BaseNode):
-    """Answers each state with what its components give at that instant.
+    """Answers each state with the outputs of its components at that instant.
 
     Components that read nothing are functions of time alone: their answers go one instant ahead.
     """

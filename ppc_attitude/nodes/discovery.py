@@ -13,11 +13,12 @@
 # limitations under the License.
 
 
-"""Who may find our nodes, as the environment says it: checked, because ROS guesses what is wrong.
+"""Discovery, as the environment sets it: checked, because ROS guesses where a value is wrong.
 
 ROS takes a range that it does not know for one that it does, and tells it in a warning.
 """
 
+import re
 import socket
 from collections.abc import Mapping
 
@@ -47,9 +48,9 @@ def check_discovery(environment: Mapping[str, str]) -> None:
     if chosen and chosen not in _ALLOWED:
         raise ConfigurationError(f"{RANGE} = {chosen!r}; allowed: {allowed}")
     domain = environment.get(DOMAIN, "") or "0"
-    if not (domain.isascii() and domain.isdecimal() and int(domain) <= _LAST_DOMAIN):
+    if not (re.fullmatch("0*[0-9]{1,3}", domain) and int(domain) <= _LAST_DOMAIN):
         raise ConfigurationError(f"{DOMAIN} = {domain!r}; allowed: 0 to {_LAST_DOMAIN}")
-    for peer in filter(None, environment.get(PEERS, "").split(";")):
+    for peer in _peers(environment):
         try:
             socket.getaddrinfo(peer, None)
         except (OSError, UnicodeError):
@@ -62,11 +63,15 @@ def check_discovery(environment: Mapping[str, str]) -> None:
 def keeps_to_this_host(environment: Mapping[str, str]) -> bool:
     """True if the environment asks for this host alone."""
     local = environment.get(RANGE) == "LOCALHOST" or environment.get(LOCALHOST_ONLY) == "1"
-    return local and not environment.get(PEERS)
+    return local and not _peers(environment)
+
+
+def _peers(environment: Mapping[str, str]) -> list[str]:
+    return [peer for peer in environment.get(PEERS, "").split(";") if peer]
 
 
 def chosen_by_user(environment: Mapping[str, str]) -> str:
-    """Name what of the user's decides on sockets in our place; empty if nothing does."""
+    """Name the user's setting that decides on sockets in our place; empty if there is none."""
     if not environment.get(MIDDLEWARE, OURS).startswith(OURS):
         return MIDDLEWARE
     return next((name for name in (*PROFILES, TRANSPORTS) if name in environment), "")
@@ -75,7 +80,7 @@ def chosen_by_user(environment: Mapping[str, str]) -> str:
 def reach(environment: Mapping[str, str]) -> str:
     """Say, in words, from where the nodes of this environment can be reached."""
     if not keeps_to_this_host(environment):
-        peers = f" and {PEERS}" if environment.get(PEERS) else ""
+        peers = f" and {PEERS}" if _peers(environment) else ""
         return (environment.get(RANGE) or "SUBNET").lower() + peers
     other = chosen_by_user(environment)
     return f"localhost, by sockets as {other} has them" if other else "localhost"

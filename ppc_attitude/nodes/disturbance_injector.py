@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The disturbance injector: environment torque, scheduled pulses, and what anyone injects."""
+"""The disturbance injector: environment torque, scheduled pulses, and injected torques."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -54,12 +54,12 @@ class DisturbanceInjector(ComponentNode):
         self.create_service(SetParametersAtomically, "~/inject", self._on_request)
 
     def apply_parameters(self, stamp_ns: int) -> None:
-        """Take over parameters; what was injected goes on."""
+        """Take over parameters; torques that were injected go on."""
         super().apply_parameters(stamp_ns)
         self._hold()
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
-        """Sum up what acts at an instant."""
+        """Sum up the torques that act at an instant."""
         changed = self._injections.at(stamp_ns)
         if changed is not None:
             self._injected = np.concatenate([np.zeros(0, PULSE), *changed])
@@ -73,7 +73,7 @@ class DisturbanceInjector(ComponentNode):
         self.chain.parts[-1].hold(record)
 
     def arm(self) -> None:
-        """Forget what was injected before time began again."""
+        """Forget the torques that were injected before time began again."""
         super().arm()
         self._injections.begin_again()
 
@@ -91,7 +91,7 @@ class DisturbanceInjector(ComponentNode):
             raise RefusedError(f"{INJECT.name}: {reason}") from None
 
     def _on_request(self, request: Any, response: Any) -> Any:
-        """Answer the service: what acts from when to when, or why it is refused."""
+        """Answer the service: say from when to when the torque acts, or why it is refused."""
         try:
             torque, start, duration = _asked(request.parameters)
             duration = self.parameters["injection_duration"] if duration is None else duration

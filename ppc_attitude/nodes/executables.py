@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What `ros2 run` executes: one function for each node.
+"""The executables of `ros2 run`: one function for each node.
 
 Importing a node takes seconds on a slow machine. Until it is imported a request to end is granted
 at once, then it is the node's to deal with (`running.StopRequest`): no start ends in a traceback.

@@ -29,7 +29,7 @@ from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
 
 
 class Answer(NamedTuple):
-    """What the reference generator said of a goal; nothing if it did not answer."""
+    """The reference generator's answer to a goal; empty if it did not answer."""
 
     text: str
     followed: bool

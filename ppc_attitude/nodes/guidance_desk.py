@@ -51,7 +51,7 @@ _LATEST = 1e8  # [s] as for a scheduled goal; no stamp is far beyond
 
 
 class GuidanceDesk:
-    """Orders from messages and a service to the reference, and word of what becomes of them.
+    """Passes orders from messages and a service to the reference, and tells what becomes of them.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class GuidanceDesk:
 
     @property
     def concern(self) -> str:
-        """What is warned of now; empty if nothing is."""
+        """The present warning; empty if there is none."""
         return " and ".join(warnings_of(self._part.state[0]["watch"]))
 
     def begin_again(self) -> None:

@@ -37,7 +37,7 @@ _LOOK = 0.05  # [s]
 
 
 class Latencies(NamedTuple):
-    """What was measured.
+    """The measured latencies.
 
     Attributes
     ----------

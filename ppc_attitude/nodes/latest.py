@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""For those who look on: the latest message of each topic, kept as it came, decoded when asked."""
+"""The latest message of each topic, kept as it came and decoded when somebody asks for it."""
 
 from collections.abc import Callable, Sequence
 

@@ -40,7 +40,7 @@ _AXES = (
 
 
 def header(stamp_ns: int) -> Header:
-    """Header of what is drawn: everything stands in the inertial frame."""
+    """Header of every shape: all of them stand in the inertial frame."""
     result = Header(frame_id=INERTIAL)
     result.stamp.sec, result.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
     return result

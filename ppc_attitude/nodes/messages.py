@@ -29,7 +29,7 @@ from ppc_attitude.contract.cdr import CdrError, Codec, Sample, finite
 from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, Topic
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
-from ppc_attitude.science.component import FIX, QUATERNION, WRENCH
+from ppc_attitude.science.component import FIX, GYRO, QUATERNION, WRENCH
 from ppc_attitude.science.stamps import NANOSECONDS
 
 _UNIT_TOLERANCE = 1e-3
@@ -61,6 +61,7 @@ class Inbox:
         self._is_attitude = topic.msgtype == MSGTYPES[QUATERNION]
         self._may_be_unknown = topic.name == ATTITUDE.name  # a zero quaternion: no estimate yet
         self._is_fix = topic.form == FIX
+        self._is_rate = topic.form == GYRO
         self._is_torque = topic.msgtype == MSGTYPES[WRENCH]
 
     def read(self, data: bytes) -> Sample:
@@ -70,7 +71,8 @@ class Inbox:
         ------
         RefusedError
             Not a message of the type, another frame, a number that is not finite or absurdly
-            large, a quaternion that is not a unit one, a negative stamp, a force without a torque.
+            large, a quaternion that is not a unit one, an impossible variance, a negative stamp, a
+            force without a torque.
         """
         try:
             sample = self._decode(data)
@@ -84,7 +86,7 @@ class Inbox:
         return self._judge(sample)
 
     def _is_ordinary(self, values: tuple[float, ...]) -> bool:
-        """True for what nearly every message is: within limits, or a quaternion of our own.
+        """True if the numbers are within the limits or a quaternion of our own, as nearly always.
 
         A sum that is not finite fails the comparison, so `_judge` sees all that may be wrong.
         """
@@ -92,6 +94,8 @@ class Inbox:
             x, y, z, w = values
             return abs(x * x + y * y + z * z + w * w - 1.0) <= _OWN_TOLERANCE
         if self._is_fix:
+            return False
+        if self._is_rate and values[3] < 0.0:
             return False
         return sum(map(abs, values)) <= LARGEST
 
@@ -115,6 +119,10 @@ class Inbox:
                     f"{self._topic.name}: variances {values[4:]} rad²; allowed: > 0 of a fix"
                 )
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
+        if self._is_rate and values[3] < 0.0:  # REP 145: −1 says that there is no rate
+            raise RefusedError(
+                f"{self._topic.name}: variance {values[3]} (rad/s)²; allowed: ≥ 0 of a rate"
+            )
         if max(map(abs, values)) > LARGEST:
             raise RefusedError(
                 f"{self._topic.name}: {values} {self._topic.unit}; allowed: magnitudes up to "

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a running stack says right now: latest samples and health, for those who only look on."""
+"""The latest samples and the health of a running stack, for programs that only look on."""
 
 import time
 from collections.abc import Iterator
@@ -58,7 +58,7 @@ WATCHED = (
 
 @dataclass(frozen=True)
 class Health:
-    """What one node last said on `/diagnostics`."""
+    """The latest status of one node on `/diagnostics`."""
 
     level: int
     message: str
@@ -67,7 +67,7 @@ class Health:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a stack says at one moment.
+    """The state of a stack at one moment.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Onlooker:
                 self._health[status.hardware_id] = Health(status.level[0], status.message, details)
 
     def look(self, duration: float) -> Snapshot:
-        """Take in what arrives for some time [s], and say how things stand then."""
+        """Take in messages for some time [s], and return the latest of all."""
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)

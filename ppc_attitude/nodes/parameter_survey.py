@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a recorder that nobody told anything asks the nodes of its runs: their parameters."""
+"""A recorder that was told nothing asks the nodes of its runs for their parameters."""
 
 from array import array
 from collections.abc import Callable
@@ -25,6 +25,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
 from ppc_attitude.nodes.run_graph import RunGraph
+from ppc_attitude.science.parameter import unquoted
 
 _PERIOD = 1.0  # [s] between two looks for nodes that have not answered
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -79,7 +80,7 @@ class ParameterSurvey:
     def _on_values(self, full: str, names: list[str], future: Future) -> None:
         response = future.result()
         if response is not None and len(response.values) == len(names):
-            values = [_plain(parameter_value_to_python(each)) for each in response.values]
+            values = [unquoted(_plain(parameter_value_to_python(each))) for each in response.values]
             self._answers[full] = dict(zip(names, values, strict=True))
             self._on_answer(self._answers)
 

@@ -14,9 +14,11 @@
 
 """ROS parameters from the one table: declared with descriptors, checked at start and when set."""
 
+import json
 import re
 from array import array
 from collections.abc import Callable, Mapping
+from datetime import date
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -25,10 +27,13 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter_service import ParameterService
 
 from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.yaml_file import FAST, parsed
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter, Value, resolved
 
@@ -72,11 +77,12 @@ class NodeParameters:
         self.values = resolved(self._table.values(), chosen, executable)
         check(self.values)
         for parameter in self._table.values():
-            _declare(node, parameter, self.values[parameter.name])
+            _declare(node, parameter, _quoted(self.values[parameter.name]))
         self.changed = False
         self._taken = self.values
         node.add_pre_set_parameters_callback(_with_numbers)
         node.add_on_set_parameters_callback(self._on_set)
+        self._services = _Services(node, executable)
 
     def __getitem__(self, name: str) -> Any:
         """Value of a parameter."""
@@ -105,6 +111,33 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
 
+class _Services(ParameterService):
+    """The services of a node's parameters; a file with other nodes' values sets no shared name.
+
+    `ros2 param load` sends a node the values of every section of the file. Where two sections have
+    a name in common it sends one of the two values, and does not say whose it is.
+    """
+
+    def __init__(self, node: Node, executable: str) -> None:
+        names = {node: {each.name for each in table} for node, table in PARAMETERS.items()}
+        self._shared = names.pop(executable) & set().union(*names.values())
+        super().__init__(node)
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        node = self._get_node()
+        ours = all(node.has_parameter(each.name) for each in request.parameters)
+        for each in request.parameters:
+            if ours or each.name not in self._shared:
+                super()._set_parameters_callback(SetParameters.Request(parameters=[each]), response)
+            else:
+                reason = (
+                    f"{each.name}: the file is of several nodes, and does not tell which of their "
+                    "values comes here; load one that holds this node's parameters alone"
+                )
+                response.results.append(SetParametersResult(successful=False, reason=reason))
+        return response
+
+
 def _with_numbers(parameters: list[RosParameter]) -> list[RosParameter]:
     """Make numbers with an exponent of those that come as text, so that a dump has numbers too.
 
@@ -123,6 +156,20 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str) and _EXPONENT.fullmatch(value):
         return float(value)
     return list(value) if isinstance(value, array | tuple) else value
+
+
+def _quoted(value: Any) -> Any:
+    """Put a text in quotes that YAML would not take for a value, such as a date or a mapping.
+
+    `ros2 param load` reads every value of a dump as YAML, and breaks at those.
+    """
+    if not isinstance(value, str):
+        return value
+    try:
+        told = parsed(value, FAST)
+    except ValueError:
+        told = {}
+    return json.dumps(value, ensure_ascii=False) if isinstance(told, dict | date) else value
 
 
 def _declare(node: Node, parameter: Parameter, value: Any) -> None:

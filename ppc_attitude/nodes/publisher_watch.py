@@ -111,7 +111,7 @@ class PublisherWatch:
 
 
 def _take(subscription: Any, inbox: Inbox, publishers: Publishers, now: float) -> None:
-    """Let what has gathered be judged."""
+    """Judge the messages that have gathered."""
     with subscription.handle:
         while (
             received := subscription.handle.take_message(subscription.msg_type, True)

@@ -95,7 +95,7 @@ class SpacecraftPlant(BaseNode):
         self._set_pace()
 
     def _select_columns(self) -> None:
-        """Publish what the parameters put on record: the truth, where what is told may differ."""
+        """Publish the truth, if the parameters put it on record because sensing differs from it."""
         recorded = columns_of(PLANT, self.parameters.values)
         first = [column for column in gives(PLANT) if column in recorded]  # others wait for these
         acted = [column for part in self._acting.parts for column in part.component.outputs]
@@ -146,7 +146,7 @@ class SpacecraftPlant(BaseNode):
             self._senders[name](self._stamp, self._state[name])
 
     def tell_acted(self) -> None:
-        """Publish what acted last."""
+        """Publish the torque that acted last."""
         for name in self._acted_columns:
             self._senders[name](self._acted_at, self._acted[name])
         self.report(self._stamp)

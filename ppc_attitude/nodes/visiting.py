@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What commands share that visit a running stack: a node for a while, and patience."""
+"""Tools of commands that visit a running stack: a node for a while, and patience."""
 
 import os
 import time

@@ -28,16 +28,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ppc_attitude.processes.elsewhere import import_elsewhere
+
 _START = str(Path(__file__).resolve().with_name("start.py"))
 # An empty entry of these means the current folder: for programs, modules and libraries.
 _SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 _KILLED_AFTER = 5.0  # [s] how long a process may take to end when it was killed
+_SPEAKS_WITHIN = 0.5  # [s] a process says where it hangs
 _GLANCE = 0.02  # [s] between two looks at a process that is to end
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) + (
     # To who was started by nohup, a terminal that closes is nothing.
     (signal.SIGHUP,) if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN else ()
 )
 """By these a process is asked to end, and does so in good order."""
+SAY_WHERE = signal.SIGUSR1
+"""By this it prints where each of its threads is; one that has left Python ends by it."""
 
 
 class Child:
@@ -74,7 +79,7 @@ class Child:
         hear: Callable[[str], None] | None = None,
     ) -> None:
         self.told: dict[str, Any] = {}
-        """What it has told, by name of the fact (see `telling`): the latest of each."""
+        """Facts that it has told, by name (see `telling`): the latest of each."""
         self._pipes: list[int] = []
         self._readers: dict[int, _Lines] = {}
         theirs = self._new_pipe(self._take)
@@ -113,19 +118,25 @@ class Child:
                     del self._readers[pipe]
             patience = 0.0
 
-    def ends(self, patience: float) -> bool:
+    def ends(self, patience: float, enough: str = "") -> bool:
         """Wait for its end; False if it has not come after some time [s] in which it could run.
 
-        The time in which others had the processor does not count: on a busy machine a process that
-        is all right has been seen to need half a minute for a quarter of a second's work.
+        That it tells the fact `enough` is as good as its end. The time in which others had the
+        processor does not count: on a busy machine a process that is all right has been seen to
+        need half a minute for a quarter of a second's work.
         """
         pid = self.process.pid
         late = time.monotonic() + patience - starved(pid)
         while time.monotonic() < late + starved(pid):
             self.listen(_GLANCE)  # who is not heard may wait for room in its pipe
-            if self.process.poll() is not None:
+            if self.process.poll() is not None or enough in self.told:
                 return True
         return False
+
+    def says_where(self) -> None:
+        """Pass on what it prints of where it hangs."""
+        self.process.send_signal(SAY_WHERE)
+        self.listen(_SPEAKS_WITHIN)
 
     def kill(self) -> None:
         """Kill it and all that it has started."""
@@ -141,7 +152,7 @@ class Child:
 
 
 class _Lines:
-    """What comes through a pipe, line by line."""
+    """A pipe that is read line by line."""
 
     def __init__(self, take: Callable[[str], None]) -> None:
         self._take, self._unread = take, b""
@@ -192,7 +203,7 @@ def without_empty_entries(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def forget_current_folder() -> None:
-    """Take the current folder from the search paths of this process, unless somebody named it.
+    """Read nothing from the current folder, and leave it out of paths, unless somebody named it.
 
     Python puts it before the standard library, for ``-m`` or an empty entry of PYTHONPATH.
     """
@@ -210,6 +221,7 @@ def forget_current_folder() -> None:
         sys.path[:first] = [
             each for each in sys.path[:first] if each in named or each.endswith(".zip")
         ]
+    import_elsewhere()
 
 
 @contextmanager

@@ -21,6 +21,7 @@ path: a `yaml.py` there would be executed. Python has an option for this from 3.
 """
 
 import ctypes
+import faulthandler
 import os
 import runpy
 import signal
@@ -50,8 +51,11 @@ def _main() -> None:
     sys.path.insert(0, root)
     telling = import_module("ppc_attitude.processes.telling")
     child = import_module("ppc_attitude.processes.child")
+    elsewhere = import_module("ppc_attitude.processes.elsewhere")
     sys.path.remove(root)
+    elsewhere.import_elsewhere()
     telling.tell_through(int(pipe))
+    faulthandler.register(child.SAY_WHERE)
     child.end_at_once()
     try:
         runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What a process tells its starter: JSON objects, a line each, through a pipe of their own."""
+"""Messages of a process to its starter: JSON objects, a line each, through a pipe of their own."""
 
 import contextlib
 import json
@@ -24,7 +24,9 @@ from typing import Any
 TIME = "time"
 """Simulated time that has been reached [s]."""
 WAITING = "waiting"
-"""What is waited for, in words."""
+"""The inputs that are waited for, in words."""
+LINGERS = "lingers"
+"""True once it stays only for who does not take what it has sent, and may not be of the run."""
 BAG = "bag"
 """Folder of the bag that has been begun."""
 BROKEN = "broken"

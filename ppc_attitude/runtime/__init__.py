@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the nodes do at run time, without ROS: every class takes time as an argument."""
+"""The work of the nodes at run time, without ROS: every class takes time as an argument."""

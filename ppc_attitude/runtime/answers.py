@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a node answers to the instants that come: each once, and a repeated one with the same."""
+"""A node's answers to the instants that come: each once, and a repeated one with the same."""
 
 from collections.abc import Callable, Mapping
 from typing import Generic, TypeVar

@@ -48,7 +48,7 @@ class Chain:
         self.configure(components, values)
 
     def configure(self, components: Sequence[Component], values: Mapping[str, Any]) -> None:
-        """Take other parameters from the next instant on; who goes on keeps its memory.
+        """Take other parameters from the next instant on; a component that stays keeps its memory.
 
         Raises
         ------
@@ -64,6 +64,9 @@ class Chain:
             else:
                 part = Part(component, values)
             self.parts.append(part)
+        self._reads = [
+            (part, [column.name for column in part.component.inputs]) for part in self.parts
+        ]
         output = [column for part in self.parts for column in part.component.outputs]
         needed = [column for part in self.parts for column in part.component.inputs]
         self.inputs: tuple[Column, ...] = tuple(
@@ -76,7 +79,7 @@ class Chain:
             part.forget()
 
     def news(self) -> Iterator[Advice]:
-        """Yield what components have to say since the last time."""
+        """Yield the advice that components have given since the last time."""
         for part in self.parts:
             if part.advices != part.told:
                 part.told = part.advices
@@ -98,9 +101,8 @@ class Chain:
             The inputs, and all columns that the components give.
         """
         signals = dict(inputs)
-        for part in self.parts:
-            component = part.component
-            part.step(stamp_ns, [x for column in component.inputs for x in signals[column.name]])
-            for column in component.outputs:
-                signals[column.name] = tuple(part.output(column.name))
+        for part, reads in self._reads:
+            row = part.step(stamp_ns, [number for name in reads for number in signals[name]])
+            for name, place in part.places.items():
+                signals[name] = row[place]
         return signals

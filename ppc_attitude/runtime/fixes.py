@@ -19,8 +19,9 @@ Every slot has one message, with or without a fix, so nobody has to guess whethe
 
 from collections.abc import Iterator
 
-from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.runtime.stamps import StampGuard, StampKind, Values, out_of_order
 from ppc_attitude.science.sensors.arrivals import Slots
+from ppc_attitude.science.stamps import seconds
 
 
 class Fixes:
@@ -34,32 +35,67 @@ class Fixes:
         How many numbers a fix has.
     depth : int
         How many samples may wait for a fix; then it counts as lost.
+
+    Attributes
+    ----------
+    lost : int
+        Slots whose fix never came.
+    useless : int
+        Fixes that came too late, or belong to no slot.
     """
 
     def __init__(self, slots: Slots, width: int, depth: int = 100) -> None:
         self._slots = slots
         self._none = (0.0,) * (width + 1)
         self._depth = depth
+        self._guard = StampGuard()
         self._last: int | None = None
+        self._used: int | None = None  # validity [ns] of the last fix that was joined
         self._samples: dict[int, Values] = {}
         self._fixes: dict[int, Values] = {}
-        self.lost = 0
+        self.lost = self.useless = 0
 
-    def sample(self, stamp_ns: int, values: Values) -> Iterator[tuple[int, Values, Values]]:
-        """Take a sample; yield what is complete: stamp [ns], sample, fix with its age [s]."""
-        if self._last is not None and stamp_ns < self._last:  # time has begun again
+    def sample(
+        self, stamp_ns: int, values: Values, now: float
+    ) -> Iterator[tuple[int, Values, Values]]:
+        """Take a sample that came at a time [s]; yield what is complete.
+
+        Yields
+        ------
+        tuple
+            Stamp [ns], sample, fix with its age [s].
+
+        Raises
+        ------
+        RefusedError
+            The stamp is out of order.
+        """
+        kind = self._guard.judge(stamp_ns, now)
+        if kind is StampKind.STALE:
+            raise out_of_order("sample", stamp_ns)
+        if kind is StampKind.RESTART:
             self._samples.clear()
             self._fixes = {valid: fix for valid, fix in self._fixes.items() if valid <= stamp_ns}
-            self._last = None
+            self._last = self._used = None
         self._samples[stamp_ns] = values
         yield from self._complete()
 
-    def fix(self, valid_ns: int, values: Values) -> Iterator[tuple[int, Values, Values]]:
-        """Take the message of a slot; yield what is complete."""
-        self._fixes[valid_ns] = values
+    def fix(
+        self, valid_ns: int, values: Values, now: float
+    ) -> Iterator[tuple[int, Values, Values]]:
+        """Take the message of a slot; yields and raises as `sample`."""
+        newest = self._guard.last
+        if newest is not None and valid_ns - newest > StampGuard.LARGEST_STEP:
+            raise out_of_order("fix", valid_ns)
+        if valid_ns != self._used:  # the message of a repeated state has been used
+            self._fixes[valid_ns] = values
         while len(self._fixes) > self._depth:
-            del self._fixes[next(iter(self._fixes))]
+            self._discard(next(iter(self._fixes)))
         yield from self._complete()
+
+    def _discard(self, valid_ns: int) -> None:
+        del self._fixes[valid_ns]
+        self.useless += 1
 
     @property
     def waits_for_fix(self) -> bool:
@@ -75,7 +111,10 @@ class Fixes:
             valid = self._slots.due(self._last, stamp)
             row = self._none
             if valid is not None and valid in self._fixes:
-                row = (*self._fixes.pop(valid), (stamp - valid) * 1e-9)
+                row = (*self._fixes.pop(valid), seconds(stamp - valid))
+                self._used = valid
+                for older in [each for each in self._fixes if each < valid]:
+                    self._discard(older)
             elif valid is not None:
                 if len(self._samples) <= self._depth:
                     return

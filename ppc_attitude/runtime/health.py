@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a node says of its health: levels, refusals, steps a second, and how often it speaks."""
+"""The health of a node: levels, refusals, steps a second, and how often it reports."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _IDLE = 2.0  # [s] of silence after which diagnostics follow the wall clock
 
 
 class Status(NamedTuple):
-    """What a node says of itself."""
+    """The status that a node reports."""
 
     level: bytes
     summary: str
@@ -86,7 +86,7 @@ class Health:
         return due
 
     def report(self, status: Status, failure: str) -> Status:
-        """Complete what a node says: time, rate, refusals, and what broke it."""
+        """Add time, rate, refusals and the cause of a failure to the status of a node."""
         level, summary, details = status
         newly_refused = self.refused.total() - self._reported_refusals
         self._reported_refusals += newly_refused
@@ -100,7 +100,7 @@ class Health:
 
 
 class StepCounter:
-    """Steps per second of simulated time, over what passed since the last look."""
+    """Steps per second of simulated time, over the time since the last look."""
 
     def __init__(self) -> None:
         self._since: int | None = None

@@ -77,7 +77,8 @@ class Injections:
             The torque is too large, or too many pulses are pending.
         """
         if max(map(abs, torque)) > limit:
-            raise RefusedError(f"{torque} N·m; allowed: up to {limit} N·m per axis")
+            allowed = f"up to {limit} N·m per axis (max_injected_torque)"
+            raise RefusedError(f"torque = {torque} N·m; allowed: {allowed}")
         self._pulses = [each for each in self._pulses if each["end_ns"][0] > self._stamp]
         if self.pending >= _MOST:
             raise RefusedError(f"{_MOST} pulses are pending already")
@@ -95,7 +96,7 @@ class Injections:
         return f"{torque} N·m acts from t = {seconds(begin):.6f} s to {end:.6f} s"
 
     def at(self, stamp_ns: int) -> list[Pulse] | None:
-        """Let begin what waits for the next instant [ns]; the pulses, if they have changed."""
+        """Begin the pulses that wait for the next instant [ns]; return all if they have changed."""
         self._stamp = stamp_ns
         if self._beginning:
             self._pulses += [self._pulse(stamp_ns, each[1], each[0]) for each in self._beginning]
@@ -106,7 +107,7 @@ class Injections:
         return self._pulses
 
     def begin_again(self) -> None:
-        """Forget what was injected before time began again."""
+        """Forget the torques that were injected before time began again."""
         self._pulses.clear()
         self._changed = True
         self._stamp = -1

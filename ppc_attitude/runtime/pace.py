@@ -36,7 +36,7 @@ _LONG = 1.0  # [s] lock-step that has waited longer says so
 
 
 class Craft(Protocol):
-    """What is paced."""
+    """The craft whose time a pace moves."""
 
     def begin(self) -> None:
         """Take the initial state at time zero."""
@@ -51,7 +51,7 @@ class Craft(Protocol):
         """Publish the present state."""
 
     def tell_acted(self) -> None:
-        """Publish what acted last."""
+        """Publish the torque that acted last."""
 
     def is_published(self, name: str) -> bool:
         """True if anybody publishes an input."""
@@ -122,7 +122,7 @@ class _Input:
 
 
 class Pace(ABC):
-    """What both ways share: the present instant, and the inputs that have come for it.
+    """The base of both ways: the present instant, and the inputs that have come for it.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ class Pace(ABC):
         self._sent_at = now
 
     def _advance(self, inputs: Mapping[str, Values], show: bool, now: float) -> None:
-        """Hold inputs until the next stamp; publish what acted, and the new state if asked to."""
+        """Hold inputs until the next stamp; publish the torque, and with `show` the new state."""
         self.craft.act(self.stamp, inputs)
         self.finished = self.step == self.rules.last_step
         if not self.finished:
@@ -239,7 +239,7 @@ class Lockstep(Pace):
         super().begin(now)
 
     def record(self, stamp_ns: int, now: float) -> None:
-        """Learn up to which stamp [ns] all has been recorded: the run waits for who records it."""
+        """Learn up to which stamp [ns] the recorder has written; the run waits for it."""
         self._recorded = step_of(stamp_ns, self.rules.rate)
         self._go(now)
 
@@ -287,7 +287,7 @@ class Lockstep(Pace):
         return self._repeat(now) if self._shown else 0.0
 
     def waiting(self) -> str:
-        """What is waited for, in words."""
+        """The inputs that are waited for, in words."""
         missing = self._missing()
         text = f"waiting at t = {seconds(self.stamp):.3f} s for "
         if not missing:
@@ -303,7 +303,7 @@ class Lockstep(Pace):
 
 
 class FreeRunning(Pace):
-    """Step on the wall clock and hold what came last; zero for what has not come for too long."""
+    """Step on the wall clock and hold the last inputs; one that is too old becomes zero."""
 
     mode = "free-running"
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Is there one publisher on a topic, as the contract wants it? Judged by what is sent."""
+"""Judge by the messages of a topic whether it has one publisher, as the contract wants."""
 
 from collections.abc import Hashable, Mapping
 
@@ -39,7 +39,7 @@ class _Publisher:
 
 
 class Publishers:
-    """Tell apart who publishes on one topic, by the numbers that each gives to its messages.
+    """Tells apart the publishers of one topic, by the numbers that each gives to its messages.
 
     A node that was killed stays in the ROS graph for a while, and one that was restarted has its
     name. So the graph alone is no proof; it only gives the names. Every publisher counts its
@@ -58,7 +58,7 @@ class Publishers:
         self._seen_at: float | None = None
 
     def see(self, nodes: Mapping[Hashable, str], now: float) -> None:
-        """Take who publishes as the graph shows it.
+        """Take the publishers that the graph shows.
 
         The names of several are kept: who gives way first is soon in no graph.
 
@@ -127,7 +127,7 @@ class Publishers:
         return self.several and now - self._last_proof < _HEARD
 
     def gives_way(self, born: float, now: float) -> bool:
-        """True if who publishes since a time [s] has to leave the topic to the other.
+        """True if a node that publishes since a time [s] has to leave the topic to the other.
 
         Who was new when the graph first showed several does, as soon as whoever else listens has
         had time to hear enough of both.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What of a run is written, when, and what is missing: the recorder without ROS and without a bag.
+"""Which messages of a run are written when, and which are missing; without ROS and without a bag.
 
 The states lead. A message counts for the record when the state of its stamp has come: so what was
 sent ahead and never reached its instant is in no record, and makes no gap.
@@ -65,7 +65,7 @@ class Recording:
         self._unreported = 0
 
     def event(self, name: str, stamp_ns: int | None, data: bytes) -> None:
-        """Write what is no sample: at its own time, or at that of the newest state."""
+        """Write a message that is no sample, at its own time or at that of the newest state."""
         time_ns = max(self.now, 0) if stamp_ns is None or stamp_ns < 0 else stamp_ns
         self._write(name, time_ns, data)
 
@@ -136,7 +136,7 @@ class Recording:
         waiting.append((name, data))
 
     def _lead(self, stamp_ns: int) -> None:
-        """Let a state come, and write what was ahead of it."""
+        """Take a state, and write the messages that were ahead of it."""
         begins = self.now < 0
         self.now = max(self.now, stamp_ns)
         self._unreported += 1
@@ -160,7 +160,7 @@ class Recording:
         self._write(name, stamp_ns, data)
 
     def progress(self) -> int | None:
-        """Newest state [ns] that has been recorded, once in a while: who waits may go on."""
+        """Newest recorded state [ns], once in a while, so that a plant that waits may go on."""
         if self._unreported < _EVERY:
             return None
         self._unreported = 0

@@ -37,7 +37,7 @@ def out_of_order(name: str, stamp_ns: int) -> RefusedError:
 
 
 class StampKind(Enum):
-    """What a stamp is, compared with those before."""
+    """The kind of a stamp, compared with those before."""
 
     NEW = "new"
     REPEATED = "repeated"
@@ -129,12 +129,12 @@ class Instant:
         return None
 
     def missing(self) -> tuple[str, ...]:
-        """What no incomplete instant has; all names if there is none, or if they do not pair."""
+        """Names that no incomplete instant has; all if there is none, or if they do not pair."""
         present = set().union(*self._parts.values())
         return tuple(name for name in self._names if name not in present) or self._names
 
     def _forget_until(self, stamp_ns: int) -> None:
-        """Drop a complete instant and what began to arrive before it: no topic goes back."""
+        """Drop a complete instant and those that began before it, because no topic goes back."""
         for stamp in list(self._parts):
             del self._parts[stamp]
             if stamp == stamp_ns:

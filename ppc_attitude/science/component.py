@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every part of the craft declares, whatever its kind: plant, sensors, law, and the others.
+"""The declaration of a part of the craft, whatever its kind: plant, sensors, law, and the others.
 
 A part is a `Component`: parameters, a configuration built from them, what it remembers, the columns
 it reads, the columns it gives, and one step. Loop, nodes, recorder, reader, replay, campaign and
@@ -113,7 +113,7 @@ def input_record(columns: tuple[Column, ...]) -> np.dtype[Any]:
 
 
 class Advice(NamedTuple):
-    """What a component has to say to its user.
+    """A component's advice to its user.
 
     Attributes
     ----------

@@ -98,7 +98,7 @@ ORBIT_PARAMETERS = (
     EPOCH,
     TLE,
 )
-"""What every node that knows the orbit is configured with."""
+"""Parameters of every node that knows the orbit."""
 
 
 def orbit_of(values: Mapping[str, Any]) -> Any:

@@ -12,10 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a parameter is: declared once, with description, unit and range; validated in one place."""
+"""A parameter: declared once, with description, unit and range; validated in one place."""
 
+import json
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, TypeAlias
@@ -83,7 +85,7 @@ class Parameter:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words, for documentation and errors."""
+        """The allowed values, in words, for documentation and errors."""
         parts = []
         if isinstance(self.default, bool):
             parts.append("true or false")
@@ -137,7 +139,7 @@ class Parameter:
                 return value
             raise self._refusal(value)
         if isinstance(prototype, str):
-            value = self.switch.get(value, value) if isinstance(value, bool) else value
+            value = self.switch.get(value, value) if isinstance(value, bool) else unquoted(value)
             if isinstance(value, str) and (not self.choices or value in self.choices):
                 return value
             raise self._refusal(value)
@@ -155,6 +157,17 @@ class Parameter:
     def _refusal(self, value: Any) -> ConfigurationError:
         unit = f" {self.unit}" if self.unit else ""
         return ConfigurationError(f"{self.name} = {value!r}{unit}; allowed: {self.allowed}")
+
+
+def unquoted(value: Any) -> Any:
+    """Return the text that stands in double quotes, as JSON writes it; anything else as it is.
+
+    The quotes keep YAML from reading a text as a date or as a mapping.
+    """
+    if isinstance(value, str) and len(value) > 1 and value[0] == value[-1] == '"':
+        with suppress(ValueError):
+            return json.loads(value)
+    return value
 
 
 def resolved(table: Iterable[Parameter], chosen: Mapping[str, Any], owner: str) -> dict[str, Value]:

@@ -19,13 +19,16 @@ four records. So the in-process loop calls any combination of components without
 anew, and nodes, replay and loop run the same machine code.
 """
 
+import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Any
+from struct import Struct
+from typing import Any, TypeAlias
 
 import numba
 import numpy as np
 from numba import types
+from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.extending import overload
 
 from ppc_attitude.science.component import Advice, Component
@@ -34,6 +37,8 @@ from ppc_attitude.science.stamps import seconds
 
 _SIGNATURE = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
 _components: dict[str, Component] = {}
+
+Row: TypeAlias = tuple[float, ...]
 
 
 def _step(key: str, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
@@ -69,7 +74,9 @@ def _compiled(key: str) -> Any:
     def run(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         _step(key, inputs, state, configuration, outputs)
 
-    with cache_of(_components[key].step.__module__):
+    with cache_of(_components[key].step.__module__), warnings.catch_warnings():
+        # The outputs of all laws begin alike, so what writes them for one may serve another.
+        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
         return numba.cfunc(_SIGNATURE, **OPTIONS)(run)
 
 
@@ -98,6 +105,8 @@ class Part:
         What the next step reads, and what the last one gave.
     configuration, state : ndarray of one record
         What it is configured with, and what it remembers.
+    places : dict of str to slice
+        Where each output column is among the numbers that a step gives.
     told : int
         Number of the latest advice that its user has heard.
 
@@ -118,11 +127,12 @@ class Part:
         split = component.input_record.itemsize // 8
         self.inputs = self.signals[:split].view(component.input_record)
         self.outputs = self.signals[split:].view(component.output_record)
-        self._stamp = self.signals[:1].view(np.int64)
-        self._read = self.signals[1:split]
-        self._output_row = self.signals[split:]
-        self._slices = _slices(component)
-        self._row: list[float] = self._output_row.tolist()
+        self.places = _places(component)
+        self._memory = self.signals.data
+        self._written = Struct(f"=q{split - 1}d")
+        self._given = Struct(f"={self.signals.size - split}d")
+        self._given_at = 8 * split
+        self._row: Row = (0.0,) * (self.signals.size - split)
         self.state = np.zeros(1, component.state)
         self.told = 0
         self._entry = entry_point(component)
@@ -158,7 +168,7 @@ class Part:
         self.state[:] = np.zeros((), self.component.state)
         self.told = 0
 
-    def step(self, stamp_ns: int, values: Iterable[float] = ()) -> list[float]:
+    def step(self, stamp_ns: int, values: Iterable[float] = ()) -> Row:
         """Take one step.
 
         Parameters
@@ -170,18 +180,17 @@ class Part:
 
         Returns
         -------
-        list of float
-            The numbers of all output columns, one after the other; `of` tells them apart.
+        tuple of float
+            The numbers of all output columns, one after the other; `places` tells them apart.
         """
-        self._stamp[0] = stamp_ns
-        self._read[:] = [seconds(stamp_ns), *values]
+        self._written.pack_into(self._memory, 0, stamp_ns, seconds(stamp_ns), *values)
         self._call(*self._records)
-        self._row = self._output_row.tolist()
+        self._row = self._given.unpack_from(self._memory, self._given_at)
         return self._row
 
-    def output(self, column: str) -> list[float]:
+    def output(self, column: str) -> Row:
         """One column as the last step gave it."""
-        return self._row[self._slices[column]]
+        return self._row[self.places[column]]
 
     @property
     def advices(self) -> int:
@@ -190,14 +199,14 @@ class Part:
 
     @property
     def advice(self) -> Advice:
-        """What the component has to say after the last step."""
+        """The component's advice after the last step."""
         return self.component.advice(self.state[0])
 
     def normalised_errors(self) -> dict[str, float]:
         """Largest |column|/bound of each column whose bound it gives; above 1 it is outside."""
         record = self.outputs[0]
         pairs = [
-            (each.name, each.bound) for each in self.component.outputs if each.bound in self._slices
+            (each.name, each.bound) for each in self.component.outputs if each.bound in self.places
         ]
         return {
             bound: float(np.max(np.abs(record[name][: record[bound].size]) / record[bound]))
@@ -211,7 +220,7 @@ def signals_of(component: Component) -> int:
     return (component.input_record.itemsize + component.output_record.itemsize) // 8
 
 
-def _slices(component: Component) -> dict[str, slice]:
+def _places(component: Component) -> dict[str, slice]:
     """Where each output column is among the numbers that a step gives."""
     found, start = {}, 0
     for column in component.outputs:

@@ -133,21 +133,6 @@ def disturbance_sigma(frequency: float, white: float, inertia: float) -> float:
     return 0.5 * inertia * math.pow(frequency, 1.5) * white
 
 
-def zero_crossings(frequency: float, rate: float) -> float:
-    """ν0 [Hz] of a rate error behind the observer: √(3.2 ω_n · rate)/2π.
-
-    Parameters
-    ----------
-    frequency : float
-        ω_n of the observer [rad/s]; 0: none, then ν0 is a quarter of the sample rate.
-    rate : float
-        Samples per second [Hz].
-    """
-    if frequency == 0.0:
-        return 0.25 * rate
-    return math.sqrt(3.2 * frequency * rate) / (2.0 * math.pi)
-
-
 @kernel
 def _bounded(a: Vector, limit: Vector) -> Vector:
     return (

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is built from the science without ROS: scenario, closed loop, campaign, replay."""
+"""Scenario, closed loop and replay, built from the science without ROS."""

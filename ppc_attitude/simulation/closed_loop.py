@@ -70,7 +70,7 @@ def _where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> Array:
 
 
 def timetable_of(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Array:
-    """What of a scenario depends on time alone, at the stamps [ns]: a row for each number."""
+    """The columns that depend on time alone, at the stamps [ns]: a row for each number."""
     diagram = Diagram(scenario.parameters, ahead=True)
     timetable = np.zeros((sum(column.width for column in diagram.columns), stamps_ns.size))
     diagram.run(stamps_ns, timetable)

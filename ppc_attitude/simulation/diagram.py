@@ -37,6 +37,7 @@ from ppc_attitude.science.part import Part, signals_of
 from ppc_attitude.science.stamps import seconds
 
 _seconds = kernel(seconds)
+_BLOCK = 256  # [instants]
 _INSTANT = 2  # numbers before the columns in a component's record of inputs
 _NODE_OF = {kind.name: node for node, kinds in HOSTED.items() for kind in kinds}
 
@@ -55,6 +56,7 @@ def run_parts(
     stamps_ns: Any,
     signals: Any,
     stamps: Any,
+    block: Any,
     samples: Any,
 ) -> None:
     """Run the parts over the stamps [ns] and write a sample of every recorded number.
@@ -81,10 +83,14 @@ def run_parts(
         The records of all parts.
     stamps : ndarray of int64
         The same memory.
+    block : ndarray, shape (b, r)
+        Room for the samples of some instants, which then go to `samples` together: one by one,
+        each number would touch another page of memory at every instant.
     samples : ndarray, shape (≥ r, n)
         Where to write.
     """
     # Places are unsigned: Numba would look at each signed one whether it counts from the end.
+    first = 0  # instant whose sample is the block's first
     for k in range(stamps_ns.size):
         t = _seconds(stamps_ns[k])
         for row in range(played.size):
@@ -96,7 +102,12 @@ def run_parts(
                 signals[wires[wire, 1]] = signals[wires[wire, 0]]
             call_step(parts[p, 0], parts[p, 1], parts[p, 2], parts[p, 3], parts[p, 4])
         for row in range(recorded.size):
-            samples[row, k] = signals[recorded[row]]
+            block[k - first, row] = signals[recorded[row]]
+        if k + 1 - first == block.shape[0] or k + 1 == stamps_ns.size:
+            for row in range(recorded.size):
+                for late in range(k + 1 - first):
+                    samples[row, first + late] = block[late, row]
+            first = k + 1
 
 
 def selected(parameters: Parameters) -> list[tuple[Kind, Component]]:
@@ -191,6 +202,7 @@ class Diagram:
 
     def run(self, stamps_ns: NDArray[np.int64], samples: Array) -> None:
         """Run over the stamps [ns]; a row of `samples` for each number of `columns`."""
+        recorded = np.array(self._places_of(self.columns), np.uint64)
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
             np.array(self._instants, np.uint64),
@@ -198,10 +210,11 @@ class Diagram:
             np.array(self._wires, np.uint64).reshape(-1, 2),
             np.array(self._played, np.uint64),
             self._timetable,
-            np.array(self._places_of(self.columns), np.uint64),
+            recorded,
             stamps_ns,
             self._signals,
             self._signals.view(np.int64),
+            _block(stamps_ns.size, recorded.size),
             samples,
         )
 
@@ -241,9 +254,15 @@ def play(
         stamps_ns,
         part.signals,
         part.signals.view(np.int64),
+        _block(stamps_ns.size, len(recorded)),
         samples,
     )
     return samples
+
+
+def _block(instants: int, width: int) -> Array:
+    """Room for samples on their way: little enough for a core's own cache."""
+    return np.empty((min(instants, _BLOCK), width))
 
 
 def _places(components: Sequence[Component], starts: NDArray[np.int64]) -> dict[str, int]:

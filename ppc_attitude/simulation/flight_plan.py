@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What becomes of a scenario's goals: the reference alone, run over the instants of its orders."""
+"""The fate of a scenario's goals: the reference alone, run over the instants of its orders."""
 
 import math
 from collections.abc import Mapping
@@ -29,14 +29,14 @@ from ppc_attitude.simulation.scenario import Scenario
 
 
 class Told(NamedTuple):
-    """What was said of a goal, and when [s]."""
+    """The answer to a goal, and when [s] it came."""
 
     time: float
     advice: Advice
 
 
 def goals_told(scenario: Scenario) -> list[Told]:
-    """What the reference says of each scheduled goal at the step that takes it.
+    """The reference's answer to each scheduled goal at the step that takes it.
 
     The reference follows nothing but its orders and the craft's first attitude, so this needs no
     run of the loop. Of several goals within one step the last one is told. A reference that knows

@@ -39,7 +39,7 @@ from ppc_attitude.simulation.scenario import scenario
 
 @dataclass(frozen=True)
 class Difference:
-    """What the replay of one component found.
+    """The result of the replay of one component.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Replay:
-    """What a replay found.
+    """The result of a replay.
 
     Attributes
     ----------
@@ -245,5 +245,5 @@ def _arrived(rows: Array, record: RunRecord, values: Mapping[str, Any]) -> Array
         if valid is not None:
             row = rows[places[valid]] if valid in places else np.nan
             found[k, :-1] = row
-            found[k, -1] = (stamp - valid) * 1e-9 if np.isfinite(row).all() else np.nan
+            found[k, -1] = seconds(stamp - valid) if np.isfinite(row).all() else np.nan
     return found

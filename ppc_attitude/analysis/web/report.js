@@ -27,7 +27,8 @@ function chart(box, panel, sync) {
     return log ? uPlot.rangeLog(from, to, 10, false) : uPlot.rangeNum(from, to, 0.1, true);
   };
   new uPlot({
-    width: box.clientWidth, height: 260, cursor: { sync: { key: sync } },
+    // So high that the axis title is not cut.
+    width: box.clientWidth, height: Math.max(260, 7.8 * panel.label.length), cursor: { sync: { key: sync } },
     scales: { x: { time: false }, y: { distr: distribution, range } },
     axes: [{ label: "time [s]" }, {
       label: panel.label, labelFont: "12px sans-serif", size: 70,

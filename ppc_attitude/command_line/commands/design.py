@@ -34,19 +34,20 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.tube_parameters import ASSUMED, PREFIX, digest_of
-from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, parameters_of
 from ppc_attitude.science.guarantee.certificate import Certificate, certify
 from ppc_attitude.science.guarantee.design import (
     Design,
-    InfeasibleError,
+    UnwishedError,
     Wishes,
     design,
     designed,
     nearest,
 )
+from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
 from ppc_attitude.science.guarantee.surroundings import assumptions_from
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.scenario import Scenario
@@ -135,9 +136,7 @@ def execute(arguments: argparse.Namespace) -> int:
         for line in _helps(nearest(assumed, h)):
             print(line)
         return REQUIREMENT_FAILED
-    except ValueError as error:
-        if isinstance(error, ConfigurationError):
-            raise
+    except UnwishedError as error:
         print(error)
         return REQUIREMENT_FAILED
     values = _values(assumed, found.law)
@@ -148,10 +147,10 @@ def execute(arguments: argparse.Namespace) -> int:
         return BAD_INPUT
     _tell(found, certificate)
     if arguments.output:
-        arguments.output.write_text(_file(values, certificate), encoding="utf-8")
+        write_whole(arguments.output, _file(values, certificate))
         path = certificate_path(arguments.output)
         text = json.dumps(certificate.to_json(), ensure_ascii=False, indent=1)
-        path.write_text(text + "\n", encoding="utf-8")
+        write_whole(path, text + "\n")
         print(f"{arguments.output}, {path}")
     return DONE
 
@@ -200,7 +199,7 @@ def _tell(found: Design, certificate: Certificate) -> None:
 
 
 def _file(values: dict[str, object], certificate: Certificate) -> str:
-    """Parameter file with what it promises at its top."""
+    """Parameter file; the comment at its top says what it promises."""
     lines = ["# The momentum-tube law with a certificate: `ppc_attitude design` wrote this file."]
     lines += [f"# {line}" for line in promise_lines(certificate)]
     lines.append("# `ppc_attitude check` proves it again; a changed number voids the certificate.")

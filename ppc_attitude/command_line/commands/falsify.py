@@ -22,13 +22,13 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import yaml
 from tqdm import tqdm
 
-from ppc_attitude.campaign.pools import cores
+from ppc_attitude.campaign.pools import connected, cores
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_scenario_options,
     positive,
@@ -37,10 +37,12 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.stopping import stop_on_signals
-from ppc_attitude.contract.topics import PLANT
-from ppc_attitude.falsify.goals import goal_of
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.contract.whole_file import write_whole
+from ppc_attitude.falsify.goals import RATE, goal_of
 from ppc_attitude.falsify.search import Found, Search
 from ppc_attitude.falsify.space import Space
+from ppc_attitude.science.controllers.tube_parameters import PREFIX
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.errors import ConfigurationError
 
@@ -76,6 +78,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("--inertia-error", type=float, default=0.0, help="e_S, e.g. 0.1")
     parser.add_argument("--strength", type=float, default=1.0, help="least actuator share η")
+    parser.add_argument(
+        "--begin", type=float, default=0.0, help="latest instant of the reference at t = 0 [s]"
+    )
+    parser.add_argument("--late", action="store_true", help="a command may act one sample late")
     parser.add_argument("--runs", type=int, default=1000, help="runs in all; default 1000")
     parser.add_argument("--seconds", type=positive, default=math.inf, help="time for this session")
     parser.add_argument("--seed", type=int, default=0, help="default 0")
@@ -94,6 +100,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Search, write the worst case, and print."""
     scenario = scenario_of(arguments)
+    check_memory(scenario, cores())
     space = Space(
         base=scenario,
         rate=math.radians(arguments.start_rate),
@@ -102,8 +109,18 @@ def execute(arguments: argparse.Namespace) -> int:
         e_S=arguments.inertia_error,
         eta=arguments.strength,
         duration=scenario.number(PLANT, "duration"),
+        begin=arguments.begin,
+        late=arguments.late,
     )
-    goal = goal_of(arguments.goal, scenario.controller, arguments.accuracy, arguments.after)
+    limit = f"{PREFIX}assumed.Omega"  # [rad/s] of the certificate, where the law has one
+    known = limit in scenario.parameters[CONTROLLER]
+    goal = goal_of(
+        arguments.goal,
+        scenario.controller,
+        arguments.accuracy,
+        arguments.after,
+        math.degrees(scenario.number(CONTROLLER, limit)) if known else RATE,
+    )
     search = Search(space, goal, arguments.out, arguments.seed)
     found: Found | None = None
     with (
@@ -117,7 +134,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if found is None:
         raise ConfigurationError("runs and seconds leave no time for one generation")
     worst = arguments.out / WORST
-    worst.write_text(_file(space, goal.name, found), encoding="utf-8")
+    write_whole(worst, _file(space, goal.name, found))
     broken = found.value > goal.limit
     if arguments.json:
         print_json(
@@ -154,15 +171,8 @@ def _executor(scheduler: str | None) -> Iterator[Executor]:
         with ThreadPoolExecutor(cores()) as threads:
             yield threads
         return
+    client = connected(scheduler)
     try:
-        import distributed
-    except ImportError:
-        raise ConfigurationError(
-            "a Dask scheduler needs Dask: pip install 'ppc_attitude[campaign]'"
-        ) from None
-    connect: Any = distributed.Client  # carries no types
-    try:
-        with connect(scheduler, timeout=30.0, set_as_default=False) as client:
-            yield client.get_executor()
-    except OSError as error:
-        raise ConfigurationError(f"scheduler = {scheduler}: no answer ({error})") from None
+        yield client.get_executor()
+    finally:
+        client.close()

@@ -84,7 +84,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _live(duration: float) -> Callable[[int], bool]:
-    """Return what ends a measurement a time [s] after its first state."""
+    """Return a function that ends a measurement some time [s] after its first state."""
     begin = time.monotonic()
     first: list[float] = []
 

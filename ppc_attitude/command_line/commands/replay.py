@@ -54,8 +54,9 @@ def execute(arguments: argparse.Namespace) -> int:
         )
     else:
         for each in found:
+            unit = "" if each.unit == "1" else f" {each.unit}"
             print(
                 f"{each.component}: {each.steps} steps replayed, {each.skipped} skipped, largest "
-                f"difference of {each.column} {each.largest:.3g} {each.unit} at t = {each.at:.3f} s"
+                f"difference of {each.column} {each.largest:.3g}{unit} at t = {each.at:.3f} s"
             )
     return REQUIREMENT_FAILED if any(each.largest for each in found) else DONE

@@ -96,7 +96,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _see_that_it_is_bounded(record: RunRecord) -> None:
-    """Raise RunError, as the plant of `run` ends, where a rate is beyond what a craft can have."""
+    """Raise RunError if a rate is larger than a craft can have, where the plant of `run` ends."""
     omega = record.columns.get("truth_angular_velocity", record["angular_velocity"])
     lost = np.flatnonzero(~(np.abs(omega).sum(axis=1) <= LARGEST))  # NaN is not either
     if lost.size:

@@ -122,7 +122,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requirements) -> Hits:
-    """What is given, and the rest in proportion."""
+    """The given numbers, and the rest in proportion."""
     deadline, rate = required.settling_deadline, scenario.number(PLANT, "rate")
     instants = sorted({max(round(share * deadline * rate), 1) for share in _SHARES})
     at = arguments.at or deadline + required.terminal_window

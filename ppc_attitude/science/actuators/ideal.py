@@ -29,13 +29,16 @@ MAX_TORQUE = Parameter("max_torque", 0.05, "actuator limit per axis", "N·m", ab
 MIN_TORQUE = Parameter(
     "min_torque", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0, high=1e6
 )
+LATE_COMMAND = Parameter("late_command", False, "true: a command acts one sample late")
 CONFIGURATION = np.dtype(
     [
         ("max_torque", np.float64),  # [N·m] per axis
         ("min_torque", np.float64),  # [N·m] below this the actuator gives nothing
+        ("late_command", np.float64),  # 1 if it acts one sample late
     ],
     align=True,
 )
+MEMORY = np.dtype([("command", np.float64, (3,))], align=True)  # [N·m] of the last sample
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -54,6 +57,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     record = np.zeros((), CONFIGURATION)[()]
     record["max_torque"] = values["max_torque"]
     record["min_torque"] = values["min_torque"]
+    record["late_command"] = values["late_command"]
     return record
 
 
@@ -76,17 +80,21 @@ def actuator(command: Vector, max_torque: float, min_torque: float) -> Vector:
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-    """Give the torque that the actuator makes of the command."""
+    """Give the torque that the actuator makes of the command, or of the one before."""
     command = vector(inputs.torque_command)
+    if configuration.late_command != 0.0:
+        command = vector(state.command)
+        store(state.command, vector(inputs.torque_command))
     torque = actuator(command, configuration.max_torque, configuration.min_torque)
     store(outputs.applied_torque, torque)
 
 
 COMPONENT = Component(
     name="ideal",
-    parameters=(MAX_TORQUE, MIN_TORQUE),
+    parameters=(MAX_TORQUE, MIN_TORQUE, LATE_COMMAND),
     configure=configure,
     configuration=CONFIGURATION,
+    state=MEMORY,
     inputs=(TORQUE_COMMAND,),
     outputs=(APPLIED_TORQUE,),
     step=step,

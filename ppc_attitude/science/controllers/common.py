@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What laws with envelopes share: parameters, and the columns of the envelopes."""
+"""Parameters and columns of envelopes, which laws with envelopes share."""
 
 import math
 from collections.abc import Mapping

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every control law takes and gives: the error system, and the columns for it."""
+"""The interface of every control law: the error system, and the columns for it."""
 
 from typing import Any
 
@@ -59,9 +59,9 @@ UNSATURATED_TORQUE = Column(
     "torque u before saturation",
 )
 INPUTS = (*TOLD, *DESIRED_MOTION)
-"""What every law of ours reads."""
+"""Columns that every law of ours reads."""
 OUTPUTS = (TORQUE_COMMAND, ATTITUDE_ERROR, RATE_ERROR, UNSATURATED_TORQUE)
-"""What `store_command` writes."""
+"""Columns that `store_command` writes."""
 
 
 @kernel

@@ -24,11 +24,10 @@ numbers is checked by `science.guarantee`; docs/guarantee.md has the theorem and
 import math
 from typing import Any
 
-import numpy as np
-
-from ppc_attitude.science.component import BODY, VECTOR, Advice, Column, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.brake import capped_brake
 from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
+from ppc_attitude.science.controllers.error_axis import axis_rate, error_axis, speed_limit
 from ppc_attitude.science.controllers.interface import (
     INPUTS,
     OUTPUTS,
@@ -40,6 +39,19 @@ from ppc_attitude.science.controllers.tube_parameters import (
     PARAMETERS,
     configure,
 )
+from ppc_attitude.science.controllers.tube_state import (
+    LOSS_LASTS,
+    MEMORY,
+    MOMENTUM_ERROR,
+    MOMENTUM_TUBE,
+    PHASE,
+    TURN,
+    TURN_ENVELOPE,
+    advice,
+    advices,
+    phase,
+)
+from ppc_attitude.science.controllers.tube_watch import hear, is_hit, slip, watch
 from ppc_attitude.science.kernel import (
     Matrix,
     Quaternion,
@@ -47,7 +59,6 @@ from ppc_attitude.science.kernel import (
     add,
     apply,
     clamp,
-    cross,
     dot,
     kernel,
     largest,
@@ -60,113 +71,11 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.virtual_control import sign
 
-MEMORY = np.dtype(
-    [
-        ("started", np.float64),
-        ("t", np.float64),  # [s] of the last sample
-        ("tumbling", np.float64),
-        ("way", np.float64),  # s = ±1: the way round, kept between events
-        ("p", np.float64),  # share of ω_res that is left, 1 to 0
-        ("r", np.float64),  # share of the brake that acts, 0 to 1
-        ("sigma", np.float64),  # σ [rad/s]: speed while it rises to V
-        ("done", np.float64),  # 1 if the cap is V itself
-        ("p_rate", np.float64),  # [1/s] of the last sample, as the next two
-        ("r_rate", np.float64),
-        ("sigma_rate", np.float64),
-        ("cap", np.float64),  # V_e [rad/s] of the last sample
-        ("residual", np.float64, (3,)),  # ω_res [rad/s]
-        ("y_hat", np.float64, (3,)),  # [N·m·s]
-        ("d_hat", np.float64, (3,)),  # [N·m]
-        ("y", np.float64, (3,)),  # of the last sample, as the next two
-        ("feedforward", np.float64, (3,)),  # F = M0 − J v' [N·m]
-        ("torque", np.float64, (3,)),
-        ("phi", np.float64),  # φ [rad]
-        ("envelope", np.float64),  # Φ [rad]
-        ("events", np.float64),  # how many so far
-        ("slips", np.float64),  # events that a weak actuator explains
-        ("slipped_at", np.float64),  # [s] the last of them
-        ("loss", np.float64),  # share of the torque that is no longer counted on
-        ("told", np.float64),  # how many of them the user hears of: one a second
-        ("told_at", np.float64),  # [s]
-        ("certified", np.float64),  # as in the configuration
-    ],
-    align=True,
-)
-MOMENTUM_ERROR = Column(
-    "momentum_error",
-    "control/momentum_error",
-    VECTOR,
-    BODY,
-    "N·m·s",
-    "momentum error y = J (ω_e − v)",
-    bound="momentum_tube",
-)
-MOMENTUM_TUBE = Column(
-    "momentum_tube", "control/momentum_tube", VECTOR, BODY, "N·m·s", "tube Y of the momentum error"
-)
-TURN = Column(
-    "turn",
-    "control/turn",
-    VECTOR,
-    BODY,
-    "rad",
-    "angle φ that is left, the way round that was chosen",
-    width=1,
-    bound="turn_envelope",
-)
-TURN_ENVELOPE = Column(
-    "turn_envelope", "control/turn_envelope", VECTOR, BODY, "rad", "envelope Φ of φ", width=1
-)
-PHASE = Column(
-    "phase",
-    "control/phase",
-    VECTOR,
-    BODY,
-    "1",
-    "0 tumbling, 1 stop, 2 speed up, 3 follow the brake; and how many events so far",
-    width=2,
-)
 _OBSERVER_RATE = 1.0  # L [1/s] of the disturbance estimate
-_HIT = 0.4  # torque beyond the declared one, of max_torque, that makes a hit
-_FAR_OUTSIDE = 5.0  # of the tube: an event without a hit
-# Outside the assumptions events may follow each other: then less torque is counted on, for a while.
-_LOSS = 0.2  # of what is counted on, at each slip after the first
-_LARGEST_LOSS = 0.7
-_LOSS_LASTS = 120.0  # [s] without another slip
 _FEEDFORWARD = 0.15  # of the torque: what the brake cannot have
 _LANDED = 1e-9  # a ramp this near its end is at its end: the time between stamps is rounded
 _TUMBLING_ENDS = 0.95  # of omega0
 _ZERO: Vector = (0.0, 0.0, 0.0)
-
-
-@kernel
-def error_axis(q_e: Quaternion, way: float) -> tuple[Vector, float]:
-    """Axis n and angle φ in [0, 2π) [rad] of the error, going round the given way."""
-    length = norm((q_e[0], q_e[1], q_e[2]))
-    phi = 2.0 * math.atan2(length, way * q_e[3])
-    if length == 0.0:
-        return _ZERO, phi
-    return scale(way / length, (q_e[0], q_e[1], q_e[2])), phi
-
-
-@kernel
-def speed_limit(
-    n: Vector, n_rate: Vector, omega_d: Vector, acceleration_d: Vector, rate_limit: float
-) -> tuple[float, float]:
-    """V [rad/s], the f at which ‖w_d − f n‖ is the rate limit Ω_e, and V' [rad/s²]."""
-    b = dot(n, omega_d)
-    root = math.sqrt(max(b * b + rate_limit * rate_limit - dot(omega_d, omega_d), 0.0))
-    if root == 0.0 or n == _ZERO:
-        return b + root, 0.0
-    b_rate = dot(n, acceleration_d) + dot(n_rate, omega_d)
-    return b + root, b_rate + (b * b_rate - dot(omega_d, acceleration_d)) / root
-
-
-@kernel
-def axis_rate(n: Vector, phi: float, omega_e: Vector) -> Vector:
-    """2 sin(φ/2) n' = cos(φ/2) ω_⊥ + sin(φ/2) n × ω_⊥ [rad/s], finite at φ = 0."""
-    across = subtract(omega_e, scale(dot(n, omega_e), n))
-    return add(scale(math.cos(0.5 * phi), across), scale(math.sin(0.5 * phi), cross(n, across)))
 
 
 @kernel
@@ -179,28 +88,6 @@ def room(feedforward: Vector, direction: Vector, limit: Vector) -> float:
         elif direction[i] < 0.0:
             most = min(most, (limit[i] + feedforward[i]) / -direction[i])
     return max(most, 0.0)
-
-
-@kernel
-def _hit(y: Vector, unexplained: Vector, gains: Any, h: float) -> bool:
-    """Tell whether y is outside its tube by a torque that nobody declared, or far outside."""
-    for i in range(3):
-        tube = gains.Y[i] + gains.N[i]
-        threshold = _HIT * gains.max_torque + 2.0 * gains.N[i] / h
-        if abs(y[i]) > tube and abs(unexplained[i]) > threshold:
-            return True
-        if abs(y[i]) > _FAR_OUTSIDE * tube:
-            return True
-    return False
-
-
-@kernel
-def _slip(memory: Any) -> None:
-    """Count on less torque if it is found short again: no limit cycle of events."""
-    if memory.slips > 0.0:
-        memory.loss = min(memory.loss + _LOSS * (1.0 - memory.loss), _LARGEST_LOSS)
-    memory.slips += 1.0
-    memory.slipped_at = memory.t
 
 
 @kernel
@@ -340,18 +227,8 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store(command.momentum_tube, vector(gains.Y))
     command.turn[0] = memory.phi
     command.turn_envelope[0] = memory.envelope
-    command.phase[0] = _phase(memory)
+    command.phase[0] = phase(memory)
     command.phase[1] = memory.events
-
-
-@kernel
-def _phase(memory: Any) -> float:
-    """Number of the phase, as `PHASE` says."""
-    if memory.tumbling != 0.0:
-        return 0.0
-    if memory.p > 0.0:
-        return 1.0
-    return 3.0 if memory.done != 0.0 and memory.r == 1.0 else 2.0
 
 
 @kernel
@@ -376,11 +253,15 @@ def _track(
         if h > 0.0:
             pushed = add(vector(memory.feedforward), vector(memory.torque))
             unexplained = subtract(scale(1.0 / h, subtract(y, vector(memory.y))), pushed)
-            event = _hit(y, unexplained, gains, h)
+            hear(memory, gains, unexplained, h)
+            event = is_hit(y, unexplained, memory, gains, h)
             if event and largest(unexplained) <= gains.max_torque:
-                _slip(memory)  # a weak actuator explains it: no torque from outside is needed
-            elif memory.slips > 0.0 and memory.t - memory.slipped_at > _LOSS_LASTS:
+                slip(memory)  # a weak actuator explains it: no torque from outside is needed
+            elif memory.slips > 0.0 and memory.t - memory.slipped_at > LOSS_LASTS:
                 memory.slips, memory.loss = 0.0, 0.0
+            if not event:
+                watch(memory, gains, unexplained, h)
+            store(memory.unexplained, unexplained)
     if event:
         memory.tumbling = 1.0 if norm(omega_e) > gains.omega0 else 0.0
         if memory.tumbling != 0.0:
@@ -412,6 +293,7 @@ def _track(
     torque = clamp(u, gains.max_torque)
     store(memory.y, y)
     store(memory.feedforward, feedforward)
+    store(memory.torque_before, vector(memory.torque))
     store(memory.torque, torque)
     memory.phi = phi
     store_command(command, q_e, omega_e, u, torque)
@@ -438,32 +320,6 @@ def _commanded(
     f = capped_brake(phi, gains.k, _deceleration(memory, gains), memory.cap)[0]
     v = subtract(scale(memory.p, vector(memory.residual)), scale(memory.r * f, n))
     return n, phi, limit, limit_rate, turn, v
-
-
-def advice(memory: Any) -> Advice:
-    """Say what the law plans from, and whether its guarantee applies."""
-    plan = f"from {math.degrees(memory['phi']):.1f} deg"
-    if memory["loss"] > 0.0:
-        return Advice(
-            f"the guarantee is suspended: torque was short {memory['slips']:.0f} times, so "
-            f"{100.0 * memory['loss']:.0f} % less is counted on for {_LOSS_LASTS:g} s",
-            warning=True,
-        )
-    if memory["events"] > 1.0:
-        return Advice(
-            f"event {memory['events']:.0f} of the momentum tube: a torque beyond the assumed "
-            f"ones; the guarantee begins anew {plan}",
-            warning=True,
-        )
-    if memory["certified"] == 1.0:
-        return Advice(f"the guarantee applies {plan}", warning=False)
-    reason = "its certificate is for other numbers" if memory["certified"] else "no certificate"
-    return Advice(f"nothing is guaranteed: {reason}; `ppc_attitude design` makes one", warning=True)
-
-
-def advices(memory: Any) -> int:
-    """Return the number of the latest advice."""
-    return int(memory["told"])
 
 
 COMPONENT = Component(

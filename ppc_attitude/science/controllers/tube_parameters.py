@@ -115,6 +115,7 @@ CONFIGURATION = np.dtype(
         ),
         ("inertia", np.float64, (3, 3)),
         ("max_torque", np.float64),
+        ("admitted", np.float64, (3,)),  # [N·m] unexplained torque that the assumptions admit
         ("certified", np.float64),  # 1 if the certificate is for these numbers, −1 if for others
         ("tumbling_momentum", np.float64),  # [N·m·s] full torque from this component on
     ],
@@ -150,6 +151,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     if values[CERTIFICATE.name]:
         record["certified"] = 1.0 if values[CERTIFICATE.name] == digest_of(values) else -1.0
     record["tumbling_momentum"] = _TUMBLING_BAND * np.linalg.eigvalsh(inertia)[0] * record["omega0"]
+    record["admitted"] = _admitted(record, values)
     for name in ("B", "B_ramp"):
         if record[name].max() > record["max_torque"]:
             raise ConfigurationError(
@@ -157,3 +159,14 @@ def configure(values: Mapping[str, Any]) -> Any:
                 f"{values['max_torque']:g} N·m"
             )
     return record
+
+
+def _admitted(record: Any, values: Mapping[str, Any]) -> Any:
+    """Bound of |F + τ − y'| per axis that C1 implies: what is left of Y κ beside the estimate."""
+    eta, late = (values[f"{PREFIX}assumed.{name}"] for name in ("eta", "late"))
+    step = record["kappa"] * record["h"]
+    follow = step * (1.0 - record["ell"]) / record["ell"]  # κ λ_o
+    slow = 1.0 + follow / max(1.0 - 2.0 * (1.0 - eta) * follow, 1e-3)
+    late_jumps = late * 6.0 * record["max_torque"]
+    tube = record["kappa"] * record["Y"] / slow - record["d_max"] - record["kappa"] * record["N"]
+    return np.maximum(tube, 0.0) + (1.0 - eta) * record["max_torque"] + late_jumps

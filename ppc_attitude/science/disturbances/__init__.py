@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What acts on the craft besides its actuators, from whatever cause."""
+"""Torques that act on the craft besides its actuators, from whatever cause."""

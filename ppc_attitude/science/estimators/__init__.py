@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the craft knows of its attitude and rate: one file an estimator."""
+"""Estimators of attitude and rate: one file each."""

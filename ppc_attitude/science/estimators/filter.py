@@ -63,7 +63,7 @@ _ZERO: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 @kernel
 def begun(attitude: Quaternion, fix_covariance: Symmetric, bias_variance: float) -> Knowledge:
-    """What is known from a first fix: its attitude, and nothing of the bias but its variance."""
+    """The estimate from a first fix: its attitude, and nothing of the bias but its variance."""
     d = bias_variance
     return (attitude, (0.0, 0.0, 0.0), fix_covariance, _ZERO, (d, 0.0, 0.0, d, 0.0, d))
 
@@ -152,7 +152,7 @@ def innovation(known: Knowledge, z: Vector, fix_covariance: Symmetric) -> Vector
 
 @kernel
 def updated(known: Knowledge, z: Vector, fix_covariance: Symmetric) -> Knowledge:
-    """What is known after a fix with residual z [rad] and covariance R [rad²], both in body axes.
+    """The estimate after a fix with residual z [rad] and covariance R [rad²], both in body axes.
 
     K = P_(:,θ) S⁻¹ and Joseph's form of (I − K H) P (I − K H)ᵀ + K R Kᵀ, H = [I 0].
     """
@@ -176,9 +176,9 @@ def updated(known: Knowledge, z: Vector, fix_covariance: Symmetric) -> Knowledge
     noise = times_transposed(gain, r)
     left = times_transposed(rest, p)
     # (I − K1)(P_θb − P_θθ K2ᵀ) + K1 R K2ᵀ, and its like for P_bb.
-    moved = sum_of(cross, scaled(-1.0, times_transposed(p, bias_gain)))
+    corrected = sum_of(cross, scaled(-1.0, times_transposed(p, bias_gain)))
     new_cross = sum_of(
-        times_transposed(rest, transposed(moved)), times_transposed(noise, bias_gain)
+        times_transposed(rest, transposed(corrected)), times_transposed(noise, bias_gain)
     )
     # P_bb + (K2 (P_θθ + R) − P_bθ) K2ᵀ − K2 P_θb
     bias_noise = sum_of(times_transposed(bias_gain, p), times_transposed(bias_gain, r))

@@ -119,7 +119,7 @@ def newest(memory: Any) -> int:
 
 @kernel
 def recalled(memory: Any, slot: int) -> Knowledge:
-    """What was known at the end of a remembered step."""
+    """The estimate at the end of a remembered step."""
     row = memory.steps[slot]
     return (
         (row[_ATTITUDE], row[_ATTITUDE + 1], row[_ATTITUDE + 2], row[_ATTITUDE + 3]),

@@ -167,7 +167,7 @@ def _judge(memory: Any, settings: Any, stamp_ns: int, known: Knowledge) -> None:
 
 
 def advice(memory: Any) -> Advice:
-    """What the user should know of the estimate."""
+    """Advice to the user about the estimate."""
     arcsec = 3.0 * float(memory["sigma"]) * 180.0 * 3600.0 / math.pi
     used = int(memory["used"])
     mean = float(memory["nis"][: max(min(used, INNOVATIONS), 1)].mean())

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a gyro and a star tracker can know at best, in closed form (Farrenkopf, 1978).
+"""The best knowledge from a gyro and a star tracker, in closed form (Farrenkopf, 1978).
 
 One axis, a fix every T [s]; Markley and Reynolds (2000) give the form used here. The envelopes of a
-law must not be narrower than this knowledge allows: `floor_factor` says how much wider.
+law must not be narrower than this knowledge allows: `FLOOR` says how much wider.
 """
 
 import math
@@ -100,27 +100,12 @@ def after_gap(known: AxisKnowledge, white: float, walk: float, gap: float) -> Ax
     )
 
 
-def floor_factor(crossings: float, duration: float, probability: float) -> float:
-    """How many σ wide an envelope must be for noise to leave it with a given probability only.
-
-    Rice: a stationary error leaves ±ρ on three axes 6 ν0 T exp(−ρ²/2σ²) times in a time T, so
-    c = √(2 ln(6 ν0 T/p)).
-
-    Parameters
-    ----------
-    crossings : float
-        ν0, upward zero crossings per second [Hz].
-    duration : float
-        T [s].
-    probability : float
-        p, expected number of excursions in that time, < 1.
-    """
-    return math.sqrt(2.0 * math.log(6.0 * crossings * duration / probability))
-
-
 FLOOR = 6.0
-"""Envelopes are at least so many σ wide: by `floor_factor`, 1 % an hour behind the observer is 5.8,
-and 6.0 with raw samples at 100 Hz."""
+"""Envelopes are at least so many σ wide.
+
+Rice: a stationary error leaves ±ρ on three axes 6 ν0 T exp(−ρ²/2σ²) times in a time T, so for p
+excursions c = √(2 ln(6 ν0 T/p)) σ are needed. One in a hundred hours makes 5.8 behind the observer
+(ν0 = 8 Hz), and 6.0 with raw samples at 100 Hz (25 Hz)."""
 
 
 class Sigmas(NamedTuple):

@@ -28,7 +28,7 @@ Number: TypeAlias = Any  # float, or a library's interval: an operand of + âˆ’ Ã
 
 
 class Arithmetic(Protocol):
-    """What the formulas need beyond operators; a comparison is true only if it is certain."""
+    """Functions that formulas need beyond operators; a comparison is true only if it is certain."""
 
     @property
     def pi(self) -> Number:

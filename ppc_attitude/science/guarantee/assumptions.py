@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What a guarantee assumes of craft and surroundings, and the numbers of the law it is for."""
+"""The assumptions of a guarantee about craft and surroundings, and the numbers of its law."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -26,7 +26,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What is known of the craft, its actuator, disturbance, reference and measurement.
+    """The craft, its actuator, disturbance, reference and measurement, as far as they are known.
 
     Attributes
     ----------
@@ -106,9 +106,9 @@ def assumptions_of(values: Mapping[str, Any]) -> Assumptions:
 
 def law_of(values: Mapping[str, Any]) -> Law:
     """Read the law's numbers from the controller's checked parameters."""
-    given: dict[str, Any] = {each.name: values[PREFIX + each.name] for each in fields(Law)}
-    given |= {name: tuple(v) for name, v in given.items() if isinstance(v, list)}
-    return Law(**given)
+    chosen: dict[str, Any] = {each.name: values[PREFIX + each.name] for each in fields(Law)}
+    chosen |= {name: tuple(v) for name, v in chosen.items() if isinstance(v, list)}
+    return Law(**chosen)
 
 
 def parameters_of(assumed: Assumptions, law: Law) -> dict[str, Any]:

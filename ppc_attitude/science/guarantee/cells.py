@@ -33,7 +33,7 @@ COARSE = (24, 2)
 
 @dataclass(frozen=True)
 class Speed:
-    """What bounds V and its derivatives, in one arithmetic.
+    """The numbers that bound V and its derivatives, in one arithmetic.
 
     Attributes
     ----------

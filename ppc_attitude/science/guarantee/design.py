@@ -15,8 +15,7 @@
 
 """Search for the numbers of the law: the least guaranteed settling time under the wishes.
 
-Everything but k, κ and ℓ follows from the inequalities by a fixed-point iteration: the tube makes
-z̄, z̄ the speed, the speed the load, the load the brake, and the variation of F the tube.
+Everything but k, κ and ℓ follows from the inequalities (`fixed_point`).
 """
 
 import math
@@ -26,29 +25,28 @@ from itertools import product
 from typing import Any
 
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
-from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, Triple
-from ppc_attitude.science.guarantee.bounds import Bounds, bounds_of
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
+from ppc_attitude.science.guarantee.bounds import bounds_of
 from ppc_attitude.science.guarantee.cells import COARSE, FINE
 from ppc_attitude.science.guarantee.envelope import Envelope, Settling
-from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
+from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
+from ppc_attitude.science.guarantee.inequalities import Inequality
 
-_ROOM = 1e-4  # relative, so that every inequality holds with room for rounding
-_ROUNDS, _FINE_ROUNDS = 40, 15
-_STEADY = 2e-5  # relative change of the tube at which the iteration ends
+Gains = tuple[float, float, float]  # k [1/s], κ [1/s], ℓ
 # κh, k/κ and ℓ of the search; and of the short one that looks for the nearest feasible number.
 _KAPPA_H = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8)
 _K_SHARE = (0.02, 0.04, 0.067, 0.1)
 _ELL = (0.05, 0.1, 0.2, 0.4, 1.0)
 _SHORT = ((0.02, 0.07, 0.2, 0.4), (0.02, 0.05), (0.2, 1.0))
+_FAR = (1.5, 3.0, 10.0, 100.0, 1000.0)  # by which one number may be changed to be feasible
 _FACTORS = (1.4, 0.7)  # by which a search changes one gain
+_ALMOST = 1.3  # of the error in the end: what is reached in a time that can be told
 _WORTHWHILE = 0.05  # [s] of settling time for which it goes on
-_TUMBLING = (2.0, 1.5, 1.2, 1.0, 0.8, 0.6)  # omega0 / Ω, the largest that fits
-_LONGEST_BRAKE = 0.95  # of the limits that C13 sets
 
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user wants.
+    """The user's wishes.
 
     Attributes
     ----------
@@ -91,15 +89,15 @@ class Design:
     torque_noise: float
 
 
-class InfeasibleError(ValueError):
-    """No numbers satisfy the inequality `failing`."""
+class UnwishedError(ValueError):
+    """Every inequality can be satisfied, but not a wish; says what comes nearest to it."""
 
-    def __init__(self, failing: Inequality) -> None:
+    def __init__(self, wish: str, wanted: float, reached: float, unit: str) -> None:
         super().__init__(
-            f"nothing can be guaranteed: {failing.name} fails ({failing.meaning}): "
-            f"{failing.left[1]:.4g} must not exceed {failing.right[0]:.4g} {failing.unit}".rstrip()
+            f"{wish} of {wanted:g} {unit}".rstrip()
+            + f" cannot be guaranteed; the nearest that was found is {reached:.4g} {unit}".rstrip()
         )
-        self.failing = failing
+        self.excess = max(reached / wanted, wanted / reached)
 
 
 def torque_noise(assumed: Assumptions, law: Law, wishes: Wishes) -> float:
@@ -119,8 +117,8 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
     ------
     InfeasibleError
         No gains satisfy every inequality; names the one that the best gains fail.
-    ValueError
-        The inequalities can be satisfied, but not the wishes.
+    UnwishedError
+        The inequalities can be satisfied, but not a wish; says what comes nearest to it.
     """
     search = _Search(assumed, wishes, h)
     search.tries(_grid(assumed, h, short=True))
@@ -131,10 +129,10 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
         law = best.law
         try:
             return designed(assumed, wishes, h, law.k, law.kappa, law.ell)
-        except ValueError as error:
-            search.unwished.append(str(error))
+        except UnwishedError as error:
+            search.unwished.append(error)
     if search.unwished:
-        raise ValueError(min(search.unwished, key=len))
+        raise min(search.unwished, key=lambda each: each.excess)
     raise InfeasibleError(max(search.failing, key=lambda each: each.room))
 
 
@@ -143,12 +141,12 @@ class _Search:
 
     def __init__(self, assumed: Assumptions, wishes: Wishes, h: float) -> None:
         self._assumed, self._wishes, self._h = assumed, wishes, h
-        self._tried: set[tuple[float, float, float]] = set()
+        self._tried: set[Gains] = set()
         self.found: list[Design] = []
-        self.unwished: list[str] = []
+        self.unwished: list[UnwishedError] = []
         self.failing: list[Inequality] = []
 
-    def tries(self, gains: Iterable[tuple[float, float, float]]) -> None:
+    def tries(self, gains: Iterable[Gains]) -> None:
         """Try each k, κ and ℓ that was not tried before."""
         for k, kappa, ell in gains:
             if (k, kappa, ell) in self._tried:
@@ -159,8 +157,8 @@ class _Search:
                 self.found.append(_judged(self._assumed, law, self._wishes))
             except InfeasibleError as error:
                 self.failing.append(error.failing)
-            except ValueError as error:
-                self.unwished.append(str(error))
+            except UnwishedError as error:
+                self.unwished.append(error)
 
     def climbs(self) -> None:
         """Change the gains of the best law one by one, until nothing is better."""
@@ -191,19 +189,20 @@ def designed(
     ------
     InfeasibleError
         An inequality fails; names it.
-    ValueError
-        The inequalities hold, but not the wishes.
+    UnwishedError
+        The inequalities hold, but not a wish.
     """
     return _judged(assumed, tuned(assumed, h, k, kappa, ell, FINE), wishes, FINE)
 
 
-def feasible(assumed: Assumptions, h: float) -> bool:
-    """Tell whether some gains of the short search satisfy every inequality."""
-    for k, kappa, ell in _grid(assumed, h, short=True):
+def _feasible(assumed: Assumptions, h: float, first: list[Gains]) -> bool:
+    """Tell whether some gains satisfy every inequality: those given, or of the short search."""
+    for gains in (*first, *_grid(assumed, h, short=True)):
         try:
-            tuned(assumed, h, k, kappa, ell, COARSE)
+            tuned(assumed, h, *gains, COARSE)
         except InfeasibleError:
             continue
+        first[:] = [gains]  # for a neighbour they are feasible too, as a rule
         return True
     return False
 
@@ -229,18 +228,25 @@ def nearest(assumed: Assumptions, h: float) -> dict[str, float]:
         if present == 0.0:
             continue
         rises = name in ("max_torque", "Omega")
+        known: list[Gains] = []
 
-        def helps(factor: float, name: str = name, present: float = present) -> bool:
+        def helps(
+            factor: float, name: str = name, present: float = present, known: list[Gains] = known
+        ) -> bool:
             value = present * factor
             if name == "h":
-                return feasible(assumed, value)
-            return feasible(_scaled(assumed, name, value), h)
+                return _feasible(assumed, value, known)
+            return _feasible(_scaled(assumed, name, value), h, known)
 
-        far = 1000.0 if rises else 1e-3
-        if not helps(far):
+        # Not only too little fails: what is far too much may fail as well.
+        low, high = 0.0, 0.0  # infeasible, feasible: logarithms of a factor
+        for factor in _FAR:
+            low, high = high, math.log(factor if rises else 1.0 / factor)
+            if helps(math.exp(high)):
+                break
+        else:
             continue
-        low, high = 0.0, math.log(far)  # infeasible, feasible
-        while abs(high - low) > 0.02:
+        while abs(high - low) > 0.05:
             middle = 0.5 * (low + high)
             low, high = (low, middle) if helps(math.exp(middle)) else (middle, high)
         found[name] = present * math.exp(high)
@@ -258,9 +264,7 @@ def _scaled(assumed: Assumptions, name: str, value: float) -> Assumptions:
     return replace(assumed, **changed)
 
 
-def _grid(
-    assumed: Assumptions, h: float, *, short: bool = False
-) -> Iterator[tuple[float, float, float]]:
+def _grid(assumed: Assumptions, h: float, *, short: bool = False) -> Iterator[Gains]:
     """k, κ and ℓ to try."""
     steps, shares, ells = _SHORT if short else (_KAPPA_H, _K_SHARE, _ELL)
     late = assumed.late > 0.0
@@ -273,204 +277,17 @@ def _grid(
 def _judged(
     assumed: Assumptions, law: Law, wishes: Wishes, count: tuple[int, int] = COARSE
 ) -> Design:
-    bounds = bounds_of(assumed, law, FLOATS, count)
-    settling = Envelope(assumed, law, bounds, FLOATS).settling(
-        assumed.W + wishes.rate, wishes.accuracy
-    )
+    envelope = Envelope(assumed, law, bounds_of(assumed, law, FLOATS, count), FLOATS)
+    terminal, fastest = _ALMOST * envelope.terminal(), law.omega0 - assumed.W
+    if terminal >= wishes.accuracy:
+        raise UnwishedError("an accuracy", wishes.accuracy, terminal, "")
+    if wishes.rate > fastest:
+        degrees = math.degrees(wishes.rate), math.degrees(fastest)
+        raise UnwishedError("a rate at the start", *degrees, "deg/s")
+    settling = envelope.settling(assumed.W + wishes.rate, wishes.accuracy)
     if settling.time > wishes.time:
-        raise ValueError(f"settling within {wishes.time:g} s cannot be guaranteed")
+        raise UnwishedError("a settling time", wishes.time, settling.time, "s")
     noise = torque_noise(assumed, law, wishes)
     if noise > wishes.torque_noise:
-        raise ValueError(f"a torque noise of {wishes.torque_noise:g} N·m cannot be kept")
+        raise UnwishedError("a torque noise", wishes.torque_noise, noise, "N·m")
     return Design(law, settling, noise)
-
-
-def tuned(
-    assumed: Assumptions, h: float, k: float, kappa: float, ell: float, count: tuple[int, int]
-) -> Law:
-    """Return the law that follows from k [1/s], κ [1/s] and ℓ.
-
-    Raises
-    ------
-    InfeasibleError
-        An inequality fails.
-    """
-    failing: list[Inequality] = []
-    for share in _TUMBLING:
-        omega0 = float(f"{share * assumed.Omega:.6g}")
-        try:
-            return _iterated(assumed, _first(assumed, h, k, kappa, ell, omega0), count)
-        except InfeasibleError as error:
-            failing.append(error.failing)
-            # A lower omega0 helps the stop phase, and the inertia's error at its rates.
-            if assumed.e_S == 0.0 and not error.failing.name.startswith(("C10", "C11", "C12")):
-                break
-    raise InfeasibleError(max(failing, key=lambda each: each.room))
-
-
-def _first(
-    assumed: Assumptions, h: float, k: float, kappa: float, ell: float, omega0: float
-) -> Law:
-    """Begin the iteration with a tube that disturbance and estimate alone need."""
-    d_max = (1.3 if assumed.eta < 1.0 or assumed.e_S > 0.0 else 1.05) * assumed.d
-    free = d_max + (assumed.d + assumed.dead_band) / assumed.eta
-    tube = free / kappa * (1.0 + kappa * h * (1.0 - ell) / ell)
-    B = 0.8 * (assumed.eta * assumed.max_torque - assumed.d)
-    if B <= 0.0:
-        _refuse(
-            "C2", assumed.d, assumed.eta * assumed.max_torque, "N·m", "torque beats disturbance"
-        )
-    least = min(assumed.inertia[0], assumed.inertia[4], assumed.inertia[8])
-    speed = 0.9 * assumed.Omega
-    if speed <= assumed.W:
-        _refuse("C7", assumed.W, speed, "rad/s", "the reference leaves speed to turn with")
-    return Law(
-        h=h,
-        k=k,
-        kappa=kappa,
-        ell=ell,
-        a=_brake_limit(0.5 * B / max(assumed.inertia), k, speed - assumed.W),
-        Omega_e=speed,
-        Y=(tube, tube, tube),
-        B=(B, B, B),
-        B_ramp=0.0,
-        z_bar=tube / least,
-        V_rate=2.0 * assumed.W1,
-        far=0.5,
-        w_far=0.5 * (speed - assumed.W),
-        omega0=omega0,
-        d_max=d_max,
-        N=(0.0, 0.0, 0.0),
-    )
-
-
-def _brake_limit(a: float, k: float, slowest: float) -> float:
-    """Keep the linear part of the brake below the cap and below 1 rad (C13)."""
-    return min(a, _LONGEST_BRAKE * k * 0.75 * slowest, _LONGEST_BRAKE * k * k)
-
-
-def _refuse(name: str, left: float, right: float, unit: str, meaning: str) -> None:
-    raise InfeasibleError(Inequality(name, (left, left), (right, right), unit, False, meaning))
-
-
-def _iterated(assumed: Assumptions, law: Law, count: tuple[int, int]) -> Law:
-    stages = ((_ROUNDS, COARSE),) if count == COARSE else ((_ROUNDS, COARSE), (_FINE_ROUNDS, count))
-    for rounds, cells in stages:
-        bounds = _evaluated(assumed, law, cells)
-        for _ in range(rounds):
-            before = law
-            law = _next(assumed, law, bounds)
-            bounds = _evaluated(assumed, law, cells)
-            if _steady(law, before):
-                break
-    law = _roomy(assumed, law, bounds)
-    bounds = _evaluated(assumed, law, count)
-    failing = [each for each in inequalities(assumed, law, bounds, FLOATS) if not each.holds]
-    if failing:
-        raise InfeasibleError(min(failing, key=lambda each: each.room))
-    return law
-
-
-def _steady(law: Law, before: Law) -> bool:
-    pairs = zip((*law.Y, *law.B, law.a), (*before.Y, *before.B, before.a), strict=True)
-    return all(math.isclose(x, y, rel_tol=_STEADY) for x, y in pairs)
-
-
-def _evaluated(assumed: Assumptions, law: Law, count: tuple[int, int]) -> Bounds:
-    try:
-        return bounds_of(assumed, law, FLOATS, count)
-    except ValueError as error:
-        _refuse("C1", math.inf, 0.0, "N·m·s", str(error))
-        raise
-
-
-def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
-    """Take half a step towards what the bounds ask for."""
-    Y = _triple(0.5 * (x + y) for x, y in zip(law.Y, bounds.Y, strict=True))
-    B = _triple(0.5 * (x + y) for x, y in zip(law.B, bounds.B, strict=True))
-    if min(B) <= 0.0:
-        i = B.index(min(B))
-        need = assumed.max_torque * assumed.eta - bounds.B[i]
-        meaning = "torque is left beside disturbance, variation and errors"
-        _refuse("C2", need, assumed.max_torque * assumed.eta, "N·m", meaning)
-    if not math.isfinite(sum(Y)):
-        _refuse("C1", math.inf, 0.0, "N·m·s", "the tube is finite")
-    z = bounds.body.box(Y, FLOATS)
-    errors = assumed.e_W + assumed.W * assumed.e_A
-    speed = assumed.Omega - z - errors - 2.0 * law.h * bounds.V_rate
-    if not speed > assumed.W or not math.isfinite(bounds.V_rate):
-        meaning = "the rate limit leaves speed beside tube and reference"
-        _refuse("C7", assumed.W + z + errors, assumed.Omega, "rad/s", meaning)
-    a = _brake_limit(0.5 * (law.a + bounds.brake), law.k, speed - assumed.W)
-    if a <= 0.0:
-        i = max(range(3), key=lambda axis: bounds.load[axis] - law.B[axis])
-        meaning = "feedforward and tube leave torque to brake with"
-        _refuse("C3", bounds.load[i], law.B[i], "N·m", meaning)
-    return replace(
-        law,
-        Y=Y,
-        B=B,
-        B_ramp=_ramp_torque(assumed, law, Y, B),
-        z_bar=z,
-        Omega_e=speed,
-        a=a,
-        V_rate=bounds.V_rate,
-        N=_triple(bounds.noise),
-        w_far=0.945 * (speed - assumed.W) - errors,
-        far=min(max(_far(assumed, law, bounds), 1e-3), 3.0),
-    )
-
-
-def _ramp_torque(assumed: Assumptions, law: Law, Y: Triple, B: Triple) -> float:
-    """Torque that ramps may use while y is small [N·m]; no more than B if less may come, or late.
-
-    What the actuator does not give of it would be a disturbance, and widen the tube (C1).
-    """
-    if assumed.eta < 1.0 or assumed.late > 0.0:
-        return 0.0
-    axes = range(3)
-    most = min(B[i] + max(Y[i] / 2.0 - law.N[i], 0.0) / law.h for i in axes)
-    return min(assumed.max_torque, _rounded(most * (1 - 10 * _ROOM)))
-
-
-def _far(assumed: Assumptions, law: Law, bounds: Bounds) -> float:
-    """Error from which a cruise reaches its speed before it brakes (C9) [rad]."""
-    time = bounds.stop_time(assumed, law, law.w_far, FLOATS)
-    if time is None or bounds.reserve <= 0.0:
-        return math.pi
-    fastest = law.Omega_e + assumed.W
-    errors = assumed.e_W + assumed.W * assumed.e_A
-    drift = (law.w_far + errors + law.z_bar) * (time + law.h)
-    rise = (0.5 * fastest + law.z_bar) * fastest / bounds.reserve
-    return float(bounds.blend + drift + rise + assumed.e_A)
-
-
-def _roomy(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
-    """Round so that every inequality keeps room, and that a file can hold the numbers."""
-    Y = _triple(_rounded(max(x, y) * (1 + 3 * _ROOM)) for x, y in zip(law.Y, bounds.Y, strict=True))
-    z = _rounded(bounds.body.box(Y, FLOATS) * (1 + 1e-6))
-    V_rate = _rounded(bounds.V_rate * (1 + 50 * _ROOM))
-    errors = assumed.e_W + assumed.W * assumed.e_A
-    B = _triple(_rounded(min(x, y) * (1 - _ROOM)) for x, y in zip(law.B, bounds.B, strict=True))
-    return replace(
-        law,
-        Y=Y,
-        B=B,
-        z_bar=z,
-        V_rate=V_rate,
-        Omega_e=_rounded((assumed.Omega - z - errors - law.h * V_rate) * (1 - _ROOM / 10)),
-        a=_rounded(min(law.a, bounds.brake) * (1 - 10 * _ROOM)),
-        N=_triple(_rounded(x * (1 + 10 * _ROOM)) for x in bounds.noise),
-        w_far=_rounded(law.w_far),
-        far=_rounded(min(_far(assumed, law, bounds) * (1 + 30 * _ROOM), 3.1)),
-        d_max=_rounded(law.d_max),
-    )
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.9g}")
-
-
-def _triple(values: Iterable[float]) -> Triple:
-    x, y, z = (float(each) for each in values)
-    return x, y, z

@@ -19,6 +19,7 @@
 it stays above. The step takes f at the lowest φ that the step can reach.
 """
 
+import math
 from dataclasses import dataclass
 
 from ppc_attitude.science.controllers.brake import BLEND
@@ -26,7 +27,8 @@ from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import Bounds
 
-_STEP = 0.01  # [s] or a sample, whichever is longer
+_STEP = 0.01  # [s] or a sample, or this share of a turn, whichever is longest
+_SHARE = 5e-5
 _PATIENCE = 100_000  # steps
 
 
@@ -80,7 +82,9 @@ class Envelope:
         self._assumed, self._law, self._bounds = assumed, law, bounds
         self._arithmetic = arithmetic
         self._k, self._a, self._z = number(law.k), number(law.a), number(law.z_bar)
-        self._step = number(max(_STEP, law.h))
+        # A slow craft gets no more steps than a quick one; the last exponential has to be told.
+        turn = math.pi / (law.Omega_e - assumed.W) + 2.0 * math.sqrt(math.pi / law.a)  # [s] about
+        self._step = number(max(_STEP, law.h, min(_SHARE * turn, 0.2 / law.k)))
         self._h = number(law.h)
         self._slowest = number(law.Omega_e) - number(assumed.W)
         self._fastest = number(law.Omega_e) + number(assumed.W)
@@ -236,9 +240,10 @@ class Envelope:
         return self._arithmetic.least(g, cap)
 
     def _lowest(self, phi: Number) -> Number:
-        """φ after a step at the full speed."""
+        """φ after a step at the speed of its beginning, which an upper solution does not pass."""
         zero = self._arithmetic.number(0.0)
-        return self._arithmetic.largest(phi - self._step * self._slowest, zero)
+        fastest = self.speed_above(phi, self._slowest)
+        return self._arithmetic.largest(phi - self._step * fastest, zero)
 
     def _stopped(
         self, phi: Number, rate: float, stop: Number | None = None

@@ -54,7 +54,7 @@ class Inequality:
 
     @property
     def room(self) -> float:
-        """What is left, as a share of the right side; negative if it fails."""
+        """The margin, as a share of the right side; negative if the inequality fails."""
         scale = max(abs(self.right[0]), abs(self.left[1]))
         return (self.right[0] - self.left[1]) / scale if scale > 1e-300 else 1.0
 

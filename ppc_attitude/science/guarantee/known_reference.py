@@ -35,7 +35,9 @@ from ppc_attitude.science.guarantee.envelope import Envelope
 Array = NDArray[np.float64]
 _STEP = 0.02  # [s]
 _PADDING = 1e-9  # relative, of every step: plain floats, rounded
-_FACE = 28  # cells along an edge of the cube whose faces cover the sphere
+# Cells along an edge of the cube whose faces cover the sphere: those that settle late are divided.
+_FACES = (14, 28, 56)
+_LATE = 1.0  # [s] before the last: what is divided
 _ANGLES = 5
 _LONGEST = 400.0  # [s]
 
@@ -80,6 +82,14 @@ def sphere_cells(face: int) -> tuple[Array, Array]:
     radius = np.max([np.arccos(np.sum(centres * each, axis=1)) for each in corners], axis=0)
     sides = [np.roll(sign * centres, k, axis=1) for k in range(3) for sign in (1.0, -1.0)]
     return np.concatenate(sides), np.tile(radius, 6)
+
+
+def _divided(cells: NDArray[np.int64], face: int) -> NDArray[np.int64]:
+    """Places of the four parts of each cell among those of twice as many along an edge."""
+    side, place = np.divmod(cells, face * face)
+    u, v = np.divmod(place, face)
+    parts = [(side * 2 * face + 2 * u + i) * 2 * face + 2 * v + j for i in (0, 1) for j in (0, 1)]
+    return np.concatenate(parts)
 
 
 class KnownReference:
@@ -128,13 +138,37 @@ class KnownReference:
             if self._envelope.far_time(float(start), rate, accuracy) <= max(longest, near):
                 return max(longest, near)
             least = max(float(start) - 0.15, self._law.far)
-            longest = max(longest, self._longest(least, float(start), rate, accuracy))
+            angles = least, float(start)
+            longest = max(longest, self._longest(angles, rate, accuracy, longest))
         return max(longest, near)
 
-    def _longest(self, least: float, most: float, rate: float, accuracy: float) -> float:
-        """Time for every start with φ between two angles [rad]."""
+    def _longest(
+        self, angles: tuple[float, float], rate: float, accuracy: float, known: float
+    ) -> float:
+        """Time for every start with φ between two angles [rad]; roughly, if less than is known."""
+        longest = 0.0
+        cells = np.arange(6 * _FACES[0] ** 2)
+        for face in _FACES:
+            centres, radius = sphere_cells(face)
+            times = self._times(centres[cells], radius[cells], angles, rate, accuracy)
+            late = times > max(times.max() - _LATE, known)
+            if face == _FACES[-1] or not late.any():
+                break
+            longest = max(longest, times[~late].max(initial=0.0))
+            cells = _divided(cells[late], face)
+        return max(longest, float(times.max()))
+
+    def _times(
+        self,
+        centres: Array,
+        radius: Array,
+        angles: tuple[float, float],
+        rate: float,
+        accuracy: float,
+    ) -> Array:
+        """Time [s] for each cell of n, with φ between two angles [rad] at the start."""
         law, assumed = self._law, self._assumed
-        centres, radius = sphere_cells(_FACE)
+        least, most = angles
         stop = self._bounds.stop_time(assumed, law, rate, FLOATS)
         if stop is None:
             raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
@@ -149,31 +183,34 @@ class KnownReference:
             turned=np.full(count, nu * (drift + assumed.e_A)),
             sigma=np.zeros(count),
         )
+        found, cells = np.zeros(count), np.arange(count)
         times = begin + _STEP * np.arange(round((_LONGEST - begin) / _STEP))
-        rates = self._rate_at(times)
-        for t, omega_d in zip(times, rates, strict=True):
-            if state.above.max() <= 2.0 * accuracy:
-                return float(t)
+        for t, omega_d in zip(times, self._rate_at(times), strict=True):
             keep = state.above > 2.0 * accuracy
             if not keep.all():
-                centres, radius = centres[keep], radius[keep]
+                found[cells[~keep]] = t
+                cells, centres, radius = cells[keep], centres[keep], radius[keep]
                 state = _State(*(each[keep] for each in vars(state).values()))
+            if not keep.any():
+                return found
             self._advance(state, centres @ omega_d, radius, float(np.linalg.norm(omega_d)))
         raise ValueError(f"no settling within {_LONGEST:g} s")
 
     def _advance(self, state: _State, along: Array, radius: Array, size: float) -> None:
         """Carry the bounds over a step in which the reference is near ω_d."""
         law, assumed = self._law, self._assumed
-        moved = assumed.W1 * _STEP
-        size = min(size + moved, assumed.W)
-        spread = size * (radius + state.turned) + moved
+        change = assumed.W1 * _STEP
+        size = min(size + change, assumed.W)
+        spread = size * (radius + state.turned) + change
         slow, fast = along - spread, np.minimum(along + spread, size)
         slow = np.maximum(slow, -size)
         root = law.Omega_e**2 - size * size
         least = slow + np.sqrt(slow * slow + root) - law.h * law.V_rate
-        most = fast + np.sqrt(fast * fast + law.Omega_e**2 - max(size - 2.0 * moved, 0.0) ** 2)
+        most = fast + np.sqrt(fast * fast + law.Omega_e**2 - max(size - 2.0 * change, 0.0) ** 2)
         cap = np.minimum(state.sigma, least)
-        lowest = np.maximum(state.above - _STEP * law.Omega_e - _STEP * assumed.W, 0.0)
+        # An upper solution falls by no more in a step than at the speed of its beginning.
+        fastest = self._speed(state.above, cap) * (1.0 + _PADDING)
+        lowest = np.maximum(state.above - _STEP * fastest, 0.0)
         fall = self._speed(lowest, cap) * (1.0 - _PADDING)
         nu = 0.5 / np.sin(0.5 * np.clip(state.below, 1e-3, np.pi))
         far = 0.5 / np.sin(0.5 * np.minimum(state.above, 2 * np.pi - 1e-3))

@@ -45,14 +45,13 @@ _NOISE = 6.0  # deviations that a design takes as the bound of an estimation err
 _DEVIATIONS = 5.0  # a Gaussian error this often its deviation is taken as its bound
 
 
-def reference_bounds(
-    amplitude: NDArray[np.float64], period: NDArray[np.float64], duration: float
-) -> tuple[float, float, float]:
-    """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] up to a time [s].
+def reference_bounds(reference: Mapping[str, Any], duration: float) -> tuple[float, float, float]:
+    """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] for a time [s].
 
     The first two are searched on a grid; what they may gain between two points is added.
     """
-    t = np.arange(0.0, duration + _GRID, _GRID)
+    amplitude, period = (np.array(reference[each]) for each in ("amplitude", "period_constant"))
+    t = reference["begin"] + np.arange(0.0, duration + _GRID, _GRID)
     phases = [t / each for each in period]
     fastest = float(np.linalg.norm(amplitude / period))
     second = float(np.linalg.norm(amplitude / period**2))
@@ -102,6 +101,8 @@ def broken_assumptions(
         )
     if plant["min_torque"] > assumed.dead_band:
         yield f"min_torque = {plant['min_torque']:g} N·m; assumed: at most {assumed.dead_band:g}"
+    if plant["late_command"] and assumed.late < 1.0:
+        yield "late_command = true; assumed: a command acts with its own sample (late = 0)"
     for name, sigma, bound in (
         ("attitude_noise", plant["attitude_noise"], assumed.e_A),
         ("rate_noise", plant["rate_noise"], assumed.e_W),
@@ -113,10 +114,7 @@ def broken_assumptions(
     yield from _unknown(plant, reference, injector)
     if _selected(REFERENCES, reference) != paper.COMPONENT.name:
         return
-    amplitude, period = (np.array(reference[each]) for each in ("amplitude", "period_constant"))
-    for name, value in zip(
-        ("W", "W1", "W2"), reference_bounds(amplitude, period, duration), strict=True
-    ):
+    for name, value in zip(("W", "W1", "W2"), reference_bounds(reference, duration), strict=True):
         if value > getattr(assumed, name):
             yield f"the reference reaches {value:.4g}; assumed: {name} = {getattr(assumed, name):g}"
     acts = _selected(ENVIRONMENTS, injector) == environment.COMPONENT.name
@@ -168,8 +166,7 @@ def assumptions_from(
     declared : mapping of str to float
         Assumptions by name that stand over what the parameters tell.
     """
-    amplitude, period = (np.array(reference[each]) for each in ("amplitude", "period_constant"))
-    W, W1, W2 = reference_bounds(amplitude, period, _HORIZON)
+    W, W1, W2 = reference_bounds(reference, _HORIZON)
     acts = _selected(ENVIRONMENTS, injector) == environment.COMPONENT.name
     needed = {"W": REFERENCES, "W1": REFERENCES, "W2": REFERENCES, "d": ENVIRONMENTS}
     values = {REFERENCES.name: reference, ENVIRONMENTS.name: injector}
@@ -193,7 +190,7 @@ def assumptions_from(
         "e_S": 0.0,
         "e_A": _NOISE * plant["attitude_noise"],
         "e_W": _NOISE * plant["rate_noise"],
-        "late": 0.0,
+        "late": float(plant["late_command"]),
     }
     return Assumptions(
         inertia=tuple(controller["inertia"]),

@@ -76,5 +76,5 @@ def _triad(
             f"the two {name} are {[*map(float, first)]} and {[*map(float, second)]}; allowed: "
             "finite, and at least 6° from being parallel"
         )
-    one, three = scale(1.0 / length, (x, y, z)), scale(1.0 / sine, across)
-    return one, cross(three, one), three
+    first, third = scale(1.0 / length, (x, y, z)), scale(1.0 / sine, across)
+    return first, cross(third, first), third

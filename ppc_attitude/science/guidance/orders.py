@@ -82,7 +82,7 @@ _NO_ATTITUDE = (0.0, 0.0, 0.0, 1.0)
 
 
 class Orders(NamedTuple):
-    """What a reference is ordered to do.
+    """An order to the reference.
 
     Attributes
     ----------
@@ -172,8 +172,8 @@ def schedule_of(orders: Orders) -> dict[str, Any]:
     for i in np.flatnonzero(orders.listed["frame"] == PROFILE):
         each = orders.profiles[orders.listed["profile"][i]]
         for k in range(each["count"]):
-            moved = (each["attitude"][k], each["rate"][k], each["acceleration"][k])
-            rows.append([i, each["time"][k], *np.concatenate(moved)])
+            motion = (each["attitude"][k], each["rate"][k], each["acceleration"][k])
+            rows.append([i, each["time"][k], *np.concatenate(motion)])
     return {
         GOAL_TIMES.name: [seconds(int(stamp_ns)) for stamp_ns in orders.listed["stamp_ns"]],
         GOAL_FRAMES.name: [names[int(frame)] for frame in orders.listed["frame"]],

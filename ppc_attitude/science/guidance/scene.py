@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What guidance tells of its surroundings, for who draws them: its goal and its keep-out cones."""
+"""The surroundings that guidance tells, so that they can be drawn: goal and keep-out cones."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

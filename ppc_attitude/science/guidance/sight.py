@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a plan has in sight: where its goal and the keep-out cones are, and when it enters one."""
+"""The sight of a plan: where its goal and the keep-out cones are, and when it enters one."""
 
 import math
 from typing import Any

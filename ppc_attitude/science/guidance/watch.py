@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What to warn of while a plan is followed: cones that it will enter, a goal out of sight."""
+"""Warnings while a plan is followed: cones that it will enter, a goal out of sight."""
 
 import math
 from typing import Any
@@ -100,7 +100,7 @@ def look_out(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> None:
 
 
 def warnings_of(watch: Any) -> list[str]:
-    """What is warned of now, in words."""
+    """The present warnings, in words."""
     bits, time = int(watch["bits"]), float(watch["time"])
     told = []
     for i in range(MOST_CONES):

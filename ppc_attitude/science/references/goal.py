@@ -232,7 +232,7 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
 
 
 def advice(state: Any) -> Advice:
-    """What came of the last order, or what has come or gone since that is warned of."""
+    """The outcome of the last order, or a warning that has come or gone since."""
     watch = state["watch"]
     warnings = warnings_of(watch)
     concern = f"the desired motion {' and '.join(warnings)}" if warnings else ""

@@ -60,11 +60,13 @@ AMPLITUDE = Parameter(
 PERIOD_CONSTANT = Parameter(
     "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, above=0.0
 )
+BEGIN = Parameter("begin", 0.0, "instant of ω_d at which a run begins", "s", low=0.0, high=1e9)
 REFERENCE = np.dtype(
     [
         ("initial_attitude", np.float64, (4,)),  # x y z w, desired frame to inertial at t = 0
         ("amplitude", np.float64, (3,)),  # [rad/s]
         ("period_constant", np.float64, (3,)),  # [s]
+        ("begin", np.float64),  # [s]
     ],
     align=True,
 )
@@ -78,6 +80,7 @@ GRID = 0.01  # [s]
 def desired_rate(t: float, reference: Any) -> Vector:
     """ω_d = a [cos(t/T1), sin(t/T2), −cos(t/T3)] [rad/s], desired frame."""
     a, period = reference.amplitude, reference.period_constant
+    t += reference.begin
     return (
         a[0] * math.cos(t / period[0]),
         a[1] * math.sin(t / period[1]),
@@ -89,6 +92,7 @@ def desired_rate(t: float, reference: Any) -> Vector:
 def desired_acceleration(t: float, reference: Any) -> Vector:
     """ω_d' [rad/s²], desired frame."""
     a, period = reference.amplitude, reference.period_constant
+    t += reference.begin
     return (
         -a[0] / period[0] * math.sin(t / period[0]),
         a[1] / period[1] * math.cos(t / period[1]),
@@ -119,6 +123,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["initial_attitude"] = unit_quaternion("initial_attitude", values["initial_attitude"])
     record["amplitude"] = values["amplitude"]
     record["period_constant"] = values["period_constant"]
+    record["begin"] = values["begin"]
     return record
 
 
@@ -162,7 +167,7 @@ def step(inputs: Any, cursor: Any, reference: Any, outputs: Any) -> None:
 
 COMPONENT = Component(
     name="paper",
-    parameters=(INITIAL_ATTITUDE, AMPLITUDE, PERIOD_CONSTANT),
+    parameters=(INITIAL_ATTITUDE, AMPLITUDE, PERIOD_CONSTANT, BEGIN),
     configure=configure,
     configuration=REFERENCE,
     state=CURSOR,

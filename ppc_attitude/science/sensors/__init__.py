@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the craft is told of its motion."""
+"""Sensors: they tell the craft of its motion."""

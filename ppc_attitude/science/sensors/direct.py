@@ -80,7 +80,7 @@ def configure(values: Mapping[str, Any]) -> Any:
 def measured(
     q: Quaternion, omega: Vector, attitude_noise: float, rate_noise: float, seed: int, step: int
 ) -> tuple[Quaternion, Vector]:
-    """What the sensors say of attitude and rate [rad/s] at a step; noise in [rad] and [rad/s].
+    """Measured attitude and rate [rad/s] at a step; noise in [rad] and [rad/s].
 
     The same seed and step always give the same noise; zero noise gives the truth itself.
     """

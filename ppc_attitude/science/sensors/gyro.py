@@ -218,7 +218,7 @@ def sample_variance(gyro: Any, h: float) -> float:
 
 @kernel
 def gyro_sample(gyro: Any, rate: Vector, bias: Vector, step: int, h: float) -> Vector:
-    """What the gyro says [rad/s] of an interval of h [s] that ends at a step.
+    """Measured mean rate [rad/s] of an interval of h [s] that ends at a step.
 
     ω_k = (I + M) ω̄ + b + √(σ_v²/h + σ_u² h/12) n, clipped to the full scale, rounded to the LSB;
     `rate` is the true mean rate ω̄, `bias` the mean of the interval's first and last bias.

@@ -1,0 +1,158 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a campaign may not declare: each refusal names the thing and what is allowed."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_campaign_distributions import CRAFT, base
+
+from ppc_attitude.campaign.declaration import campaign, load_campaign
+from ppc_attitude.campaign.draw import scenario_of
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.errors import ConfigurationError
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("plant.inertia[0]", 1.0, "parameters has plant.inertia.0.; allowed: NODE.NAME, of space"),
+        (f"{PLANT}.rate", 1.0, "no real number of a component that runs"),
+        (f"{PLANT}.seed", 1.0, "no real number of a component that runs"),
+        (f"{PLANT}.rate_noise", 1.0, "no real number of a component that runs"),
+        (f"{PLANT}.gyro.inital_bias[0]", 0.0, r"did you mean spacecraft_plant.gyro.initial_bias"),
+        (f"{PLANT}.gyro.initial_bias", 0.0, r"initial_bias\[INDEX\], for it has 3 numbers"),
+        (f"{PLANT}.gyro.initial_bias[3]", 0.0, r"for it has 3 numbers, from index 0"),
+        (f"{PLANT}.max_torque[0]", 1.0, "max_torque is a single number"),
+        (f"{PLANT}.max_torque", 0.0, "max_torque can become 0; allowed: > 0"),
+        (f"{PLANT}.inertia[0]", "wide", r"inertia\[0\] = 'wide'; allowed: a finite number"),
+        (f"{PLANT}.initial_attitude", 0.1, "allowed: so3, cone"),
+        (3, 1.0, "parameters has 3; allowed"),
+    ],
+)
+def test_a_number_that_cannot_vary_is_refused_by_name(name: Any, given: Any, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        campaign({"parameters": {name: given}}, CRAFT, 0)
+
+
+def test_one_number_varies_once() -> None:
+    given = {"rate_noise": 1e-6, "parameters": {f"{PLANT}.rate_noise": 1e-6}}
+    with pytest.raises(ConfigurationError, match="rate_noise varies is varied twice"):
+        campaign(given, base(), 0)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"inertia": 0.1}, "campaign has no inertia; allowed: initial_attitude"),
+        (3, "campaign = 3; allowed: a mapping"),
+        ({"rate_noise": "much"}, "rate_noise = 'much'; allowed: a finite number"),
+        ({"rate_noise": "1e-7"}, r"rate_noise = '1e-7'; allowed: .* with a point: 1\.0e-7"),
+        ({"rate_noise": True}, "rate_noise = True; allowed: a finite number"),
+        ({"rate_noise": math.nan}, "rate_noise = nan; allowed: a finite number"),
+        ({"rate_noise": -1e-6}, "rate_noise can become -1e-06; allowed: ≥ 0"),
+        ({"rate_noise": {"distribution": "gamma"}}, "rate_noise.distribution = 'gamma'; allowed"),
+        ({"rate_noise": {"distribution": "uniform", "low": 0}}, "rate_noise lacks high"),
+        (
+            {"rate_noise": {"distribution": "uniform", "low": 0, "high": 1, "mean": 2}},
+            "rate_noise has no mean; allowed: distribution, low, high",
+        ),
+        (
+            {"rate_noise": {"distribution": "uniform", "low": 0.5, "high": 0.1}},
+            "rate_noise.low = 0.5 is larger than high = 0.1",
+        ),
+        (
+            {"rate_noise": {"distribution": "log_uniform", "low": 0, "high": 0.1}},
+            "rate_noise.low = 0; allowed: > 0 for log_uniform",
+        ),
+        (
+            {"rate_noise": {"distribution": "normal", "mean": 0.1, "deviation": 0.1}},
+            "rate_noise can become -inf; allowed: ≥ 0",
+        ),
+        (
+            {"rate_noise": {"distribution": "normal", "mean": 0, "deviation": -1}},
+            "rate_noise.deviation = -1; allowed: > 0",
+        ),
+        (
+            {"rate_noise": {"distribution": "normal", "mean": 0, "deviation": 0.01, "low": 0.9}},
+            "only 0 of the normal distribution lies between low = 0.9",
+        ),
+        ({"rate_noise": {"distribution": "choice", "values": []}}, "values = \\[\\]; allowed"),
+        ({"inertia_error": 0.95}, "inertia_error can become 0.95; allowed: ≥ 0 and ≤ 0.9"),
+        ({"actuator_strength": 0}, "actuator_strength can become 0; allowed: > 0"),
+        ({"actuator_strength": 1e-3}, "actuator_strength can become 0.001: .* min_torque"),
+        ({"initial_attitude": "cube"}, "initial_attitude.distribution = 'cube'; allowed: so3"),
+        (
+            {"initial_attitude": {"distribution": "cone", "angle": 4}},
+            "initial_attitude.angle = 4 rad; allowed: 0 to π",
+        ),
+        ({"initial_rate": 0.1}, "initial_rate = 0.1; allowed: a mapping of magnitude, direction"),
+        ({"initial_rate": {}}, "initial_rate.magnitude = None; allowed: a finite number"),
+        (
+            {"initial_rate": {"magnitude": 0.1, "direction": [0, 0, 0]}},
+            r"initial_rate.direction = \[0, 0, 0\] has no direction",
+        ),
+        (
+            {"initial_rate": {"magnitude": 0.1, "direction": "up"}},
+            "initial_rate.direction = 'up'; allowed: sphere, or three numbers",
+        ),
+        (
+            {"disturbance": {"time": 11, "duration": 0.1, "torque": 1}},
+            "disturbance.time can become 11; allowed: ≥ 0 and ≤ 10 s",
+        ),
+        (
+            {"disturbance": {"time": 1, "duration": 0, "torque": 1}},
+            "disturbance.duration can become 0; allowed: > 0",
+        ),
+        ({"disturbance": {"time": 1, "duration": 1}}, "disturbance.torque = None; allowed"),
+    ],
+)
+def test_refusals_name_the_thing_its_value_and_what_is_allowed(given: Any, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        campaign(given, base(), 0)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63])
+def test_a_seed_out_of_range_is_refused(seed: int) -> None:
+    with pytest.raises(ConfigurationError, match=r"seed = .*; allowed: 0 to"):
+        campaign({}, base(), seed)
+
+
+def test_an_index_below_zero_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="index = -1; allowed: ≥ 0"):
+        scenario_of(campaign({}, base(), 0), -1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("campaign: [", "is not YAML"),
+        ("- 1", "needs the key campaign at its top, alone"),
+        ("campaign: {}\nother: 1", "needs the key campaign at its top, alone"),
+        ("campaign: {rate_noise: x}", "campaign.yaml: rate_noise = 'x'"),
+    ],
+)
+def test_a_bad_file_is_named(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "campaign.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=message):
+        load_campaign(path, base(), 0)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"absent\.yaml: No such file"):
+        load_campaign(tmp_path / "absent.yaml", base(), 0)
