@@ -43,7 +43,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.goto import Answer, _go_to
+from ppc_attitude.nodes.goto import Answer, _all_listen, _go_to
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
@@ -267,6 +267,27 @@ def test_goto_prints_the_answer_that_is_its_own(pilot: Pilot) -> None:
     assert followed.text.startswith("order 2 is followed: inertial frame")
     assert not refused.followed
     assert "refused goal_pose: attitude of a goal" in refused.text
+
+
+def test_goto_waits_for_the_one_who_answers_not_for_the_recorder_alone(pilot: Pilot) -> None:
+    """A goal that was sent when only the recorder had been found was never answered."""
+    recorder, reference, sender = (
+        Node(name, namespace="/deputy", use_global_arguments=False) for name in ("a", "b", "goto")
+    )
+
+    def listen(node: Node) -> None:
+        node.create_subscription(PoseStamped, GOAL_POSE.name, lambda _: None, 1)
+
+    listen(recorder)
+    reference.create_publisher(DiagnosticArray, GUIDANCE_STATUS.name, published(GUIDANCE_STATUS))
+    publisher = sender.create_publisher(PoseStamped, GOAL_POSE.name, published(GOAL_POSE))
+    pilot.until(publisher.get_subscription_count)
+    pilot.until(lambda: sender.count_publishers(GUIDANCE_STATUS.name))
+    assert not _all_listen(sender, publisher)
+    listen(reference)
+    pilot.until(lambda: _all_listen(sender, publisher))
+    for node in (recorder, reference, sender):
+        node.destroy_node()
 
 
 def test_time_that_begins_again_forgets_the_goals(pilot: Pilot) -> None:

@@ -171,12 +171,17 @@ def test_who_is_not_of_the_run_is_waited_for_until_its_recorder_goes(
     assert warnings == [f"{named} did not take all of /attitude: not waited for"]
 
 
-def test_the_recorder_loads_no_law_and_no_compiler() -> None:
+@ros
+@pytest.mark.usefixtures("ros_domain")
+def test_a_working_recorder_has_loaded_no_law_and_no_compiler(tmp_path: Path) -> None:
     script = (
-        "import sys, ppc_attitude.nodes.bag_recorder as _\n"
+        "import sys, rclpy\n"
+        "from ppc_attitude.nodes.bag_recorder import BagRecorder\n"
+        "rclpy.init()\n"
+        "BagRecorder()\n"
         "print(sorted(m for m in sys.modules if m == 'numba' or '.controllers' in m))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     assert done.stdout == "[]\n"

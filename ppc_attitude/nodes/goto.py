@@ -19,13 +19,19 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
 from ppc_attitude.nodes.guidance_desk import ABOUT, ORDERS
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
+
+_SOON = Duration(seconds=0.1)
 
 
 class Answer(NamedTuple):
@@ -64,7 +70,7 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
     def hear(message: Any) -> None:
         heard.extend(status for status in message.status if _answers(status))
 
-    node.create_subscription(
+    answers = node.create_subscription(
         DiagnosticArray, GUIDANCE_STATUS.name, hear, subscribed(GUIDANCE_STATUS)
     )
     publisher = node.create_publisher(PoseStamped, GOAL_POSE.name, published(GOAL_POSE))
@@ -75,20 +81,34 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
     turn.x, turn.y, turn.z, turn.w = map(float, attitude)
     await_answer(
         node,
-        lambda: (
-            publisher.get_subscription_count() > 0
-            and node.count_publishers(GUIDANCE_STATUS.name) > 0
-        ),
+        lambda: answers.get_publisher_count() > 0 and _all_listen(node, publisher),
         f"nobody listens on {node.resolve_topic_name(GOAL_POSE.name)}: is a stack running in this "
         "domain, with mode: goal?",
     )
     heard.clear()
     publisher.publish(goal)
     if at > 0.0:
-        await_answer(node, publisher.wait_for_all_acked, "the goal was not taken")
+        await_answer(node, lambda: publisher.wait_for_all_acked(_SOON), "the goal was not taken")
         return Answer(f"goal sent, to begin at t = {at:g} s", followed=True)
     await_answer(node, lambda: bool(heard), f"no answer on {GUIDANCE_STATUS.name}")
     return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)
+
+
+def _all_listen(node: Node, publisher: Publisher) -> bool:
+    """True if all who follow goals would hear one now: one of them answers, another may record."""
+    following = [
+        each
+        for each in node.get_subscriptions_info_by_topic(publisher.topic_name)
+        if each.qos_profile.durability == DurabilityPolicy.VOLATILE  # others hear no such publisher
+    ]
+    answering = node.get_publishers_info_by_topic(GUIDANCE_STATUS.name)
+    return not {_name(each) for each in following}.isdisjoint(
+        map(_name, answering)
+    ) and publisher.get_subscription_count() >= len(following)
+
+
+def _name(endpoint: TopicEndpointInfo) -> tuple[str, str]:
+    return endpoint.node_namespace, endpoint.node_name
 
 
 def _answers(status: DiagnosticStatus) -> bool:

@@ -19,6 +19,7 @@ import re
 from array import array
 from collections.abc import Callable, Mapping
 from datetime import date
+from functools import cached_property
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -119,9 +120,14 @@ class _Services(ParameterService):
     """
 
     def __init__(self, node: Node, executable: str) -> None:
-        names = {node: {each.name for each in table} for node, table in PARAMETERS.items()}
-        self._shared = names.pop(executable) & set().union(*names.values())
+        self._executable = executable
         super().__init__(node)
+
+    @cached_property
+    def _shared(self) -> set[str]:
+        """Names that another node has too: looked up late, for it loads all nodes' components."""
+        names = {node: {each.name for each in table} for node, table in PARAMETERS.items()}
+        return names.pop(self._executable) & set().union(*names.values())
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
         node = self._get_node()

@@ -28,7 +28,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ppc_attitude.processes.elsewhere import import_elsewhere
+from ppc_attitude.processes.imports import prepare_imports
 
 _START = str(Path(__file__).resolve().with_name("start.py"))
 # An empty entry of these means the current folder: for programs, modules and libraries.
@@ -221,7 +221,7 @@ def forget_current_folder() -> None:
         sys.path[:first] = [
             each for each in sys.path[:first] if each in named or each.endswith(".zip")
         ]
-    import_elsewhere()
+    prepare_imports()
 
 
 @contextmanager

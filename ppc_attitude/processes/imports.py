@@ -12,10 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Packages that read settings from the folder where the user stands are imported from another one.
+"""How our processes import the packages that would read or start more than we use.
 
-A `matplotlibrc` there could start LaTeX, a `.numba_config.yaml` choose what is compiled, and either
-be a FIFO that never ends.
+Packages that read settings from the folder where the user stands are imported from another one: a
+`matplotlibrc` there could start LaTeX, a `.numba_config.yaml` choose what is compiled, and either
+be a FIFO that never ends. OpenBLAS, which NumPy and SciPy load a copy of each, starts no threads:
+our matrices are small, and its threads took a sixth of the processor time of a node's start.
 """
 
 import os
@@ -27,8 +29,9 @@ from types import ModuleType
 _CURIOUS = ("matplotlib", "numba")
 
 
-def import_elsewhere() -> None:
-    """Let this process import these packages so."""
+def prepare_imports() -> None:
+    """Let this process import them so, and the processes that it starts."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.meta_path.insert(0, _Finder)
 
 
