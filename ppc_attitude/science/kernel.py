@@ -93,7 +93,7 @@ def cache_of(module: str) -> Iterator[None]:
 def kernel(function: _Function) -> _Function:
     """Compile a function at its first call and cache the machine code."""
     with cache_of(function.__module__):
-        return cast(_Function, numba.njit(**OPTIONS, nogil=True)(function))
+        return cast(_Function, numba.njit(**OPTIONS, nogil=True, no_cfunc_wrapper=True)(function))
 
 
 def _called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
