@@ -42,6 +42,7 @@ from ppc_attitude.science.guarantee.assumptions import (
     parameters_of,
 )
 from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.certificate import certify, differences
 from ppc_attitude.science.guarantee.design import (
     UnwishedError,
@@ -51,7 +52,7 @@ from ppc_attitude.science.guarantee.design import (
     nearest,
 )
 from ppc_attitude.science.guarantee.envelope import Envelope
-from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
+from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import inequalities
 from ppc_attitude.science.guarantee.surroundings import broken_assumptions, inertia_error
 from ppc_attitude.simulation.scenario import load
@@ -353,6 +354,16 @@ def test_an_impossible_craft_is_refused_with_what_would_help(
     helps = nearest(weak, law.h)
     assert 0.01 < helps["max_torque"] < 0.05
     assert design(replace(weak, max_torque=helps["max_torque"]), Wishes(), law.h)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.27, 0.4])
+def test_a_refusal_shows_numbers_that_fail(standard: tuple[Assumptions, Law], share: float) -> None:
+    """An infinite bound had no room to compare: any refusal could be told for the nearest."""
+    assumed, law = standard
+    slow = replace(assumed, Omega=share * assumed.Omega)
+    with pytest.raises(InfeasibleError) as refusal:
+        tuned(slow, law.h, law.k, law.kappa, law.ell, COARSE)
+    assert refusal.value.failing.room < 0.0
 
 
 def test_contradicting_wishes_are_refused(standard: tuple[Assumptions, Law]) -> None:

@@ -15,6 +15,7 @@
 
 """Random craft: certified and then confirmed by the adversary, or refused with the reason."""
 
+import re
 import runpy
 from typing import Any
 
@@ -31,6 +32,8 @@ def test_a_random_craft_is_certified_and_confirmed_or_refused_with_the_reason(se
         assert "fails (" in outcome.reason or "cannot be guaranteed" in outcome.reason
         helps = ("feasible, each alone", "no single number helps", "the nearest that was found")
         assert any(each in outcome.reason for each in helps)
+        failing = re.search(r"(\S+) must not exceed (\S+)", outcome.reason)
+        assert failing is None or float(failing[1]) >= float(failing[2])
     else:
         assert outcome.verdict == "certified"
         assert outcome.runs > 0

@@ -161,7 +161,8 @@ def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
     speed = assumed.Omega - z - errors - 2.0 * law.h * bounds.V_rate
     if not speed > assumed.W or not math.isfinite(bounds.V_rate):
         meaning = "the rate limit leaves speed beside tube and reference"
-        _refuse("C7", assumed.W + z + errors, assumed.Omega, "rad/s", meaning)
+        need = assumed.W + z + errors + 2.0 * law.h * bounds.V_rate
+        _refuse("C7", need, assumed.Omega, "rad/s", meaning)
     a = _brake_limit(0.5 * (law.a + bounds.brake), law.k, speed - assumed.W)
     if a <= 0.0:
         i = max(range(3), key=lambda axis: bounds.load[axis] - law.B[axis])

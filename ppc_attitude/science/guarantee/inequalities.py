@@ -15,6 +15,7 @@
 
 """The inequalities C1 to C13 under which the theorem of docs/guarantee.md holds."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -56,6 +57,8 @@ class Inequality:
     def room(self) -> float:
         """The margin, as a share of the right side; negative if the inequality fails."""
         scale = max(abs(self.right[0]), abs(self.left[1]))
+        if math.isinf(scale):
+            return -1.0
         return (self.right[0] - self.left[1]) / scale if scale > 1e-300 else 1.0
 
 
