@@ -19,6 +19,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
@@ -28,6 +29,7 @@ from ppc_attitude.command_line.proportions import (
     environment_torque,
     noise_conditions,
     pulse_conditions,
+    sampling_conditions,
     settling_conditions,
 )
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
@@ -41,7 +43,7 @@ CONFIG = Path(__file__).resolve().parents[1] / "config"
 INERTIA = [0.18, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.12]
 CUBESAT: dict[str, dict[str, Any]] = {
     PLANT: {"inertia": INERTIA, "max_torque": 0.002, "min_torque": 1e-6},
-    CONTROLLER: {"inertia": INERTIA, "max_torque": 0.002},
+    CONTROLLER: {"inertia": INERTIA, "max_torque": 0.002, "D_m": 1e-4},
     INJECTOR: {"environment": False},
 }
 THIRD = (0.5, 0.5, 0.5, 0.5)  # 120° about x = y = z
@@ -126,6 +128,20 @@ def test_a_dead_zone_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert warned(dead_zone_conditions(coarse)) == {"min_torque in ρ_ω"}
     coarser = cubesat.with_values(PLANT, min_torque=1e-3)
     assert warned(dead_zone_conditions(coarser)) == {"min_torque", "min_torque in ρ_ω"}
+
+
+@pytest.mark.parametrize("share", [0.98, 1.2])
+def test_a_disturbance_estimate_out_of_proportion_leaves_the_envelope_and_is_warned_of(
+    cubesat: Scenario, share: float
+) -> None:
+    """The rate error then swings by D_m h / 2J from sample to sample, whatever the gains."""
+    D_m = share * 2.0 * 3e-5 * 0.12 * 100.0  # of g∞, the least inertia and the rate
+    swinging = cubesat.with_values(CONTROLLER, D_m=D_m)
+    assert warned(sampling_conditions(swinging)) == ({"D_m in ρ_ω"} if share > 1.0 else set())
+    run = simulate(swinging, 100.0)
+    late = run.stamps_ns > 60e9
+    outside = np.abs(run["rate_error"][late]) > run["rate_envelope"][late]
+    assert bool(outside.any()) == (share > 1.0)
 
 
 def test_noise_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:

@@ -66,6 +66,7 @@ def test_a_search_settles_sooner_than_the_gains_it_began_with() -> None:
     assert begun.gains["quaternion_feedback.natural_frequency"] == 0.1
     assert set(found.gains) == set(GAINS["quaternion_feedback"])
     assert found.fraction.judged == 12
+    assert begun.missed["settling time"] == 12 - begun.fraction.met
     assert found.fraction.met > begun.fraction.met
     assert found.settling[0] < min(begun.settling[0], 80.0)
 

@@ -21,6 +21,7 @@ with. Such a Monte Carlo verdict is an estimate and no guarantee.
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -68,12 +69,15 @@ class Tuned:
         How many of the fresh runs met every requirement.
     settling : tuple of 2 float
         Median and largest settling time of the fresh runs [s]; infinite if one never settles.
+    missed : mapping of str to int
+        How many of the fresh runs missed a requirement, by its name; the most missed comes first.
     """
 
     gains: Mapping[str, float]
     candidates: int
     fraction: Fraction
     settling: tuple[float, float]
+    missed: Mapping[str, int]
 
 
 def tuned(
@@ -185,7 +189,14 @@ def _judged(
     met = sum(each is not None and each.all_met for each in verdicts)
     times = [math.inf if each is None else _settling(each, math.inf) for each in verdicts]
     settling = float(np.median(times)), max(times)
-    return Tuned(gains, tried, Fraction(met, len(verdicts)), settling)
+    missed = Counter(
+        each.name
+        for verdict in verdicts
+        if verdict is not None
+        for each in verdict.requirements
+        if each.met is False
+    )
+    return Tuned(gains, tried, Fraction(met, len(verdicts)), settling, dict(missed.most_common()))
 
 
 def _rounded(value: float) -> float:

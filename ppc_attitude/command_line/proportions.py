@@ -170,17 +170,37 @@ def dead_zone_conditions(scenario: Scenario) -> Iterator[Condition]:
     )
     if scenario.controller.name == ppc.COMPONENT.name:
         law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
-        least = float(np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).min())
         yield Condition(
             "min_torque in ρ_ω",
             dead,
-            float(law["K_omega"]) * least * float(law["rate_envelope.terminal"]),
+            float(law["K_omega"]) * _least_inertia(law) * float(law["rate_envelope.terminal"]),
             "≤",
             "N·m",
             False,
             "K_ω J g∞: at the edge of the rate envelope the law asks for more than the dead zone, "
             "so that the actuator acts inside it",
         )
+
+
+def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
+    """Compare the estimate of the disturbance in the law `ppc` with its rate envelope."""
+    if scenario.controller.name == ppc.COMPONENT.name:
+        law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+        change = float(law["D_m"]) / (scenario.number(PLANT, "rate") * _least_inertia(law))
+        yield Condition(
+            "D_m in ρ_ω",
+            0.5 * change,
+            float(law["rate_envelope.terminal"]),
+            "≤",
+            "rad/s",
+            False,
+            "D_m h / 2J: if the disturbance estimate changes sign at every sample, the rate error "
+            "stays inside its envelope",
+        )
+
+
+def _least_inertia(law: Mapping[str, Any]) -> float:
+    return float(np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).min())
 
 
 def noise_conditions(scenario: Scenario) -> Iterator[Condition]:

@@ -40,6 +40,7 @@ from ppc_attitude.command_line.proportions import (
     environment_torque,
     noise_conditions,
     pulse_conditions,
+    sampling_conditions,
     settling_conditions,
     slew_conditions,
 )
@@ -102,6 +103,7 @@ def execute(arguments: argparse.Namespace) -> int:
         *settling_conditions(scenario, required, tuple(q_e)),
         *slew_conditions(scenario),
         *dead_zone_conditions(scenario),
+        *sampling_conditions(scenario),
         *noise_conditions(scenario),
         *pulse_conditions(scenario, required),
     )
