@@ -82,8 +82,10 @@ def test_commands_for_a_running_stack(
     for command in injections:
         assert main(command.words[1:]) == errors.DONE, capfd.readouterr().err
     (watch,) = lines("ppc_attitude", "watch")
-    assert main([*watch.words[1:], "--once", "--timeout", "60"]) == errors.DONE
-    assert "torque" in capfd.readouterr().out
+    for home in ([], ["--namespace", "chaser"]):
+        once = [*watch.words[1:], *home, "--once", "--timeout", str(PATIENCE)]
+        assert main(once) == errors.DONE
+        assert "torque" in capfd.readouterr().out
     for name, process in stack.items():
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=PATIENCE)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Who is not of the run: a second publisher is named, an idle one costs nothing, no history."""
+"""Who is not of the run: a second publisher is named, nobody waits for who takes nothing."""
 
 import re
 import signal
@@ -23,12 +23,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import rclpy
 from conftest import StartProcess
 from peer import peer
 from process_helpers import PAPER, Node, Run, pace
 from rclpy.duration import Duration
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import HistoryPolicy, QoSProfile
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.parameter_file import parameter_file
@@ -40,7 +39,6 @@ from ppc_attitude.contract.topics import (
     PLANT,
     RECORDER,
     REFERENCE,
-    TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.messages import message_class
@@ -80,36 +78,6 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
     assert re.search(rf"(another node publishes|came from several).*: /{name}, /{name}", run.err)
     told = f"{found[1]} came from several nodes: /{name}, /{name}"
     assert any(told in warning for warning in read_run(run.bag).warnings)
-
-
-@ros
-def test_an_idle_stranger_costs_nothing_and_who_comes_late_gets_no_history(
-    tmp_path: Path, start_process: StartProcess
-) -> None:
-    with peer() as stranger:
-        weak = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        kind = message_class(TORQUE_COMMAND.msgtype)
-        stranger.node.create_publisher(kind, TORQUE_COMMAND.name, weak)
-        run = Run(start_process, tmp_path / "bag", "--duration", "8", overlay=pace(1.0))
-        run.reaches(4.0)
-        stamps: list[int] = []
-        late = rclpy.create_node("late")
-        subscription = late.create_subscription(
-            message_class(ATTITUDE.msgtype), ATTITUDE.name, lambda message: None, 10
-        )
-
-        def heard() -> bool:
-            take = subscription.handle.take_message
-            with subscription.handle:
-                while (taken := take(subscription.msg_type, False)) is not None:
-                    stamps.append(taken[0].header.stamp.sec)
-            return bool(stamps)
-
-        stranger.until(heard, "a state")
-        late.destroy_node()
-        assert stamps[0] >= 3  # the progress that is shown is rounded; history would begin at 0
-        assert run.ends() == 0, run.err
-    assert read_run(run.bag).missing_messages == 0
 
 
 @long

@@ -15,17 +15,11 @@
 """`ppc_attitude watch` shows what a stack says, and says so when there is none."""
 
 import io
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
-import yaml
-from conftest import StartProcess
-from process_helpers import PATIENCE
 from rich.console import Console
 
-from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE
+from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
@@ -33,15 +27,9 @@ from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
-    CONTROLLER,
     DISTURBANCE,
-    INJECTOR,
-    PLANT,
-    REFERENCE,
 )
 from ppc_attitude.nodes.onlooker import Health, Snapshot
-
-COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 
 
 def lines(snapshot: Snapshot, silent: float = 0.0, width: int = 80) -> list[str]:
@@ -103,30 +91,6 @@ def test_nothing_yet() -> None:
 
 def test_it_fits_a_narrow_terminal() -> None:
     assert max(map(len, lines(SNAPSHOT, silent=100.0))) <= 80
-
-
-@pytest.mark.ros
-def test_once_shows_a_running_stack(start_process: StartProcess, tmp_path: Path) -> None:
-    overlay = tmp_path / "paced.yaml"
-    parameters = {"lockstep": True, "real_time_factor": 2.0}
-    overlay.write_text(yaml.safe_dump({f"/**/{PLANT}": {"ros__parameters": parameters}}))
-    common = ["--ros-args", "-r", "__ns:=/one", "--params-file", str(overlay)]
-    for name in (PLANT, REFERENCE, CONTROLLER, INJECTOR):
-        start_process(
-            [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *common],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-    watch = start_process(
-        [*COMMAND, "watch", "--once", "--namespace", "/one", "--timeout", str(PATIENCE)]
-    )
-    out, err = watch.communicate(timeout=PATIENCE + 60.0)
-    assert watch.returncode == DONE, err
-    shown = out.splitlines()
-    assert "pointing error" in shown[0]
-    assert "%" in line_with("attitude z", shown)
-    assert "%" in line_with("rate [°/s] z", shown)
-    assert "/one/" in out
 
 
 def test_no_stack_is_an_error(capfd: pytest.CaptureFixture[str], ros_domain: int) -> None:

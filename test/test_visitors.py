@@ -1,0 +1,202 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A run with visitors: what they did is in its bag with its stamp, and the bag flies it again."""
+
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from conftest import StartProcess
+from process_helpers import LOOP, PATIENCE, Node, Run, pace, until
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line import errors
+from ppc_attitude.command_line.commands import watch
+from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    CLOCK_TOPIC,
+    PLANT,
+    RECORDER,
+    REFERENCE,
+    TORQUE_COMMAND,
+)
+from ppc_attitude.nodes import visiting
+from ppc_attitude.nodes.messages import message_class
+
+pytestmark = pytest.mark.ros
+long = pytest.mark.long
+GOALS = "/**/reference_generator:\n  ros__parameters:\n    mode: goal\n"
+TORQUE = (0.3, -0.2, 0.1)  # [N·m]
+Shown = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def stranger(ros_domain: int) -> Iterator[rclpy.node.Node]:
+    """A node that is none of a run's, beside those of the commands that run in this process."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context)
+    node = rclpy.create_node("stranger", context=context)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
+
+
+@pytest.mark.parametrize("mode", ["lock-step", pytest.param("--realtime", marks=long)])
+def test_what_visitors_do_is_on_record_and_is_flown_again(
+    mode: str,
+    stranger: rclpy.node.Node,
+    tmp_path: Path,
+    start_process: StartProcess,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: Shown,
+) -> None:
+    free = mode == "--realtime"
+    weak = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    stranger.create_publisher(message_class(TORQUE_COMMAND.msgtype), TORQUE_COMMAND.name, weak)
+    run = Run(
+        start_process,
+        tmp_path / "bag",
+        *("--duration", "1000"),
+        *([mode] if free else []),
+        overlay=GOALS if free else GOALS + pace(1.0),
+    )
+    run.reaches(2.0)
+    assert first_stamp(stranger) >= 1  # [s] what is shown is rounded; history would begin at 0
+
+    assert main(["goto", "--euler", "0", "0", "30"]) == errors.DONE
+    assert "order 1 is followed: inertial frame" in capfd.readouterr().out
+
+    assert main(["inject", "99", "0", "0"]) == errors.BAD_INPUT
+    allowed = "up to 10.0 N·m per axis (max_injected_torque)"
+    told = f"error: torque = (99.0, 0.0, 0.0) N·m; allowed: {allowed}\n"
+    assert capfd.readouterr() == ("", told)
+    at = round(run.time) + 2.0
+    hit = ["inject", *map(str, TORQUE), "--duration", "0.25", "--at", str(at)]
+    assert main(hit) == errors.DONE
+    found = re.search(r"acts from t = (\S+) s to (\S+) s", capfd.readouterr().out)
+    assert found
+    start, end = map(float, found.groups())
+    assert start >= at  # later only where this process came too late
+    assert end == pytest.approx(start + 0.25, abs=1e-6)
+
+    monkeypatch.setattr(watch, "_SETTLE", PATIENCE)  # all there is to see will come
+    assert main(["watch", "--once", "--timeout", str(PATIENCE)]) == errors.DONE
+    shown = capfd.readouterr().out
+    assert "pointing error" in shown.splitlines()[0]
+    for quantity in ("attitude z", "rate [°/s] z"):
+        (line,) = (each for each in shown.splitlines() if quantity in each)
+        assert "%" in line
+
+    run.reaches(end + 0.5)
+    run.send(signal.SIGINT)
+    assert run.ends() == errors.BROKEN
+    record = read_run(run.bag)
+    assert free or record.missing_messages == 0  # the idle stranger costs nothing
+    expect_goal(record)
+    expect_hit(record, start)
+    assert main(["replay", str(run.bag)]) == errors.DONE
+
+
+def first_stamp(node: rclpy.node.Node) -> int:
+    """Stamp [s] of the first state that a new subscriber gets."""
+    stamps: list[int] = []
+    late = node.create_subscription(
+        message_class(ATTITUDE.msgtype), ATTITUDE.name, lambda message: None, 10
+    )
+
+    def heard() -> bool:
+        with late.handle:
+            while (taken := late.handle.take_message(late.msg_type, False)) is not None:
+                stamps.append(taken[0].header.stamp.sec)
+        return bool(stamps)
+
+    until(heard, "a state")
+    node.destroy_subscription(late)
+    return stamps[0]
+
+
+def expect_goal(record: RunRecord) -> None:
+    """One goal acted, from the instant on that is told."""
+    changed = {each.name: each for each in record.changes if each.node == REFERENCE}
+    times = changed["goals.times"]
+    assert times.value == [times.stamp_ns * 1e-9]
+    assert changed["goals.frames"].value == ["inertial"]
+    began = int(np.searchsorted(record.stamps_ns, times.stamp_ns))
+    assert record.stamps_ns[began] == times.stamp_ns
+    moving = np.linalg.norm(record["reference_angular_acceleration"], axis=1) > 0.0
+    assert int(np.flatnonzero(moving)[0]) == began + 1
+
+
+def expect_hit(record: RunRecord, start: float) -> None:
+    """One hit acted, for its duration; the bag alone tells it."""
+    (hit,) = analyse(record).metrics.disturbances
+    assert hit.start_s == pytest.approx(start, abs=1e-6)
+    assert hit.duration_s == pytest.approx(0.25, abs=1e-9)
+    assert hit.torque == pytest.approx(TORQUE, abs=1e-4)
+    assert np.abs(record["disturbance_torque"]).max() < 0.31
+
+
+def test_nobody_to_visit_is_said(monkeypatch: pytest.MonkeyPatch, capfd: Shown) -> None:
+    monkeypatch.setattr(visiting, "_PATIENCE", 0.5)
+    assert main(["inject", "0.1", "0.1", "0.1"]) == errors.BROKEN
+    assert "nobody offers /disturbance_injector/inject" in capfd.readouterr().err
+
+
+@long
+def test_a_goal_for_one_craft_moves_no_other(
+    tmp_path: Path, start_process: StartProcess, capfd: Shown
+) -> None:
+    homes = ("/chief", "/deputy")
+    both = f"/bag_recorder:\n  ros__parameters:\n    namespaces: [{', '.join(homes)}]\n"
+    overlay = tmp_path / "two.yaml"
+    overlay.write_text(GOALS + pace(2.0) + both)
+    bag = tmp_path / "bag"
+    recorder = Node(start_process, tmp_path, RECORDER, f"bag:={bag}", file=overlay)
+    recorder.says("recording to")
+    crafts = [
+        Node(
+            start_process,
+            tmp_path,
+            name,
+            *(("lockstep:=true",) if name == PLANT else ()),
+            mark=home.strip("/"),
+            file=overlay,
+            remap=(f"__ns:={home}", f"{CLOCK_TOPIC.name}:={CLOCK_TOPIC.name.strip('/')}"),
+        )
+        for home in homes
+        for name in LOOP
+    ]
+    for node in crafts:
+        node.says("ready")
+    assert main(["goto", "--euler", "0", "0", "30", "--namespace", homes[0]]) == 0
+    assert "order 1 is followed" in capfd.readouterr().out
+    for node in (*crafts, recorder):
+        node.send(signal.SIGINT)
+    assert [node.ends() for node in (*crafts, recorder)] == [0] * (len(crafts) + 1)
+
+    chief, deputy = (read_run(bag, namespace=home) for home in homes)
+    assert "goals.times" in {each.name for each in chief.changes}
+    assert not deputy.changes
+    moving = [np.any(run["reference_angular_acceleration"]) for run in (chief, deputy)]
+    assert moving == [True, False]
+    assert [main(["replay", str(bag), "--namespace", home]) for home in homes] == [0, 0]
