@@ -55,12 +55,13 @@ def plans(controller: Node) -> list[tuple[float, float]]:
     return [(float(start), float(error)) for start, error in found]
 
 
-def end_all(nodes: Any) -> None:
+def end_all(nodes: Any, number: signal.Signals = signal.SIGINT) -> None:
     for node in nodes:
-        node.send(signal.SIGINT)
+        node.send(number)
     for node in nodes:
         assert node.ends() == 0, node.err
         assert "Traceback" not in node.err
+        assert node.err.count("ends: it was asked to") == 1, node.err
 
 
 @pytest.mark.parametrize(
@@ -177,8 +178,7 @@ def set_parameter(stack: Peer, node: str, name: str, value: Any) -> Any:
 def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
-    bag = tmp_path / "bag"
-    recorder = Node(start_process, tmp_path, RECORDER, f"bag:={bag}")
+    recorder = Node(start_process, tmp_path, RECORDER, cwd=tmp_path)
     with peer() as stack:
         recorder.says("recording to")
         waits = "wait_for_recorder:=true"  # who is not found by then gets nothing of the first
@@ -202,8 +202,9 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
         assert set_parameter(stack, CONTROLLER, "max_torque", 0.02).successful
         stack.until(lambda: last_torque(stack) == 0.02, "the new limit")
         stack.goes_on()
-        end_all([*nodes.values()])
-    end_all([recorder])
+        end_all([*nodes.values()], signal.SIGTERM)
+    end_all([recorder], signal.SIGTERM)
+    (bag,) = (tmp_path / "bags").iterdir()
     record = read_run(bag)
     assert record.missing_messages == 0
     largest = np.abs(record["torque_command"]).max(axis=1)
