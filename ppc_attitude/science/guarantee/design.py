@@ -29,7 +29,7 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import bounds_of
 from ppc_attitude.science.guarantee.cells import COARSE, FINE
 from ppc_attitude.science.guarantee.envelope import Envelope, Settling
-from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
+from ppc_attitude.science.guarantee.fixed_point import TUMBLING, InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import Inequality
 
 Gains = tuple[float, float, float]  # k [1/s], κ [1/s], ℓ
@@ -199,7 +199,7 @@ def _feasible(assumed: Assumptions, h: float, first: list[Gains]) -> bool:
     """Tell whether some gains satisfy every inequality: those given, or of the short search."""
     for gains in (*first, *_grid(assumed, h, short=True)):
         try:
-            tuned(assumed, h, *gains, COARSE)
+            tuned(assumed, h, *gains, COARSE, TUMBLING[-1:])  # no other makes less demands
         except InfeasibleError:
             continue
         first[:] = [gains]  # for a neighbour they are feasible too, as a rule

@@ -31,7 +31,7 @@ from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
 _ROOM = 1e-4  # relative, so that every inequality holds with room for rounding
 _ROUNDS, _FINE_ROUNDS = 40, 15
 _STEADY = 2e-5  # relative change of the tube at which the iteration ends
-_TUMBLING = (2.0, 1.5, 1.2, 1.0, 0.8, 0.6)  # omega0 / Ω, the largest that fits
+TUMBLING = (2.0, 1.5, 1.2, 1.0, 0.8, 0.6)  # omega0 / Ω, the largest that fits
 _LONGEST_BRAKE = 0.95  # of the limits that C13 sets
 
 
@@ -47,9 +47,15 @@ class InfeasibleError(ValueError):
 
 
 def tuned(
-    assumed: Assumptions, h: float, k: float, kappa: float, ell: float, count: tuple[int, int]
+    assumed: Assumptions,
+    h: float,
+    k: float,
+    kappa: float,
+    ell: float,
+    count: tuple[int, int],
+    tumbling: Iterable[float] = TUMBLING,
 ) -> Law:
-    """Return the law that follows from k [1/s], κ [1/s] and ℓ.
+    """Return the law that follows from k [1/s], κ [1/s], ℓ, and the first omega0 / Ω that fits.
 
     Raises
     ------
@@ -57,7 +63,7 @@ def tuned(
         An inequality fails.
     """
     failing: list[Inequality] = []
-    for share in _TUMBLING:
+    for share in tumbling:
         omega0 = float(f"{share * assumed.Omega:.6g}")
         try:
             return _iterated(assumed, _first(assumed, h, k, kappa, ell, omega0), count)
