@@ -42,6 +42,7 @@ PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
 COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 PATIENCE = 240.0  # [s] a machine may be busy
 LOOP = (PLANT, REFERENCE, CONTROLLER, INJECTOR)
+ENDLESS = ("--duration", "10000")
 LOCKSTEP = ("lockstep:=true", "real_time_factor:=1.0")
 _TIME = re.compile(r"\| (\d+\.\d)/")
 

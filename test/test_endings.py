@@ -17,6 +17,7 @@
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -26,18 +27,21 @@ import pytest
 from conftest import StartProcess
 from process_helpers import (
     COMMAND,
+    ENDLESS,
     PAPER,
     PATIENCE,
     Process,
     Run,
     alive,
+    pace,
     pause,
     until,
     workers_of,
 )
 
+from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.stack import Stack, StackError
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.processes.child import Child
 from ppc_attitude.processes.telling import AT, BROKEN
 
@@ -127,6 +131,12 @@ def test_an_end_while_something_is_imported(tmp_path: Path, start_process: Start
     assert (process.returncode, err) == (3, "interrupted\n")
 
 
+AMIDST_EXEC = """
+from ppc_attitude.command_line import main
+from ppc_attitude.command_line.commands import simulate
+simulate.simulate = lambda *_: exec("import os; os.kill(os.getpid(), {number})")
+main.run()
+"""
 LOST = """
 import ctypes, os
 from ppc_attitude.command_line import main
@@ -143,9 +153,14 @@ main.run()
 """
 
 
-def test_an_end_while_a_compiler_is_at_work(start_process: StartProcess) -> None:
-    script = LOST.format(number=int(signal.SIGTERM))
-    process = start_process([sys.executable, "-c", script, *SIMULATE[len(COMMAND) :]])
+@pytest.mark.parametrize("script", [LOST, AMIDST_EXEC], ids=["compiler", "exec"])
+def test_an_end_while_code_is_made(
+    script: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    """A compiler loses the exception; of one that has left an `exec` Python dies at its end."""
+    (tmp_path / "amidst.py").write_text(script.format(number=int(signal.SIGTERM)))
+    command = [sys.executable, "-m", "amidst", *SIMULATE[len(COMMAND) :]]
+    process = start_process(command, cwd=tmp_path)
     _, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, err) == (3, "interrupted\n")
 
@@ -166,9 +181,7 @@ def test_a_run_that_is_interrupted_before_time_begins_leaves_no_bag(
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize(
-    "name", ["SIGHUP", *(pytest.param(each, marks=long) for each in ("SIGQUIT", "SIGKILL"))]
-)
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGKILL", pytest.param("SIGQUIT", marks=long)])
 def test_a_run_leaves_nothing_but_its_bag(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
@@ -176,21 +189,27 @@ def test_a_run_leaves_nothing_but_its_bag(
     temporary.mkdir()
     environment = {**os.environ, "TMPDIR": str(temporary)}
     del environment["ROS_LOG_DIR"]
-    run = Run(start_process, tmp_path / "bag", "--duration", "10000", env=environment)
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(2.0), env=environment)
     run.reaches(0.5)
-    nodes = run.nodes().values()
+    ends = [os.pidfd_open(pid) for pid in run.nodes().values()]
+    assert len(ends) == len(NODES)
     run.send(signal.Signals[name])
     assert run.ends() == (-signal.SIGKILL if name == "SIGKILL" else 3)
-    until(lambda: not any(map(alive, nodes)), "the end of the nodes")
+    for end in ends:
+        assert select.select([end], [], [], PATIENCE)[0], "a node outlives its starter"
+        os.close(end)
     assert list(temporary.iterdir()) == []
     assert (run.bag / "metadata.yaml").exists()
+    record = read_run(run.bag)
+    assert record.stamps_ns.size > 1
+    assert record.missing_messages == 0 or name == "SIGKILL"
 
 
 def test_a_campaign_ends_with_all_its_workers_when_it_is_told_to(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
     command = [*COMMAND, "campaign", "--config", str(PAPER), "--out", "out"]
-    command += ["--workers", "50", "--runs", "100000"]
+    command += ["--workers", "4", "--runs", "100000"]
     campaign = Process(start_process, tmp_path, "campaign", command, cwd=tmp_path)
     until(lambda: len(workers_of(campaign.pid)) > 2, "workers")
     workers = workers_of(campaign.pid)

@@ -16,7 +16,6 @@
 
 import os
 import resource
-import select
 import signal
 import sys
 import time
@@ -27,8 +26,8 @@ import pytest
 from conftest import StartProcess
 from process_helpers import (
     COMMAND,
+    ENDLESS,
     LOOP,
-    PATIENCE,
     Host,
     Node,
     Process,
@@ -46,7 +45,6 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER, REFERENCE
 
 PAUSE = 3.0  # [s]
-ENDLESS = ("--duration", "10000")
 long = pytest.mark.long
 
 pytestmark = pytest.mark.ros
@@ -274,19 +272,6 @@ def expect_readable(bag: Path) -> None:
     assert judged["settling time"] is None, "nobody knows what would have come"
 
 
-def test_nodes_end_with_their_killed_starter(tmp_path: Path, start_process: StartProcess) -> None:
-    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(20.0))
-    run.reaches(0.5)
-    ends = [os.pidfd_open(pid) for pid in run.nodes().values()]
-    assert len(ends) == len(NODES)
-    run.send(signal.SIGKILL)
-    for end in ends:
-        assert select.select([end], [], [], PATIENCE)[0], "a node outlives its starter"
-        os.close(end)
-    assert (run.bag / "metadata.yaml").exists()
-    assert read_run(run.bag).stamps_ns.size > 1
-
-
 @long
 def test_a_second_plant_ends_and_says_why(tmp_path: Path, start_process: StartProcess) -> None:
     run = Run(start_process, tmp_path / "bag", *ENDLESS, "--realtime")
@@ -309,7 +294,9 @@ def listens(run: Run) -> bool:
     return bool(caught >> (signal.SIGTERM - 1) & 1)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=long) for seed in range(2, 30))])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=long) for seed in (0, *range(2, 30)))]
+)
 def test_ctrl_c_at_any_moment_and_again_ends_in_good_order(
     seed: int, tmp_path: Path, start_process: StartProcess
 ) -> None:

@@ -19,6 +19,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
@@ -144,6 +145,12 @@ def run() -> None:
     except KeyboardInterrupt:  # the second, while the first was being told
         code = BROKEN
     ignore()
+    if asked:
+        # Python remembers an interrupt that has left an `exec`, such as makes every dataclass, and
+        # would die of SIGINT at its end, although the interrupt was handled.
+        with suppress(OSError):
+            sys.stdout.flush()
+        os._exit(code)
     sys.exit(code)
 
 
