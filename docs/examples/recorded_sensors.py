@@ -83,18 +83,28 @@ def read_gyro(path: Path) -> Any:
     return np.genfromtxt(rows, delimiter=",") * float(unit[1])
 
 
-def main() -> None:
-    """Print the estimates of a recording."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def arguments_of(text: str) -> argparse.Namespace:
+    """Arguments of the command line of a script that does what the text says."""
+    parser = argparse.ArgumentParser(description=text.splitlines()[0])
     parser.add_argument("gyro", type=Path)
     parser.add_argument("star", type=Path)
     parser.add_argument("--config", type=Path, action="append", required=True)
     parser.add_argument("--rate", type=float, default=100.0, help="steps per second [Hz]")
-    arguments = parser.parse_args()
+    return parser.parse_args()
+
+
+def recording(arguments: argparse.Namespace) -> tuple[Mapping[str, Any], Any, Any, float]:
+    """Parameters of the filter, gyro samples, rows of STAR.csv, and steps per second."""
     star = np.genfromtxt(arguments.star, delimiter=",", skip_header=1)
     values = load(arguments.config).parameters[ESTIMATOR]
+    return values, read_gyro(arguments.gyro), star, arguments.rate
+
+
+def main() -> None:
+    """Print the estimates of a recording."""
+    fed = recording(arguments_of(__doc__))
     print(HEAD)
-    for step, row in enumerate(estimates(values, read_gyro(arguments.gyro), star, arguments.rate)):
+    for step, row in enumerate(estimates(*fed)):
         print(step, *(f"{number:.12g}" for number in row), sep=",")
 
 
