@@ -94,8 +94,21 @@ def cache_of(module: str) -> Iterator[None]:
 
 def kernel(function: _Function) -> _Function:
     """Compile a function at its first call and cache the machine code."""
+    return _compiled(function, inline=False)
+
+
+def inlined(function: _Function) -> _Function:
+    """Compile a kernel into each that calls it.
+
+    For what is given or gives many numbers at every step: a call writes them to memory, and
+    whoever reads them at once waits for that.
+    """
+    return _compiled(function, inline=True)
+
+
+def _compiled(function: _Function, inline: bool) -> _Function:
     with cache_of(function.__module__):
-        return cast(_Function, numba.njit(**_OF_KERNELS)(function))
+        return cast(_Function, numba.njit(**_OF_KERNELS, forceinline=inline)(function))
 
 
 def _called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

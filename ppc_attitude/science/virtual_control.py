@@ -32,7 +32,17 @@ from ppc_attitude.science.attitude import (
     jacobian_inverse_scaled,
     jacobian_inverse_scaled_rate,
 )
-from ppc_attitude.science.kernel import Vector, add, divide, dot, kernel, multiply, scale, subtract
+from ppc_attitude.science.kernel import (
+    Vector,
+    add,
+    divide,
+    dot,
+    inlined,
+    kernel,
+    multiply,
+    scale,
+    subtract,
+)
 
 # Below this ‖ε‖ the quotients of the norm form are taken from their series.
 _SMALL = 1e-4
@@ -84,7 +94,7 @@ def directional(
     return scale(g, q), add(scale(g, q_rate), scale(g_rate, q))
 
 
-@kernel
+@inlined
 def virtual_control(
     q: Vector,
     q0: float,

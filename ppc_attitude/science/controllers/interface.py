@@ -23,6 +23,7 @@ from ppc_attitude.science.kernel import (
     Vector,
     apply,
     cross,
+    inlined,
     kernel,
     quaternion,
     store,
@@ -64,7 +65,7 @@ OUTPUTS = (TORQUE_COMMAND, ATTITUDE_ERROR, RATE_ERROR, UNSATURATED_TORQUE)
 """Columns that `store_command` writes."""
 
 
-@kernel
+@inlined
 def error_state(measurement: Any, inertia: Any) -> tuple[Quaternion, Vector, Vector]:
     """q_e, ω_e [rad/s] and M0 [N·m], the error system of eq. 1.
 

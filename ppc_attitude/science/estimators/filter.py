@@ -37,6 +37,7 @@ from ppc_attitude.science.kernel import (
     add,
     apply,
     dot,
+    inlined,
     kernel,
     scale,
     subtract,
@@ -68,7 +69,7 @@ def begun(attitude: Quaternion, fix_covariance: Symmetric, bias_variance: float)
     return (attitude, (0.0, 0.0, 0.0), fix_covariance, _ZERO, (d, 0.0, 0.0, d, 0.0, d))
 
 
-@kernel
+@inlined
 def _transition(turn: Quaternion, phi: Vector, h: float) -> tuple[Matrix, Matrix]:
     """Blocks of F over h [s]: exp(−φ^×), and −h (I − s2 φ^× + s3 φ^×²).
 
@@ -94,7 +95,7 @@ def _transition(turn: Quaternion, phi: Vector, h: float) -> tuple[Matrix, Matrix
     return rotation_matrix(conjugate(turn)), integral
 
 
-@kernel
+@inlined
 def propagated(known: Knowledge, rate: Vector, h: float, white: float, walk: float) -> Knowledge:
     """Carry what is known over h [s] with a gyro sample [rad/s], a mean rate.
 

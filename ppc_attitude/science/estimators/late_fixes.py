@@ -41,6 +41,7 @@ from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
     dot,
+    inlined,
     kernel,
     quaternion,
     store,
@@ -148,7 +149,7 @@ def _remember(memory: Any, slot: int, known: Knowledge) -> None:
     store(row[_CROSS + 6 :], cross[2])
 
 
-@kernel
+@inlined
 def _carried(memory: Any, slot: int, known: Knowledge, settings: Any) -> Knowledge:
     """Propagate over a remembered step."""
     row = memory.steps[slot]

@@ -34,6 +34,7 @@ from ppc_attitude.science.kernel import (
     add,
     apply,
     cross,
+    inlined,
     kernel,
     matrix,
     quaternion,
@@ -117,7 +118,7 @@ def angular_acceleration(
     return apply(inertia_inverse, subtract(torque, cross(omega, apply(inertia, omega))))
 
 
-@kernel
+@inlined
 def rigid_body_step(
     q: Quaternion,
     omega: Vector,

@@ -30,6 +30,7 @@ from ppc_attitude.science.kernel import (
     Vector,
     add,
     apply,
+    inlined,
     kernel,
     matrix,
     scale,
@@ -216,7 +217,7 @@ def sample_variance(gyro: Any, h: float) -> float:
     return float(gyro.white * gyro.white / h + rounding + gyro.walk * gyro.walk * h / 12.0)
 
 
-@kernel
+@inlined
 def gyro_sample(gyro: Any, rate: Vector, bias: Vector, step: int, h: float) -> Vector:
     """Measured mean rate [rad/s] of an interval of h [s] that ends at a step.
 
