@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     Vector,
@@ -155,7 +156,7 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
         memory.stamp_ns = stamp_ns
         store(memory.rate, measured)
         return measured
-    h = (stamp_ns - memory.stamp_ns) * 1e-9
+    h = seconds(stamp_ns - memory.stamp_ns)
     memory.stamp_ns = stamp_ns
     inertia = matrix(observer.inertia)
     before, d = vector(memory.rate), vector(memory.disturbance)

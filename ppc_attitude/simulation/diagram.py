@@ -29,14 +29,13 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.declared import columns_of
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import HOSTED
+from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import call_step, kernel
 from ppc_attitude.science.kinds import KINDS, PLANTS, Kind
 from ppc_attitude.science.part import Part, signals_of
-from ppc_attitude.science.stamps import seconds
 
-_seconds = kernel(seconds)
 _BLOCK = 256  # [instants]
 _INSTANT = 2  # numbers before the columns in a component's record of inputs
 _NODE_OF = {kind.name: node for node, kinds in HOSTED.items() for kind in kinds}
@@ -92,7 +91,7 @@ def run_parts(
     # Places are unsigned: Numba would look at each signed one whether it counts from the end.
     first = 0  # instant whose sample is the block's first
     for k in range(stamps_ns.size):
-        t = _seconds(stamps_ns[k])
+        t = seconds(stamps_ns[k])
         for row in range(played.size):
             signals[played[row]] = timetable[row, k]
         for p in range(parts.shape[0]):

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import conjugate, logarithm, product
+from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.estimators.filter import (
     Knowledge,
     begun,
@@ -165,7 +166,7 @@ def take_sample(memory: Any, settings: Any, stamp_ns: int, rate: Vector) -> None
     slot = memory.count % STEPS
     row = memory.steps[slot]
     store(row, rate)
-    row[_INTERVAL] = (stamp_ns - memory.stamps_ns[last]) * 1e-9 if memory.count > 0 else 0.0
+    row[_INTERVAL] = seconds(stamp_ns - memory.stamps_ns[last]) if memory.count > 0 else 0.0
     memory.stamps_ns[slot] = stamp_ns
     if memory.knows != 0.0 and memory.count > 0:
         _remember(memory, slot, _carried(memory, slot, recalled(memory, last), settings))
@@ -184,7 +185,7 @@ def _steps_since(memory: Any, stamp_ns: int) -> int:
 @kernel
 def _agrees(memory: Any, settings: Any, error: Quaternion, valid_ns: int) -> bool:
     """Whether a refused fix says the same as the refused one before it."""
-    t = (valid_ns - memory.refused_ns) * 1e-9
+    t = seconds(valid_ns - memory.refused_ns)
     turn = logarithm(product(error, conjugate(quaternion(memory.refused_error))))
     last = memory.steps[newest(memory)]
     white = settings.white + settings.rounding * last[_INTERVAL]

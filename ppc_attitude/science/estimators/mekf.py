@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import conjugate, rotation_matrix
+from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import BODY, MOTION, VECTOR, Advice, Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators.filter import Knowledge
@@ -151,7 +152,7 @@ def _judge(memory: Any, settings: Any, stamp_ns: int, known: Knowledge) -> None:
     """Say how good the estimate is."""
     variance = diagonal(known[2])
     memory.sigma = math.sqrt(max(variance[0], variance[1], variance[2]))
-    memory.age = (stamp_ns - memory.fix_ns) * 1e-9
+    memory.age = seconds(stamp_ns - memory.fix_ns)
     verdict = _GOOD
     if memory.knows == 0.0:
         verdict = _WAITING

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import normalised, product, rotate
+from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.guidance.frames import frame_at
 from ppc_attitude.science.guidance.plan import copy_cursor, plan_motion
 from ppc_attitude.science.keep_out import FIXED, SUN, angle_between
@@ -34,13 +35,11 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.orbit import orbit_at
 from ppc_attitude.science.sky import DAY, sun_direction
-from ppc_attitude.science.stamps import seconds
 
 _COARSE, _FINE = 0.5, 0.01  # [s] largest and smallest step along a plan
 _FASTER = 1.1  # a plan is never faster than so many times V
 _DRIFT = 2e-3  # [rad/s] no direction moves faster: Earth's turns by 1.2e-3 in the lowest orbit
 _TOLERANCE = 1e-9  # [rad] that a sample of an exact plan may be inside by rounding
-_seconds = kernel(seconds)
 
 
 @kernel
@@ -79,7 +78,7 @@ def cone_angles(stamps_ns: Any, attitudes: Any, guidance: Any, cursor: Any) -> A
     cones = guidance.cones
     angles = np.empty((stamps_ns.size, cones.count))
     for k in range(stamps_ns.size):
-        directions = directions_at(_seconds(stamps_ns[k]), cones, guidance.sky, cursor)
+        directions = directions_at(seconds(stamps_ns[k]), cones, guidance.sky, cursor)
         q = quaternion(attitudes[k])
         for i in range(cones.count):
             b = rotate(q, vector(cones.body_axis[i]))

@@ -25,6 +25,7 @@ from ppc_attitude.science.attitude import (
     runge_kutta,
     unit_quaternion,
 )
+from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
@@ -46,7 +47,6 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import APPLIED_TORQUE, DISTURBANCE, TRUE_ATTITUDE, TRUE_RATE
-from ppc_attitude.science.stamps import seconds
 
 INERTIA = Parameter(
     "inertia",
@@ -90,7 +90,6 @@ STATE = np.dtype(
     ],
     align=True,
 )
-_seconds = kernel(seconds)
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -161,7 +160,7 @@ def step(inputs: Any, body: Any, configuration: Any, outputs: Any) -> None:
             torque,
             matrix(configuration.inertia),
             matrix(configuration.inertia_inverse),
-            _seconds(inputs.stamp_ns - body.stamp_ns),
+            seconds(inputs.stamp_ns - body.stamp_ns),
         )
         store_quaternion(body.attitude, q)
         store(body.rate, omega)

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import normalised
+from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Advice, Component
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS, cones_of, unit_vector
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
@@ -64,7 +65,6 @@ from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, epoch_of, orbi
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import ATTITUDE, DESIRED_MOTION
 from ppc_attitude.science.sky import earth_angle
-from ppc_attitude.science.stamps import seconds
 
 MAX_RATE = Parameter(
     "guidance.max_rate", math.radians(2.0), "V, rate of a slew", "rad/s", above=0.0, high=10.0
@@ -183,13 +183,10 @@ def configuration_of(
     return record, listed, profiles
 
 
-_seconds = kernel(seconds)
-
-
 @kernel
 def obey(order: Any, guidance: Any, state: Any) -> None:
     """Take an order at its stamp, or at the begin if that was later."""
-    t = max(_seconds(order.stamp_ns), state.begin)
+    t = max(seconds(order.stamp_ns), state.begin)
     if order.frame == HOLD:
         hold(t, guidance, state)
     elif order.frame == PROFILE:

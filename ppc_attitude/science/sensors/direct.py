@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import euler_step, kinematics, normalised
+from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import (
     Quaternion,
@@ -35,7 +36,6 @@ from ppc_attitude.science.kernel import (
 from ppc_attitude.science.noise import normal_pair
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import TOLD, TRUTH
-from ppc_attitude.science.stamps import step_of
 
 _SIZES = (
     Parameter(
@@ -65,7 +65,6 @@ CONFIGURATION = np.dtype(
     ],
     align=True,
 )
-_step_of = kernel(step_of)
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -102,7 +101,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         configuration.attitude_noise,
         configuration.rate_noise,
         configuration.seed,
-        _step_of(inputs.stamp_ns, configuration.rate),
+        step_of(inputs.stamp_ns, configuration.rate),
     )
     store_quaternion(outputs.attitude, q)
     store(outputs.angular_velocity, omega)

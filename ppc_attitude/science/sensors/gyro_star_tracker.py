@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.science.compiled_stamps import seconds, stamp_of, step_of
 from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Advice, Column, Component
 from ppc_attitude.science.kernel import (
     add,
@@ -44,7 +45,6 @@ from ppc_attitude.science.sensors.star_tracker import (
     star_tracker_record,
 )
 from ppc_attitude.science.signals import TRUTH
-from ppc_attitude.science.stamps import stamp_of, step_of
 
 GYRO_SAMPLE = Column(
     "gyro",
@@ -92,8 +92,6 @@ STATE = np.dtype(
     ],
     align=True,
 )
-_step_of = kernel(step_of)
-_stamp_of = kernel(stamp_of)
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -126,7 +124,7 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         if settings.resolution > widest:
             state.coarse = settings.resolution / widest
     else:
-        h = (inputs.stamp_ns - state.stamp_ns) * 1e-9
+        h = seconds(inputs.stamp_ns - state.stamp_ns)
         rate = mean_rate(quaternion(state.attitude), q, h)
         before = vector(state.bias)
         bias = walked_bias(settings, before, step, h)
@@ -171,7 +169,7 @@ def _sense_stars(inputs: Any, state: Any, configuration: Any, outputs: Any, step
         row[4 + i] = tracker.sigma[i] * tracker.sigma[i]
     if not there:
         row[4] = -1.0
-    row[7] = (inputs.stamp_ns - _stamp_of(valid, configuration.rate)) * 1e-9
+    row[7] = seconds(inputs.stamp_ns - stamp_of(valid, configuration.rate))
 
 
 @kernel
@@ -179,7 +177,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Measure the motion of an instant; an instant that is repeated is not measured again."""
     if state.started != 0.0 and inputs.stamp_ns <= state.stamp_ns:
         return
-    number = _step_of(inputs.stamp_ns, configuration.rate)
+    number = step_of(inputs.stamp_ns, configuration.rate)
     _sense_rate(inputs, state, configuration, outputs, number)
     _sense_stars(inputs, state, configuration, outputs, number)
     state.stamp_ns = inputs.stamp_ns
