@@ -16,7 +16,7 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -31,7 +31,6 @@ from ppc_attitude.contract.cdr import Codec, Sample
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     DIAGNOSTICS_TOPIC,
-    EVENTS,
     TORQUE_COMMAND,
     Topic,
 )
@@ -85,14 +84,16 @@ class Peer:
         self._own.add(data)
         self._publishers[topic].publish(data)
 
-    def matched(self, topic: Topic, subscribers: int) -> None:
-        """Wait until so many nodes, and this one, listen to what it publishes."""
+    def matched(self, topic: Topic, readers: Collection[str]) -> None:
+        """Wait until these nodes, and whoever else reads a topic, hear what it publishes there."""
         publisher = self._publishers[topic]
-        own = 0 if topic in EVENTS else 1
-        self.until(
-            lambda: publisher.get_subscription_count() >= subscribers + own,
-            f"subscribers of {topic.name}",
-        )
+
+        def all_hear() -> bool:
+            ends = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
+            known = {end.node_name for end in ends}
+            return known.issuperset(readers) and publisher.get_subscription_count() >= len(ends)
+
+        self.until(all_hear, f"readers of {topic.name}")
 
     def until(self, condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
         """Take messages until a condition holds."""
@@ -157,3 +158,8 @@ def peer(*publishes: Topic) -> Iterator[Peer]:
             result.close()
     finally:
         rclpy.try_shutdown()
+
+
+def last_torque(stack: Peer) -> float:
+    """Largest component of the torque that acted last."""
+    return max(map(abs, stack.heard[APPLIED_TORQUE.name][-1].values))

@@ -145,6 +145,12 @@ def loop_nodes(
     }
 
 
+def plans(controller: Node) -> list[tuple[float, float]]:
+    """Start [s] and attitude error [deg] of each envelope plan that a controller announced."""
+    found = re.findall(r"plan from t = ([\d.]+) s: attitude error ([\d.]+)", controller.err)
+    return [(float(start), float(error)) for start, error in found]
+
+
 class Run(Process):
     """`ppc_attitude run`."""
 

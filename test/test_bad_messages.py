@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bad messages on every input of every node, over DDS: refused, counted, and survived."""
+"""What stirs a loop over DDS: disabled, reset, and bad messages on every input of every node."""
 
 import math
 import signal
@@ -23,8 +23,9 @@ from pathlib import Path
 
 import pytest
 from conftest import StartProcess
-from peer import Peer, peer
-from process_helpers import Node, loop_nodes
+from peer import Peer, last_torque, peer
+from process_helpers import Node, loop_nodes, plans, until
+from std_srvs.srv import SetBool, Trigger
 
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
@@ -61,7 +62,7 @@ READERS = {
     INJECT: (INJECTOR,),
 }
 MAX_TORQUE = 0.05  # [N·m] per axis
-FLOOD, LASTS = 10_000, 0.5  # [Hz], [s]
+FLOOD, LASTS = 10_000, 0.1  # [Hz], [s]
 FUTURE = 2_000_000_000 * NANOSECONDS  # no run has come so far
 
 
@@ -165,11 +166,43 @@ def send_states_of_other_times(stack: Peer) -> None:
             stack.goes_on(0.1)
 
 
-def test_bad_messages_change_nothing_and_the_loop_goes_on(nodes: dict[str, Node]) -> None:
+def disable(stack: Peer, controller: Node) -> None:
+    """No torque while the controller is disabled, and a new plan afterwards."""
+    assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=False)).success
+    stack.until(lambda: last_torque(stack) == 0.0, "zero torque")
+    stack.goes_on()
+    assert last_torque(stack) == 0.0
+    stack.hears(CONTROLLER, "disabled: zero torque")
+    disabled_until = stack.time(APPLIED_TORQUE)
+    assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=True)).success
+    stack.until(lambda: last_torque(stack) > 0.0, "torque")
+    until(lambda: plans(controller)[-1][0] >= disabled_until, "a new plan")
+
+
+def reset(stack: Peer, controller: Node) -> None:
+    """Time begins again, for every node."""
+    before, planned = stack.time(APPLIED_TORQUE), len(plans(controller))
+    assert stack.call(Trigger, f"/{PLANT}/reset", Trigger.Request()).success
+    stack.until(lambda: 0.0 <= stack.time(APPLIED_TORQUE) < before, "time to go back")
+    stack.goes_on()
+    controller.says("time has begun again at 0.000 s: re-armed")
+    until(lambda: len(plans(controller)) > planned, "a plan of the new time")
+    (_, first), *_, (start, error) = plans(controller)
+    assert start == 0.0
+    assert error == pytest.approx(first, abs=1.0)  # at the start the controller may be late
+
+
+def test_a_loop_is_disabled_and_reset_and_bad_messages_change_nothing(
+    nodes: dict[str, Node],
+) -> None:
     with peer(*READERS) as stack:
-        stack.goes_on()
+        stack.goes_on(1.0)
+        disable(stack, nodes[CONTROLLER])
+        reset(stack, nodes[CONTROLLER])
+        for node in (REFERENCE, CONTROLLER, INJECTOR):
+            assert not [key for key in stack.health[node] if key.startswith("refused")], node
         for topic, readers in READERS.items():
-            stack.matched(topic, len(readers))
+            stack.matched(topic, readers)
         expect_refusals(stack, {topic: list(impossible(topic)) for topic in READERS})
         stack.goes_on()
         # Out of order, and of an instant to come.

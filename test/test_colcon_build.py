@@ -71,7 +71,11 @@ def colcon(verb: str, *arguments: str) -> list[str]:
     return [sys.executable, "-m", "colcon", verb, *arguments]
 
 
-@pytest.fixture(scope="module", params=["", "--symlink-install"], ids=["install", "symlinks"])
+@pytest.fixture(
+    scope="module",
+    params=["", pytest.param("--symlink-install", marks=pytest.mark.long)],
+    ids=["install", "symlinks"],
+)
 def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build a workspace with a copy of this repository."""
     folder = tmp_path_factory.mktemp("workspace")

@@ -12,9 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nodes that live alone: any order, late, killed, restarted, reset, disabled, reconfigured."""
+"""Nodes that live alone: any order, late, killed, restarted, reconfigured."""
 
-import re
 import signal
 from pathlib import Path
 from typing import Any
@@ -22,13 +21,12 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import StartProcess
-from peer import Peer, peer
-from process_helpers import LOCKSTEP, Node, loop_nodes, until
+from peer import Peer, last_torque, peer
+from process_helpers import LOCKSTEP, Node, loop_nodes, plans, until
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
-from std_srvs.srv import SetBool, Trigger
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.topics import (
@@ -42,17 +40,6 @@ from ppc_attitude.contract.topics import (
 )
 
 pytestmark = pytest.mark.ros
-
-
-def last_torque(stack: Peer) -> float:
-    """Largest component of the torque that acted last."""
-    return max(map(abs, stack.heard[APPLIED_TORQUE.name][-1].values))
-
-
-def plans(controller: Node) -> list[tuple[float, float]]:
-    """Start [s] and attitude error [deg] of each envelope plan that a controller announced."""
-    found = re.findall(r"plan from t = ([\d.]+) s: attitude error ([\d.]+)", controller.err)
-    return [(float(start), float(error)) for start, error in found]
 
 
 def end_all(nodes: Any, number: signal.Signals = signal.SIGINT) -> None:
@@ -117,38 +104,6 @@ def test_nodes_join_late_and_again_in_any_order(
         stack.goes_on()
         until(lambda: plans(nodes[CONTROLLER])[-1][0] < killed_at, "a plan of the new time")
         stack.hears(PLANT, "running")
-        end_all(nodes.values())
-
-
-@pytest.mark.parametrize("mode", ["lockstep", pytest.param("free-running", marks=pytest.mark.long)])
-def test_time_can_be_reset_and_the_torque_disabled(
-    mode: str, tmp_path: Path, start_process: StartProcess
-) -> None:
-    nodes = loop_nodes(start_process, tmp_path, mode)
-    with peer() as stack:
-        stack.goes_on(1.0)
-        assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=False)).success
-        stack.until(lambda: last_torque(stack) == 0.0, "zero torque")
-        stack.goes_on()
-        assert last_torque(stack) == 0.0
-        stack.hears(CONTROLLER, "disabled: zero torque")
-        disabled_until = stack.time(APPLIED_TORQUE)
-        assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=True)).success
-        stack.until(lambda: last_torque(stack) > 0.0, "torque")
-        until(lambda: plans(nodes[CONTROLLER])[-1][0] >= disabled_until, "a new plan")
-
-        before = stack.time(APPLIED_TORQUE)
-        assert stack.call(Trigger, f"/{PLANT}/reset", Trigger.Request()).success
-        stack.until(lambda: 0.0 <= stack.time(APPLIED_TORQUE) < before, "time to go back")
-        stack.goes_on()
-        nodes[CONTROLLER].says("time has begun again at 0.000 s: re-armed")
-        until(lambda: plans(nodes[CONTROLLER])[-1][0] < disabled_until, "a plan of the new time")
-        (_, first), *_, (start, error) = plans(nodes[CONTROLLER])
-        assert start == 0.0
-        assert error == pytest.approx(first, abs=1.0)  # at the start the controller may be late
-        for node in (REFERENCE, CONTROLLER, INJECTOR):
-            refusals = {k: v for k, v in stack.health[node].items() if k.startswith("refused")}
-            assert not refusals, node
         end_all(nodes.values())
 
 

@@ -30,7 +30,7 @@ from rclpy.validate_namespace import validate_namespace
 from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.science.errors import ConfigurationError
 
-_PATIENCE = 10.0  # [s] how long who is asked may take to be found and to answer
+_PATIENCE = 30.0  # [s] to be found and to answer, for who is asked; a machine may be busy
 
 
 @contextmanager
