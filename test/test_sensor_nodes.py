@@ -38,15 +38,15 @@ from ppc_attitude.simulation.scenario import load
 
 SMALLSAT = ROOT / "config" / "sensors_smallsat.yaml"
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 
 @pytest.mark.parametrize(
     ("suite", "rate", "initial_fix", "duration"),
     [
-        ("smallsat", 100.0, True, 2.0),
-        pytest.param("cubesat", 50.0, False, 4.0, marks=pytest.mark.long),
-        pytest.param("flagship", 1000.0, True, 1.0, marks=pytest.mark.long),
+        ("smallsat", 100.0, True, 2.0),  # as test_campaign_record has it in every run
+        ("cubesat", 50.0, False, 4.0),
+        ("flagship", 1000.0, True, 1.0),
     ],
 )
 def test_nodes_and_loop_agree_to_the_last_bit(
@@ -85,7 +85,6 @@ def expect_same(recorded: RunRecord, expected: RunRecord) -> None:
         assert np.array_equal(recorded[name], column, equal_nan=True), name
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", [ESTIMATOR, CONTROLLER])
 def test_states_that_are_repeated_change_no_bit(
     name: str, tmp_path: Path, start_process: StartProcess
@@ -103,7 +102,6 @@ def test_states_that_are_repeated_change_no_bit(
     expect_same(read_run(run.bag), simulate(scenario, 6.0))
 
 
-@pytest.mark.long
 def test_an_estimator_that_is_started_again_begins_with_the_next_fix(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
