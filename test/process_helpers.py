@@ -20,9 +20,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
+from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import pytest
 from conftest import StartProcess
@@ -131,6 +136,31 @@ class Node(Process):
             arguments += ["-r", rule]
         command = [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *arguments]
         super().__init__(start_process, folder, f"{name}{mark}", command, **popen)
+
+
+@contextmanager
+def node_here(name: str, *arguments: str) -> Iterator[tuple[Callable[[], int], Any]]:
+    """Give the `main` of a node, for this process, and what has it end when that is requested."""
+    stop = SimpleNamespace(requested=False, forget=lambda: None)  # takes over no signals
+    main = import_module(f"ppc_attitude.nodes.{name}").main
+    with (
+        mock.patch("ppc_attitude.nodes.running.StopRequest", lambda: stop),
+        mock.patch.object(sys, "argv", [name, *arguments]),
+    ):
+        yield main, stop
+
+
+@contextmanager
+def serving(name: str, *arguments: str) -> Iterator[None]:
+    """Let a node live in this process, beside what a test does."""
+    with node_here(name, *arguments) as (main, stop):
+        thread = Thread(target=main)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.requested = True
+            thread.join()
 
 
 def loop_nodes(

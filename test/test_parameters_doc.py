@@ -15,19 +15,16 @@
 """Parameters are declared once: page, YAML comments and `ros2 param dump` say the same."""
 
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
 import yaml
-from conftest import StartProcess
-from process_helpers import PATIENCE
+from process_helpers import PATIENCE, node_here, serving
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import (
     get_parameter_value,
@@ -39,7 +36,6 @@ from test_layers import ROOT
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.parameters_doc import page
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER, REFERENCE
-from ppc_attitude.nodes import running
 from ppc_attitude.nodes.parameters import _quoted
 from ppc_attitude.science.parameter import unquoted
 from ppc_attitude.science.rate_observer import PARAMETERS as FRONT
@@ -131,7 +127,9 @@ def call(asker: Node, node: str, service: Any, name: str, request: Any) -> Any:
     client = asker.create_client(service, f"{node}/{name}")
     assert client.wait_for_service(PATIENCE), f"{node} does not answer"
     future = client.call_async(request)
-    rclpy.spin_until_future_complete(asker, future, timeout_sec=PATIENCE)
+    rclpy.spin_until_future_complete(
+        asker, future, SingleThreadedExecutor(context=asker.context), timeout_sec=PATIENCE
+    )
     assert future.done()
     return future.result()
 
@@ -171,11 +169,12 @@ def assert_described(asker: Node, full_name: str) -> None:
 
 @pytest.fixture
 def asker() -> Iterator[Node]:
-    rclpy.init()
-    node = Node("asker")
+    context = rclpy.Context()  # that of this process is for the nodes
+    rclpy.init(args=[], context=context)
+    node = Node("asker", context=context)
     yield node
     node.destroy_node()
-    rclpy.try_shutdown()
+    context.try_shutdown()
 
 
 @pytest.mark.ros
@@ -186,9 +185,7 @@ def asker() -> Iterator[Node]:
         for node in PARAMETERS
     ],
 )
-def test_param_dump_round_trips(
-    node: str, start_process: StartProcess, asker: Node, tmp_path: Path
-) -> None:
+def test_param_dump_round_trips(node: str, asker: Node, tmp_path: Path) -> None:
     overlay = tmp_path / "overlay.yaml"
     overlay.write_text(
         f"/**/{PLANT}:\n  ros__parameters: {{lockstep: true, seed: 7}}\n"
@@ -202,14 +199,13 @@ def test_param_dump_round_trips(
     def dump(namespace: str, files: list[Path]) -> Path:
         """Start the node with the files; dump it into another."""
         options = [option for path in files for option in ("--params-file", str(path))]
-        command = [sys.executable, "-m", f"ppc_attitude.nodes.{node}", "--ros-args"]
-        start_process([*command, "-r", f"__ns:={namespace}", *options], stdout=subprocess.DEVNULL)
         file = tmp_path / f"{namespace.strip('/')}.yaml"
-        file.write_text(yaml.safe_dump(dumped(asker, f"{namespace}/{node}")))
+        with serving(node, "--ros-args", "-r", f"__ns:={namespace}", *options):
+            file.write_text(yaml.safe_dump(dumped(asker, f"{namespace}/{node}")))
+            assert_described(asker, f"{namespace}/{node}")
         return file
 
     first = dump("/first", given)
-    assert_described(asker, f"/first/{node}")
     assert load([first]).parameters[node] == load(given).parameters[node]
     # A dump names the node with its namespace; the second round has another, and its own bag.
     first.write_text(first.read_text().replace("/first/", "/second/"))
@@ -218,24 +214,14 @@ def test_param_dump_round_trips(
 
 
 @pytest.mark.ros
-def test_a_dump_with_an_empty_list_starts_a_node(
-    start_process: StartProcess, asker: Node, tmp_path: Path
-) -> None:
+def test_a_dump_with_an_empty_list_starts_a_node(asker: Node, tmp_path: Path) -> None:
     """`ros2 param dump` writes `pulse_times: []` where there are no pulses."""
     file = tmp_path / "dump.yaml"
     file.write_text(
         f"/**/{INJECTOR}:\n  ros__parameters: {{pulse_times: [], environment: false}}\n"
     )
-    start_process(
-        [
-            sys.executable,
-            "-m",
-            f"ppc_attitude.nodes.{INJECTOR}",
-            *("--ros-args", "--params-file", str(file)),
-        ],
-        stdout=subprocess.DEVNULL,
-    )
-    content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
+    with serving(INJECTOR, "--ros-args", "--params-file", str(file)):
+        content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
     assert content["pulse_times"] == []
     assert content["environment"] == "none"
 
@@ -250,14 +236,14 @@ def loaded(asker: Node, node: str, file: Path) -> dict[str, str]:
 
 
 @pytest.mark.ros
-def test_a_dump_can_be_loaded(start_process: StartProcess, asker: Node, tmp_path: Path) -> None:
+def test_a_dump_can_be_loaded(asker: Node, tmp_path: Path) -> None:
     """YAML takes the text of a date for a date, and rclpy then sends nothing."""
-    start_process([sys.executable, "-m", f"ppc_attitude.nodes.{REFERENCE}"])
     file = tmp_path / "dump.yaml"
-    before = dumped(asker, f"/{REFERENCE}")
-    file.write_text(yaml.safe_dump(before))
-    assert "orbit.epoch" in loaded(asker, REFERENCE, file)  # it has effect only at start
-    assert dumped(asker, f"/{REFERENCE}") == before
+    with serving(REFERENCE):
+        before = dumped(asker, f"/{REFERENCE}")
+        file.write_text(yaml.safe_dump(before))
+        assert "orbit.epoch" in loaded(asker, REFERENCE, file)  # it has effect only at start
+        assert dumped(asker, f"/{REFERENCE}") == before
     assert load([file]).parameters[REFERENCE] == load([]).parameters[REFERENCE]
 
 
@@ -268,47 +254,46 @@ def test_a_text_is_the_same_after_dump_and_load(text: str) -> None:
 
 
 @pytest.mark.ros
-def test_param_load_gives_no_node_the_value_of_another(
-    start_process: StartProcess, asker: Node, tmp_path: Path
-) -> None:
+def test_param_load_gives_no_node_the_value_of_another(asker: Node, tmp_path: Path) -> None:
     """`ros2 param load` sends a node every section of the file, and tells of none whose it is."""
-    start_process([sys.executable, "-m", f"ppc_attitude.nodes.{PLANT}"], stderr=subprocess.DEVNULL)
     file = tmp_path / "load.yaml"
     sections = (
         f"/**/{PLANT}:\n  ros__parameters: {{min_torque: 2.0e-4, max_torque: 0.04}}\n",
         f"/**/{CONTROLLER}:\n  ros__parameters: {{max_torque: 0.03, beta: 3.5}}\n",
     )
-    for text, refused in ((sections[1] + sections[0], {"max_torque", "beta"}), (sections[0], {})):
-        file.write_text(text)
-        reasons = loaded(asker, PLANT, file)
-        assert set(reasons) == set(refused)
-        limit = dumped(asker, f"/{PLANT}")[f"/{PLANT}"]["ros__parameters"]["max_torque"]
-        assert limit == (0.05 if refused else 0.04), reasons
-        if refused:
-            assert "load one that holds this node's parameters alone" in reasons["max_torque"]
+    with serving(PLANT):
+        for text, refused in (
+            (sections[1] + sections[0], {"max_torque", "beta"}),
+            (sections[0], set()),
+        ):
+            file.write_text(text)
+            reasons = loaded(asker, PLANT, file)
+            assert set(reasons) == refused
+            limit = dumped(asker, f"/{PLANT}")[f"/{PLANT}"]["ros__parameters"]["max_torque"]
+            assert limit == (0.05 if refused else 0.04), reasons
+            if refused:
+                told = "load one that holds this node's parameters alone"
+                assert told in reasons["max_torque"]
 
 
 @pytest.mark.ros
-def test_param_load_takes_what_yaml_takes_for_text(
-    start_process: StartProcess, asker: Node, tmp_path: Path
-) -> None:
+def test_param_load_takes_what_yaml_takes_for_text(asker: Node, tmp_path: Path) -> None:
     """`ros2 param load` reads 3e-05 as text."""
-    start_process([sys.executable, "-m", f"ppc_attitude.nodes.{INJECTOR}"])
     file = tmp_path / "load.yaml"
     file.write_text(f"/{INJECTOR}:\n  ros__parameters: {{injection_duration: 3e-05}}\n")
-    assert loaded(asker, INJECTOR, file) == {}
-    content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
+    with serving(INJECTOR):
+        assert loaded(asker, INJECTOR, file) == {}
+        content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
     assert content["injection_duration"] == 3e-5
 
 
 @pytest.mark.parametrize("node", [INJECTOR, PLANT])
 def test_a_node_says_what_it_is_and_which_parameters_it_has(
-    node: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    node: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As `ros2 run ppc_attitude NODE --help` asks."""
-    monkeypatch.setattr(running, "StopRequest", lambda: None)  # it would take over the signals
-    monkeypatch.setattr(sys, "argv", [node, "--help"])
-    assert import_module(f"ppc_attitude.nodes.{node}").main() == 0
+    with node_here(node, "--help") as (main, _):
+        assert main() == 0
     told = capsys.readouterr().out.splitlines()
     assert any(line.startswith(f"usage: ros2 run ppc_attitude {node} ") for line in told)
     assert {f"  {each.name}" for each in PARAMETERS[node]} <= set(told)

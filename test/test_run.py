@@ -17,18 +17,15 @@
 import gc
 import os
 import sys
-from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from process_helpers import PATIENCE
+from process_helpers import PATIENCE, node_here
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
-from ppc_attitude.nodes import running
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load
@@ -92,14 +89,10 @@ BAD = {
 def node(tmp_path, monkeypatch, capfd):
     """A function that runs a node in this process, and gives its exit code and what it said."""
     monkeypatch.chdir(tmp_path)
-    stop = SimpleNamespace(requested=False, forget=lambda: None)
-    monkeypatch.setattr(running, "StopRequest", lambda: stop)  # it would take over the signals
 
     def run(name, *arguments):
-        module = import_module(f"ppc_attitude.nodes.{name}")
-        monkeypatch.setattr(module, "_give_way", lambda: None, raising=False)
-        monkeypatch.setattr(sys, "argv", [name, *arguments])
-        code = module.main()
+        with node_here(name, *arguments) as (run_node, _):
+            code = run_node()
         gc.collect()  # what is left of a node that would not begin
         return code, capfd.readouterr().err
 
