@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.series import finite, has
+from ppc_attitude.analysis.series import finite, has, once
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR, BOUNDS, BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
 
@@ -60,8 +60,13 @@ class Envelope:
 
     def outside(self, record: RunRecord) -> NDArray[np.bool_]:
         """Instants, finite in both, with a component beyond its bound, shape (n,)."""
-        bound = record[self.bound]
-        return beyond(record[self.error][:, : bound.shape[1]], bound)
+        return _outside(record, self.error, self.bound)
+
+
+@once
+def _outside(record: RunRecord, error: str, bound: str) -> NDArray[np.bool_]:
+    bounds = record[bound]
+    return beyond(record[error][:, : bounds.shape[1]], bounds)
 
 
 def beyond(error: Array, bound: Array) -> NDArray[np.bool_]:
@@ -75,6 +80,7 @@ ENVELOPES = tuple(Envelope(error, bound) for error, bound in BOUNDS.items())
 """Every one that some law declares."""
 
 
+@once
 def envelopes_of(record: RunRecord) -> tuple[Envelope, ...]:
     """Envelopes of which the record has both columns."""
     return tuple(each for each in ENVELOPES if has(record, each.error) and has(record, each.bound))

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.keep_out import cone_names, guidance_values
-from ppc_attitude.analysis.series import finite, has
+from ppc_attitude.analysis.series import has, is_finite
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, REFERENCE
 from ppc_attitude.science.attitude import rotate
@@ -131,7 +131,7 @@ def flight_of(record: RunRecord) -> Flight | None:
 
 def _instants(record: RunRecord, values: Mapping[str, Any], changes: list[Any]) -> list[int]:
     """Numbers of the instants to look at: evenly, and those from which something acts."""
-    seen = np.flatnonzero(finite(record[ATTITUDE.column]))
+    seen = np.flatnonzero(is_finite(record, ATTITUDE.column))
     times = [values[GOAL_TIMES.name], *(c.value for c in changes if c.name == GOAL_TIMES.name)]
     stamps = {nanoseconds(time) for each in times for time in each}
     stamps |= {change.stamp_ns for change in changes}

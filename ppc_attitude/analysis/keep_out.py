@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.analysis.series import finite, has
+from ppc_attitude.analysis.series import has, is_finite
 from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE
@@ -75,7 +75,7 @@ def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -
     """
     configuration, *_kept = goal.configure(values)
     angles = np.full((record.stamps_ns.size, int(configuration["cones"]["count"])), np.nan)
-    seen = finite(record[column])
+    seen = is_finite(record, column)
     angles[seen] = cone_angles(
         np.ascontiguousarray(record.stamps_ns[seen]),
         np.ascontiguousarray(record[column][seen], float),

@@ -119,7 +119,7 @@ class Measured:
         """Pointing error in the unit of a limit, shape (n,); NaN where it is not known."""
         if self.pointing is None:
             return np.full(self.t.size, np.nan)
-        return accuracy.size(self.pointing.quaternions, self.pointing.angles)
+        return self.pointing.in_unit_of(accuracy)
 
     def _recovery(self, pulse: Pulse, pulses: tuple[Pulse, ...]) -> float | None:
         """`Disturbance.recovery_time_s` of one pulse."""
@@ -208,7 +208,8 @@ class Measured:
             ("control", "told against reference", self.control),
             ("knowledge", "truth against told", known(knowledge_errors, self.record)),
         ):
-            angles = np.empty(0) if errors is None else np.rad2deg(errors.angles[self.last])
+            last = None if errors is None else Errors(errors.quaternions[self.last])
+            angles = np.empty(0) if last is None else np.rad2deg(last.angles)
             angles = angles[np.isfinite(angles)]
             most = rms = None
             if angles.size:

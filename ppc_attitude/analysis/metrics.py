@@ -56,7 +56,7 @@ from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.measure import Measured, known, largest, pulses_of, window
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements
-from ppc_attitude.analysis.series import AnalysisError, finite, has, topic_of
+from ppc_attitude.analysis.series import AnalysisError, has, is_finite, topic_of
 from ppc_attitude.analysis.truth import (
     EXACT,
     RECORDED,
@@ -340,13 +340,9 @@ class _Judge(Measured):
         told = self.control
         if told is None or not has(self.record, ATTITUDE_ERROR.column):
             return
-        reported = self.record[ATTITUDE_ERROR.column]
-        apart = np.minimum(
-            *(
-                np.maximum.reduce(np.abs(sign * reported - told.quaternions).T)
-                for sign in (1.0, -1.0)
-            )
-        )
+        reported, computed = self.record[ATTITUDE_ERROR.column], told.quaternions
+        both = (reported - computed, reported + computed)
+        apart = np.minimum(*(np.maximum.reduce(np.abs(each).T) for each in both))
         yield self._row("reported_error", largest(apart), ROUNDING, "", self.whole)
 
     def _knowledge(self) -> Iterator[Requirement]:
@@ -360,7 +356,7 @@ class _Judge(Measured):
         if accuracy is None:
             return
         errors = known(knowledge_errors, self.record)
-        value = largest(accuracy.size(errors.quaternions, errors.angles)) if errors else None
+        value = largest(errors.in_unit_of(accuracy)) if errors else None
         why = self.lacks(TRUE_ATTITUDE.column, ATTITUDE.column)
         if standing == EXACT:
             value, why = 0.0, ""
@@ -389,10 +385,9 @@ def _lost(record: RunRecord) -> int:
     """Messages that are missing, and samples that are there but not finite."""
     lost = record.missing_messages
     for column, rows in record.columns.items():
-        known = finite(rows)
+        lacks = ~is_finite(record, column)
         late = column in BY_COLUMN and BY_COLUMN[column].late
         if late or column in record.held:  # it comes with some instants only
-            known |= np.isnan(rows).all(axis=1)
-        missing = record.missing.get(topic_of(column), 0)
-        lost += max(int(np.count_nonzero(~known)) - missing, 0)
+            lacks &= ~np.logical_and.reduce(np.isnan(rows.T))
+        lost += max(int(np.count_nonzero(lacks)) - record.missing.get(topic_of(column), 0), 0)
     return lost

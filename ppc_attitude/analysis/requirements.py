@@ -46,12 +46,6 @@ class Accuracy:
     limit: float
     unit: str = ""
 
-    def size(self, errors: Array, angles: Array) -> Array:
-        """Size of errors x y z w, shape (n, 4), of these angles [rad], in the limit's unit."""
-        if self.unit == DEGREES:
-            return np.asarray(np.rad2deg(angles))
-        return component_size(errors)
-
     @property
     def component(self) -> float:
         """The limit on max_i |q_ev,i|; for an angle, the value that no smaller rotation exceeds."""

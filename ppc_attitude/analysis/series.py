@@ -14,17 +14,40 @@
 
 """The series of a `RunRecord` as the analysis reads them: time from the start, vectors, gaps."""
 
+from collections.abc import Callable
+from functools import wraps
+from typing import Concatenate, ParamSpec, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
 
+_Names = ParamSpec("_Names")
+_Found = TypeVar("_Found")
+_OfRecord = Callable[Concatenate[RunRecord, _Names], _Found]
+
 
 class AnalysisError(ValueError):
     """The record lacks something that a judgement or a figure needs; the message names it."""
 
 
+def once(function: _OfRecord[_Names, _Found]) -> _OfRecord[_Names, _Found]:
+    """Let what is computed of a record, and of names, be computed once; nobody may change it."""
+
+    @wraps(function)
+    def kept(record: RunRecord, /, *names: _Names.args, **others: _Names.kwargs) -> _Found:
+        key = (function.__qualname__, *names)
+        if key not in record.derived:
+            record.derived[key] = function(record, *names, **others)
+        found: _Found = record.derived[key]
+        return found
+
+    return kept
+
+
+@once
 def elapsed(record: RunRecord) -> Array:
     """Time since the first instant of the record.
 
@@ -82,8 +105,7 @@ def vectors(record: RunRecord, column: str) -> Array:
     """
     if not has(record, column):
         raise lacking(record, column)
-    rows = record[column]
-    known = finite(rows)
+    rows, known = record[column], is_finite(record, column)
     return rows[:, :3] if known.all() else np.where(known[:, None], rows[:, :3], np.nan)
 
 
@@ -100,11 +122,13 @@ def topic_of(column: str) -> str:
 
 def has(record: RunRecord, column: str) -> bool:
     """Whether the run has at least one finite sample of the column."""
-    if column not in record:
-        return False
-    rows = record[column]
-    # The first sample nearly always settles it.
-    return bool((len(rows) and np.isfinite(rows[0]).all()) or finite(rows).any())
+    return column in record and bool(is_finite(record, column).any())
+
+
+@once
+def is_finite(record: RunRecord, column: str) -> NDArray[np.bool_]:
+    """At which instants a column is finite throughout, shape (n,)."""
+    return finite(record[column])
 
 
 def finite(rows: Array) -> NDArray[np.bool_]:

@@ -28,8 +28,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ppc_attitude.analysis.requirements import component_size
-from ppc_attitude.analysis.series import has, lacking, vectors
+from ppc_attitude.analysis.requirements import DEGREES, Accuracy, component_size
+from ppc_attitude.analysis.series import has, lacking, once, vectors
 from ppc_attitude.contract.declared import is_told_the_truth
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
@@ -41,7 +41,7 @@ from ppc_attitude.contract.topics import (
     TRUE_ATTITUDE,
     TRUE_RATE,
 )
-from ppc_attitude.science.attitude import attitude_errors, to_body
+from ppc_attitude.science.attitude import attitude_errors, rotation_angles, to_body
 
 RECORDED, EXACT, UNKNOWN = "recorded", "exact", "unknown"
 STANDING = {
@@ -59,17 +59,25 @@ class Errors:
     ----------
     quaternions : ndarray, shape (n, 4)
         q⁻¹ ⊗ q' at each instant, x y z w; NaN where it is not known.
-    angles : ndarray, shape (n,)
-        Their angles [rad].
     """
 
     quaternions: Array
-    angles: Array
+
+    @cached_property
+    def angles(self) -> Array:
+        """Angle [rad] at each instant, shape (n,)."""
+        angles = np.empty(len(self.quaternions))
+        rotation_angles(np.ascontiguousarray(self.quaternions.T), angles)
+        return angles
 
     @cached_property
     def sizes(self) -> Array:
         """max_i |q_ev,i| at each instant, shape (n,)."""
         return component_size(self.quaternions)
+
+    def in_unit_of(self, limit: Accuracy) -> Array:
+        """Size at each instant as a limit means it, shape (n,)."""
+        return np.asarray(np.rad2deg(self.angles)) if limit.unit == DEGREES else self.sizes
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,7 @@ class Truth:
     standing: str
 
 
+@once
 def truth_of(record: RunRecord) -> Truth:
     """Find the truth of a record, or what stands for it."""
     rate = TRUE_RATE if has(record, TRUE_RATE.column) else ANGULAR_VELOCITY
@@ -126,6 +135,7 @@ def knowledge_errors(record: RunRecord) -> Errors:
     return errors_between(record, TRUE_ATTITUDE.column, ATTITUDE.column)
 
 
+@once
 def errors_between(record: RunRecord, column: str, base: str) -> Errors:
     """base⁻¹ ⊗ column, by the kernel of the control laws.
 
@@ -144,9 +154,9 @@ def errors_of(attitudes: Array, bases: Array) -> Errors:
     """Errors of attitudes against others, both x y z w, shape (n, 4); NaN where not known."""
     # By component, as the loop gives them: then nothing is copied.
     first, second = (np.ascontiguousarray(each.T) for each in (attitudes, bases))
-    quaternions, angles = np.empty_like(first), np.empty(first.shape[1])
-    attitude_errors(first, second, quaternions, angles)
-    return Errors(quaternions.T, angles)
+    quaternions = np.empty_like(first)
+    attitude_errors(first, second, quaternions)
+    return Errors(quaternions.T)
 
 
 def reference_rates_in_body(record: RunRecord) -> Array:

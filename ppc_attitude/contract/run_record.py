@@ -20,6 +20,7 @@ consume it. So a figure never knows whether ROS was there.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -112,6 +113,11 @@ class RunRecord:
     def __contains__(self, column: str) -> bool:
         """True if the run has the column."""
         return column in self.columns
+
+    @cached_property
+    def derived(self) -> dict[Any, Any]:
+        """What was computed of it, kept by who computes it, so that nobody does so twice."""
+        return {}
 
     @property
     def t(self) -> Array:

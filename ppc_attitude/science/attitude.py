@@ -220,13 +220,19 @@ def rotation_matrix(q: Quaternion) -> Matrix:
 
 
 @kernel
-def attitude_errors(attitudes: Any, references: Any, errors: Any, angles: Any) -> None:
-    """Errors, shape (4, n), and their angles [rad], shape (n,), of attitudes, shape (4, n).
+def attitude_errors(attitudes: Any, references: Any, errors: Any) -> None:
+    """Errors of attitudes against references, all of shape (4, n).
 
-    Where one of two attitudes is not finite or all zero, the error and its angle are NaN.
+    Where one of two attitudes is not finite or all zero, the error is NaN.
     """
-    for k in range(len(angles)):
+    for k in range(errors.shape[1]):
         q_s, q_d = quaternion(attitudes[:, k]), quaternion(references[:, k])
-        q_e = attitude_error(q_s, q_d)  # NaN from 0/0: kernels follow NumPy's error model
-        store_quaternion(errors[:, k], q_e)
-        angles[k] = rotation_angle(q_e)
+        # NaN from 0/0: kernels follow NumPy's error model.
+        store_quaternion(errors[:, k], attitude_error(q_s, q_d))
+
+
+@kernel
+def rotation_angles(rotations: Any, angles: Any) -> None:
+    """Angles [rad], shape (n,), of rotations, shape (4, n); of a NaN it is NaN."""
+    for k in range(len(angles)):
+        angles[k] = rotation_angle(quaternion(rotations[:, k]))

@@ -53,19 +53,19 @@ def columns_of(
     """Return each recorded column, of shape (n, width), by its name: a view unless it is late."""
     found, start = {}, 0
     for column in recorded_columns(scenario.parameters):
-        rows = samples[start : start + column.width].T
-        found[column.name] = _where_valid(rows, stamps_ns) if column.late else rows
+        rows = samples[start : start + column.width]
+        found[column.name] = (_where_valid(rows, stamps_ns) if column.late else rows).T
         start += column.width
     return found
 
 
 def _where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> Array:
-    """Put each row of a late column at the instant of its validity; NaN where there is none."""
-    came = np.flatnonzero(rows.any(axis=1))
-    ages = np.rint(rows[came, -1] * NANOSECONDS).astype(np.int64)
+    """Put each sample of a late column at the instant of its validity; NaN where there is none."""
+    came = np.flatnonzero(np.logical_or.reduce(rows))
+    ages = np.rint(rows[-1, came] * NANOSECONDS).astype(np.int64)
     valid = np.searchsorted(stamps_ns, stamps_ns[came] - ages)
-    found = np.full((stamps_ns.size, rows.shape[1] - 1), np.nan)
-    found[valid] = rows[came, :-1]
+    found = np.full((len(rows) - 1, stamps_ns.size), np.nan)
+    found[:, valid] = rows[:-1, came]
     return found
 
 
