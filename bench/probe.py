@@ -41,6 +41,7 @@ from ppc_attitude.science.stamps import stamp_of
 
 # The attitude goes last: with it the instant is complete, and the bare echo answers it.
 _INPUTS = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION, ANGULAR_VELOCITY, ATTITUDE)
+_PATIENCE = 5.0  # [s] for the last answers
 _UNIT = {3: (0.0, 0.0, 0.0), 4: (0.0, 0.0, 0.0, 1.0)}
 
 
@@ -90,8 +91,8 @@ def main() -> None:
         probe.send(step)
         step += 1
         due = max(due + 1.0 / rate, now)
-    end = time.perf_counter() + 0.2
-    while time.perf_counter() < end:
+    end = time.perf_counter() + _PATIENCE
+    while probe.sent.keys() - probe.answered.keys() and time.perf_counter() < end:
         executor.spin_once(timeout_sec=0.05)
     trips = [
         probe.answered[stamp] - sent if stamp in probe.answered else None

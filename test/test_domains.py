@@ -52,9 +52,8 @@ def test_the_domain_of_a_node_is_not_chosen(
 
 
 def test_ports_of_dds_for_the_first_and_the_last_domain() -> None:
-    # DDS-RTPS: PB + DG * domain; Linux hands out ephemeral ports from 32768 on.
-    assert ports(0) == range(7400, 7650)
-    assert ports(DOMAINS[-1])[0] == 32650
+    assert ports(0) == range(7400, 7650)  # DDS-RTPS: PB + DG * domain
+    assert ports(DOMAINS[-1])[-1] < 32768  # from there on Linux hands out ephemeral ports
 
 
 def test_a_domain_of_the_user_is_kept(ros_domain: int) -> None:

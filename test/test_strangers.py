@@ -60,12 +60,11 @@ long = pytest.mark.long
 def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
-    """Who gives way is for the tests of `Publishers` to say; here both may have just begun."""
-    overlay = pace(1.0)
+    overlay = pace(0.2)
     if name == ESTIMATOR:
         overlay += (PAPER.parent / "sensors_smallsat.yaml").read_text()
     run = Run(start_process, tmp_path / "bag", "--duration", "10000", overlay=overlay)
-    run.reaches(0.5)
+    run.reaches(2.2)  # after eleven seconds of the clock: who is that old never gives way
     parameters = tmp_path / "parameters.yaml"
     parameters.write_text(parameter_file(load([PAPER, tmp_path / "overlay.yaml"])))
     second = Node(start_process, tmp_path, name, file=parameters)

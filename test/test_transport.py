@@ -194,4 +194,4 @@ def test_an_empty_range_or_domain_is_none(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setenv("ROS_DOMAIN_ID", "")
     made = private_environment()
     assert made[RANGE] == "LOCALHOST"
-    assert 1 <= int(made["ROS_DOMAIN_ID"]) <= 101
+    assert 1 <= int(made["ROS_DOMAIN_ID"]) <= 100

@@ -18,7 +18,7 @@ import random
 from collections.abc import Iterable
 from pathlib import Path
 
-DOMAINS = range(1, 102)  # above 101 the ports of DDS meet Linux's ephemeral ports
+DOMAINS = range(1, 101)  # the ports of 101 meet Linux's ephemeral ports, 32768 and above
 _PORT_BASE, _PORTS_PER_DOMAIN = 7400, 250  # DDS-RTPS, 9.6.2
 _SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 

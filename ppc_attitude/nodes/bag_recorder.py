@@ -65,9 +65,7 @@ _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
 
-_NOTHING: Mapping[str, Any] = {}
-
-Take = Callable[[bytes], None]
+Take = Callable[[bytes, Mapping[str, Any]], None]
 
 
 class BagRecorder(BaseNode):
@@ -173,14 +171,14 @@ class BagRecorder(BaseNode):
     def _receiver(self, home: str, topic: Topic) -> Take:
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
 
-        # Without a second argument what the executor has taken, which does not tell the number.
-        def receive_event(data: bytes, about: Mapping[str, Any] = _NOTHING) -> None:
+        # Who takes two arguments is told the number, also of what the executor has taken.
+        def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
             self._heard += 1
             recording.event(name, header_stamp(data, msgtype), data)
 
-        def receive(data: bytes, about: Mapping[str, Any] = _NOTHING) -> None:
+        def receive(data: bytes, about: Mapping[str, Any]) -> None:
             self._heard += 1
-            number = about.get("publication_sequence_number")
+            number = about["publication_sequence_number"]
             recording.sample(name, header_stamp(data, msgtype), data, number, self._now)
 
         return receive if topic.column else receive_event
