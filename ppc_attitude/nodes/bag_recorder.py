@@ -65,7 +65,7 @@ _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
 
-Take = Callable[[bytes, Mapping[str, Any]], None]
+Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
 
 
 class BagRecorder(BaseNode):
