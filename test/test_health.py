@@ -50,7 +50,6 @@ from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
-from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.qos import published
@@ -116,7 +115,7 @@ class Patient:
             )
             for topic in topics
         }
-        self.executor = new_executor()
+        self.executor = self.node.new_executor()
         for each in (self.node, self.peer):
             self.executor.add_node(each)
         self.until(lambda: all(p.get_subscription_count() for p in self.publishers.values()))

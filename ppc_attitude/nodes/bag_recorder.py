@@ -171,7 +171,8 @@ class BagRecorder(BaseNode):
     def _receiver(self, home: str, topic: Topic) -> Take:
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
 
-        # Who takes two arguments is told the number, also of what the executor has taken.
+        # Who takes two arguments is told the number, also of what the executor has taken; rclpy's
+        # events executor fails at that.
         def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
             self._heard += 1
             recording.event(name, header_stamp(data, msgtype), data)
