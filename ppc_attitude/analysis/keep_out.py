@@ -51,8 +51,7 @@ def guidance_values(record: RunRecord) -> dict[str, Any] | None:
     configured: Mapping[str, Any] = record.parameters.get(REFERENCE, {})
     if REFERENCES.selected(configured) is not goal.COMPONENT:
         return None
-    defaults = {parameter.name: parameter.default for parameter in goal.COMPONENT.parameters}
-    return {**defaults, **configured}
+    return {**goal.COMPONENT.defaults, **configured}
 
 
 def cone_names(values: Mapping[str, Any]) -> list[str]:

@@ -125,12 +125,17 @@ def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Arra
     levels = np.vstack([np.zeros(3), np.cumsum(heights, axis=0)])
     stretches = np.split(torque, at)
     held = np.array([len(stretch) for stretch in stretches])
-    size = np.array([np.abs(np.median(stretch, axis=0)).max() for stretch in stretches])
-    quiet = np.flatnonzero(size <= LARGEST_ENVIRONMENT)
+    quiet = np.flatnonzero([_is_quiet(stretch) for stretch in stretches])
     if quiet.size == 0:
         return np.asarray(np.median(stretches[0], axis=0), dtype=np.float64)
     together = [held[quiet][_same(levels[quiet], levels[k])].sum() for k in quiet]
     return np.asarray(-levels[quiet[int(np.argmax(together))]], dtype=np.float64)
+
+
+def _is_quiet(stretch: Array) -> bool:
+    """Whether a level is small enough for an environment: its median, or simply all of it."""
+    small = np.abs(stretch).max() <= LARGEST_ENVIRONMENT
+    return bool(small or np.abs(np.median(stretch, axis=0)).max() <= LARGEST_ENVIRONMENT)
 
 
 def _paired(places: NDArray[np.intp], rises: Array) -> list[_Found]:

@@ -34,7 +34,7 @@ from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_q
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.references import goal
-from ppc_attitude.simulation.scenario import Scenario
+from ppc_attitude.simulation.scenario import Scenario, check_components
 
 _LARGEST_NOISE_SEED = 2**53
 _ELEMENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
@@ -152,16 +152,19 @@ def scenario_of(campaign: Campaign, index: int) -> Scenario:
     ConfigurationError
         The index is negative, or what was drawn is impossible.
     """
-    return scenario_with(campaign, draw(campaign, index))
+    result = scenario_with(campaign, draw(campaign, index))
+    for node, values in result.parameters.items():
+        check_components(node, values)
+    return result
 
 
 def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
-    """Scenario of a run from what was drawn for it.
+    """Scenario of a run from what was drawn for it, with components that nobody has tried.
 
     Raises
     ------
     ConfigurationError
-        What was drawn is impossible.
+        What was drawn is not allowed.
     """
     variables, values = campaign.variables, _with_varied(campaign, drawn)
     changed = values_of(campaign.scenario, variables.parameters, drawn)
@@ -181,10 +184,7 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
             "pulse_durations": [*pulses["pulse_durations"], drawn["pulse_duration"]],
             "pulse_torques": [*pulses["pulse_torques"], *torque],
         }
-    result = campaign.scenario
-    for node, each in changed.items():
-        result = result.with_values(node, **each)
-    return result
+    return campaign.scenario.overlaid(changed)
 
 
 def _attitude(

@@ -110,10 +110,7 @@ def gives(node: str) -> tuple[Column, ...]:
 def is_told_the_truth(values: Mapping[str, Any]) -> bool:
     """True if the plant's sensors, by its parameters, give nothing but the truth."""
     sensors = SENSORS.selected(values)
-    if sensors is None:
-        return False
-    defaults = {parameter.name: parameter.default for parameter in sensors.parameters}
-    return sensors.exact({**defaults, **values})
+    return sensors is not None and sensors.exact({**sensors.defaults, **values})
 
 
 def law_of(parameters: Mapping[str, Mapping[str, Any]]) -> Component | None:

@@ -200,6 +200,20 @@ class Component:
     observes: bool = False
 
     @cached_property
+    def defaults(self) -> dict[str, Any]:
+        """Default of each parameter."""
+        return {parameter.name: parameter.default for parameter in self.parameters}
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Where each output column is among the numbers that a step gives."""
+        found, start = {}, 0
+        for column in self.outputs:
+            found[column.name] = slice(start, start + column.width)
+            start += column.width
+        return found
+
+    @cached_property
     def input_record(self) -> np.dtype[Any]:
         """Record that the step reads: the instant, then the columns."""
         return input_record(self.inputs)

@@ -16,7 +16,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -170,8 +170,8 @@ def unquoted(value: Any) -> Any:
     return value
 
 
-def resolved(table: Iterable[Parameter], chosen: Mapping[str, Any], owner: str) -> dict[str, Value]:
-    """Defaults overlaid with checked values.
+def checked(table: Iterable[Parameter], chosen: Mapping[str, Any], owner: str) -> dict[str, Value]:
+    """Return given values in their parameters' own types.
 
     Parameters
     ----------
@@ -188,15 +188,22 @@ def resolved(table: Iterable[Parameter], chosen: Mapping[str, Any], owner: str) 
         An unknown name (with the nearest known one), or a value that is not allowed.
     """
     known = {parameter.name: parameter for parameter in table}
-    for name in chosen:
+    values = {}
+    for name, value in chosen.items():
         if name not in known:
             close = get_close_matches(name, known, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
             raise ConfigurationError(f"{owner} has no parameter {name}{hint}")
-    values = {}
-    for name, parameter in known.items():
         try:
-            values[name] = parameter.checked(chosen.get(name, parameter.default))
+            values[name] = known[name].checked(value)
         except ConfigurationError as error:
             raise ConfigurationError(f"{owner}: {error}") from None
     return values
+
+
+def resolved(
+    table: Collection[Parameter], chosen: Mapping[str, Any], owner: str
+) -> dict[str, Value]:
+    """Defaults overlaid with checked values; arguments and errors as of `checked`."""
+    defaults = {parameter.name: parameter.default for parameter in table}
+    return checked(table, {**defaults, **chosen}, owner)

@@ -127,7 +127,7 @@ class Part:
         split = component.input_record.itemsize // 8
         self.inputs = self.signals[:split].view(component.input_record)
         self.outputs = self.signals[split:].view(component.output_record)
-        self.places = _places(component)
+        self.places = component.places
         self._memory = self.signals.data
         self._written = Struct(f"=q{split - 1}d")
         self._given = Struct(f"={self.signals.size - split}d")
@@ -218,12 +218,3 @@ class Part:
 def signals_of(component: Component) -> int:
     """Count the float64 that a component's inputs and outputs take."""
     return (component.input_record.itemsize + component.output_record.itemsize) // 8
-
-
-def _places(component: Component) -> dict[str, slice]:
-    """Where each output column is among the numbers that a step gives."""
-    found, start = {}, 0
-    for column in component.outputs:
-        found[column.name] = slice(start, start + column.width)
-        start += column.width
-    return found

@@ -29,7 +29,7 @@ from ppc_attitude.contract.topics import CONTROLLER, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import Value, resolved
+from ppc_attitude.science.parameter import Value, checked, resolved
 
 # ROS's own parameters may stand in a file; they are not ours to check.
 _OF_ROS = ("use_sim_time", "start_type_description_service")
@@ -69,10 +69,22 @@ class Scenario:
         """Value of a parameter that is a number."""
         return float(str(self.parameters[node][name]))
 
+    def overlaid(self, chosen: Overrides) -> "Scenario":
+        """Return a copy with some parameters replaced by allowed values.
+
+        Whether the components can run with them is for `check_components`, or who runs them.
+        """
+        changed = {
+            node: {**self.parameters[node], **checked(PARAMETERS[node], values, node)}
+            for node, values in chosen.items()
+        }
+        return Scenario({**self.parameters, **changed})
+
     def with_values(self, node: str, **values: Any) -> "Scenario":
         """Return a copy with some parameters of one node replaced, and that node checked again."""
-        changed = _checked(node, {**self.parameters[node], **values})
-        return Scenario({**self.parameters, node: changed})
+        result = self.overlaid({node: values})
+        check_components(node, result.parameters[node])
+        return result
 
     def awaiting_recorder(self) -> "Scenario":
         """Return the scenario of a run that is recorded from its first message on."""
