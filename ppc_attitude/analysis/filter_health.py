@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.analysis.series import elapsed, finite, has, lacking
+from ppc_attitude.analysis.series import elapsed, finite, has, is_finite, lacking
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ESTIMATOR, TRUE_ATTITUDE
@@ -71,22 +71,22 @@ def filter_health(record: RunRecord) -> FilterHealth | None:
         return None
     settings = record.parameters.get(ESTIMATOR, {})
     gate = settings.get("gate")
-    nis = np.square(record[_INNOVATION]).sum(axis=1)
-    told = np.isfinite(nis)
-    if gate is None or not told.any():
+    told = np.flatnonzero(is_finite(record, _INNOVATION))
+    if gate is None:
         return FilterHealth(_outside(record), None, None, None, None)
-    used = told & (nis <= gate)
+    nis = np.square(record[_INNOVATION][told]).sum(axis=1)
+    used = nis <= gate
     count = int(used.sum())
     refused = None
     if has(record, TRUE_ATTITUDE.column) and has(record, _FIX):
-        rows = np.flatnonzero(told & ~used)
+        rows = told[~used]
         refused = float(sum(_is_good(record, settings, row) for row in rows.tolist()))
     return FilterHealth(
         _outside(record),
         abs(float(nis[used].mean()) - 3.0) if count else None,
         3.0 * math.sqrt(6.0 / count) if count else None,
         refused,
-        max(1.0, 1e-3 * float(told.sum())),
+        max(1.0, 1e-3 * float(told.size)),
     )
 
 

@@ -38,7 +38,7 @@ def once(function: _OfRecord[_Names, _Found]) -> _OfRecord[_Names, _Found]:
 
     @wraps(function)
     def kept(record: RunRecord, /, *names: _Names.args, **others: _Names.kwargs) -> _Found:
-        key = (function.__qualname__, *names)
+        key = (function.__module__, function.__qualname__, names, tuple(others.items()))
         if key not in record.derived:
             record.derived[key] = function(record, *names, **others)
         found: _Found = record.derived[key]
