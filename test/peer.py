@@ -37,6 +37,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 
+_ASK_AGAIN = 10.0  # [s]
 _QOS = QoSProfile(
     depth=1000, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE
 )
@@ -136,8 +137,16 @@ class Peer:
         """Call a service."""
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, f"service {name}")
-        future = client.call_async(request)
-        self.until(future.done, f"answer of {name}")
+        asked = []
+
+        def answer() -> Any:
+            # A server that has not found the client within 0.1 s drops its answer: ask again.
+            if time.monotonic() > len(asked) * _ASK_AGAIN + begin:
+                asked.append(client.call_async(request))
+            return next((future for future in asked if future.done()), None)
+
+        begin = time.monotonic()
+        future = self.until(answer, f"answer of {name}")
         self.node.destroy_client(client)
         return future.result()
 
