@@ -22,11 +22,15 @@ import pytest
 from process_helpers import Run, StartProcess
 
 from ppc_attitude.command_line.errors import UsageError
-from ppc_attitude.command_line.security import secured
+from ppc_attitude.command_line.security import domain_of, secured
 
+HERE = {"PATH": os.environ["PATH"], "ROS_DOMAIN_ID": "7"}
 ROS2 = """#!/bin/sh
 echo "$@" >> "$(dirname "$0")/asked"
-[ "$2" = create_keystore ] && exec mkdir -p "$3/enclaves"
+if [ "$2" = create_keystore ]; then
+  mkdir -p "$3/enclaves"
+  exec echo "<domains> <id>$ROS_DOMAIN_ID</id> </domains>" > "$3/enclaves/governance.xml"
+fi
 mkdir -p "$3/enclaves$4"
 cd "$3/enclaves$4"
 touch identity_ca.cert.pem cert.pem key.pem permissions_ca.cert.pem governance.p7s permissions.p7s
@@ -46,19 +50,31 @@ def ros2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_keys_are_made_once_and_enforced(ros2: Path, tmp_path: Path) -> None:
     keys = tmp_path / "keys"
-    environment = secured({"HOME": "/"}, keys)
+    given = {"PATH": os.environ["PATH"], "ROS_DOMAIN_ID": "7"}
+    environment = secured(given, keys)
     assert environment == {
-        "HOME": "/",
+        **given,
         "ROS_SECURITY_KEYSTORE": str(keys),
         "ROS_SECURITY_ENABLE": "true",
         "ROS_SECURITY_STRATEGY": "Enforce",
         "ROS_SECURITY_ENCLAVE_OVERRIDE": "/ppc_attitude",
     }
-    assert secured({"HOME": "/"}, keys) == environment
+    assert secured(given, keys) == environment
     assert ros2.read_text().splitlines() == [
         f"security create_keystore {keys}",
         f"security create_enclave {keys} /ppc_attitude",
     ]
+
+
+def test_keys_are_for_the_domain_in_which_they_were_made(ros2: Path, tmp_path: Path) -> None:
+    """SROS 2 permits no other; a run takes it unless the user has set one."""
+    keys = tmp_path / "keys"
+    assert domain_of(keys) == ""
+    environment = {"PATH": os.environ["PATH"]}
+    secured(environment | {"ROS_DOMAIN_ID": "7"}, keys)
+    assert domain_of(keys) == "7"
+    with pytest.raises(UsageError, match=r"ROS_DOMAIN_ID = 8; allowed with --secure .*: 7, the "):
+        secured(environment | {"ROS_DOMAIN_ID": "8"}, keys)
 
 
 def test_without_the_means_to_make_keys_nothing_is_run(
@@ -66,14 +82,14 @@ def test_without_the_means_to_make_keys_nothing_is_run(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(UsageError, match="`ros2 security`, which makes keys, is not installed"):
-        secured({}, tmp_path / "keys")
+        secured(HERE, tmp_path / "keys")
     assert not (tmp_path / "keys").exists()
 
 
 def test_keys_that_cannot_be_made_are_told(tmp_path: Path, ros2: Path) -> None:
     ros2.with_name("ros2").write_text("#!/bin/sh\necho no room >&2\nexit 1\n")
     with pytest.raises(UsageError, match="ros2 security create_keystore: no room"):
-        secured({}, tmp_path / "keys")
+        secured(HERE, tmp_path / "keys")
 
 
 @pytest.mark.ros

@@ -32,7 +32,7 @@ from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import exit_code
 from ppc_attitude.command_line.paths import new_bag
-from ppc_attitude.command_line.security import secured
+from ppc_attitude.command_line.security import domain_of, secured
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
@@ -94,7 +94,7 @@ class Recording:
         RunError
             The run broke, or its bag cannot be read.
         """
-        environment = private_environment()
+        environment = private_environment(domain_of(self._keys) if self._keys else "")
         if self._keys:
             environment = secured(environment, self._keys)
         scenario = scenario.awaiting_recorder().with_values(PLANT, lockstep=lockstep)

@@ -15,14 +15,29 @@
 
 """SROS 2: keys for a run, and the environment in which nothing is said or believed without them."""
 
+import re
 import shutil
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
 from ppc_attitude.command_line.errors import UsageError
+from ppc_attitude.nodes.discovery import DOMAIN
 
 _ENCLAVE = "ppc_attitude"
+
+
+def domain_of(keys: Path) -> str:
+    """Return the one ROS domain that the keys in a folder are for; empty if that cannot be told.
+
+    SROS 2 writes it into what all keys of a keystore have in common.
+    """
+    try:
+        governance = (keys / "enclaves" / "governance.xml").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+    found = re.findall(r"<id>\s*([0-9]{1,3})\s*</id>", governance)
+    return found[0] if len(found) == 1 else ""
 
 
 def secured(environment: Mapping[str, str], keys: Path) -> dict[str, str]:
@@ -31,19 +46,25 @@ def secured(environment: Mapping[str, str], keys: Path) -> dict[str, str]:
     Parameters
     ----------
     environment : mapping of str to str
-        Environment without.
+        Environment without, in which the domain is set.
     keys : Path
         Folder of the keys, an SROS 2 keystore.
 
     Raises
     ------
     UsageError
-        The keys cannot be made; says why.
+        The keys are for another domain, or cannot be made; says why.
     """
+    domain = domain_of(keys)
+    if domain not in {"", environment[DOMAIN]}:
+        raise UsageError(
+            f"{DOMAIN} = {environment[DOMAIN]}; allowed with --secure {keys}: {domain}, the domain "
+            "for which its keys were made"
+        )
     if not (keys / "enclaves").is_dir():
-        _make("create_keystore", str(keys))
+        _make(environment, "create_keystore", str(keys))
     if not (keys / "enclaves" / _ENCLAVE).is_dir():
-        _make("create_enclave", str(keys), f"/{_ENCLAVE}")
+        _make(environment, "create_enclave", str(keys), f"/{_ENCLAVE}")
     return {
         **environment,
         "ROS_SECURITY_KEYSTORE": str(keys.absolute()),
@@ -53,12 +74,17 @@ def secured(environment: Mapping[str, str], keys: Path) -> dict[str, str]:
     }
 
 
-def _make(*words: str) -> None:
+def _make(environment: Mapping[str, str], *words: str) -> None:
     program = shutil.which("ros2")
     if program is None:
         raise UsageError("--secure: `ros2 security`, which makes keys, is not installed (sros2)")
     done = subprocess.run(
-        [program, "security", *words], capture_output=True, text=True, errors="replace", check=False
+        [program, "security", *words],
+        env=environment,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
     )
     if done.returncode:
         raise UsageError(f"--secure: ros2 security {words[0]}: {done.stderr or done.stdout}")

@@ -64,10 +64,15 @@ class StackError(Exception):
         self.refused = refused
 
 
-def private_environment() -> dict[str, str]:
+def private_environment(domain: str = "") -> dict[str, str]:
     """Environment of the processes of a run: this host only, and a domain of their own.
 
     A range or domain that the user has set is kept.
+
+    Parameters
+    ----------
+    domain : str
+        The domain if the user has set none; empty: one that nobody uses.
 
     Raises
     ------
@@ -79,7 +84,7 @@ def private_environment() -> dict[str, str]:
     import_module("rclpy")
     environment = dict(os.environ)
     environment[RANGE] = environment.get(RANGE) or "LOCALHOST"
-    environment[DOMAIN] = environment.get(DOMAIN) or str(choose_domain())
+    environment[DOMAIN] = environment.get(DOMAIN) or domain or str(choose_domain())
     check_discovery(environment)
     return environment
 
