@@ -76,7 +76,8 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
     # The first cause is told: that of the node, or of the recorder if it heard both for longer.
     assert re.search(rf"(another node publishes|came from several).*: /{name}, /{name}", run.err)
     told = f"{found[1]} came from several nodes: /{name}, /{name}"
-    assert any(told in warning for warning in read_run(run.bag).warnings)
+    warnings = read_run(run.bag).warnings
+    assert any(told in warning for warning in warnings), (found[1], warnings, run.err)
 
 
 @long

@@ -23,7 +23,7 @@ _MOST_AT_ONCE = 5  # of them that one return proves: a single one may be an erro
 _LARGEST_STEP = NANOSECONDS
 _HEARD = 5.0  # [s] after its last message a second publisher counts as gone
 _NEW = 10.0  # [s] who was older than this when another came never gives way
-_TOLD = 1.0  # [s] from the proof on until everybody else has had time to hear as much
+_TOLD = 3.0  # [s] from the proof on until everybody else has had time to find both and hear as much
 _MOST = 8  # publishers of one topic that are told apart
 
 
