@@ -21,7 +21,7 @@ import select
 import signal
 import subprocess
 import sys
-from contextlib import nullcontext
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -239,18 +239,34 @@ def test_a_node_that_is_slow_to_begin_ends_when_it_is_asked_to(tmp_path: Path) -
         child.kill()
 
 
-@pytest.mark.parametrize("work", [0.0, 3600.0])
-def test_only_a_run_in_which_nobody_works_is_given_up(
-    work: float, monkeypatch: pytest.MonkeyPatch
+def test_a_run_whose_nodes_wait_for_the_processor_is_not_given_up(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """On a busy machine the start of five processes has no end; nobody's fault."""
+    run = stalled(monkeypatch, after=0.0)
+    monkeypatch.setattr(stack, "starved", lambda pid: 3600.0)
+    run._look_for_stall()
+
+
+def test_a_run_whose_node_computes_for_ever_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = stalled(monkeypatch, after=0.5)
+    give_up = time.monotonic() + PATIENCE
+    with pytest.raises(StackError, match=r"no step for 0\.5 s: waiting for x"):
+        while (
+            time.monotonic() < give_up
+        ):  # this process stands for the node, and works all the time
+            run._look_for_stall()
+
+
+def stalled(monkeypatch: pytest.MonkeyPatch, after: float) -> Stack:
+    """Build a run without a step, whose plant is this very process."""
+    monkeypatch.setattr(stack, "_STALLED_AFTER", after)
     run = Stack([], "", {}, lambda simulated: None)
-    plant: Any = SimpleNamespace(process=SimpleNamespace(pid=0), told={WAITING: "waiting for x"})
+    ours = SimpleNamespace(pid=os.getpid())
+    plant: Any = SimpleNamespace(process=ours, told={WAITING: "waiting for x"})
     run._nodes[PLANT] = plant
-    monkeypatch.setattr(stack, "_STALLED_AFTER", 0.0)
-    monkeypatch.setattr(stack, "occupied", lambda pid: work)
-    with nullcontext() if work else pytest.raises(StackError, match="no step for 0 s: waiting for"):
-        run._look_for_stall()
+    run._starved = run._starvation()
+    return run
 
 
 @pytest.mark.ros

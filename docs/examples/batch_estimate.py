@@ -45,16 +45,7 @@ def batch(
 ) -> tuple[Any, Any, Any, Any]:
     """Attitude and bias at the last step, and the covariances of both [rad²], [rad²/s²].
 
-    Parameters
-    ----------
-    values : mapping
-        Parameters of the filter; every fix is taken.
-    rates : ndarray, shape (n, 3)
-        Gyro samples of the steps 1 to n [rad/s].
-    star : ndarray, shape (m, 6)
-        Rows of STAR.csv.
-    rate : float
-        Steps per second [Hz].
+    It takes what `estimates` of recorded_sensors.py takes, and every fix.
     """
     step, count = 1.0 / rate, len(rates)
     resolution = values["gyro.resolution"]

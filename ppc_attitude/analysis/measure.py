@@ -208,7 +208,7 @@ class Measured:
             ("control", "told against reference", self.control),
             ("knowledge", "truth against told", known(knowledge_errors, self.record)),
         ):
-            last = None if errors is None else Errors(errors.quaternions.T[:, self.last].T)
+            last = None if errors is None else Errors(errors.quaternions[self.last])
             angles = np.empty(0) if last is None else np.rad2deg(last.angles)
             angles = angles[np.isfinite(angles)]
             most = rms = None

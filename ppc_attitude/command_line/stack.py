@@ -33,12 +33,12 @@ from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.contract.declared import nodes_of
 from ppc_attitude.contract.topics import ESTIMATOR, NODES, PLANT, RECORDER
 from ppc_attitude.nodes.discovery import DOMAIN, RANGE, check_discovery
-from ppc_attitude.processes.child import Child, occupied
+from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.telling import AT, BROKEN, LINGERS, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
-_STALLED_AFTER = 30.0  # [s] without a step, and without work, after which lock-step is given up
+_STALLED_AFTER = 30.0  # [s] without a step after which lock-step is given up
 _EVENT = re.compile(r"(\x1b\[\d*m)*\[(INFO|DEBUG)\]")  # how ROS begins such a line
 _GLANCE = 0.02  # [s] between two looks at the processes
 # The recorder goes last, when all others have sent their last message.
@@ -118,7 +118,7 @@ class Stack:
         self._nodes: dict[str, Child] = {}
         self._time: float | None = None
         self._advanced = time.monotonic()
-        self._work: dict[str, float] = {}  # time [s] that each process had used by then
+        self._starved: dict[str, float] = {}  # [s] of waiting for the processor until then
 
     @classmethod
     def of(
@@ -201,7 +201,7 @@ class Stack:
         now: float | None = plant.told.get(TIME)
         if now is not None and now != self._time:
             self._time, self._advanced = now, time.monotonic()
-            self._work = self._occupied()
+            self._starved = self._starvation()
             plant.told.pop(WAITING, None)
             self._on_time(now)
         ended = {name: code for name, code in self.exit_codes().items() if code is not None}
@@ -211,16 +211,19 @@ class Stack:
         self._look_for_stall()
         return not (finished or stop.is_set())
 
-    def _occupied(self) -> dict[str, float]:
-        return {name: occupied(node.process.pid) for name, node in self._nodes.items()}
+    def _starvation(self) -> dict[str, float]:
+        return {name: starved(node.process.pid) for name, node in self._nodes.items()}
 
     def _look_for_stall(self) -> None:
-        """Give up if nothing happens; a node that is still at work, as at its start, is awaited."""
+        """Give up if nothing happens; the time in which a node waited for its turn is no silence.
+
+        What a node itself uses counts: one that computes for ever never answers.
+        """
         silent = time.monotonic() - self._advanced
         if silent < _STALLED_AFTER:
             return
-        work = [used - self._work.get(name, 0.0) for name, used in self._occupied().items()]
-        if silent - max(work) < _STALLED_AFTER:
+        waits = [now - self._starved.get(name, 0.0) for name, now in self._starvation().items()]
+        if silent - max(waits) < _STALLED_AFTER:
             return
         paused = [name for name, node in self._nodes.items() if _is_paused(node.process.pid)]
         reason = ", ".join(f"{name} is paused (SIGSTOP)" for name in paused)

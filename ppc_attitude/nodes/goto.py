@@ -101,10 +101,9 @@ def _all_listen(node: Node, publisher: Publisher) -> bool:
         for each in node.get_subscriptions_info_by_topic(publisher.topic_name)
         if each.qos_profile.durability == DurabilityPolicy.VOLATILE  # others hear no such publisher
     ]
-    answering = node.get_publishers_info_by_topic(GUIDANCE_STATUS.name)
-    return not {_name(each) for each in following}.isdisjoint(
-        map(_name, answering)
-    ) and publisher.get_subscription_count() >= len(following)
+    listeners = {_name(each) for each in following}
+    answerers = {_name(each) for each in node.get_publishers_info_by_topic(GUIDANCE_STATUS.name)}
+    return bool(listeners & answerers) and publisher.get_subscription_count() >= len(following)
 
 
 def _name(endpoint: TopicEndpointInfo) -> tuple[str, str]:

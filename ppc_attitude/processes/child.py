@@ -170,21 +170,11 @@ class _Lines:
 
 def starved(pid: int) -> float:
     """How long [s] a process has waited for the processor so far; 0 where nobody counts that."""
-    return _at_work(pid)[1]
-
-
-def occupied(pid: int) -> float:
-    """How long [s] a process has had something to do so far; 0 where nobody counts that."""
-    return sum(_at_work(pid))
-
-
-def _at_work(pid: int) -> tuple[float, float]:
-    """Time [s] on the processor, and time of waiting for it."""
     try:
-        running, waiting, _ = Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()
+        _, waiting, _ = Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()
     except (OSError, ValueError):
-        return 0.0, 0.0
-    return float(running) * 1e-9, float(waiting) * 1e-9
+        return 0.0
+    return float(waiting) * 1e-9
 
 
 def take_signals() -> None:

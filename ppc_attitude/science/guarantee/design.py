@@ -199,7 +199,7 @@ def _feasible(assumed: Assumptions, h: float, first: list[Gains]) -> bool:
     """Tell whether some gains satisfy every inequality: those given, or of the short search."""
     for gains in (*first, *_grid(assumed, h, short=True)):
         try:
-            tuned(assumed, h, *gains, COARSE, TUMBLING[-1:])  # no other makes less demands
+            tuned(assumed, h, *gains, COARSE, TUMBLING[-1:])  # the last demands least
         except InfeasibleError:
             continue
         first[:] = [gains]  # for a neighbour they are feasible too, as a rule
