@@ -25,7 +25,7 @@ import pytest
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.proportions import (
-    dead_zone_conditions,
+    actuator_conditions,
     environment_torque,
     noise_conditions,
     pulse_conditions,
@@ -123,11 +123,11 @@ def warned(conditions: Any) -> set[str]:
 
 
 def test_a_dead_zone_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
-    assert not warned(dead_zone_conditions(cubesat))
+    assert not warned(actuator_conditions(cubesat))
     coarse = cubesat.with_values(PLANT, min_torque=1e-4)  # the paper's, of an actuator 25 × weaker
-    assert warned(dead_zone_conditions(coarse)) == {"min_torque in ρ_ω"}
+    assert warned(actuator_conditions(coarse)) == {"min_torque in ρ_ω"}
     coarser = cubesat.with_values(PLANT, min_torque=1e-3)
-    assert warned(dead_zone_conditions(coarser)) == {"min_torque", "min_torque in ρ_ω"}
+    assert warned(actuator_conditions(coarser)) == {"min_torque", "min_torque in ρ_ω"}
 
 
 @pytest.mark.parametrize("share", [0.98, 1.2])

@@ -73,8 +73,16 @@ from ppc_attitude.contract.topics import (
     STANDARD,
     TORQUE_COMMAND,
 )
-from ppc_attitude.science.component import QUATERNION, VECTOR, WRENCH
+from ppc_attitude.science.component import (
+    QUATERNION,
+    VECTOR,
+    WHEEL_SPEEDS,
+    WHEEL_TORQUES,
+    WRENCH,
+)
 
+_OF_WHEELS = (WHEEL_SPEEDS, WHEEL_TORQUES)
+_DRAWN = (QUATERNION, VECTOR, WRENCH, *_OF_WHEELS)  # forms of columns with a figure of their own
 ANGLE_FLOOR = 1e-4  # [deg] where the panel of angles ends
 
 
@@ -227,7 +235,7 @@ def transformed_errors_figure(run: Measured) -> Figure:
 def column_figure(run: Measured, column: str) -> Figure:
     """Draw a column of the record; what comes with some instants only, as points."""
     topic = BY_COLUMN[column]
-    factor, unit = in_degrees(topic.unit)
+    factor, unit = (1.0, topic.unit) if topic.form in _OF_WHEELS else in_degrees(topic.unit)
     if not has(run.record, column):
         raise lacking(run.record, column)
     values = factor * run.record[column]
@@ -236,6 +244,9 @@ def column_figure(run: Measured, column: str) -> Figure:
     if topic.late:
         for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
             axes.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
+    elif topic.form in _OF_WHEELS:
+        there = np.flatnonzero(values.any(axis=0))
+        components(axes, run.t, values[:, there], [f"wheel {k}" for k in there])
     else:
         components(axes, run.t, values)
     axes.set_ylabel(f"{column.replace('_', ' ')} [{unit}]")
@@ -266,7 +277,7 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     if not has(record, APPLIED_TORQUE.column):
         drawn.remove(TORQUE_COMMAND.column)  # a plant of somebody else's tells no more
     for column, topic in BY_COLUMN.items():
-        if column not in drawn and topic.form in (QUATERNION, VECTOR, WRENCH):
+        if column not in drawn and topic.form in _DRAWN:
             caption = topic.meaning[:1].upper() + topic.meaning[1:]
             yield column, caption, partial(column_figure, column=column)
 

@@ -38,7 +38,14 @@ from ppc_attitude.analysis.truth import (
 from ppc_attitude.analysis.verdict import Disturbance, ErrorSize, Metrics, Span
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE, REFERENCE_ATTITUDE
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    ATTITUDE,
+    DISTURBANCE,
+    PLANT,
+    REFERENCE_ATTITUDE,
+)
+from ppc_attitude.science import wheels
 
 Mask = NDArray[np.bool_]
 _FIELDS = frozenset(each.name for each in fields(Metrics))
@@ -184,6 +191,15 @@ class Measured:
     def largest_of(self, column: str) -> float | None:
         """Largest magnitude of a number of a column; None if the record has none."""
         return largest(np.abs(self.record[column])) if has(self.record, column) else None
+
+    @property
+    def fastest_wheel(self) -> float | None:
+        """Largest share of its largest speed that a wheel had; None if nobody tells of wheels."""
+        limits = self.record.parameters.get(PLANT, {}).get(wheels.MAX_SPEED.name)
+        if limits is None or not has(self.record, wheels.SPEED.name):
+            return None
+        speeds = np.abs(self.record[wheels.SPEED.name])
+        return largest(speeds[:, : len(limits)] / limits if len(limits) > 1 else speeds / limits)
 
     def _time_outside(self, envelope: Envelope) -> float | None:
         has_both = envelope in envelopes_of(self.record)

@@ -84,6 +84,10 @@ PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""
+WHEEL_RESERVE = 0.99
+"""Largest share of its largest speed that a wheel may reach [1]."""
+SUMMATION = 1e-12
+"""Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
 NOISE_EXPLAINS = 8.0
 """Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
 
@@ -99,6 +103,7 @@ def names_of(required: Requirements) -> dict[str, str]:
         **{key: name for each in ENVELOPES for key, name in _outside(each).items()},
         "recovery": "recovery from a sudden disturbance",
         **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
+        "wheel_speed": "speed of a wheel, share of its largest",
         "keep_out": "angle inside a keep-out cone",
         "certificate": "certificate held: time outside",
         "reported_error": "difference in the reported attitude error",
@@ -189,6 +194,7 @@ class _Judge(Measured):
             yield self._recovered(late)
         for column, limit in required.limits.items():
             yield self._column(f"limit_{column}", column, limit)
+        yield from self._wheels()
         yield from self._kept_out()
         yield from self._certificate()
         yield from self._reported()
@@ -215,7 +221,7 @@ class _Judge(Measured):
         name = self._names[key]
         if why or value is None:
             return Requirement(key, name, None, limit, unit, None, None, strict, why)
-        met = value < limit if strict else value <= limit
+        met = value < limit if strict else value <= limit * (1.0 + SUMMATION)
         return Requirement(key, name, value, limit, unit, met, span, strict, note, without)
 
     @staticmethod
@@ -334,6 +340,12 @@ class _Judge(Measured):
         if held is not None:
             time = self.time(held.outside)
             yield self._row("certificate", time, 0.0, "s", self.whole, held.reason, note=held.note)
+
+    def _wheels(self) -> Iterator[Requirement]:
+        """Judge whether the wheels could take up the momentum; one at its limit gives no torque."""
+        share = self.fastest_wheel
+        if share is not None:
+            yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole)
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""

@@ -27,6 +27,10 @@ from ppc_attitude.analysis.drawing import (
     BLACK,
     ENVELOPE_WIDTH,
     GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
     draw,
     judged_limit,
     legend,
@@ -37,7 +41,7 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.contract.run_record import Array
 
 AXES = ("x", "y", "z")
-COLOURS = (*AXIS_COLOURS, BLACK)
+COLOURS = (*AXIS_COLOURS, BLACK, ORANGE, PURPLE, SKY, GREY)
 ENVELOPE_LABEL = "envelope"
 BELOW = 3e3  # how far below the least envelope a logarithmic panel reaches
 ZOOM_BEFORE, ZOOM_AFTER = 2.0, 12.0  # of a hit [s]
@@ -116,10 +120,10 @@ def accuracy_limits(axes: Axes, run: Measured, unit: str) -> None:
             judged_limit(axes, run.t, judged, accuracy.limit, label=label, colour=colour)
 
 
-def components(axes: Axes, t: Array, values: Array) -> None:
-    """Draw the components, shape (n, up to 4)."""
-    for axis, colour, component in zip((*AXES, "w"), COLOURS, values.T, strict=False):
-        draw(axes, t, component, label=axis, colour=colour)
+def components(axes: Axes, t: Array, values: Array, names: Sequence[str] = (*AXES, "w")) -> None:
+    """Draw the components, shape (n, up to 8), with their names."""
+    for name, colour, component in zip(names, COLOURS, values.T, strict=False):
+        draw(axes, t, component, label=name, colour=colour)
 
 
 def finish(shown: Sequence[Axes], run: Measured) -> None:

@@ -40,7 +40,7 @@ from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of
-from ppc_attitude.simulation.scenario import Scenario
+from ppc_attitude.simulation.scenario import Scenario, weakened
 
 LARGEST_SEED = 2**63 - 1
 
@@ -76,7 +76,7 @@ class Variables:
     disturbance : Pulse or None
         One sudden pulse, in addition to the scenario's.
     actuator_strength : Number or None
-        Factor on the plant's `max_torque`, of which the controller does not know.
+        Factor on the torque limits of the actuator, of which the controller does not know.
     parameters : mapping of str to Varied
         Other numbers that components declare, by the names under which they are drawn.
     """
@@ -226,8 +226,7 @@ def _pulse(name: str, declared: Any, length: float) -> Pulse:
 def _check_strength(strength: Number | None, base: Scenario) -> None:
     """See that the weakest actuator still gives torque."""
     weakest = min((strength or Fixed(1.0)).support())
-    torque = base.number(PLANT, "max_torque")
     try:
-        base.with_values(PLANT, max_torque=weakest * torque)
+        base.with_values(PLANT, **weakened(base.parameters[PLANT], weakest))
     except ConfigurationError as error:
         raise ConfigurationError(f"actuator_strength can become {weakest:g}: {error}") from None

@@ -34,7 +34,7 @@ from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_q
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.references import goal
-from ppc_attitude.simulation.scenario import Scenario, check_components
+from ppc_attitude.simulation.scenario import Scenario, check_components, weakened
 
 _LARGEST_NOISE_SEED = 2**53
 _ELEMENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
@@ -173,7 +173,7 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
         "initial_attitude": [drawn[f"initial_attitude_{axis}"] for axis in "xyzw"],
         "initial_angular_velocity": [drawn[f"initial_rate_{axis}"] for axis in "xyz"],
         "inertia": _matrix(drawn).ravel().tolist(),
-        "max_torque": drawn["actuator_strength"] * values[PLANT]["max_torque"],
+        **weakened(values[PLANT], drawn["actuator_strength"]),
         "seed": drawn["noise_seed"],
     }
     if drawn["pulse_torque"]:

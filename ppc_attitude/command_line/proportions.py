@@ -22,6 +22,7 @@ import numpy as np
 
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.actuators import ideal, wheels
 from ppc_attitude.science.certificate import RATE_LIMIT, Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
@@ -32,7 +33,7 @@ from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.inertia import inertia_matrix
-from ppc_attitude.science.kinds import ESTIMATORS, REFERENCES, SENSORS
+from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.performance import nominal
 from ppc_attitude.science.references import goal
@@ -108,7 +109,7 @@ def _least_turn(
     component, whole = required.settled.bounds
     near = min(component / np.abs(axis).max(), whole, 1.0)
     inertia = inertia_matrix("inertia", scenario.parameters[PLANT]["inertia"])
-    acceleration = scenario.number(PLANT, "max_torque") / np.abs(inertia @ axis).max()
+    acceleration = _actuator_torque(scenario) / np.abs(inertia @ axis).max()
     rate = math.radians(required.rate) if required.rate else math.inf
     turn = max(angle - 2.0 * math.asin(near), 0.0)
     return float(duration(profile(turn, rate, float(acceleration), math.inf)))
@@ -127,7 +128,7 @@ def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
     yield Condition(
         "slew torque",
         slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration),
-        share * float(plant["max_torque"]),
+        share * _actuator_torque(scenario),
         "≤",
         "N·m",
         False,
@@ -156,8 +157,30 @@ def _rate_of_slew(rate: float, times: Sequence[float], law: Mapping[str, Any]) -
     )
 
 
-def dead_zone_conditions(scenario: Scenario) -> Iterator[Condition]:
-    """Compare the actuator's dead zone with its limit and with the torque that the law asks for."""
+def _actuator_torque(scenario: Scenario) -> float:
+    """Torque per axis [N·m] that the selected actuator gives in any direction."""
+    plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    if ACTUATORS.selected(plant) is wheels.COMPONENT:
+        return float(wheels.configure(plant)["certain"])
+    return float(plant["max_torque"])
+
+
+def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
+    """Compare what the actuator gives, and its dead zone, with what the law asks for."""
+    actuator = ACTUATORS.selected(scenario.parameters[PLANT])
+    if actuator is wheels.COMPONENT:
+        yield Condition(
+            "max_torque",
+            scenario.number(CONTROLLER, "max_torque"),
+            _actuator_torque(scenario),
+            "≤",
+            "N·m",
+            False,
+            "the wheels give what the law may ask for, on all axes at once; friction and "
+            "gyroscopic torque take a little of it",
+        )
+    if actuator is not ideal.COMPONENT:
+        return
     dead = scenario.number(PLANT, "min_torque")
     yield Condition(
         "min_torque",
@@ -230,7 +253,7 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
         yield Condition(
             "noise torque",
             _NOISE_SIGMAS * float(law["K_omega"]) * most * sigmas.rate,
-            scenario.number(PLANT, "max_torque"),
+            _actuator_torque(scenario),
             "≤",
             "N·m",
             False,
@@ -255,7 +278,7 @@ def _sigmas(scenario: Scenario) -> Sigmas:
 
 def pulse_conditions(scenario: Scenario, required: Requirements) -> Iterator[Condition]:
     """How long the actuator needs at best to take back what each scheduled pulse gives."""
-    torque = scenario.number(PLANT, "max_torque")
+    torque = _actuator_torque(scenario)
     for hit in scheduled_pulses(scenario.parameters[INJECTOR]):
         start, end = (int(hit[each]) / NANOSECONDS for each in ("start_ns", "end_ns"))
         yield Condition(

@@ -14,7 +14,8 @@
 
 """CDR, the wire format of ROS messages, for the stamped messages of the contract.
 
-A stamped quaternion, vector or wrench is a time, a frame name and a few float64; an Imu has 37.
+A stamped quaternion, vector or wrench is a time, a frame name and a few float64; an Imu has 37,
+and a JointState has names and three lists, of which ours fill one.
 Packing and unpacking that with `struct` costs a fiftieth of a generated message class, so the hot
 path of every node and the bag reader work on bytes, and this file is the one place that knows them.
 
@@ -32,7 +33,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.topics import CLOCK, MSGTYPES, Topic
-from ppc_attitude.science.component import FIX, GYRO, MOTION, QUATERNION, VECTOR, WRENCH
+from ppc_attitude.science.component import (
+    FIX,
+    GYRO,
+    MOTION,
+    QUATERNION,
+    VECTOR,
+    WHEEL_SPEEDS,
+    WHEEL_TORQUES,
+    WRENCH,
+)
 from ppc_attitude.science.stamps import NANOSECONDS
 
 LARGEST = 1e6
@@ -42,6 +52,7 @@ _DOUBLES = {
     MSGTYPES[VECTOR]: 3,
     MSGTYPES[WRENCH]: 6,
     MSGTYPES[GYRO]: 37,
+    MSGTYPES[WHEEL_SPEEDS]: 8,
 }
 _SKIPPED = {MSGTYPES[WRENCH]: 3}  # the force of a wrench is not ours
 _MAX_FRAME_ID = 4096
@@ -55,6 +66,7 @@ _IMU = {
     FIX: "abcd" + "eooofooog" + "ooo" + _NONE + _NO_ACCELERATION,
     MOTION: "abcd" + "efgfhigij" + "klm" + "npqprsqst" + _NO_ACCELERATION,
 }
+_JOINTS = {WHEEL_SPEEDS: 1, WHEEL_TORQUES: 2}  # which list: position, velocity, effort
 _OURS = b"\x00\x01"  # little-endian XCDR1
 # representation id -> (struct byte order, alignment of float64)
 _ENCAPSULATION = {
@@ -87,7 +99,7 @@ class Codec:
     Parameters
     ----------
     topic : Topic
-        A topic with a stamped quaternion, vector or wrench.
+        A topic of a message that has a stamp and then, of what is ours, float64 alone.
     """
 
     def __init__(self, topic: Topic) -> None:
@@ -96,8 +108,11 @@ class Codec:
         count = _DOUBLES[topic.msgtype]
         self._count = count
         name = topic.frame_id.encode() + b"\0"
+        self._name_length = len(name)
+        # All between the length of the frame name and the numbers, and what is behind them.
+        name, behind = _around_joints(name, topic) if topic.form in _JOINTS else (name, 0)
         pad = -(12 + len(name)) % 8
-        self._struct = struct.Struct(f"<4siII{len(name)}s{pad}x{count}d")
+        self._struct = struct.Struct(f"<4siII{len(name)}s{pad}x{count}d{behind}x")
         self._name = name
         self._before = (0.0,) * self._skipped
         layout = _IMU.get(topic.form, "")
@@ -108,11 +123,11 @@ class Codec:
         self._places = [layout.index(letter) for letter in letters]
         self._behind = (0.0,) * (count - self._skipped - (len(layout) or topic.width))
         # How our own messages look, for the fast way of `decode`.
-        self._frame = struct.pack("<I", len(name)) + name
+        self._frame = struct.pack("<I", self._name_length) + name
         self._frame_end = 12 + len(self._frame)
         self._width = len(layout) or topic.width  # numbers of the message that are ours
         self._numbers = struct.Struct(f"<{self._width}d")
-        self._start = self._struct.size - 8 * (count - self._skipped)
+        self._start = self._struct.size - behind - 8 * (count - self._skipped)
 
     def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
         """Bytes of the message with this stamp and these numbers (of a wrench: the torque)."""
@@ -123,7 +138,7 @@ class Codec:
             _LITTLE_ENDIAN,
             sec,
             nanosec,
-            len(self._name),
+            self._name_length,
             self._name,
             *self._before,
             *values,
@@ -208,7 +223,50 @@ class Codec:
         return Sample(_stamp(data, order), frame_id, values)
 
     def _layout(self, data: bytes) -> tuple[str, int, int]:
+        if self.topic.form in _JOINTS:
+            return _joint_layout(data, self.topic)
         return stamped_layout(data, self.topic.msgtype, self._count)
+
+
+def _around_joints(name: bytes, topic: Topic) -> tuple[bytes, int]:
+    """Frame name, joint names and counts before the numbers of a JointState; bytes behind them."""
+    count, place = _DOUBLES[topic.msgtype], _JOINTS[topic.form]
+    joints = [struct.pack("<I8s", 8, f"wheel_{k}".encode()) for k in range(count)]
+    counts = [0] * place + [count]
+    name += bytes(-len(name) % 4) + struct.pack("<I", count) + b"".join(joints)
+    return name + struct.pack(f"<{len(counts)}I", *counts), 4 * (2 - place)
+
+
+def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
+    """As `stamped_layout`, of a JointState: where its list of a topic's form begins."""
+    order, length, _ = stamped_layout(data, topic.msgtype, 0)
+    align = encapsulation(data)[1]
+    at = _AFTER_STAMP + 4 + length
+    wanted = _DOUBLES[topic.msgtype]
+
+    def number() -> int:
+        nonlocal at
+        at += -at % 4
+        if at + 4 > len(data):
+            raise CdrError(f"{len(data)} bytes are too few for a {topic.msgtype}")
+        (value,) = struct.unpack_from(order + "I", data, at)
+        at += 4
+        return int(value)
+
+    if align == 4:
+        number()  # XCDR2 tells the size of a list of texts
+    for _ in range(min(number(), len(data))):
+        text = number()
+        at += text
+    for _ in range(_JOINTS[topic.form] + 1):
+        count = number()
+        start = at + -(at - 4) % align if count else at
+        at = start + 8 * count
+    if count != wanted:
+        raise CdrError(f"a {topic.msgtype} for {count} joints; allowed: {wanted}, one a wheel")
+    if at > len(data):
+        raise CdrError(f"{len(data)} bytes are too few for a {topic.msgtype}")
+    return order, length, start
 
 
 def stamped_layout(data: bytes, msgtype: str, count: int) -> tuple[str, int, int]:

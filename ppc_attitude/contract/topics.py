@@ -30,6 +30,8 @@ from ppc_attitude.science.component import (
     MOTION,
     QUATERNION,
     VECTOR,
+    WHEEL_SPEEDS,
+    WHEEL_TORQUES,
     WRENCH,
     Column,
 )
@@ -50,6 +52,7 @@ MSGTYPES = {
     VECTOR: "geometry_msgs/msg/Vector3Stamped",
     WRENCH: "geometry_msgs/msg/WrenchStamped",
     **dict.fromkeys((GYRO, FIX, MOTION), "sensor_msgs/msg/Imu"),
+    **dict.fromkeys((WHEEL_SPEEDS, WHEEL_TORQUES), "sensor_msgs/msg/JointState"),
 }
 CLOCK = "rosgraph_msgs/msg/Clock"
 POSE = "geometry_msgs/msg/PoseStamped"

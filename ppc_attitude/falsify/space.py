@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
-from ppc_attitude.simulation.scenario import Scenario
+from ppc_attitude.simulation.scenario import Scenario, weakened
 
 Vector = NDArray[np.float64]
 _START = 7  # numbers of the start: a quaternion of any length, and a rate
@@ -114,7 +114,7 @@ class Space:
                 "initial_attitude": attitude.tolist(),
                 "initial_angular_velocity": (self.rate * _in_ball(rate)).tolist(),
                 "inertia": self._changed_inertia(inertia).ravel().tolist(),
-                "max_torque": strength * self.base.number(PLANT, "max_torque"),
+                **weakened(self.base.parameters[PLANT], strength),
             }
         }
         if self.late:

@@ -34,6 +34,7 @@ from ppc_attitude.science.parameter import Parameter
 INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tracker"
 QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
 GYRO, FIX, MOTION = "gyro", "fix", "motion"
+WHEEL_SPEEDS, WHEEL_TORQUES = "wheel_speeds", "wheel_torques"
 _WIDTHS = {
     QUATERNION: (4,),
     VECTOR: (1, 2, 3),
@@ -41,6 +42,8 @@ _WIDTHS = {
     GYRO: (4,),
     FIX: (7,),
     MOTION: (19,),
+    WHEEL_SPEEDS: (8,),
+    WHEEL_TORQUES: (8,),
 }
 
 
@@ -57,8 +60,9 @@ class Column:
     form : str
         How it goes over the wire: ``quaternion`` (x y z w), ``vector`` (up to three numbers),
         ``wrench`` (a torque), ``gyro`` (a rate and the variance of each of its numbers), ``fix``
-        (x y z w and the variances about three axes) or ``motion`` (x y z w, the upper triangle of
-        its covariance, a rate, the upper triangle of its covariance).
+        (x y z w and the variances about three axes), ``motion`` (x y z w, the upper triangle of
+        its covariance, a rate, the upper triangle of its covariance), ``wheel_speeds`` or
+        ``wheel_torques`` (a number for each of eight wheels).
     frame : str
         Frame in which the numbers are expressed.
     unit : str
@@ -182,6 +186,8 @@ class Component:
         From the state to the number of its latest advice, which rises with every new one.
     exact : callable
         Of sensors: from the parameter values to True if what they give is the truth itself.
+    limits : tuple of str
+        Of actuators: the parameters that limit its torque, all of which a weaker one has smaller.
     observes : bool
         Of laws: True if it has a rate observer of its own, so that none is put before it.
     """
@@ -197,6 +203,7 @@ class Component:
     advice: Callable[[Any], Advice] = _no_advice
     advices: Callable[[Any], int] = _no_advices
     exact: Callable[[Mapping[str, Any]], bool] = _never
+    limits: tuple[str, ...] = ()
     observes: bool = False
 
     @cached_property

@@ -159,7 +159,9 @@ class Kind:
         return self.components.get(self.switch.get(name, name))
 
 
-PLANTS = Kind("plants", "plant", "the craft's dynamics", ("rigid_body",), TRUTH)
+PLANTS = Kind(
+    "plants", "plant", "the craft's dynamics", ("rigid_body", "flexible", "gyrostat"), TRUTH
+)
 SENSORS = Kind(
     "sensors",
     "sensors",
@@ -195,7 +197,9 @@ CONTROLLERS = Kind(
     (TORQUE_COMMAND,),
     front="ppc_attitude.science.observed_law",
 )
-ACTUATORS = Kind("actuators", "actuator", "from command to torque", ("ideal",), (APPLIED_TORQUE,))
+ACTUATORS = Kind(
+    "actuators", "actuator", "from command to torque", ("ideal", "wheels"), (APPLIED_TORQUE,)
+)
 
 KINDS = (
     PLANTS,

@@ -21,6 +21,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from ppc_attitude.contract.declared import components_of
@@ -29,6 +30,7 @@ from ppc_attitude.contract.topics import CONTROLLER, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.parameter import Value, checked, resolved
 
 # ROS's own parameters may stand in a file; they are not ours to check.
@@ -92,6 +94,13 @@ class Scenario:
         for node in SOURCES:
             result = result.with_values(node, wait_for_recorder=True)
         return result
+
+
+def weakened(plant: Mapping[str, Any], strength: float) -> dict[str, Any]:
+    """Torque limits of the plant's actuator, by name, times a strength that it knows itself."""
+    actuator = ACTUATORS.selected(plant)
+    names = actuator.limits if actuator else ()
+    return {name: np.multiply(strength, plant[name]).tolist() for name in names}
 
 
 def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:

@@ -36,7 +36,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.command_line.proportions import (
-    dead_zone_conditions,
+    actuator_conditions,
     environment_torque,
     noise_conditions,
     pulse_conditions,
@@ -48,7 +48,7 @@ from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.controllers import momentum_tube
-from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, REFERENCES, SENSORS
+from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, ENVIRONMENTS, REFERENCES, SENSORS
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Told, goals_told
@@ -102,7 +102,7 @@ def execute(arguments: argparse.Namespace) -> int:
         *(() if guarantee else _law_conditions(scenario, q_e[3], environment)),
         *settling_conditions(scenario, required, tuple(q_e)),
         *slew_conditions(scenario),
-        *dead_zone_conditions(scenario),
+        *actuator_conditions(scenario),
         *sampling_conditions(scenario),
         *noise_conditions(scenario),
         *pulse_conditions(scenario, required),
@@ -126,7 +126,8 @@ def execute(arguments: argparse.Namespace) -> int:
             }
         print_json(page)
     else:
-        advices = [law.advice, parts[SENSORS.name].advice, *(told.advice for told in goals)]
+        starts = (law, parts[SENSORS.name], parts[ACTUATORS.name])
+        advices = [*(part.advice for part in starts), *(told.advice for told in goals)]
         _print(scenario, conditions, q_e, advices)
         if guarantee:
             print("\n".join(["", *guarantee.lines(), *map(paragraph, (*known, *hits))]))

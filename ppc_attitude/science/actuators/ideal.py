@@ -98,4 +98,5 @@ COMPONENT = Component(
     inputs=(TORQUE_COMMAND,),
     outputs=(APPLIED_TORQUE,),
     step=step,
+    limits=(MAX_TORQUE.name,),
 )

@@ -1,0 +1,261 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reaction wheels and their drive electronics: from the commanded torque to motor torques.
+
+A command is the torque on the body besides −ω × Jω. The drive knows rate and wheel speeds, so it
+takes the wheels' gyroscopic torque and their friction away, and a law need not know of wheels:
+
+    A u_net = −(τ_cmd + ω × Σ J_s Ω a),   u = u_net + f̂(Ω),   applied = −A (u − f) − ω × Σ J_s Ω a
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science import wheels
+from ppc_attitude.science.allocation import allocate, certain_torque
+from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.kernel import (
+    Vector,
+    add,
+    cross,
+    kernel,
+    scale,
+    store,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND, TRUE_RATE
+from ppc_attitude.science.wheels import MAX_WHEELS, WHEELS, friction, wheel_record
+
+NULL_SPEED = Parameter(
+    "wheels.null_speed",
+    100.0,
+    "speed of the fastest wheel when the wheels together have no momentum, for more than three",
+    "rad/s",
+    low=0.0,
+)
+NULL_GAIN = Parameter(
+    "wheels.null_gain",
+    0.02,
+    "how fast the wheels go to these speeds, without a torque on the body",
+    "1/s",
+    low=0.0,
+)
+KNOWLEDGE = Parameter(
+    "wheels.friction_knowledge",
+    1.0,
+    "share of the friction that the drive takes away; 0: none",
+    low=0.0,
+    high=2.0,
+)
+COMPENSATION = Parameter(
+    "wheels.gyroscopic_compensation",
+    True,
+    "true: the drive takes the gyroscopic torque of the wheels away",
+)
+OVERLOAD = Parameter(
+    "wheels.overload",
+    "scale",
+    "when too much is asked: scale the torque and keep its direction, or clip each wheel's",
+    choices=("scale", "clip"),
+)
+CONFIGURATION = np.dtype(
+    [
+        ("wheels", WHEELS),
+        ("h", np.float64),  # [s] of a step
+        ("null", np.float64, (MAX_WHEELS, MAX_WHEELS)),  # projection on what gives no torque
+        ("null_gain", np.float64),  # [1/s]
+        ("null_momentum", np.float64, (MAX_WHEELS,)),  # [N·m·s] h*
+        ("knowledge", np.float64),
+        ("compensation", np.float64),
+        ("clips", np.float64),
+        ("certain", np.float64),  # [N·m] per axis that the array gives
+    ],
+    align=True,
+)
+STATE = np.dtype(
+    [
+        ("events", np.int64),  # since when there is something to tell
+        ("full", np.int64),  # wheel that first reached its largest speed, counted from 1; 0: none
+        ("certain", np.float64),  # [N·m]
+        ("load", np.float64),  # of the most loaded wheel, largest so far
+        ("fastest", np.float64),  # largest share of its speed that a wheel has had
+        # What a step works with.
+        ("low", np.float64, (MAX_WHEELS,)),
+        ("high", np.float64, (MAX_WHEELS,)),
+        ("given", np.float64, (MAX_WHEELS,)),
+        ("net", np.float64, (MAX_WHEELS,)),
+    ],
+    align=True,
+)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The wheels are impossible.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["wheels"] = given = wheel_record(values)
+    count = int(given["count"])
+    axes = given["axes"][:count]
+    free = np.linalg.svd(axes.T)[2][3:].T  # null space, a column each
+    record["h"] = 1.0 / values["rate"]
+    record["null"][:count, :count] = free @ free.T
+    record["null_gain"] = values[NULL_GAIN.name]
+    if free.size:
+        pattern = free[:, 0] / free[np.argmax(np.abs(free[:, 0])), 0]
+        speeds = values[NULL_SPEED.name] * pattern
+        record["null_momentum"][:count] = given["inertia"][:count] * speeds
+    record["knowledge"] = values[KNOWLEDGE.name]
+    record["compensation"] = values[COMPENSATION.name]
+    record["clips"] = values[OVERLOAD.name] == "clip"
+    record["certain"] = certain_torque(axes, given["max_torque"][:count])
+    return record
+
+
+@kernel
+def _limits(speeds: Any, configuration: Any, state: Any) -> None:
+    """Net torque that each wheel can give: by its motor, and by the speed that is left to it."""
+    craft = configuration.wheels
+    for i in range(craft.count):
+        known = configuration.knowledge * friction(craft, i, speeds[i])
+        faster = craft.inertia[i] * (craft.max_speed[i] - speeds[i]) / configuration.h
+        slower = craft.inertia[i] * (craft.max_speed[i] + speeds[i]) / configuration.h
+        state.high[i] = max(min(craft.max_torque[i] - known, faster), 0.0)
+        state.low[i] = min(max(-craft.max_torque[i] - known, -slower), 0.0)
+
+
+@kernel
+def _within(configuration: Any, state: Any, load: float) -> None:
+    """Bring the net torques within their limits."""
+    for i in range(configuration.wheels.count):
+        if configuration.clips != 0.0:
+            state.net[i] = min(max(state.net[i], state.low[i]), state.high[i])
+        elif load > 1.0:
+            state.net[i] = state.net[i] / load if load < np.inf else 0.0
+
+
+@kernel
+def _spread_momentum(speeds: Any, configuration: Any, state: Any) -> None:
+    """Lead the wheels' momenta to h* by torques that cancel, within what is left of the limits."""
+    craft = configuration.wheels
+    share = 1.0
+    for turn in range(2):  # first how much of it there is room for
+        for i in range(craft.count):
+            wish = 0.0
+            for j in range(craft.count):
+                excess = craft.inertia[j] * speeds[j] - configuration.null_momentum[j]
+                wish -= configuration.null_gain * configuration.null[i, j] * excess
+            if turn == 1:
+                state.net[i] += share * wish
+            elif wish > 0.0:
+                share = min(share, (state.high[i] - state.net[i]) / wish)
+            elif wish < 0.0:
+                share = min(share, (state.low[i] - state.net[i]) / wish)
+        share = max(share, 0.0)
+
+
+@kernel
+def _watch(speeds: Any, configuration: Any, state: Any, load: float) -> None:
+    """Note what the user should know: loads, and a wheel that cannot take up more momentum."""
+    craft = configuration.wheels
+    state.certain = configuration.certain
+    state.load = max(state.load, load)
+    full = 0
+    for i in range(craft.count):
+        speed = abs(speeds[i])
+        state.fastest = max(state.fastest, speed / craft.max_speed[i])
+        a_step_off = craft.max_speed[i] - configuration.h * craft.max_torque[i] / craft.inertia[i]
+        if speed >= a_step_off and full == 0:
+            full = i + 1
+    if state.events == 0 or (full > 0 and state.full == 0):
+        state.events += 1
+        state.full = full
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Share the commanded torque among the wheels; tell what then acts on the body."""
+    craft, speeds = configuration.wheels, inputs.wheel_speed
+    gyroscopic = _gyroscopic(vector(inputs.truth_angular_velocity), speeds, craft)
+    asked = vector(inputs.torque_command)
+    if configuration.compensation != 0.0:
+        asked = add(asked, gyroscopic)
+    _limits(speeds, configuration, state)
+    load = allocate(
+        scale(-1.0, asked), craft.axes, craft.count, state.low, state.high, state.given, state.net
+    )
+    _within(configuration, state, load)
+    _spread_momentum(speeds, configuration, state)
+    applied = scale(-1.0, gyroscopic)
+    for i in range(craft.count):
+        resistance = friction(craft, i, speeds[i])
+        motor = state.net[i] + configuration.knowledge * resistance
+        outputs.wheel_torque[i] = motor
+        applied = subtract(applied, scale(motor - resistance, vector(craft.axes[i])))
+    store(outputs.applied_torque, applied)
+    _watch(speeds, configuration, state, load)
+
+
+@kernel
+def _gyroscopic(omega: Vector, speeds: Any, craft: Any) -> Vector:
+    """ω × Σ J_s Ω a [N·m]."""
+    momentum = (0.0, 0.0, 0.0)
+    for i in range(craft.count):
+        momentum = add(momentum, scale(craft.inertia[i] * speeds[i], vector(craft.axes[i])))
+    return cross(omega, momentum)
+
+
+def advice(state: Any) -> Advice:
+    """Tell what the array can give, and when a wheel is as fast as it may be."""
+    numbers = {
+        "largest wheel load": float(state["load"]),
+        "fastest wheel [share of its largest speed]": float(state["fastest"]),
+    }
+    if state["full"]:
+        return Advice(
+            f"wheel {int(state['full']) - 1} has reached its largest speed: it takes up no more "
+            "momentum, and torque is lost",
+            warning=True,
+            numbers=numbers,
+        )
+    return Advice(
+        f"the wheels give any torque up to {float(state['certain']):.4g} N·m per axis, less their "
+        "friction and gyroscopic torque",
+        warning=False,
+        numbers=numbers,
+    )
+
+
+COMPONENT = Component(
+    name="wheels",
+    parameters=(*wheels.PARAMETERS, NULL_SPEED, NULL_GAIN, KNOWLEDGE, COMPENSATION, OVERLOAD),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=STATE,
+    inputs=(TORQUE_COMMAND, TRUE_RATE, wheels.SPEED),
+    outputs=(APPLIED_TORQUE, wheels.TORQUE),
+    step=step,
+    advice=advice,
+    advices=lambda state: int(state["events"]),
+    limits=(wheels.MAX_TORQUE.name,),
+)

@@ -1,0 +1,250 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A body with wheels and flexible appendages: its equations of motion, and their integration.
+
+    (J − Σ J_s a aᵀ − δᵀδ) ω' = τ − ω × H − Σ (u − f) a + δᵀ (2ζΩη' + Ω²η)
+    J_s (Ω_w' + aᵀω')         = u − f
+    η'' + 2ζΩη' + Ω²η + δω'   = 0
+
+J is the inertia of the whole, wheels locked and appendages undeformed, and H = J ω + Σ J_s Ω_w a +
+δᵀη' its momentum (Hughes, *Spacecraft Attitude Dynamics*; Likins's hybrid coordinates, without
+terms of second order in η).
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.science.attitude import kinematics, normalised
+from ppc_attitude.science.compiled_stamps import seconds
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.kernel import (
+    Vector,
+    add,
+    apply,
+    cross,
+    dot,
+    kernel,
+    matrix,
+    quaternion,
+    scale,
+    store,
+    store_quaternion,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.plants import rigid_body
+from ppc_attitude.science.wheels import MAX_WHEELS, WHEELS, friction
+
+MAX_MODES = 6
+_MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
+FREQUENCY = Parameter(
+    "flexible.frequency",
+    [],
+    f"frequency of each mode with the body held fast, up to {MAX_MODES} modes",
+    "Hz",
+    above=0.0,
+    read_only=True,
+)
+DAMPING = Parameter(
+    "flexible.damping",
+    [],
+    "damping ratio of each mode",
+    low=0.0,
+    high=0.99,
+    read_only=True,
+)
+COUPLING = Parameter(
+    "flexible.coupling",
+    [],
+    "coupling δ of each mode with the body's rotation, three numbers a mode, body axes",
+    "kg^½·m",
+    length=-3,
+    read_only=True,
+)
+PARAMETERS = (*rigid_body.COMPONENT.parameters, FREQUENCY, DAMPING, COUPLING)
+_MODES = np.dtype(
+    [
+        ("count", np.int64),
+        ("frequency", np.float64, (MAX_MODES,)),  # Ω [rad/s] with the body held fast
+        ("damping", np.float64, (MAX_MODES,)),  # ζ
+        ("coupling", np.float64, (MAX_MODES, 3)),  # δ [kg^½·m] body
+    ],
+    align=True,
+)
+CONFIGURATION = np.dtype(
+    [
+        ("body", rigid_body.CONFIGURATION),  # its inverse: of J − Σ J_s a aᵀ − δᵀδ
+        ("wheels", WHEELS),
+        ("modes", _MODES),
+    ],
+    align=True,
+)
+# Where each part of the motion begins: q, ω, Ω_w, η, η'.
+_RATE = 4
+_SPEED = _RATE + 3
+BEND = _SPEED + MAX_WHEELS
+BEND_RATE = BEND + MAX_MODES
+_SIZE = BEND_RATE + MAX_MODES
+STATE = np.dtype(
+    [
+        ("started", np.float64),
+        ("stamp_ns", np.int64),  # of the motion below
+        ("motor", np.float64, (MAX_WHEELS,)),  # [N·m] u, held over the step
+        ("motion", np.float64, (_SIZE,)),
+        # What the integration of a step works with.
+        ("between", np.float64, (_SIZE,)),
+        ("slopes", np.float64, (_SIZE,)),
+        ("sum", np.float64, (_SIZE,)),
+    ],
+    align=True,
+)
+
+
+def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
+    """Record of dtype `CONFIGURATION` from checked parameter values and a record of the wheels.
+
+    Raises
+    ------
+    ConfigurationError
+        Lists of different lengths, wheels or modes with more inertia than the craft, or a mode too
+        fast for the steps.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["body"] = rigid_body.configure(values)
+    record["wheels"] = wheels
+    modes = _modes(values)
+    record["modes"] = modes
+    inertia = inertia_matrix("inertia", values["inertia"])
+    spin = wheels["axes"].T * wheels["inertia"] @ wheels["axes"]
+    rest = inertia - spin - modes["coupling"].T @ modes["coupling"]
+    if np.linalg.eigvalsh(rest)[0] <= 0.0:
+        raise ConfigurationError(
+            f"inertia = {inertia.tolist()} kg·m² is less than that of its wheels, "
+            f"{spin.tolist()}, and modes, {(inertia - spin - rest).tolist()}"
+        )
+    record["body"]["inertia_inverse"] = np.linalg.inv(rest)
+    _see_that_steps_follow(modes, inertia - spin, float(values["rate"]))
+    return record
+
+
+def _modes(values: Mapping[str, Any]) -> Any:
+    record = np.zeros((), _MODES)[()]
+    frequency, damping = values[FREQUENCY.name], values[DAMPING.name]
+    coupling = np.reshape(values[COUPLING.name], (-1, 3))
+    count = len(frequency)
+    if count > MAX_MODES or not len(damping) == len(coupling) == count:
+        raise ConfigurationError(
+            f"{FREQUENCY.name} has {count} modes, {DAMPING.name} {len(damping)}, {COUPLING.name} "
+            f"{len(coupling)}; allowed: as many of each, at most {MAX_MODES}"
+        )
+    record["count"] = count
+    record["frequency"][:count] = np.multiply(2.0 * math.pi, frequency)
+    record["damping"][:count] = damping
+    record["coupling"][:count] = coupling
+    return record
+
+
+def _see_that_steps_follow(modes: Any, inertia: NDArray[np.float64], rate: float) -> None:
+    """Refuse a mode that turns too far in a step; free, it is faster than with the body held."""
+    delta = modes["coupling"]
+    mass = np.eye(MAX_MODES) - delta @ np.linalg.solve(inertia, delta.T)
+    squares = np.linalg.eigvals(np.linalg.solve(mass, np.diag(modes["frequency"] ** 2)))
+    free = math.sqrt(max(squares.real)) / (2.0 * math.pi)  # [Hz]
+    fastest = _MAX_PHASE * rate / (2.0 * math.pi)
+    if free > fastest:
+        raise ConfigurationError(
+            f"{FREQUENCY.name} = {(modes['frequency'] / (2.0 * math.pi)).tolist()} Hz: the fastest "
+            f"mode swings with {free:.3g} Hz; allowed at rate = {rate:g} Hz: up to {fastest:.3g}"
+        )
+
+
+@kernel
+def _slopes(y: Any, motor: Any, torque: Vector, craft: Any, slopes: Any) -> None:
+    """Derivative of the motion y; the external torque [N·m] is in body axes."""
+    wheels, modes = craft.wheels, craft.modes
+    omega = vector(y[_RATE:])
+    momentum = apply(matrix(craft.body.inertia), omega)  # H [N·m·s]
+    for i in range(wheels.count):
+        spin = wheels.inertia[i] * y[_SPEED + i]
+        momentum = add(momentum, scale(spin, vector(wheels.axes[i])))
+        net = motor[i] - friction(wheels, i, y[_SPEED + i])
+        slopes[_SPEED + i] = net / wheels.inertia[i]
+        torque = subtract(torque, scale(net, vector(wheels.axes[i])))
+    for i in range(modes.count):
+        coupling, swing = vector(modes.coupling[i]), modes.frequency[i]
+        momentum = add(momentum, scale(y[BEND_RATE + i], coupling))
+        restoring = 2.0 * modes.damping[i] * swing * y[BEND_RATE + i] + swing * swing * y[BEND + i]
+        slopes[BEND + i] = y[BEND_RATE + i]
+        slopes[BEND_RATE + i] = -restoring
+        torque = add(torque, scale(restoring, coupling))
+    torque = subtract(torque, cross(omega, momentum))
+    acceleration = apply(matrix(craft.body.inertia_inverse), torque)
+    store_quaternion(slopes, kinematics(quaternion(y), omega))
+    store(slopes[_RATE:], acceleration)
+    for i in range(wheels.count):
+        slopes[_SPEED + i] -= dot(vector(wheels.axes[i]), acceleration)
+    for i in range(modes.count):
+        slopes[BEND_RATE + i] -= dot(vector(modes.coupling[i]), acceleration)
+
+
+@kernel
+def _integrate(state: Any, torque: Vector, craft: Any, h: float) -> None:
+    """Carry the motion over h [s], torques held: classical Runge-Kutta."""
+    motion, between, slopes, total = state.motion, state.between, state.slopes, state.sum
+    between[:] = motion
+    total[:] = 0.0
+    for stage in range(4):
+        _slopes(between, state.motor, torque, craft, slopes)
+        weight = 2.0 if stage in {1, 2} else 1.0
+        ahead = h if stage == 2 else 0.5 * h
+        for k in range(_SIZE):
+            total[k] += weight * slopes[k]
+            between[k] = motion[k] + ahead * slopes[k]
+    for k in range(_SIZE):
+        motion[k] += h / 6.0 * total[k]
+    store_quaternion(motion, normalised(quaternion(motion)))
+
+
+@kernel
+def move(stamp_ns: int, torque: Vector, state: Any, craft: Any) -> None:
+    """Carry the motion to a stamp [ns] under an external torque [N·m] held since the last one."""
+    if state.started == 0.0:
+        state.started = 1.0
+        store_quaternion(state.motion, quaternion(craft.body.initial_attitude))
+        store(state.motion[_RATE:], vector(craft.body.initial_rate))
+        state.motion[_SPEED : _SPEED + MAX_WHEELS] = craft.wheels.initial_speed
+    elif stamp_ns > state.stamp_ns:
+        _integrate(state, torque, craft, seconds(stamp_ns - state.stamp_ns))
+    state.stamp_ns = stamp_ns
+
+
+@kernel
+def tell(state: Any, outputs: Any) -> None:
+    """Give the true attitude and rate."""
+    store_quaternion(outputs.truth_attitude, quaternion(state.motion))
+    store(outputs.truth_angular_velocity, vector(state.motion[_RATE:]))
+
+
+@kernel
+def tell_speeds(state: Any, outputs: Any) -> None:
+    """Give the speeds of the wheels."""
+    for i in range(MAX_WHEELS):
+        outputs.wheel_speed[i] = state.motion[_SPEED + i]

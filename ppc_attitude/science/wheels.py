@@ -1,0 +1,213 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reaction wheels: what a configuration says of them, their friction, and what is told of them.
+
+Drive electronics (`actuators.wheels`) and body (`plants.gyrostat`) read the same record. A wheel
+that the craft does not have is a row of zeros.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.science.component import BODY, WHEEL_SPEEDS, WHEEL_TORQUES, Column
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.parameter import Parameter
+
+MAX_WHEELS = 8
+_S = 3.0**-0.5
+AXES = Parameter(
+    "wheels.axes",
+    [_S, _S, _S, -_S, _S, _S, -_S, -_S, _S, _S, -_S, _S],
+    f"spin axis of each wheel, body axes, three numbers each, up to {MAX_WHEELS} wheels; "
+    "normalised",
+    length=-3,
+    read_only=True,
+)
+INERTIA = Parameter(
+    "wheels.inertia",
+    [8e-4],
+    "spin inertia J_s of each wheel; once each, or one for all",
+    "kg·m²",
+    above=0.0,
+    read_only=True,
+)
+MAX_TORQUE = Parameter(
+    "wheels.max_torque",
+    [0.05],
+    "largest motor torque of each wheel; once each, or one for all",
+    "N·m",
+    above=0.0,
+)
+MAX_SPEED = Parameter(
+    "wheels.max_speed",
+    [628.3],
+    "largest speed of each wheel; once each, or one for all",
+    "rad/s",
+    above=0.0,
+)
+INITIAL_SPEED = Parameter(
+    "wheels.initial_speed",
+    [0.0],
+    "speed of each wheel at t = 0, relative to the body; once each, or one for all",
+    "rad/s",
+    read_only=True,
+)
+VISCOUS = Parameter(
+    "wheels.viscous", [3e-6], "viscous friction; once each, or one for all", "N·m·s", low=0.0
+)
+COULOMB = Parameter(
+    "wheels.coulomb", [5e-4], "Coulomb friction; once each, or one for all", "N·m", low=0.0
+)
+STATIC = Parameter(
+    "wheels.static",
+    [8e-4],
+    "friction at the begin of motion, at least the Coulomb friction; once each, or one for all",
+    "N·m",
+    low=0.0,
+)
+STRIBECK_SPEED = Parameter(
+    "wheels.stribeck_speed",
+    [2.0],
+    "speed over which friction falls from static to Coulomb; once each, or one for all",
+    "rad/s",
+    above=0.0,
+)
+TRANSITION_SPEED = Parameter(
+    "wheels.transition_speed",
+    [0.1],
+    "speed over which friction changes its sign; once each, or one for all",
+    "rad/s",
+    above=0.0,
+)
+_EACH = (
+    INERTIA,
+    MAX_TORQUE,
+    MAX_SPEED,
+    INITIAL_SPEED,
+    VISCOUS,
+    COULOMB,
+    STATIC,
+    STRIBECK_SPEED,
+    TRANSITION_SPEED,
+)
+PARAMETERS = (AXES, *_EACH)
+WHEELS = np.dtype(
+    [
+        ("count", np.int64),
+        ("axes", np.float64, (MAX_WHEELS, 3)),  # unit, body
+        *((each.name.partition(".")[2], np.float64, (MAX_WHEELS,)) for each in _EACH),
+    ],
+    align=True,
+)
+SPEED = Column(
+    "wheel_speed",
+    "wheels/speed",
+    WHEEL_SPEEDS,
+    BODY,
+    "rad/s",
+    "speed of each wheel relative to the body",
+)
+TORQUE = Column(
+    "wheel_torque",
+    "wheels/torque",
+    WHEEL_TORQUES,
+    BODY,
+    "N·m",
+    "motor torque of each wheel, from the stamp on",
+)
+
+
+def wheel_record(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `WHEELS` from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        Too many wheels, lists of different lengths, axes that do not span space, a speed beyond
+        the largest, or friction that a step cannot follow or a motor cannot overcome.
+    """
+    record = np.zeros((), WHEELS)[()]
+    axes = _axes(values[AXES.name])
+    count = len(axes)
+    record["count"] = count
+    record["axes"][:count] = axes
+    for parameter in _EACH:
+        given = values[parameter.name]
+        if len(given) not in (1, count):
+            raise ConfigurationError(
+                f"{parameter.name} has {len(given)} values; allowed: 1, or {count}, one for each "
+                "wheel"
+            )
+        record[parameter.name.partition(".")[2]][:count] = given
+    for i in range(count):
+        _check(record, i, 1.0 / values["rate"])
+    return record
+
+
+def _axes(numbers: list[float]) -> NDArray[np.float64]:
+    axes = np.reshape(np.array(numbers, np.float64), (-1, 3))
+    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+    if len(axes) > MAX_WHEELS or not (lengths > 1e-6).all():
+        raise ConfigurationError(
+            f"{AXES.name} = {numbers}; allowed: up to {MAX_WHEELS} axes, each longer than 1e-6"
+        )
+    axes /= lengths
+    if np.linalg.matrix_rank(axes, 1e-6) < 3:
+        raise ConfigurationError(
+            f"{AXES.name} = {numbers}: such wheels give no torque about some axis; allowed: axes "
+            "that span space"
+        )
+    return axes
+
+
+def _check(record: Any, i: int, h: float) -> None:
+    """Refuse what wheel i cannot be, with steps of h [s]."""
+    speed, largest = abs(record["initial_speed"][i]), record["max_speed"][i]
+    if speed > largest:
+        raise ConfigurationError(
+            f"{INITIAL_SPEED.name} = {speed:g} rad/s of wheel {i}; allowed: at most "
+            f"{MAX_SPEED.name} = {largest:g}"
+        )
+    static, coulomb = record["static"][i], record["coulomb"][i]
+    if static < coulomb:
+        raise ConfigurationError(
+            f"{STATIC.name} = {static:g} N·m of wheel {i}; allowed: at least {COULOMB.name} = "
+            f"{coulomb:g}"
+        )
+    resistance = max(static, coulomb + record["viscous"][i] * largest)
+    if resistance >= record["max_torque"][i]:
+        raise ConfigurationError(
+            f"{MAX_TORQUE.name} = {record['max_torque'][i]:g} N·m of wheel {i}; allowed: more than "
+            f"its friction, up to {resistance:g}"
+        )
+    decay = h * (static / record["transition_speed"][i] + record["viscous"][i])
+    if decay > record["inertia"][i]:
+        raise ConfigurationError(
+            f"{TRANSITION_SPEED.name} = {record['transition_speed'][i]:g} rad/s of wheel {i}: in a "
+            f"step of {h:g} s friction takes {decay / record['inertia'][i]:.3g} times the speed; "
+            f"allowed: at most 1, by a larger {TRANSITION_SPEED.name}, or rate"
+        )
+
+
+@kernel
+def friction(wheels: Any, i: int, speed: float) -> float:
+    """Torque f(Ω) [N·m] against a wheel's motion (Stribeck), smooth through zero."""
+    over = speed / wheels.stribeck_speed[i]
+    dry = wheels.coulomb[i] + (wheels.static[i] - wheels.coulomb[i]) * np.exp(-over * over)
+    return float(dry * np.tanh(speed / wheels.transition_speed[i]) + wheels.viscous[i] * speed)
