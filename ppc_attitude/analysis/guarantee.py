@@ -15,20 +15,28 @@
 
 """Judge whether a run kept the promise of its certificate, and when that was suspended."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.series import has
+from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
     CONTROLLER,
     DISTURBANCE,
+    ESTIMATOR,
     INJECTOR,
     PLANT,
     REFERENCE,
     REFERENCE_RATE,
+    TRUE_ATTITUDE,
+    TRUE_RATE,
 )
 from ppc_attitude.science.controllers.tube_parameters import (
     CERTIFICATE,
@@ -36,9 +44,11 @@ from ppc_attitude.science.controllers.tube_parameters import (
     PREFIX,
     digest_of,
 )
+from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.guarantee.assumptions import assumptions_of
-from ppc_attitude.science.guarantee.surroundings import broken_assumptions
+from ppc_attitude.science.guarantee.surroundings import DEVIATIONS, Nodes, broken_assumptions
 
+Mask = NDArray[np.bool_]
 # The law sees a torque at the next sample, and begins anew with the one after it.
 _SEEN_AFTER = 2
 
@@ -57,7 +67,7 @@ class Held:
         Why the promise was suspended, and for how long; empty if it was not.
     """
 
-    outside: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    outside: Mask
     reason: str
     note: str
 
@@ -92,17 +102,19 @@ def certificate_held(record: RunRecord) -> Held | None:
 def _broken_all_along(record: RunRecord) -> list[str]:
     """Assumptions that the craft's own parameters break, where the record has them."""
     values = record.parameters[CONTROLLER]
-    plant, reference, injector = (
-        record.parameters.get(each, {}) for each in (PLANT, REFERENCE, INJECTOR)
-    )
-    if not (plant and reference and injector):
+    if not {PLANT, REFERENCE, INJECTOR} <= record.parameters.keys():
         return []
     assumed, h = assumptions_of(values), values[PREFIX + "h"]
     duration = float(record.t[-1])
-    return list(broken_assumptions(assumed, h, plant, reference, injector, duration))
+    return list(broken_assumptions(assumed, h, nodes_around(record.parameters), duration))
 
 
-def _assumptions(record: RunRecord) -> dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+def nodes_around(parameters: Mapping[str, Mapping[str, Any]]) -> Nodes:
+    """Return what surrounds the law, from the parameters of every node."""
+    return Nodes(*(parameters.get(each, {}) for each in (PLANT, REFERENCE, INJECTOR, ESTIMATOR)))
+
+
+def _assumptions(record: RunRecord) -> dict[str, Mask]:
     """Instants at which an assumption that a record shows is broken, by what broke it."""
     values = record.parameters[CONTROLLER]
     found = {}
@@ -112,6 +124,25 @@ def _assumptions(record: RunRecord) -> dict[str, np.ndarray[tuple[int], np.dtype
     if has(record, REFERENCE_RATE.column):
         rate = np.linalg.norm(record[REFERENCE_RATE.column], axis=1)
         found["a faster reference"] = rate > values[f"{PREFIX}assumed.W"]
+    found.update(_knowledge(record, values[PREFIX + "e_A"], values[f"{PREFIX}assumed.e_W"]))
     gaps = np.diff(record.stamps_ns, prepend=record.stamps_ns[0])
     found["a late sample"] = gaps > 1e9 * values[PREFIX + "h"] + 1.0
+    return found
+
+
+def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
+    """Instants at which what the law was told was worse than assumed.
+
+    That is seen in flight by the estimator's covariance, and afterwards by the truth.
+    """
+    found = {}
+    if has(record, mekf.ESTIMATE.name):
+        deviations = np.sqrt(record[mekf.ESTIMATE.name][:, [4, 7, 9, 13, 16, 18]])  # diagonals
+        attitude, rate = deviations[:, :3].max(axis=1), deviations[:, 3:].max(axis=1)
+        known = (DEVIATIONS * attitude <= e_A) & (DEVIATIONS * rate <= e_W)
+        found["an estimate whose covariance is beyond the assumed errors"] = ~known
+    if has(record, TRUE_RATE.column) and has(record, TRUE_ATTITUDE.column):
+        off = np.linalg.norm(record[ANGULAR_VELOCITY.column] - record[TRUE_RATE.column], axis=1)
+        known = (knowledge_errors(record).angles <= e_A) & (off <= e_W)
+        found["an estimate that was worse than assumed"] = ~known
     return found

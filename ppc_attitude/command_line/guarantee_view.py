@@ -24,8 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.command_line.paragraphs import paragraph
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.yaml_file import LARGEST, parsed_json
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE
 from ppc_attitude.science.errors import ConfigurationError
@@ -114,9 +115,7 @@ class Judgement:
             broken_assumptions(
                 assumptions_of(values),
                 law_of(values).h,
-                scenario.parameters[PLANT],
-                scenario.parameters[REFERENCE],
-                scenario.parameters[INJECTOR],
+                nodes_around(scenario.parameters),
                 scenario.number(PLANT, "duration"),
             )
         )

@@ -23,6 +23,7 @@ import json
 import math
 from pathlib import Path
 
+from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.gain_search import search_gains
 from ppc_attitude.command_line.guarantee_view import certificate_path, promise_lines
@@ -33,7 +34,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
 )
 from ppc_attitude.command_line.paths import new_file
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.tube_parameters import ASSUMED, PREFIX, digest_of
@@ -157,10 +158,8 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _assumptions(scenario: Scenario, chosen: dict[str, float]) -> Assumptions:
     """Assumptions from configuration and options, each within the range of its parameter."""
-    node = scenario.parameters
-    assumed = assumptions_from(
-        node[PLANT], node[REFERENCE], node[INJECTOR], node[CONTROLLER], chosen
-    )
+    nodes = nodes_around(scenario.parameters)
+    assumed = assumptions_from(nodes, scenario.parameters[CONTROLLER], chosen)
     table = {each.name: each for each in tube_parameters.PARAMETERS}
     for name in ASSUMED:
         table[f"{PREFIX}assumed.{name}"].checked(getattr(assumed, name))

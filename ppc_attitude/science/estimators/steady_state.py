@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 from ppc_attitude.science.rate_observer import RATE_OBSERVER, rate_sigma
 from ppc_attitude.science.sensors.gyro import (
     ANGULAR_RANDOM_WALK,
+    INITIAL_BIAS_SIGMA,
     RATE_RANDOM_WALK,
     RESOLUTION,
     effective_white_noise,
@@ -98,6 +99,39 @@ def after_gap(known: AxisKnowledge, white: float, walk: float, gap: float) -> Ax
         known.cross - known.bias * gap - 0.5 * walk**2 * gap**2,
         known.bias + walk**2 * gap,
     )
+
+
+def first_knowledge(estimator: Mapping[str, Any], rate: float) -> tuple[float, float, float]:
+    """Most that a filter does not know once it has a fix: what it knows only grows from then on.
+
+    Parameters
+    ----------
+    estimator : mapping
+        Checked parameters of its node.
+    rate : float
+        Steps per second [Hz].
+
+    Returns
+    -------
+    attitude, bias : float
+        Variances on the worst axis [rad²], [rad²/s²], an instant before the second fix comes.
+    white : float
+        σ_v of the gyro with its rounding [rad/√s].
+
+    Raises
+    ------
+    ConfigurationError
+        The tracker's rate does not divide the steps'.
+    """
+    age = sum(slots(rate, estimator)) / rate
+    walk = estimator[RATE_RANDOM_WALK.name]
+    white = effective_white_noise(
+        estimator[ANGULAR_RANDOM_WALK.name], estimator[RESOLUTION.name], 1.0 / rate
+    )
+    fix = max(estimator[CROSS_NOISE.name], estimator[BORESIGHT_NOISE.name])
+    bias = estimator[INITIAL_BIAS_SIGMA.name]
+    known = after_gap(AxisKnowledge(fix**2, 0.0, bias**2), white, walk, age)
+    return known.attitude, known.bias, white
 
 
 FLOOR = 6.0

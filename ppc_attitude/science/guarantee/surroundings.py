@@ -17,32 +17,82 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.actuators import ideal
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.environments import none
 from ppc_attitude.science.environments import paper as environment
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND, ENVIRONMENT_RATE_BOUND
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.estimators.steady_state import first_knowledge
 from ppc_attitude.science.guarantee.assumptions import Assumptions
 from ppc_attitude.science.kinds import (
     ACTUATORS,
     ENVIRONMENTS,
+    ESTIMATORS,
     NONE,
+    PLANTS,
     REFERENCES,
     SENSORS,
     Kind,
 )
+from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.references import paper
-from ppc_attitude.science.sensors import direct
+from ppc_attitude.science.sensors import direct, gyro_star_tracker
 
 _GRID = 1e-3  # [s] on which the reference is searched for its fastest instant
 _HORIZON = 3600.0  # [s] for which a design looks at the reference
 _NOISE = 6.0  # deviations that a design takes as the bound of an estimation error
-_DEVIATIONS = 5.0  # a Gaussian error this often its deviation is taken as its bound
+DEVIATIONS = 5.0
+"""A Gaussian error this often its deviation is taken as its bound."""
+_KNOWN: dict[str, tuple[Component, ...]] = {
+    PLANTS.name: (rigid_body.COMPONENT,),
+    SENSORS.name: (direct.COMPONENT, gyro_star_tracker.COMPONENT),
+    ESTIMATORS.name: (mekf.COMPONENT,),
+    ACTUATORS.name: (ideal.COMPONENT,),
+    REFERENCES.name: (paper.COMPONENT,),
+    ENVIRONMENTS.name: (environment.COMPONENT, none.COMPONENT),
+}
+_HARDWARE = (PLANTS, SENSORS, ESTIMATORS, ACTUATORS)
+# What a filter cannot know of its sensors: its covariance says nothing of these errors.
+_UNSEEN = (
+    "gyro.scale_factor",
+    "gyro.misalignment",
+    "gyro.scale_factor_sigma",
+    "gyro.misalignment_sigma",
+    "star_tracker.outlier_probability",
+)
+
+
+class Nodes(NamedTuple):
+    """Checked parameters of the nodes around the law."""
+
+    plant: Mapping[str, Any]
+    reference: Mapping[str, Any]
+    injector: Mapping[str, Any]
+    estimator: Mapping[str, Any]
+
+    def unknown(self, kind: Kind) -> str:
+        """Say which component of a kind is selected, if its bounds are not known here."""
+        others = {
+            REFERENCES.name: self.reference,
+            ENVIRONMENTS.name: self.injector,
+            ESTIMATORS.name: self.estimator,
+        }
+        name = _selected(kind, others.get(kind.name, self.plant))
+        known = {NONE, *(each.name for each in _KNOWN[kind.name])}
+        return "" if name in known else f"{kind.selector} = {name}"
+
+    @property
+    def estimated(self) -> bool:
+        """True if the law is told what a filter knows."""
+        return _selected(ESTIMATORS, self.estimator) == mekf.COMPONENT.name
 
 
 def reference_bounds(reference: Mapping[str, Any], duration: float) -> tuple[float, float, float]:
@@ -71,9 +121,7 @@ def reference_bounds(reference: Mapping[str, Any], duration: float) -> tuple[flo
 def broken_assumptions(
     assumed: Assumptions,
     h: float,
-    plant: Mapping[str, Any],
-    reference: Mapping[str, Any],
-    injector: Mapping[str, Any],
+    nodes: Nodes,
     duration: float,
 ) -> Iterator[str]:
     """Yield each assumption that the scenario does not keep, with both numbers.
@@ -84,11 +132,12 @@ def broken_assumptions(
         What the certificate assumes.
     h : float
         Sample time that it is for [s].
-    plant, reference, injector : mapping
-        Checked parameters of the nodes.
+    nodes : Nodes
+        What is assumed of them.
     duration : float
         How long the reference is followed [s].
     """
+    plant, reference, injector, _ = nodes
     if 1.0 / plant["rate"] > h * (1 + 1e-9):
         yield f"rate = {plant['rate']:g} Hz; the certificate is for at least {1.0 / h:g} Hz"
     error = inertia_error(np.array(assumed.inertia), np.array(plant["inertia"]))
@@ -103,15 +152,22 @@ def broken_assumptions(
         yield f"min_torque = {plant['min_torque']:g} N·m; assumed: at most {assumed.dead_band:g}"
     if plant["late_command"] and assumed.late < 1.0:
         yield "late_command = true; assumed: a command acts with its own sample (late = 0)"
-    for name, sigma, bound in (
-        ("attitude_noise", plant["attitude_noise"], assumed.e_A),
-        ("rate_noise", plant["rate_noise"], assumed.e_W),
+    attitude, rate = _deviations(nodes)
+    lag = _rate_lag(nodes, assumed.Omega, assumed.d)
+    for name, error, bound, unit in (
+        ("attitude", DEVIATIONS * attitude, assumed.e_A, "rad"),
+        ("rate", DEVIATIONS * rate + lag, assumed.e_W, "rad/s"),
     ):
-        if _DEVIATIONS * sigma > bound:
+        if error > bound:
             yield (
-                f"{name} = {sigma:g}: {_DEVIATIONS:g} deviations pass the assumed bound {bound:g}"
+                f"the told {name} is wrong by up to {error:.4g} {unit} ({DEVIATIONS:g} σ); "
+                f"assumed: at most {bound:g}"
             )
-    yield from _unknown(plant, reference, injector)
+    for kind in (*_HARDWARE, REFERENCES, ENVIRONMENTS):
+        if found := nodes.unknown(kind):
+            yield f"{found}: whether it keeps the assumed bounds is not known"
+    if nodes.estimated:
+        yield from _unseen(plant, nodes.estimator)
     if _selected(REFERENCES, reference) != paper.COMPONENT.name:
         return
     for name, value in zip(("W", "W1", "W2"), reference_bounds(reference, duration), strict=True):
@@ -122,19 +178,41 @@ def broken_assumptions(
         yield f"the environment reaches {ENVIRONMENT_BOUND:g} N·m; assumed: d = {assumed.d:g}"
 
 
-def _unknown(
-    plant: Mapping[str, Any], reference: Mapping[str, Any], injector: Mapping[str, Any]
-) -> Iterator[str]:
-    """Yield each selected component whose bounds are not known here."""
-    for kind, values, known in (
-        (REFERENCES, reference, (paper.COMPONENT,)),
-        (SENSORS, plant, (direct.COMPONENT,)),
-        (ACTUATORS, plant, (ideal.COMPONENT,)),
-        (ENVIRONMENTS, injector, (environment.COMPONENT, none.COMPONENT)),
-    ):
-        name = _selected(kind, values)
-        if name not in {each.name for each in known}:
-            yield f"{kind.selector} = {name}: whether it keeps the assumed bounds is not known"
+def _deviations(nodes: Nodes) -> tuple[float, float]:
+    """σ of what the law is told, attitude [rad] and rate [rad/s], on its worst axis.
+
+    An estimator is taken as it begins, with its first fix, because what it knows only grows.
+    """
+    plant = nodes.plant
+    if not nodes.estimated:
+        return float(plant["attitude_noise"]), float(plant["rate_noise"])
+    attitude, bias, white = first_knowledge(nodes.estimator, plant["rate"])
+    return math.sqrt(attitude), math.sqrt(white**2 * plant["rate"] + bias)
+
+
+def _rate_lag(nodes: Nodes, Omega: float, d: float) -> float:
+    """Most that a gyro's mean rate of a step differs from the rate at its end [rad/s]: h ω'/2."""
+    if not nodes.estimated:
+        return 0.0
+    inertia = np.reshape(nodes.plant["inertia"], (3, 3))
+    least, _, most = np.linalg.eigvalsh(inertia)
+    torque = (nodes.plant["max_torque"] + d) * np.array(list(product((-1.0, 1.0), repeat=3)))
+    turned = np.linalg.norm(np.linalg.solve(inertia, torque.T), axis=0).max()
+    gyroscopic = 0.5 * Omega**2 * (most - least) / least
+    return float(0.5 / nodes.plant["rate"] * (turned + gyroscopic))
+
+
+def _unseen(plant: Mapping[str, Any], estimator: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what the filter does not know of its sensors, so that its covariance is too small."""
+    for name in _UNSEEN:
+        if np.any(plant[name]):
+            yield f"{name} = {plant[name]}: the filter's covariance does not contain it"
+    for each in mekf.PARAMETERS:
+        if plant.get(each.name, estimator[each.name]) != estimator[each.name]:
+            yield (
+                f"{each.name} = {plant[each.name]} in the plant; the filter takes it for "
+                f"{estimator[each.name]}"
+            )
 
 
 def _selected(kind: Kind, values: Mapping[str, Any]) -> str:
@@ -151,51 +229,61 @@ def inertia_error(known: NDArray[np.float64], true: NDArray[np.float64]) -> floa
 
 
 def assumptions_from(
-    plant: Mapping[str, Any],
-    reference: Mapping[str, Any],
-    injector: Mapping[str, Any],
-    controller: Mapping[str, Any],
-    declared: Mapping[str, float],
+    nodes: Nodes, controller: Mapping[str, Any], declared: Mapping[str, float]
 ) -> Assumptions:
     """Read from the nodes' parameters what a design may assume.
 
     Parameters
     ----------
-    plant, reference, injector, controller : mapping
-        Checked parameters of the nodes.
+    nodes : Nodes
+        What is around the law.
+    controller : mapping
+        Checked parameters of its node.
     declared : mapping of str to float
         Assumptions by name that stand over what the parameters tell.
+
+    Raises
+    ------
+    ConfigurationError
+        A selected component has no bounds that are known here.
     """
+    plant, reference, injector, _ = nodes
+    for kind in _HARDWARE:
+        if found := nodes.unknown(kind):
+            raise ConfigurationError(
+                f"{found}: no bounds are known of it, so nothing can be guaranteed; allowed: "
+                + ", ".join(each.name for each in _KNOWN[kind.name])
+            )
+    sigma_A, sigma_W = _deviations(nodes)
     W, W1, W2 = reference_bounds(reference, _HORIZON)
     acts = _selected(ENVIRONMENTS, injector) == environment.COMPONENT.name
     needed = {"W": REFERENCES, "W1": REFERENCES, "W2": REFERENCES, "d": ENVIRONMENTS}
-    values = {REFERENCES.name: reference, ENVIRONMENTS.name: injector}
-    known = {paper.COMPONENT.name, environment.COMPONENT.name, none.COMPONENT.name}
     for name, kind in needed.items():
-        selected = _selected(kind, values[kind.name])
-        if selected not in known and name not in declared:
+        found = nodes.unknown(kind)
+        if found and name not in declared:
             raise ConfigurationError(
-                f"{kind.selector} = {selected} tells no bound {name}: give it with "
-                f"--assume {name}=VALUE"
+                f"{found} tells no bound {name}: give it with --assume {name}=VALUE"
             )
-    found = {
+    d, Omega = ENVIRONMENT_BOUND if acts else 0.0, math.radians(3.0)
+    lag = _rate_lag(nodes, declared.get("Omega", Omega), declared.get("d", d))
+    told = {
         "dead_band": plant["min_torque"],
-        "d": ENVIRONMENT_BOUND if acts else 0.0,
+        "d": d,
         "D1": ENVIRONMENT_RATE_BOUND if acts else 0.0,
         "W": _raised(W),
         "W1": _raised(W1),
         "W2": _raised(W2),
-        "Omega": math.radians(3.0),
+        "Omega": Omega,
         "eta": 1.0,
         "e_S": 0.0,
-        "e_A": _NOISE * plant["attitude_noise"],
-        "e_W": _NOISE * plant["rate_noise"],
+        "e_A": _NOISE * sigma_A,
+        "e_W": _NOISE * sigma_W + lag,
         "late": float(plant["late_command"]),
     }
     return Assumptions(
         inertia=tuple(controller["inertia"]),
         max_torque=min(plant["max_torque"], controller["max_torque"]),
-        **{**found, **declared},
+        **{**told, **declared},
     )
 
 
