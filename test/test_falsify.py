@@ -120,6 +120,12 @@ def test_a_law_without_a_guarantee_is_broken() -> None:
     assert evaluated(space, goal, x) > goal.limit
 
 
+def test_wheels_cannot_be_late() -> None:
+    base = load([PAPER, PAPER.with_name("wheels.yaml")])
+    with pytest.raises(ConfigurationError, match="only actuator = ideal can be late"):
+        Space(base, 0.0, 0.0, 0, 0.0, 1.0, 60.0, late=True)
+
+
 def test_an_unknown_goal_is_refused() -> None:
     law = load([PAPER]).controller
     with pytest.raises(ConfigurationError, match="goal = speed; allowed for ppc: settling"):

@@ -185,7 +185,7 @@ def test_network_silence(tmp_path: Path, start_process: StartProcess) -> None:
     run.says("no torque_command for 0.5 s: zero torque")
     host.ip("link", "set", "lo", "up")
     run.ends()
-    assert run.process.returncode in (1, 3), run.err
+    assert run.process.returncode in (0, 3), run.err
     record = read_run(run.bag)
     assert record.t[-1] == 12.0
     assert (record["applied_torque"][-1] != 0.0).any(), "it recovers by itself"
@@ -221,7 +221,7 @@ def test_lockstep_waits_for_a_recorder_that_is_slow(
         lasting(0.9)
         os.kill(pid, signal.SIGCONT)
         lasting(0.1)
-    assert run.ends() == 1, run.err
+    assert run.ends() == 0, run.err
     record = read_run(run.bag)
     assert record.missing_messages == 0
     assert record.stamps_ns.size == 6001

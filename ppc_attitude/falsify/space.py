@@ -25,8 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.simulation.scenario import Scenario, weakened
 
 Vector = NDArray[np.float64]
@@ -85,6 +87,9 @@ class Space:
         ):
             if not low <= value <= high:
                 raise ConfigurationError(f"{name} = {value:g}; allowed: {low:g} to {high:g}")
+        actuator = ACTUATORS.selected(self.base.parameters[PLANT])
+        if self.late and actuator is not ideal.COMPONENT:
+            raise ConfigurationError("late commands: only actuator = ideal can be late")
 
     @property
     def size(self) -> int:
