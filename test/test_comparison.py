@@ -23,11 +23,9 @@ from ppc_attitude.analysis.comparison import (
     attitude_comparison,
     comparisons_of,
     error_comparison,
-    save_comparison,
-    save_sweep,
     sweep_figure,
 )
-from ppc_attitude.analysis.drawing import BLUE, RED
+from ppc_attitude.analysis.drawing import BLUE, RED, save
 from ppc_attitude.analysis.envelopes import ENVELOPES
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER
@@ -90,14 +88,14 @@ def test_a_late_hit_of_any_run_is_shown_closely():
     assert axes[1].get_ylim()[1] == pytest.approx(1.1 * bound, rel=1e-12)
 
 
-def test_rate_errors_are_compared_where_both_have_envelopes(tmp_path, runs):
-    assert [path.stem for path in save_comparison(runs, LABELS, tmp_path / "a")] == [
+def test_rate_errors_are_compared_where_both_have_envelopes(runs):
+    assert list(comparisons_of(runs, LABELS)) == [
         "comparison_attitude_error",
         "comparison_angular_velocity",
         "comparison_rate_error",
     ]
     plain = [runs[0], without_columns(runs[1], "rate_envelope")]
-    assert [path.stem for path in save_comparison(plain, LABELS, tmp_path / "b")] == [
+    assert list(comparisons_of(plain, LABELS)) == [
         "comparison_attitude_error",
         "comparison_angular_velocity",
     ]
@@ -143,7 +141,7 @@ def test_the_sweep(tmp_path):
     assert bottom.get_xlabel() == "duration of the hit [s]"
     assert top.get_ylabel() == "recovery time [s]"
     path = tmp_path / "figures" / "sweep.png"
-    save_sweep(durations, recovery, outside, path)
+    save(sweep_figure(durations, recovery, outside), path)
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
@@ -157,7 +155,7 @@ def test_what_is_not_recovered_breaks_the_line():
     ("recovery", "outside"), [([None, None], [1.0, 2.0]), ([1.0, 2.0], [0.0, 0.0])]
 )
 def test_a_sweep_of_one_kind(tmp_path, recovery, outside):
-    save_sweep([0.1, 0.2], recovery, outside, tmp_path / "sweep.png")
+    save(sweep_figure([0.1, 0.2], recovery, outside), tmp_path / "sweep.png")
 
 
 def test_a_sweep_that_does_not_match():

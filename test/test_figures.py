@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 from synthetic import hit_run, normal_run, times, with_columns, without_columns
 
-from ppc_attitude.analysis.drawing import BLACK, save
+from ppc_attitude.analysis.drawing import BLACK, save, save_all
 from ppc_attitude.analysis.envelopes import ENVELOPES
 from ppc_attitude.analysis.figures import (
     angular_velocity_figure,
@@ -34,7 +34,6 @@ from ppc_attitude.analysis.figures import (
     error_figure,
     figures_of,
     pointing_figure,
-    save_figures,
     transformed_errors_figure,
 )
 from ppc_attitude.analysis.measure import Measured
@@ -284,18 +283,15 @@ def test_every_panel_tells_its_time_and_unit(normal, hit):
 def test_figures_are_saved_and_nothing_collides(tmp_path, hit, recwarn):
     """A layout that does not fit is told by a warning."""
     folder = tmp_path / "new" / "folder"
-    paths = save_figures(hit, folder)
+    paths = save_all(figures_of(hit), folder)
     assert [path.stem for path in paths] == NAMES
     assert all(path.parent == folder and path.read_bytes().startswith(PNG) for path in paths)
     assert [str(each.message) for each in recwarn if each.category is UserWarning] == []
 
 
 def test_figures_are_saved_as_drawings_too(tmp_path, normal):
-    paths = save_figures(
-        without_columns(normal, "attitude_error", "rate_error", "disturbance_torque"),
-        tmp_path,
-        formats=["svg", "pdf"],
-    )
+    run = without_columns(normal, "attitude_error", "rate_error", "disturbance_torque")
+    paths = save_all(figures_of(run), tmp_path, ["svg", "pdf"])
     starts = {".svg": b"<?xml", ".pdf": b"%PDF"}
     assert {path.suffix for path in paths} == starts.keys()
     assert len({path.stem for path in paths}) == len(paths) / 2 >= 3
@@ -339,7 +335,7 @@ def test_nothing_to_draw(normal):
 
 
 def test_a_single_instant(tmp_path):
-    assert save_figures(normal_run(0.0), tmp_path)
+    assert save_all(figures_of(normal_run(0.0)), tmp_path)
 
 
 def test_global_state_is_left_alone(normal):

@@ -16,7 +16,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,7 +34,6 @@ from ppc_attitude.analysis.drawing import (
     log_axis,
     mark_hits,
     panels,
-    save,
     time_axis,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope
@@ -184,41 +182,6 @@ def _comparisons() -> Iterator[tuple[str, str, _Comparison]]:
             yield f"comparison_{each.error}", caption, partial(error_comparison, envelope=each)
 
 
-def save_comparison(
-    records: Sequence[RunRecord],
-    labels: Sequence[str],
-    folder: Path,
-    required: Requirements = PAPER,
-    formats: Sequence[str] = ("png",),
-) -> list[Path]:
-    """Draw every comparison for which all the runs have the data and save each.
-
-    Parameters
-    ----------
-    records, labels, required
-        As `comparisons_of`.
-    folder : Path
-        Where to; made if there is none. Figures of the same name are replaced.
-    formats : sequence of str
-        Some of `drawing.FORMATS`.
-
-    Returns
-    -------
-    list of Path
-        The files written.
-
-    Raises
-    ------
-    AnalysisError
-        As `comparisons_of`.
-    """
-    return [
-        save(figure, folder / f"{name}.{form}")
-        for name, (_, figure) in comparisons_of(records, labels, required).items()
-        for form in formats
-    ]
-
-
 def sweep_figure(
     durations: Sequence[float],
     recovery_times: Sequence[float | None],
@@ -281,23 +244,6 @@ def sweep_figure(
         axes.margins(x=0.1)
         legend(axes)
     return figure
-
-
-def save_sweep(
-    durations: Sequence[float],
-    recovery_times: Sequence[float | None],
-    outside_times: Sequence[float],
-    path: Path,
-    required: Requirements = PAPER,
-) -> None:
-    """Save `sweep_figure` as the file `path`, whose suffix says the format.
-
-    Raises
-    ------
-    AnalysisError
-        As `sweep_figure`.
-    """
-    save(sweep_figure(durations, recovery_times, outside_times, required), path)
 
 
 def _side_by_side(

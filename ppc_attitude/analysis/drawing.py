@@ -15,7 +15,7 @@
 """Tools of every figure: style, panels, lines that stay light and lose no spike."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -312,3 +312,29 @@ def save(figure: Figure, path: Path) -> Path:
     with mpl.rc_context({"svg.hashsalt": "ppc_attitude"}), whole_file(path) as file:
         figure.savefig(file, format=form, dpi=300, metadata=_UNDATED[form])
     return path
+
+
+def save_all(
+    drawn: Mapping[str, tuple[str, Figure]], folder: Path, formats: Sequence[str] | None = None
+) -> list[Path]:
+    """Write figures to a folder, which is made if there is none; those of the same name go.
+
+    Parameters
+    ----------
+    drawn : mapping of str to (str, Figure)
+        Name of a figure's file to caption and figure.
+    folder : Path
+        Where to.
+    formats : sequence of str, optional
+        Some of `FORMATS`; default PNG.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+    """
+    return [
+        save(figure, folder / f"{name}.{form}")
+        for name, (_, figure) in drawn.items()
+        for form in formats or ("png",)
+    ]

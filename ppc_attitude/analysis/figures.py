@@ -15,9 +15,8 @@
 
 """The figures of one run, each the counterpart of one in the paper."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -33,7 +32,6 @@ from ppc_attitude.analysis.drawing import (
     limit_lines,
     log_axis,
     panels,
-    save,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.filter_figures import (
@@ -312,42 +310,6 @@ def figures_of(record: RunRecord, required: Requirements = PAPER) -> dict[str, t
     if not drawn:
         raise AnalysisError(f"{record.source}: the record has nothing to draw")
     return drawn
-
-
-def save_figures(
-    record: RunRecord,
-    folder: Path,
-    required: Requirements = PAPER,
-    formats: Sequence[str] = ("png",),
-) -> list[Path]:
-    """Draw every figure for which the record has the data and save each.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    folder : Path
-        Where to; made if there is none. Figures of the same name are replaced.
-    required : Requirements
-        Whose limits are drawn.
-    formats : sequence of str
-        Some of `drawing.FORMATS`.
-
-    Returns
-    -------
-    list of Path
-        The files written.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no instant, or nothing at all to draw.
-    """
-    return [
-        save(figure, folder / f"{name}.{form}")
-        for name, (_, figure) in figures_of(record, required).items()
-        for form in formats
-    ]
 
 
 def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array | None) -> Figure:

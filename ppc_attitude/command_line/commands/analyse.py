@@ -58,10 +58,11 @@ def execute(arguments: argparse.Namespace) -> int:
     else:
         print(verdict_table(verdict))
     if arguments.figures:
-        from ppc_attitude.analysis.figures import save_figures
+        from ppc_attitude.analysis.drawing import save_all
+        from ppc_attitude.analysis.figures import figures_of
 
-        formats = arguments.figure_format or ["png"]
-        for path in save_figures(record, arguments.figures, required, formats):
+        drawn = figures_of(record, required)
+        for path in save_all(drawn, arguments.figures, arguments.figure_format):
             print(f"figure: {path}", file=sys.stderr)
     write_report_of(arguments, [(record, verdict)], sys.stderr)
     return exit_code(verdict)

@@ -18,7 +18,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from ppc_attitude.analysis.comparison import save_comparison
+from ppc_attitude.analysis.comparison import comparisons_of
+from ppc_attitude.analysis.drawing import save_all
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.report import run_labels
 from ppc_attitude.bags.reader import read_runs
@@ -69,8 +70,8 @@ def execute(arguments: argparse.Namespace) -> int:
     judged = [(record, analyse(record, required)) for record in records]
     print("\n\n".join(verdict_table(verdict) for _, verdict in judged))
     if arguments.figures:
-        labels, formats = run_labels(records), arguments.figure_format or ["png"]
-        for path in save_comparison(records, labels, arguments.figures, required, formats):
+        drawn = comparisons_of(records, run_labels(records), required)
+        for path in save_all(drawn, arguments.figures, arguments.figure_format):
             print(f"figure: {path}")
     write_report_of(arguments, judged, sys.stdout)
     return DONE

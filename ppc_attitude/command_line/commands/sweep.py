@@ -18,7 +18,8 @@ import argparse
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ppc_attitude.analysis.comparison import save_sweep
+from ppc_attitude.analysis.comparison import sweep_figure
+from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.analysis.verdict import MET, NOT_MET, Metrics
@@ -111,13 +112,13 @@ def execute(arguments: argparse.Namespace) -> int:
     else:
         _print_table(rows, hits, required)
     if arguments.figure:
-        save_sweep(
+        figure = sweep_figure(
             [duration for duration, _ in rows],
             [_recovery(metrics) for _, metrics in rows],
             [metrics.time_outside_rate_envelope_s or 0.0 for _, metrics in rows],
-            arguments.figure,
             required,
         )
+        save(figure, arguments.figure)
     return DONE
 
 
