@@ -21,8 +21,8 @@ from pathlib import Path
 import pytest
 from process_helpers import Run, StartProcess
 
-from ppc_attitude.command_line.errors import UsageError
 from ppc_attitude.command_line.security import domain_of, secured
+from ppc_attitude.science.errors import ConfigurationError
 
 HERE = {"PATH": os.environ["PATH"], "ROS_DOMAIN_ID": "7"}
 ROS2 = """#!/bin/sh
@@ -73,7 +73,7 @@ def test_keys_are_for_the_domain_in_which_they_were_made(ros2: Path, tmp_path: P
     environment = {"PATH": os.environ["PATH"]}
     secured(environment | {"ROS_DOMAIN_ID": "7"}, keys)
     assert domain_of(keys) == "7"
-    with pytest.raises(UsageError, match=r"ROS_DOMAIN_ID = 8; allowed with --secure .*: 7, the "):
+    with pytest.raises(ConfigurationError, match=r"_DOMAIN_ID = 8; allowed with --secure .*: 7, "):
         secured(environment | {"ROS_DOMAIN_ID": "8"}, keys)
 
 
@@ -81,14 +81,14 @@ def test_without_the_means_to_make_keys_nothing_is_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(UsageError, match="`ros2 security`, which makes keys, is not installed"):
+    with pytest.raises(ConfigurationError, match="`ros2 security`, which makes keys, is not inst"):
         secured(HERE, tmp_path / "keys")
     assert not (tmp_path / "keys").exists()
 
 
 def test_keys_that_cannot_be_made_are_told(tmp_path: Path, ros2: Path) -> None:
     ros2.with_name("ros2").write_text("#!/bin/sh\necho no room >&2\nexit 1\n")
-    with pytest.raises(UsageError, match="ros2 security create_keystore: no room"):
+    with pytest.raises(ConfigurationError, match="ros2 security create_keystore: no room"):
         secured(HERE, tmp_path / "keys")
 
 

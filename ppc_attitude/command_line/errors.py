@@ -20,9 +20,5 @@ BAD_INPUT = 2
 BROKEN = 3
 
 
-class UsageError(ValueError):
-    """The user asked for something impossible; exit code 2."""
-
-
 class RunError(RuntimeError):
     """The run broke; exit code 3."""

@@ -25,7 +25,7 @@ from typing import NoReturn
 
 from ppc_attitude import __version__
 from ppc_attitude.bags.errors import printable
-from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError, UsageError
+from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError
 from ppc_attitude.command_line.examples import EXAMPLES, epilog
 from ppc_attitude.command_line.stopping import asked, end_at_once, ignore, interrupt
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
@@ -81,7 +81,9 @@ def _parsers(
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in names:
-        import_module(f"ppc_attitude.command_line.commands.{name}").add_parser(subparsers)
+        command = import_module(f"ppc_attitude.command_line.commands.{name}")
+        command.add_parser(subparsers)
+        subparsers.choices[name].set_defaults(execute=command.execute)
         subparsers.choices[name].epilog = epilog(name)
         subparsers.choices[name].formatter_class = _Formatter
     return parser, dict(subparsers.choices)
@@ -102,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except RunError as error:
         print(f"error: {error}", file=sys.stderr)
         return BROKEN
-    except (ValueError, UsageError) as error:
+    except ValueError as error:
         # Configuration, bag and analysis errors are ValueErrors that name what is wrong.
         print(f"error: {printable(str(error))}", file=sys.stderr)
         return BAD_INPUT

@@ -71,8 +71,9 @@ def add_stack_options(parser: argparse.ArgumentParser, event: str) -> None:
 
 
 def add_reading_options(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Add --topic and, for one run, --namespace."""
+    """Add --topic and, for one run, its bag and --namespace."""
     if not several:
+        parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
         parser.add_argument(
             "--namespace", metavar="NS", help="of the stack, if the bag has several"
         )

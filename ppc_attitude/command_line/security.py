@@ -21,8 +21,8 @@ import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
-from ppc_attitude.command_line.errors import UsageError
 from ppc_attitude.nodes.discovery import DOMAIN
+from ppc_attitude.science.errors import ConfigurationError
 
 _ENCLAVE = "ppc_attitude"
 
@@ -52,12 +52,12 @@ def secured(environment: Mapping[str, str], keys: Path) -> dict[str, str]:
 
     Raises
     ------
-    UsageError
+    ConfigurationError
         The keys are for another domain, or cannot be made; says why.
     """
     domain = domain_of(keys)
     if domain not in {"", environment[DOMAIN]}:
-        raise UsageError(
+        raise ConfigurationError(
             f"{DOMAIN} = {environment[DOMAIN]}; allowed with --secure {keys}: {domain}, the domain "
             "for which its keys were made"
         )
@@ -77,7 +77,9 @@ def secured(environment: Mapping[str, str], keys: Path) -> dict[str, str]:
 def _make(environment: Mapping[str, str], *words: str) -> None:
     program = shutil.which("ros2")
     if program is None:
-        raise UsageError("--secure: `ros2 security`, which makes keys, is not installed (sros2)")
+        raise ConfigurationError(
+            "--secure: `ros2 security`, which makes keys, is not installed (sros2)"
+        )
     done = subprocess.run(
         [program, "security", *words],
         env=environment,
@@ -87,4 +89,5 @@ def _make(environment: Mapping[str, str], *words: str) -> None:
         check=False,
     )
     if done.returncode:
-        raise UsageError(f"--secure: ros2 security {words[0]}: {done.stderr or done.stdout}")
+        told = done.stderr or done.stdout
+        raise ConfigurationError(f"--secure: ros2 security {words[0]}: {told}")

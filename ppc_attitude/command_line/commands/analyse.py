@@ -16,7 +16,6 @@
 
 import argparse
 import sys
-from pathlib import Path
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.command_line.options import (
@@ -39,13 +38,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="judge a recorded run",
         description="Verdict on every requirement, the paper's or one's own, from the bag alone.",
     )
-    parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
     add_reading_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_figures_options(parser, "every figure")
     add_requirements_option(parser)
     add_report_option(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -23,7 +23,7 @@ from ppc_attitude.analysis.drawing import save_all
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.report import run_labels
 from ppc_attitude.bags.reader import read_runs
-from ppc_attitude.command_line.errors import DONE, UsageError
+from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import (
     add_figures_options,
     add_reading_options,
@@ -32,6 +32,7 @@ from ppc_attitude.command_line.options import (
     required_of,
     write_report_of,
 )
+from ppc_attitude.science.errors import ConfigurationError
 
 _MOST = 6
 
@@ -54,7 +55,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_figures_options(parser, "the comparisons")
     add_requirements_option(parser)
     add_report_option(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -63,7 +63,7 @@ def execute(arguments: argparse.Namespace) -> int:
     names = dict(arguments.topic)
     records = [record for bag in arguments.bags for record in read_runs(bag, names)]
     if not 2 <= len(records) <= _MOST:
-        raise UsageError(f"{len(records)} runs given; allowed: 2 to {_MOST}")
+        raise ConfigurationError(f"{len(records)} runs given; allowed: 2 to {_MOST}")
     for record in records:
         for warning in record.warnings:
             print(f"warning: {record.source}: {warning}", file=sys.stderr)

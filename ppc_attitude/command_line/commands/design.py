@@ -99,7 +99,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--gains", nargs=3, type=positive, metavar=("K", "KAPPA", "ELL"), help="no search: these"
     )
     parser.add_argument("--output", metavar="FILE.yaml", type=new_file, help="parameter file")
-    parser.set_defaults(execute=execute)
 
 
 def _assumption(text: str) -> tuple[str, float]:

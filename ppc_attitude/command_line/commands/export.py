@@ -15,7 +15,6 @@
 """`ppc_attitude export`: the samples of a bag as one table for pandas and spreadsheets."""
 
 import argparse
-from pathlib import Path
 
 from ppc_attitude.bags.export import export_csv, export_parquet
 from ppc_attitude.command_line.errors import DONE
@@ -30,12 +29,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="write a bag's samples as a table",
         description="One row an instant, one column a component.",
     )
-    parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
     add_reading_options(parser)
     kind = parser.add_mutually_exclusive_group(required=True)
     kind.add_argument("--parquet", metavar="FILE", type=absent_file, help="a new Parquet file")
     kind.add_argument("--csv", metavar="FILE", type=absent_file, help="a new CSV file")
-    parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -61,7 +61,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--frame", choices=FRAME_NAMES, default=FRAME_NAMES[0], help="what it is relative to"
     )
     add_stack_options(parser, "at which the turn begins")
-    parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:

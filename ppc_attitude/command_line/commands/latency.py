@@ -59,7 +59,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--live", action="store_true", help="listen to the running graph instead of starting one"
     )
     parser.add_argument("--namespace", metavar="NS", default="", help="with --live: its namespace")
-    parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:

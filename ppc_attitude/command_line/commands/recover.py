@@ -29,7 +29,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="Writes index and metadata of a cut bag, so that every tool reads it.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
-    parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:

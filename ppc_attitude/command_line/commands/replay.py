@@ -16,7 +16,6 @@
 
 import argparse
 from dataclasses import asdict
-from pathlib import Path
 
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.options import add_reading_options, print_json, record_of
@@ -30,10 +29,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="feed a bag's recorded inputs to the components once more",
         description="Reports the largest difference of each; exit code 0 if there is none.",
     )
-    parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
     add_reading_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -64,7 +64,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_requirements_option(parser)
     add_report_option(parser)
     parser.add_argument("--json", action="store_true", help="print the verdict as JSON")
-    parser.set_defaults(execute=execute)
 
 
 def execute(arguments: argparse.Namespace) -> int:
