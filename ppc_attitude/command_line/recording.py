@@ -18,7 +18,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import IO, Any, TypeAlias
@@ -161,7 +161,9 @@ class Recording:
                 stack.stop()
                 finished = not stop.is_set()
             except StackError as error:
-                _end_after_failure(stack)
+                # The first failure is the one to report; what stopping finds is its consequence.
+                with suppress(StackError):
+                    stack.stop()
                 if error.refused:
                     raise ConfigurationError(str(error)) from None
                 if stack.has_begun or not stop.is_set():
@@ -174,14 +176,6 @@ class Recording:
                     shutil.rmtree(bag, ignore_errors=True)  # it would only be in the next one's way
             if finished:
                 show(duration)  # the plant tells the time ten times a second, not at its end
-
-
-def _end_after_failure(stack: Stack) -> None:
-    # The first failure is the one to report; what stopping finds is its consequence.
-    try:
-        stack.stop()
-    except StackError:
-        return
 
 
 @contextmanager

@@ -18,8 +18,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
 
 from ppc_attitude.command_line.errors import BROKEN
@@ -65,27 +65,24 @@ def ignore() -> None:
 
 
 @contextmanager
-def nothing_begun() -> Iterator[None]:
-    """Let a request to end be granted at once while the block runs."""
-    previous = {number: signal.signal(number, _end_at_once) for number in ENDING}
+def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Let requests to end be handled so while the block runs."""
+    previous = {number: signal.signal(number, handler) for number in ENDING}
     try:
         yield
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        for number, before in previous.items():
+            signal.signal(number, before)
+
+
+def nothing_begun() -> AbstractContextManager[None]:
+    """Let a request to end be granted at once while the block runs."""
+    return _handled(_end_at_once)
 
 
 @contextmanager
 def stop_on_signals() -> Iterator[threading.Event]:
     """Event that a request to end sets, so that a second Ctrl-C cannot break the orderly stop."""
     stop = threading.Event()
-
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    previous = {number: signal.signal(number, on_signal) for number in ENDING}
-    try:
+    with _handled(lambda number, frame: stop.set()):
         yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
