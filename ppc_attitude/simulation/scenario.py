@@ -157,10 +157,7 @@ def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
             raise ConfigurationError(
                 f"configuration file {path}: {key} has no mapping ros__parameters"
             )
-        try:
-            nodes.append((name, dict(_flattened(body["ros__parameters"]))))
-        except RecursionError:
-            raise ConfigurationError(f"configuration file {path}: {key} contains itself") from None
+        nodes.append((name, dict(_flattened(body["ros__parameters"]))))
     return nodes
 
 
