@@ -86,8 +86,8 @@ def test_a_run_in_a_namespace_has_the_parameters_of_its_own_nodes(tmp_path: Path
 
 @pytest.mark.parametrize("namespace", ["", "/reference", "/x/control"])
 def test_the_only_namespace_is_found(tmp_path: Path, namespace: str) -> None:
-    write_run(RUN, tmp_path / "bag", namespace=namespace)
-    assert_same(read_run(tmp_path / "bag"), RUN)
+    bag = write_messages(tmp_path / "bag", list(messages(RUN)), namespaces=(namespace,))
+    assert_same(read_run(bag), RUN)
 
 
 # What others write

@@ -96,7 +96,7 @@ def test_an_exception_in_the_recorder_keeps_the_bag(tmp_path: Path, storage: str
 def test_a_written_run_leaves_out_samples_that_are_missing(tmp_path: Path) -> None:
     run = normal_run(duration=0.2)
     run["torque_command"][4] = np.nan
-    write_run(run, tmp_path / "bag", namespace="/ns")
+    write_run(run, tmp_path / "bag")
     read = read_run(tmp_path / "bag")
     assert_same(read, run)
     assert read.missing == {"torque_command": 1}

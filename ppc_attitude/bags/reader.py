@@ -180,16 +180,12 @@ def _run_namespaces(bag: Bag) -> list[str]:
     """Namespaces with all that a plant sends, or with an attitude that can be nothing else."""
     # `reference/attitude` looks like a run of its own, with the topics of the reference only.
     plant = {ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE}
+    plain = [name for name, msgtype in bag.topics.items() if len([*readings(name, msgtype)]) == 1]
     return sorted(
         home
         for home, found in _by_namespace(bag).items()
-        if plant <= found
-        or (ATTITUDE in found and _is_plain(f"{home}/{ATTITUDE.name}", bag.topics))
+        if plant <= found or (ATTITUDE in found and f"{home}/{ATTITUDE.name}" in plain)
     )
-
-
-def _is_plain(name: str, types: Mapping[str, str]) -> bool:
-    return len(list(readings(name, types[name]))) == 1
 
 
 def _only_namespace(bag: Bag, names: Mapping[Topic, str]) -> str:

@@ -23,17 +23,11 @@ from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import Codec, encode_clock
 from ppc_attitude.contract.declared import BY_COLUMN
-from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CHANGES_TOPIC, CLOCK_TOPIC
 
 
-def _present(samples: Array) -> list[bool]:
-    return [bool(row) for row in np.any(~np.isnan(samples), axis=1)]
-
-
-def write_run(
-    record: RunRecord, path: Path | str, *, storage: str = "mcap", namespace: str = ""
-) -> None:
+def write_run(record: RunRecord, path: Path | str, *, storage: str = "mcap") -> None:
     """Write a run as the recorder would: every sample a message, received at its stamp.
 
     Parameters
@@ -44,8 +38,6 @@ def write_run(
         Folder of the bag; must not exist yet.
     storage : {'mcap', 'sqlite3'}
         Storage of the messages.
-    namespace : str
-        Put before every topic, such as ``/proposed``.
 
     Raises
     ------
@@ -55,7 +47,7 @@ def write_run(
     facts = encode_custom_data(record.controller, record.parameters, record.metadata)
     topics = [BY_COLUMN[column] for column in record.columns]
     lanes = [
-        (f"{namespace}/{topic.name}", Codec(topic), samples, _present(samples))
+        (f"/{topic.name}", Codec(topic), samples, np.any(~np.isnan(samples), axis=1).tolist())
         for topic, samples in zip(topics, record.columns.values(), strict=True)
     ]
     with BagWriter(path, storage=storage, custom_data=facts) as writer:
@@ -63,9 +55,9 @@ def write_run(
         for name, codec, _, _ in lanes:
             writer.add_topic(name, codec.topic.msgtype, [offered_qos()])
         if record.changes:
-            writer.add_topic(f"{namespace}/{CHANGES_TOPIC.name}", CHANGES_TOPIC.msgtype)
+            writer.add_topic(f"/{CHANGES_TOPIC.name}", CHANGES_TOPIC.msgtype)
         for stamp, data in encode_changes(record.changes):
-            writer.write(f"{namespace}/{CHANGES_TOPIC.name}", stamp, data)
+            writer.write(f"/{CHANGES_TOPIC.name}", stamp, data)
         for step, stamp in enumerate(record.stamps_ns.tolist()):
             writer.write(CLOCK_TOPIC.name, stamp, encode_clock(stamp))
             for name, codec, samples, present in lanes:

@@ -128,9 +128,8 @@ class SqliteSource:
         data = [row[2] for row in rows]
         time = [row[3] for row in rows]
         if not self.channels.keys() >= set(channel):
-            self.channels = self._read_channels(
-                database
-            )  # a recorder may have met another topic meanwhile
+            # A recorder may have met another topic meanwhile.
+            self.channels = self._read_channels(database)
         for unknown in set(channel) - self.channels.keys():
             raise ValueError(f"message of topic {unknown}, which is not defined")
         return block_of(channel, time, data)
