@@ -15,8 +15,8 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Iterator
-from dataclasses import fields
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, fields
 from functools import cached_property
 from typing import Any
 
@@ -91,11 +91,9 @@ class Measured:
             early = "the envelope"
         self.hits = tuple(
             Disturbance(
-                pulse.start_s,
-                pulse.duration_s,
-                pulse.torque,
-                self._recovery(pulse, pulses),
-                "recovery" if pulse.start_s >= required.settling_deadline else early,
+                **asdict(pulse),
+                recovery_time_s=self._recovery(pulse, pulses),
+                judged_by="recovery" if pulse.start_s >= required.settling_deadline else early,
             )
             for pulse in pulses
         )
@@ -249,7 +247,7 @@ def _since(t: Array, start: float) -> Array:
     return np.asarray(np.round(t - start, 9))
 
 
-def window(t: Array, hit: Pulse | Disturbance, hits: tuple[Pulse | Disturbance, ...]) -> Mask:
+def window(t: Array, hit: Pulse, hits: Sequence[Pulse]) -> Mask:
     """Instants from the start of a hit to that of the next, shape (n,)."""
     following = min((each.start_s for each in hits if each.start_s > hit.start_s), default=np.inf)
     return np.asarray((t >= hit.start_s) & (t < following))

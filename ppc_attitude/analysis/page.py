@@ -25,6 +25,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from ppc_attitude.analysis.interactive import plotted, script, style
+from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import HOSTED
@@ -108,6 +109,12 @@ def write_page(path: Path, title: str, body: Sequence[str]) -> None:
 def collapsed(title: str, content: str) -> str:
     """Part of a page that a reader opens."""
     return f"<details><summary>{escape(title)}</summary>{content}</details>"
+
+
+def asked(required: Requirements) -> str:
+    """Requirements file that asks for the same, for a reader to open."""
+    lines = required.to_json().items()
+    return collapsed("Requirements file", pairs((name, str(value)) for name, value in lines))
 
 
 def configuration(parameters: Mapping[str, Mapping[str, Any]]) -> str:

@@ -22,7 +22,15 @@ from ppc_attitude.analysis.comparison import comparisons_of
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.interactive import replay
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.page import collapsed, configuration, figures, pairs, table, write_page
+from ppc_attitude.analysis.page import (
+    asked,
+    collapsed,
+    configuration,
+    figures,
+    pairs,
+    table,
+    write_page,
+)
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.analysis.truth import STANDING
 from ppc_attitude.analysis.verdict import (
@@ -125,11 +133,10 @@ def _comparison(runs: Runs, labels: Sequence[str]) -> str:
     names = list(dict.fromkeys(each.name for _, v in runs for each in v.requirements))
     rows = []
     for name in names:
-        found = [_requirement(verdict, name) for _, verdict in runs]
-        limits = dict.fromkeys(each.limit_text for each in found if each is not None)
-        cells = "".join(
-            '<td class="number">–</td>' if each is None else _value_cell(each) for each in found
-        )
+        found = [next((r for r in v.requirements if r.name == name), None) for _, v in runs]
+        limits = dict.fromkeys(each.limit_text for each in found if each)
+        told = [f"{escape(each.value_text)} {_outcome(each)}" if each else "–" for each in found]
+        cells = "".join(f'<td class="number">{each}</td>' for each in told)
         rows.append(f"<tr><th>{escape(name)}</th>{cells}<td>{escape(', '.join(limits))}</td></tr>")
     compared = table(["requirement", *labels, "limit"], rows)
     records = [record for record, _ in runs]
@@ -138,14 +145,6 @@ def _comparison(runs: Runs, labels: Sequence[str]) -> str:
     except AnalysisError as error:  # runs of which each lacks what the other has
         drawn = f"<p>{escape(str(error))}</p>"
     return f"<h2>Comparison</h2>\n{compared}{drawn}"
-
-
-def _requirement(verdict: Verdict, name: str) -> Requirement | None:
-    return next((each for each in verdict.requirements if each.name == name), None)
-
-
-def _value_cell(each: Requirement) -> str:
-    return f'<td class="number">{escape(each.value_text)} {_outcome(each)}</td>'
 
 
 def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
@@ -160,7 +159,6 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
     facts += [(f"missing of {topic}", str(count)) for topic, count in record.missing.items()]
     warnings = "".join(f'<p class="warning">{escape(each)}</p>\n' for each in record.warnings)
     drawn = figures_of(record, verdict.required).values()
-    asked = [(name, str(value)) for name, value in verdict.required.to_json().items()]
     return "\n".join(
         [
             f'<section class="run"><h2>{escape(title)}</h2>',
@@ -177,7 +175,7 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
             figures(drawn, "column"),
             "<h3>Replay</h3>",
             replay(Measured(record, verdict.required)),
-            collapsed("Requirements file", pairs(asked)),
+            asked(verdict.required),
             collapsed("Configuration, as the run began", configuration(record.parameters)),
             collapsed("Versions", pairs(record.metadata.items())),
             "</section>",

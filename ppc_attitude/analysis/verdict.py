@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ppc_attitude.analysis.pulses import Pulse
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.analysis.truth import EXACT, STANDING
 from ppc_attitude.contract.run_record import ToldChange
@@ -111,15 +112,11 @@ class Requirement:
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class Disturbance(Pulse):
     """One sudden disturbance and the recovery from it.
 
     Attributes
     ----------
-    start_s, duration_s : float
-        When it acted [s].
-    torque : tuple of 3 float
-        Extra torque in body axes [N·m].
     recovery_time_s : float or None
         From its start to the last instant, before the next one or the end, at which the attitude
         error is not settled; 0 if it always is, None if it still is not at the last instant.
@@ -127,9 +124,6 @@ class Disturbance:
         What judges it: recovery, or, before the settling deadline, the envelope if there is one.
     """
 
-    start_s: float
-    duration_s: float
-    torque: tuple[float, float, float]
     recovery_time_s: float | None
     judged_by: str
 

@@ -182,25 +182,20 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
     """
     allowed = (*(each.name for each in fields(Variables)), *SHORT)
     declared = keys("campaign", declaration, allowed)
-    length = base.number(PLANT, "duration")
     variables = Variables(
         initial_attitude=_optional(declared, "initial_attitude", attitudes),
         initial_rate=_optional(declared, "initial_rate", _rate),
-        inertia_error=_number(declared, "inertia_error", _INERTIA),
-        disturbance=_optional(declared, "disturbance", lambda n, g: _pulse(n, g, length)),
-        actuator_strength=_number(declared, "actuator_strength", _STRENGTH),
+        inertia_error=_optional(declared, "inertia_error", number, _INERTIA),
+        disturbance=_optional(declared, "disturbance", _pulse, base.number(PLANT, "duration")),
+        actuator_strength=_optional(declared, "actuator_strength", number, _STRENGTH),
         parameters=varied(declared, base),
     )
     _check_strength(variables.actuator_strength, base)
     return Campaign(base, variables, seed, dict(declared))
 
 
-def _optional(declared: Mapping[str, Any], name: str, read: Any) -> Any:
-    return read(name, declared[name]) if name in declared else None
-
-
-def _number(declared: Mapping[str, Any], name: str, allowed: Range) -> Number | None:
-    return number(name, declared[name], allowed) if name in declared else None
+def _optional(declared: Mapping[str, Any], name: str, read: Any, *allowed: Any) -> Any:
+    return read(name, declared[name], *allowed) if name in declared else None
 
 
 def _rate(name: str, declared: Any) -> tuple[Number, Direction]:

@@ -230,7 +230,7 @@ def _read_number(name: str, declared: Any) -> Number:
     if kind == "normal":
         return _read_normal(name, declared)
     if kind == "choice":
-        values = _only(name, declared, "values")
+        values = keys(name, declared, ("distribution", "values")).get("values")
         if not isinstance(values, list) or not values:
             raise ConfigurationError(f"{name}.values = {values!r}; allowed: a list of numbers")
         return Choice(tuple(_finite(f"{name}.values", each) for each in values))
@@ -321,11 +321,6 @@ def _fields(name: str, declared: Mapping[str, Any], *wanted: str) -> list[float]
         if key not in declared:
             raise ConfigurationError(f"{name} lacks {key}")
     return [_finite(f"{name}.{key}", declared[key]) for key in wanted]
-
-
-def _only(name: str, declared: Mapping[str, Any], key: str) -> Any:
-    keys(name, declared, ("distribution", key))
-    return declared.get(key)
 
 
 def _check_order(name: str, low: float, high: float) -> None:

@@ -62,20 +62,16 @@ def levels_of(record: RunRecord, errors: Array, starts: NDArray[np.intp]) -> Lev
         does not have.
     """
     size = np.abs(errors[:, :3]).T
-    values = [_largest(size)]
+    values = [size.max(axis=0)]
     if ATTITUDE_ENVELOPE.column in record:
         envelope = record[ATTITUDE_ENVELOPE.column].T
         own = np.abs(record[ATTITUDE_ERROR.column][:, :3]).T
-        values += [_largest(envelope), _largest(own / envelope)]
+        values += [envelope.max(axis=0), (own / envelope).max(axis=0)]
     levels = np.full((len(QUANTITIES), starts.size), UNKNOWN, np.uint8)
     for row, value in zip(levels, values, strict=False):
         peaks = np.maximum.reduceat(value, starts)
         row[:] = np.where(np.isfinite(peaks), np.searchsorted(EDGES, peaks, "right"), UNKNOWN)
     return levels
-
-
-def _largest(rows: Array) -> Array:
-    return np.asarray(np.maximum.reduce(rows))
 
 
 class QuantileBands:

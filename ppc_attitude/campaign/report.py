@@ -22,13 +22,21 @@ from typing import Any
 
 import yaml
 
-from ppc_attitude.analysis.page import collapsed, configuration, figures, pairs, table, write_page
+from ppc_attitude.analysis.page import (
+    asked,
+    collapsed,
+    configuration,
+    figures,
+    pairs,
+    table,
+    write_page,
+)
 from ppc_attitude.analysis.verdict import number_text
 from ppc_attitude.campaign.campaign import Finished
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import varying
 from ppc_attitude.campaign.figures import bands_figure, failing_figure
-from ppc_attitude.campaign.summary import SAMPLE_SIZE, Fraction, Summary, Tally
+from ppc_attitude.campaign.summary import SAMPLE_SIZE, Fraction, Summary
 
 _BANDS = (
     "Attitude error of all runs (top) and the part of its envelope that it fills (bottom): "
@@ -83,7 +91,7 @@ def write_campaign_report(
         _worst(summary, again),
         "<h2>What varies</h2>",
         f"<pre>{escape(_yaml(campaign.declaration))}</pre>",
-        collapsed("Requirements file", pairs(_asked(campaign))),
+        asked(campaign.required),
         collapsed("Configuration", configuration(campaign.scenario.parameters)),
         collapsed("Versions", pairs(campaign.made_with.items())),
     ]
@@ -127,15 +135,14 @@ def _facts(campaign: Campaign, finished: Finished) -> str:
 
 
 def _requirements(summary: Summary) -> str:
-    rows = [_requirement_row(name, tally) for name, tally in summary.requirements()]
+    rows = [
+        _row(name, tally.limit_text, tally.fraction, tally.not_judged)
+        for name, tally in summary.requirements()
+    ]
     rows.append(_row("every requirement that is judged", "", summary.fraction, 0))
     note = "<p>A run is judged by the requirements that apply to it. 95 % Wilson intervals.</p>"
     head = ["requirement", "limit", "met", "judged", "not judged", "share (95 % interval)"]
     return note + table(head, rows)
-
-
-def _requirement_row(name: str, tally: Tally) -> str:
-    return _row(name, tally.limit_text, tally.fraction, tally.not_judged)
 
 
 def _row(name: str, limit: str, fraction: Fraction, not_judged: int) -> str:
@@ -167,10 +174,6 @@ def _worst(summary: Summary, again: Sequence[str]) -> str:
 
 def _value(value: float) -> str:
     return "never" if value == float("inf") else number_text(value)
-
-
-def _asked(campaign: Campaign) -> list[tuple[str, str]]:
-    return [(name, str(value)) for name, value in campaign.required.to_json().items()]
 
 
 def _yaml(declaration: Any) -> str:

@@ -65,8 +65,14 @@ class Results:
         self._arrow, self._parquet = pyarrow, pyarrow.parquet
         self._folder, self._counted = folder, bands
         self._metadata = {b"ppc_attitude": json.dumps(description(campaign)).encode()}
+        types = {
+            int: pyarrow.int64(),
+            float: pyarrow.float64(),
+            bool: pyarrow.bool_(),
+            str: pyarrow.string(),
+        }
         self._schema = pyarrow.schema(
-            [(name, _arrow_type(pyarrow, kind)) for name, kind in columns_of(campaign).items()],
+            [(name, types[kind]) for name, kind in columns_of(campaign).items()],
             metadata=self._metadata,
         )
         self._rows: list[Row] = []
@@ -128,9 +134,3 @@ def description(campaign: Campaign) -> Mapping[str, Any]:
         "parameters": campaign.scenario.parameters,
         "versions": campaign.made_with,
     }
-
-
-def _arrow_type(arrow: Any, kind: type) -> Any:
-    return {int: arrow.int64(), float: arrow.float64(), bool: arrow.bool_(), str: arrow.string()}[
-        kind
-    ]
