@@ -55,6 +55,7 @@ from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
+from ppc_attitude.runtime.health import StepCounter
 from ppc_attitude.science.stamps import stamp_of
 
 OK, WARN, ERROR, STALE = (
@@ -97,17 +98,17 @@ ARGUMENTS = {
 class Patient:
     """A node in this process, fed by hand, and what it says on `/diagnostics`."""
 
-    def __init__(self, kind: type[BaseNode], parameters: list[str]) -> None:
+    def __init__(self, kind: type[BaseNode], parameters: list[str], home: str) -> None:
         options = [word for each in parameters for word in ("-p", each)]
-        rclpy.init(args=["--ros-args", "-r", "__ns:=/ward", *options])
+        rclpy.init(args=["--ros-args", "-r", f"__ns:={home}", *options])
+        self.full_name = f"{home.rstrip('/')}/{kind.executable}"
         self.passed = 0.0  # [s] of silence that nobody had to wait for
         clock = staticmethod(lambda: time.monotonic() + self.passed)
         self.kind, self.node = kind, type(kind.__name__, (kind,), {"now": clock})()
-        self.peer = Node("peer", namespace="/ward")
+        self.peer = Node("peer", namespace=home)
         self.said: list[DiagnosticStatus] = []
-        self.peer.create_subscription(
-            DiagnosticArray, DIAGNOSTICS_TOPIC.name, lambda m: self.said.extend(m.status), 100
-        )
+        self.stamps: list[float] = []  # [s]
+        self.peer.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._hear, 100)
         topics = {*NEEDS[kind][0], *([INJECT] if kind is DisturbanceInjector else [])}
         self.publishers = {
             topic: self.peer.create_publisher(
@@ -120,6 +121,10 @@ class Patient:
             self.executor.add_node(each)
         self.until(lambda: all(p.get_subscription_count() for p in self.publishers.values()))
         self.until(self._is_heard)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        self.said += message.status
+        self.stamps.append(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
     def _is_heard(self) -> bool:
         """True once a report has come; a node of which nothing is heard makes one by and by."""
@@ -155,8 +160,8 @@ class Patient:
 
         self.until(lambda: bool(found()))
         status = found()[0]
-        assert status.name == f"ward/{self.node.executable}: status"
-        assert status.hardware_id == f"/ward/{self.node.executable}"
+        assert status.name == f"{self.full_name.lstrip('/')}: status"
+        assert status.hardware_id == self.full_name
         return {entry.key: entry.value for entry in status.values}
 
 
@@ -165,8 +170,8 @@ def admit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
     monkeypatch.chdir(tmp_path)
     patients: list[Patient] = []
 
-    def admitted(kind: type[BaseNode], *parameters: str) -> Patient:
-        patients.append(Patient(kind, [*ARGUMENTS.get(kind, []), *parameters]))
+    def admitted(kind: type[BaseNode], *parameters: str, home: str = "/ward") -> Patient:
+        patients.append(Patient(kind, [*ARGUMENTS.get(kind, []), *parameters], home))
         return patients[-1]
 
     yield admitted
@@ -187,7 +192,7 @@ def test_a_fed_node_runs_and_a_starved_one_is_stale(
     values = patient.says(OK)
     assert {"time [s]", "measured rate [Hz]"} <= set(values)
     patient.starve()
-    patient.says(STALE, NEEDS[kind][1])
+    assert patient.says(STALE, NEEDS[kind][1])["measured rate [Hz]"] == "0"
     patient.feed(1)
     patient.said.clear()
     patient.until(lambda: not patient.node.is_idle())
@@ -199,7 +204,7 @@ def test_a_fed_node_runs_and_a_starved_one_is_stale(
 @pytest.mark.parametrize(
     "kind", [kind for kind in NEEDS if kind is not BagRecorder], ids=lambda kind: kind.executable
 )
-def test_a_refusal_is_a_warning_with_a_count(
+def test_a_refusal_is_a_warning_once_with_a_count(
     admit: Callable[..., Patient], kind: type[BaseNode]
 ) -> None:
     patient = admit(kind)
@@ -208,9 +213,36 @@ def test_a_refusal_is_a_warning_with_a_count(
     topic, values = next(iter(NEEDS[kind][0].items()))
     patient.send({topic: (float("nan"), *values[1:])}, 1)
     patient.until(lambda: patient.node.health.refused.total() > 0)
-    patient.node.health.begin_again()
-    patient.feed(1 if kind is SpacecraftPlant else 2)
-    assert patient.says(WARN, "refused 1")[f"refused {topic.name}"] == "1"
+    step = 1 if kind is SpacecraftPlant else 2
+    for level, text in ((WARN, "refused 1"), (OK, "")):
+        patient.node.health.begin_again()
+        patient.said.clear()
+        patient.feed(step)
+        assert patient.says(level, text)[f"refused {topic.name}"] == "1"
+        step += 1
+
+
+def test_a_running_node_says_so_once_a_second_with_its_rate(admit: Callable[..., Patient]) -> None:
+    patient = admit(ReferenceGenerator, home="/")
+    for told in (patient.said, patient.stamps):
+        told.clear()
+    for step in range(0, 201, 10):
+        patient.feed(step)
+    patient.until(lambda: len(patient.said) >= 3)
+    assert patient.stamps == [0.0, 1.0, 2.0]
+    assert {(status.level, status.message) for status in patient.said} == {(OK, "running")}
+    patient.said = patient.said[-1:]
+    assert patient.says(OK)["measured rate [Hz]"] == "10"
+
+
+def test_repeated_steps_count_once() -> None:
+    counter = StepCounter()
+    for step in (0, 0, 50, 50, 100):
+        counter.add(stamp_of(step, 100.0))
+    assert counter.rate() == 2.0
+    assert counter.rate() == 0.0
+    counter.add(stamp_of(300, 100.0))
+    assert counter.rate() == 0.5
 
 
 def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patient]) -> None:
