@@ -50,9 +50,9 @@ def expected(run: RunRecord) -> dict[str, np.ndarray]:
 
 def test_parquet_has_every_number_and_the_facts(bag: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    export_parquet(bag, tmp_path / "run.parquet")
-    table = parquet.read_table(tmp_path / "run.parquet")
     run = read_run(bag)
+    export_parquet(run, tmp_path / "run.parquet")
+    table = parquet.read_table(tmp_path / "run.parquet")
     columns = expected(run)
     assert table.column_names == list(columns)
     for name, numbers in columns.items():
@@ -78,18 +78,17 @@ def test_csv_reads_back_to_the_last_bit(bag: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("export", [export_csv, export_parquet])
-def test_refusals(export, bag: Path, tmp_path: Path) -> None:
+def test_refusals(export, tmp_path: Path) -> None:
+    run = normal_run(duration=0.1)
     if export is export_parquet:
         pytest.importorskip("pyarrow")
     target = tmp_path / "taken"
     target.write_text("mine")
     with pytest.raises(BagError, match=r"taken exists already"):
-        export(bag, target)
+        export(run, target)
     assert target.read_text() == "mine"
     with pytest.raises(BagError, match=r"cannot be written: .*No such file"):
-        export(bag, tmp_path / "no" / "where")
-    with pytest.raises(BagError, match=r"nothing does not exist"):
-        export(tmp_path / "nothing", tmp_path / "out")
+        export(run, tmp_path / "no" / "where")
 
 
 def test_a_change_in_flight_is_a_column(tmp_path: Path) -> None:
@@ -114,9 +113,7 @@ def test_a_change_in_flight_is_a_column(tmp_path: Path) -> None:
     assert table["ppc_controller.k"].to_pylist() == [3.0, 4.0, 5.0, 5.0]
 
 
-def test_missing_pyarrow_is_named(
-    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_pyarrow_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(BagError, match=r"Parquet needs pyarrow.*pip install pyarrow"):
-        export_parquet(bag, tmp_path / "out")
+        export_parquet(normal_run(duration=0.1), tmp_path / "out")

@@ -32,7 +32,6 @@ import numpy as np
 
 from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.whole_file import whole_file
 
@@ -40,27 +39,27 @@ _AXES = "xyzw"
 _ROWS = 10_000
 
 
-def export(run: RunRecord | Path | str, out: Path | str) -> None:
+def export(record: RunRecord, target: Path) -> None:
     """Write a run in the format of the file's suffix, ``.csv`` or ``.parquet``; raises as they."""
-    (export_parquet if Path(out).suffix == ".parquet" else export_csv)(run, out)
+    (export_parquet if target.suffix == ".parquet" else export_csv)(record, target)
 
 
-def export_parquet(run: RunRecord | Path | str, out: Path | str) -> None:
+def export_parquet(record: RunRecord, target: Path) -> None:
     """Write a run as a Parquet file.
 
     The file's metadata carry controller, parameters, run metadata, missing counts and warnings.
 
     Parameters
     ----------
-    run : RunRecord, Path or str
-        The run, or its bag.
-    out : Path or str
+    record : RunRecord
+        The run.
+    target : Path
         File to write; must not exist yet.
 
     Raises
     ------
     BagError
-        The bag cannot be read, the file exists or cannot be written, or pyarrow is missing.
+        The file exists or cannot be written, or pyarrow is missing.
     """
     try:
         import pyarrow
@@ -69,7 +68,6 @@ def export_parquet(run: RunRecord | Path | str, out: Path | str) -> None:
         raise BagError(
             "Parquet needs pyarrow, which is not installed: pip install pyarrow"
         ) from error
-    record, target = _prepare(run, out)
     facts = {
         **encode_custom_data(record.controller, record.parameters, record.metadata),
         "ppc_attitude.missing": json.dumps(dict(record.missing)),
@@ -86,22 +84,11 @@ def export_parquet(run: RunRecord | Path | str, out: Path | str) -> None:
         pyarrow.parquet.write_table(table, file)
 
 
-def export_csv(run: RunRecord | Path | str, out: Path | str) -> None:
+def export_csv(record: RunRecord, target: Path) -> None:
     """Write a run as a CSV file; every number reads back to the last bit.
 
-    Parameters
-    ----------
-    run : RunRecord, Path or str
-        The run, or its bag.
-    out : Path or str
-        File to write; must not exist yet.
-
-    Raises
-    ------
-    BagError
-        The bag cannot be read, or the file exists or cannot be written.
+    Parameters, and what is raised, are those of `export_parquet`.
     """
-    record, target = _prepare(run, out)
     names, columns = zip(*_numbers(record), strict=True)
     changed = _changed(record)
     with _new_file(target) as binary, TextIOWrapper(binary, "utf-8", newline="") as file:
@@ -116,18 +103,13 @@ def export_csv(run: RunRecord | Path | str, out: Path | str) -> None:
 
 @contextlib.contextmanager
 def _new_file(target: Path) -> Iterator[BinaryIO]:
+    if os.path.lexists(target):
+        raise BagError(f"{target} exists already, it is not overwritten")
     try:
         with whole_file(target) as file:
             yield file
     except OSError as error:
         raise BagError(f"{target} cannot be written: {error.strerror or error}") from error
-
-
-def _prepare(run: RunRecord | Path | str, out: Path | str) -> tuple[RunRecord, Path]:
-    target = Path(out)
-    if os.path.lexists(target):
-        raise BagError(f"{target} exists already, it is not overwritten")
-    return (run if isinstance(run, RunRecord) else read_run(run)), target
 
 
 def _numbers(record: RunRecord) -> Iterator[tuple[str, Array]]:
