@@ -285,10 +285,3 @@ def test_a_bag_with_nothing_but_an_attitude_has_a_report(tmp_path: Path) -> None
     assert (tmp_path / "attitude.png").exists()
     assert "no topic reference/attitude in the bag" in page.read_text()
     assert main(["compare", str(bag), str(bag), "--report", str(tmp_path / "two.html")]) == DONE
-
-
-def test_a_topic_is_given_as_a_pair(capsys: pytest.CaptureFixture[str]) -> None:
-    for wrong in ("attitude", "=/imu", "attitude="):
-        with pytest.raises(SystemExit):
-            main(["analyse", "bag", "--topic", wrong])
-        assert "allowed: OURS=THEIRS, as in attitude=/imu/data" in capsys.readouterr().err

@@ -62,14 +62,6 @@ def test_a_run_through_the_nodes_is_the_run_in_process(
     assert_same(recorded, expected)
 
 
-@pytest.mark.parametrize("option", [["--record"], ["--bag", "b"]])
-def test_a_whole_campaign_is_not_recorded(
-    option: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["campaign", *option]) == 2
-    assert "--only INDEX" in capsys.readouterr().err
-
-
 def test_the_shipped_campaign_is_the_default(capsys: pytest.CaptureFixture[str]) -> None:
     main(["campaign", "--only", "3", "--json"])
     default = capsys.readouterr().out

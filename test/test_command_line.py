@@ -134,7 +134,10 @@ WRONG = [
     ("simulate --bag taken", "taken exists already"),
     ("simulate --export a_file", "a_file exists already"),
     ("simulate --export table.xlsx", ".csv or .parquet"),
-    ("analyse taken --topic attitude", "OURS=THEIRS"),
+    *(
+        (f"analyse taken --topic {wrong}", "allowed: OURS=THEIRS, as in attitude=/imu/data")
+        for wrong in ("attitude", "=/imu", "attitude=")
+    ),
     ("simulate --config none.yaml", "none.yaml"),
     ("simulate --duration 0", "0 must be positive"),
     ("simulate --controller pid", "pid"),
@@ -162,6 +165,8 @@ WRONG = [
     ("campaign --campaign none.yaml --runs 1", "none.yaml"),
     ("campaign --campaign deep.yaml --runs 1", "nested too deeply"),
     ("campaign --out a_file/out", "a_file is no folder"),
+    ("campaign --record", "--only INDEX"),
+    ("campaign --bag b", "--only INDEX"),
     ("campaign --campaign no_yaml.yaml --runs 1", "no_yaml.yaml"),
     ("campaign --campaign list.yaml --runs 1", "list.yaml"),
     ("replay", "BAG"),
@@ -175,7 +180,7 @@ WRONG = [
     ("inject 1 0 0 --at 1e300", "at = 1e+300 s; allowed: up to 1e+08"),
     ("inject 1 0 0 --namespace a-b", "a-b"),
     ("watch --once --timeout never", "never"),
-    ("watch --once --namespace a-b", "a-b"),
+    ("watch --once --namespace a-b", "error: namespace 'a-b': "),
     ("recover", "BAG"),
     ("recover none", "none"),
     ("recover empty", "empty"),

@@ -19,7 +19,7 @@ import io
 import pytest
 from rich.console import Console
 
-from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN
+from ppc_attitude.command_line.errors import BROKEN
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
@@ -98,11 +98,4 @@ def test_no_stack_is_an_error(capfd: pytest.CaptureFixture[str], ros_domain: int
     error = capfd.readouterr().err
     assert error.startswith("error: no state within 0.2 s")
     assert f"domain {ros_domain}" in error
-    assert error.count("\n") == 1
-
-
-def test_an_impossible_namespace_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["watch", "--once", "--namespace", "a b"]) == BAD_INPUT
-    error = capsys.readouterr().err
-    assert error.startswith("error: namespace 'a b': ")
     assert error.count("\n") == 1
