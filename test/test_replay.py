@@ -21,8 +21,9 @@ import pytest
 from estimation_helpers import ROOT
 
 from ppc_attitude.contract.run_record import Change, RunRecord
-from ppc_attitude.contract.topics import ESTIMATOR, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.stamps import stamp_of
 from ppc_attitude.simulation.closed_loop import columns_of, new_samples, simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.replay import replay
@@ -65,18 +66,28 @@ def test_an_estimator_gives_again_what_late_fixes_made_it_give() -> None:
     assert differing == {"gyro_star_tracker", "mekf"}
 
 
-def test_a_gate_that_was_changed_in_flight_is_applied_at_its_stamp() -> None:
-    before = estimated()
-    stamps = stamps_of(100.0, 12.0)
-    diagram, early = Diagram(before.parameters), new_samples(before, 600)
-    diagram.run(stamps[:600], early)
-    change = Change(int(stamps[600]), ESTIMATOR, "gate", 4.0)
-    diagram.parts["estimators"].configure({**before.parameters[ESTIMATOR], "gate": 4.0})
-    late = new_samples(before, stamps.size - 600)
-    diagram.run(stamps[600:], late)
+def changed_in_flight(
+    before: Scenario, step: int, end: int, changes: tuple[Change, ...], **parts: str
+) -> RunRecord:
+    """Run of a loop whose parts, each with its node, get other numbers before a step."""
+    stamps = stamps_of(100.0, end / 100.0)
+    diagram, early = Diagram(before.parameters), new_samples(before, step)
+    diagram.run(stamps[:step], early)
+    values = {node: dict(own) for node, own in before.parameters.items()}
+    for change in changes:
+        values[change.node][change.name] = change.value
+    for part, node in parts.items():
+        diagram.parts[part].configure(values[node])
+    late = new_samples(before, stamps.size - step)
+    diagram.run(stamps[step:], late)
     columns = columns_of(before, stamps, np.concatenate([early, late], axis=1))
     parameters = before.with_values(PLANT, lockstep=True).parameters
-    record = RunRecord("simulate", "ppc", stamps, columns, parameters=parameters, changes=(change,))
+    return RunRecord("simulate", "ppc", stamps, columns, parameters=parameters, changes=changes)
+
+
+def test_a_gate_that_was_changed_in_flight_is_applied_at_its_stamp() -> None:
+    change = Change(stamp_of(600, 100.0), ESTIMATOR, "gate", 4.0)
+    record = changed_in_flight(estimated(), 600, 1200, (change,), estimators=ESTIMATOR)
     assert all(each.largest == 0.0 for each in replay(record).others)
     without = replay(replace(record, changes=()))
     assert [each.component for each in without.others if each.largest > 0.0] == ["mekf"]
@@ -91,38 +102,16 @@ def test_another_number_is_found_where_it_is() -> None:
     assert (found.law.column, found.law.at, found.law.unit) == ("torque_command", 0.77, "N·m")
 
 
-def changed_in_flight() -> RunRecord:
-    """Run of a loop whose law, actuator and body get other numbers after the instant of 1 s."""
-    before = scenario(NOISY)
-    stamps = stamps_of(100.0, 3.0)
-    diagram, early = Diagram(before.parameters), new_samples(before, 100)
-    diagram.run(stamps[:100], early)
-    changes = (
-        Change(int(stamps[100]), "ppc_controller", "k", 2.0),
-        Change(int(stamps[100]), "spacecraft_plant", "max_torque", 0.01),
-        Change(int(stamps[99]), "spacecraft_plant", "inertia", [3.0, 0, 0, 0, 2.5, 0, 0, 0, 2.0]),
-    )
-    values = {node: dict(own) for node, own in before.parameters.items()}
-    for change in changes:
-        values[change.node][change.name] = change.value
-    for part, node in (("controllers", "ppc_controller"), ("actuators", "spacecraft_plant")):
-        diagram.parts[part].configure(values[node])
-    diagram.parts["plants"].configure(values["spacecraft_plant"])
-    late = new_samples(before, stamps.size - 100)
-    diagram.run(stamps[100:], late)
-    samples = np.concatenate([early, late], axis=1)
-    return RunRecord(
-        "simulate",
-        "ppc",
-        stamps,
-        columns_of(before, stamps, samples),
-        parameters=before.with_values("spacecraft_plant", lockstep=True).parameters,
-        changes=tuple(sorted(changes)),
-    )
-
-
 def test_what_was_changed_in_flight_is_applied_at_its_stamp() -> None:
-    record = changed_in_flight()
+    """The motion takes a change over at the next instant, law and actuator at their own."""
+    stamp = stamp_of(100, 100.0)
+    changes = (
+        Change(stamp_of(99, 100.0), PLANT, "inertia", [3.0, 0, 0, 0, 2.5, 0, 0, 0, 2.0]),
+        Change(stamp, CONTROLLER, "k", 2.0),
+        Change(stamp, PLANT, "max_torque", 0.01),
+    )
+    parts = {"controllers": CONTROLLER, "actuators": PLANT, "plants": PLANT}
+    record = changed_in_flight(scenario(NOISY), 100, 300, changes, **parts)
     found = replay(record)
     assert [each.largest for each in (found.law, *found.others)] == [0.0] * 5
     without = replay(replace(record, changes=()))

@@ -16,12 +16,11 @@
 
 import gc
 import os
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from process_helpers import PATIENCE, node_here
+from bag_helpers import assert_same
+from process_helpers import COMMAND, PAPER, PATIENCE, Run, node_here
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
@@ -30,41 +29,24 @@ from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load
 
-PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
-COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
-
 pytestmark = pytest.mark.ros
-
-
-def finished(process, timeout=PATIENCE):
-    out, err = process.communicate(timeout=timeout)
-    return process.returncode, out, err
-
-
-def run_of(start_process, bag, *options):
-    return start_process([*COMMAND, "run", "--config", str(PAPER), "--bag", str(bag), *options])
 
 
 @pytest.mark.slow
 def test_a_run_and_the_loop_in_process_agree_to_the_last_bit(tmp_path, start_process):
-    bag = tmp_path / "bag"
-    code, out, err = finished(run_of(start_process, bag, "--duration", "4"))
-    assert code == 0, err  # four seconds are too short to settle
-    assert out.splitlines()[-1] == f"bag: {bag}"
-    assert "4.0/4.0 s" in err.splitlines()[-1]  # the bar ends at the end
-    assert "[INFO]" not in err
+    run = Run(start_process, tmp_path / "bag", "--duration", "4")
+    assert run.ends() == 0, run.err  # four seconds are too short to settle
+    assert run.out.splitlines()[-1] == f"bag: {run.bag}"
+    assert "4.0/4.0 s" in run.err.splitlines()[-1]  # the bar ends at the end
+    assert "[INFO]" not in run.err
     logs = [path.read_text() for path in Path(os.environ["ROS_LOG_DIR"]).glob("*.log")]
     assert sum("ends: what it was to do is done" in log for log in logs) == 1, "the plant"
     assert sum("ends: it was asked to" in log for log in logs) == len(NODES) - 1
-    expected = simulate(load([PAPER]), 4.0)
-    record = read_run(bag)
+    record = read_run(run.bag)
     assert record.missing_messages == 0
     assert not record.warnings
     assert replay(record).law.largest == 0.0
-    assert np.array_equal(record.stamps_ns, expected.stamps_ns)
-    assert record.columns.keys() == expected.columns.keys()
-    for column, samples in expected.columns.items():
-        assert np.array_equal(record.columns[column], samples), column
+    assert_same(record, simulate(load([PAPER]), 4.0))
 
 
 BAD = {
@@ -151,11 +133,10 @@ def test_a_recorder_overwrites_no_bag(node, tmp_path):
 @pytest.mark.long
 def test_latency_is_that_of_a_run_with_its_bag_and_verdict(tmp_path, start_process):
     bag = tmp_path / "bag"
-    options = ["--rate", "50", "--duration", "5", "--bag", str(bag)]
-    code, out, err = finished(
-        start_process([*COMMAND, "latency", "--config", str(PAPER), *options])
-    )
-    assert code in (0, 3), err  # a busy machine may lose some
+    options = ["--config", str(PAPER), "--rate", "50", "--duration", "5", "--bag", str(bag)]
+    process = start_process([*COMMAND, "latency", *options])
+    out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode in (0, 3), err  # a busy machine may lose some
     assert out.startswith("states ")
     assert "deadline 20 ms" in out
     assert "state to torque: p50" in out

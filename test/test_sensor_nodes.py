@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from bag_helpers import assert_same
 from conftest import StartProcess
 from estimation_helpers import ROOT
 from peer import peer
@@ -78,11 +79,8 @@ def test_nodes_and_loop_agree_to_the_last_bit(
 
 
 def expect_same(recorded: RunRecord, expected: RunRecord) -> None:
-    assert recorded.columns.keys() == expected.columns.keys()
-    assert not recorded.missing
-    assert not recorded.warnings
-    for name, column in expected.columns.items():
-        assert np.array_equal(recorded[name], column, equal_nan=True), name
+    assert (recorded.warnings, recorded.missing) == ((), {})
+    assert_same(recorded, expected)
 
 
 @pytest.mark.parametrize("name", [ESTIMATOR, CONTROLLER])
