@@ -155,8 +155,10 @@ def test_the_mcap_package_reads_the_bag_by_its_index(tmp_path: Path) -> None:
     write_run(run, tmp_path / "bag")
     with storage_file(tmp_path / "bag").open("rb") as file:
         reader = make_reader(file)
+        assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
         assert summary is not None and summary.statistics is not None
+        assert summary.chunk_indexes
         assert summary.statistics.message_count == 15 * len(run.stamps_ns)
         assert summary.statistics.message_end_time == run.stamps_ns[-1]
         assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}

@@ -213,12 +213,6 @@ def test_a_bag_split_into_files(tmp_path: Path) -> None:
     assert_same(read_run(tmp_path / "bag"), RUN)
 
 
-# Faults within a run
-
-
-# Bags that are none
-
-
 def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         for topic in SAMPLED:
@@ -231,6 +225,3 @@ def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
         read_run(tmp_path / "bag", whole=True)
     (warning,) = read_run(tmp_path / "bag").warnings
     assert "lacks messages of torque_command (it is std_msgs/msg/String; " in warning
-
-
-# Cut files

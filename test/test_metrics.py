@@ -199,15 +199,6 @@ def test_every_requirement_can_fail(spoil, name):
     assert not verdict.all_met
 
 
-def test_limits_come_from_the_record_where_it_has_them():
-    run = normal_run()
-    strong = replace(run, parameters={"spacecraft_plant": {"max_torque": 0.02}})
-    row = requirement(analyse(strong), "applied torque on an axis")
-    assert (row.limit, row.met) == (0.02, False)
-    unknown = replace(run, parameters={})
-    assert requirement(analyse(unknown), "applied torque on an axis").limit == 0.05
-
-
 def test_a_limit_reached_exactly():
     run = normal_run()
     full = np.full((run.stamps_ns.size, 3), 0.05)

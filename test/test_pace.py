@@ -98,6 +98,10 @@ class Bench:
         """Answer the present state, or one that is to come."""
         self.pace.take(name, self.stamp + ahead * 10_000_000, values, self.now)
 
+    def answer(self) -> None:
+        self.give(COMMAND, TORQUE)
+        self.give(DISTURBANCE, ZERO)
+
     @property
     def time(self) -> float:
         return self.shown[-1] * 1e-9
@@ -137,8 +141,7 @@ def test_what_comes_one_instant_ahead_is_kept_for_it() -> None:
 def test_what_is_further_ahead_or_behind_is_refused() -> None:
     bench = Bench(Lockstep)
     for _ in range(3):
-        bench.give(COMMAND, TORQUE)
-        bench.give(DISTURBANCE, ZERO)
+        bench.answer()
     with pytest.raises(RefusedError, match=r"torque_command: stamp 0\.050000 s is in the future"):
         bench.give(COMMAND, TORQUE, ahead=2)
     with pytest.raises(RefusedError, match=r"torque_command: stamp 0\.010000 s is out of order"):
@@ -159,8 +162,7 @@ def test_an_unanswered_state_is_repeated_less_and_less_often_and_told() -> None:
         "waiting at t = 0.000 s for torque_command, disturbance/torque; "
         "nobody publishes disturbance/torque"
     )
-    bench.give(COMMAND, TORQUE)
-    bench.give(DISTURBANCE, ZERO)
+    bench.answer()
     assert bench.pace.status(bench.now) == (OK, "running")
 
 
@@ -168,8 +170,7 @@ def test_lockstep_keeps_the_pace_that_is_asked_for() -> None:
     bench = Bench(Lockstep, factor=2.0)
     for _ in range(4000):
         if bench.shown[-1] == bench.stamp:
-            bench.give(COMMAND, TORQUE)
-            bench.give(DISTURBANCE, ZERO)
+            bench.answer()
         bench.passes(0.001)
     assert bench.time == pytest.approx(2.0 * 4.0, abs=2.0 * PERIOD)
     assert bench.shown == steps(len(bench.shown))
@@ -187,42 +188,36 @@ def test_an_input_that_is_ahead_alone_drives_the_loop() -> None:
 def test_the_last_step_tells_what_acts_and_ends() -> None:
     bench = Bench(Lockstep, last_step=5)
     while not bench.pace.finished:
-        bench.give(COMMAND, TORQUE)
-        bench.give(DISTURBANCE, ZERO)
+        bench.answer()
     assert bench.shown == steps(6)
     assert [stamp for stamp, _ in bench.acted] == steps(6)
 
 
 def test_lockstep_waits_for_a_recorder_that_lags_and_for_no_other() -> None:
-    def answer() -> None:
-        bench.give(COMMAND, TORQUE)
-        bench.give(DISTURBANCE, ZERO)
-
     bench = Bench(Lockstep)
     for _ in range(6000):
-        answer()
+        bench.answer()
     assert bench.pace.step == 6000, "nobody says that he records"
     bench.pace.record(bench.stamp, bench.now)
     for _ in range(4000):
-        answer()
+        bench.answer()
     assert bench.pace.step == 6000 + 2501
     assert bench.pace.waits_for_recorder
     assert bench.pace.waiting().endswith("for the recorder to follow")
     bench.pace.record(steps(7001)[-1], bench.now)
     for _ in range(4000):
-        answer()
+        bench.answer()
     assert bench.pace.step == 7000 + 2501
     bench.pace.forget_recorder(bench.now)
     for _ in range(4000):
-        answer()
+        bench.answer()
     assert bench.pace.step > 13000
 
 
 def test_reset_begins_again_and_forgets_what_was_ahead() -> None:
     bench = Bench(Lockstep)
     for _ in range(5):
-        bench.give(COMMAND, TORQUE)
-        bench.give(DISTURBANCE, ZERO)
+        bench.answer()
     bench.give(DISTURBANCE, TORQUE, ahead=1)
     bench.pace.begin(bench.now)
     bench.wake()
@@ -310,8 +305,7 @@ def test_free_running_time_begins_with_the_first_answers_if_it_is_to_wait() -> N
     for _ in range(20):
         bench.passes(0.1)
     assert set(bench.shown) == {0}
-    bench.give(COMMAND, TORQUE)
-    bench.give(DISTURBANCE, ZERO)
+    bench.answer()
     bench.begun = bench.now
     bench.runs(1.0)
     assert bench.time == pytest.approx(1.0, abs=2.0 * PERIOD)
