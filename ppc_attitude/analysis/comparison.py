@@ -211,8 +211,7 @@ def sweep_figure(
             f"a sweep needs one recovery and one time outside for each duration; "
             f"given {len(recovery_times)} and {len(outside_times)} for {len(durations)}"
         )
-    figure, rows = panels(2, share_x=True)
-    top, bottom = rows[0][0], rows[1][0]
+    figure, ((top,), (bottom,)) = panels(2, share_x=True)
     # A hit that is not recovered breaks the line: nothing is known between its neighbours.
     known = [np.nan if each is None else each for each in recovery_times]
     lost = [d for d, r in zip(durations, recovery_times, strict=True) if r is None]

@@ -166,8 +166,7 @@ def angular_velocity_figure(run: Measured) -> Figure:
     """Draw ω_s over the desired ω_d (dotted, body axes), and its norm under the limit."""
     if run.rate is None:
         raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
-    figure, rows = panels(2, share_x=True)
-    top, bottom = rows[0][0], rows[1][0]
+    figure, ((top,), (bottom,)) = panels(2, share_x=True)
     components(top, run.t, run.rate)
     try:
         desired = np.rad2deg(reference_rates_in_body(run.record))
@@ -237,8 +236,7 @@ def column_figure(run: Measured, column: str) -> Figure:
     if not has(run.record, column):
         raise lacking(run.record, column)
     values = factor * run.record[column]
-    figure, rows = panels(1, row_height=2.0)
-    axes = rows[0][0]
+    figure, ((axes,),) = panels(1, row_height=2.0)
     if topic.late:
         for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
             axes.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)

@@ -76,8 +76,7 @@ def innovation_figure(run: Measured) -> Figure:
         If the record has no innovation.
     """
     values = vectors(run.record, "innovation")
-    figure, rows = panels(2, share_x=True)
-    top, bottom = rows[0][0], rows[1][0]
+    figure, ((top,), (bottom,)) = panels(2, share_x=True)
     for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=True):
         top.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
     limit_lines(top, BAND, -BAND, label="3σ")

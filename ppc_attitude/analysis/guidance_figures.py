@@ -82,8 +82,7 @@ def slews(run: Measured, flight: Flight) -> Figure:
     """
     wanted = _attitudes(run, REFERENCE_ATTITUDE.column)[flight.picked]
     craft = _attitudes(run, run.truth.attitude)[flight.picked]
-    figure, rows = panels(3, share_x=True, row_height=1.5)
-    left, rate, acceleration = (row[0] for row in rows)
+    figure, ((left,), (rate,), (acceleration,)) = panels(3, share_x=True, row_height=1.5)
     t = run.t[flight.picked]
     for label, attitudes, colour in (("craft", craft, BLUE), ("desired", wanted, BLACK)):
         angles = np.rad2deg(errors_of(attitudes, flight.goals).angles)
@@ -145,8 +144,7 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
     AnalysisError
         If the record has no reference or no attitude.
     """
-    figure, rows = panels(1, row_height=2.4)
-    axes = rows[0][0]
+    figure, ((axes,),) = panels(1, row_height=2.4)
     cones = flight.cones[0] if flight.cones else ()
     bodies = list(dict.fromkeys(cone.axis for cone in cones)) or [Z_AXIS]
     wanted = _attitudes(run, REFERENCE_ATTITUDE.column)[flight.picked]
@@ -194,8 +192,7 @@ def cone_angles(run: Measured, flight: Flight) -> Figure:
     values = guidance_values(run.record)
     if values is None:
         raise AnalysisError(f"{run.record.source}: no guidance")
-    figure, rows = panels(1, row_height=2.2)
-    axes = rows[0][0]
+    figure, ((axes,),) = panels(1, row_height=2.2)
     for column, style, who in (
         (REFERENCE_ATTITUDE.column, _SHORT, "desired"),
         (run.truth.attitude, "-", "craft"),

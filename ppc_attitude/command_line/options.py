@@ -126,8 +126,9 @@ def required_of(arguments: argparse.Namespace) -> Requirements:
     return load_requirements(arguments.requirements)
 
 
-def add_report_option(parser: argparse.ArgumentParser) -> None:
-    """Add --report and --mission."""
+def add_judging_options(parser: argparse.ArgumentParser) -> None:
+    """Add --requirements, --report and --mission."""
+    add_requirements_option(parser)
     parser.add_argument(
         "--report", metavar="FILE.html", type=new_file, help="write a self-contained HTML report"
     )

@@ -20,9 +20,8 @@ import sys
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.command_line.options import (
     add_figures_options,
+    add_judging_options,
     add_reading_options,
-    add_report_option,
-    add_requirements_option,
     exit_code,
     print_json,
     record_of,
@@ -41,8 +40,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_reading_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_figures_options(parser, "every figure")
-    add_requirements_option(parser)
-    add_report_option(parser)
+    add_judging_options(parser)
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -39,8 +39,7 @@ from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_bag_option,
-    add_report_option,
-    add_requirements_option,
+    add_judging_options,
     add_scenario_options,
     exit_code,
     print_json,
@@ -90,8 +89,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_bag_option(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    add_requirements_option(parser)
-    add_report_option(parser)
+    add_judging_options(parser)
 
 
 def execute(arguments: argparse.Namespace) -> int:

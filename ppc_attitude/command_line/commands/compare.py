@@ -26,9 +26,8 @@ from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import (
     add_figures_options,
+    add_judging_options,
     add_reading_options,
-    add_report_option,
-    add_requirements_option,
     required_of,
     write_report_of,
 )
@@ -53,8 +52,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_reading_options(parser, several=True)
     add_figures_options(parser, "the comparisons")
-    add_requirements_option(parser)
-    add_report_option(parser)
+    add_judging_options(parser)
 
 
 def execute(arguments: argparse.Namespace) -> int:

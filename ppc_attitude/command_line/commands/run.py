@@ -22,8 +22,7 @@ from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.options import (
     add_bag_option,
-    add_report_option,
-    add_requirements_option,
+    add_judging_options,
     add_scenario_options,
     required_of,
     scenario_of,
@@ -58,8 +57,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="authenticate and encrypt all messages (SROS 2) with the keys in this folder; without "
         "keys there, they are made",
     )
-    add_requirements_option(parser)
-    add_report_option(parser)
+    add_judging_options(parser)
 
 
 def execute(arguments: argparse.Namespace) -> int:

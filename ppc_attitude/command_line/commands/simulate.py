@@ -28,8 +28,7 @@ from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_bag_option,
-    add_report_option,
-    add_requirements_option,
+    add_judging_options,
     add_scenario_options,
     exit_code,
     print_json,
@@ -61,8 +60,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=new_table,
         help="write the samples as a table, .csv or .parquet",
     )
-    add_requirements_option(parser)
-    add_report_option(parser)
+    add_judging_options(parser)
     parser.add_argument("--json", action="store_true", help="print the verdict as JSON")
 
 
