@@ -27,9 +27,10 @@ from scipy.spatial.transform import Rotation
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.envelope_plan import MAX_STRETCH, PLAN, carry_on, plan_envelopes
+from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import (
     columns_of,
-    first_step,
+    first_instant,
     new_samples,
     run_samples,
     simulate,
@@ -55,6 +56,11 @@ def started(case: Scenario, error: Rotation, rate: np.ndarray) -> Scenario:
         initial_attitude=(desired * error).as_quat().tolist(),
         initial_angular_velocity=rate.tolist(),
     )
+
+
+def advice_of(case: Scenario) -> Any:
+    """What the law says after its first step."""
+    return first_instant(case)[CONTROLLERS.name].advice
 
 
 def random_starts(runs: int) -> Iterator[tuple[Rotation, np.ndarray]]:
@@ -185,7 +191,7 @@ def test_the_envelope_falls_continuously_after_the_hold() -> None:
 def test_a_law_too_slow_for_any_stretch_says_so() -> None:
     slow = ANY_START.with_values("ppc_controller", M_omega=1e-4)
     error = Rotation.from_rotvec([2.0, 0.0, 0.0])
-    advice = first_step(started(slow, error, np.zeros(3))).advice
+    advice = advice_of(started(slow, error, np.zeros(3)))
     assert advice.warning
     assert f"stretch {MAX_STRETCH:.3f}" in advice.text
     assert "raise k, M_omega or beta" in advice.text
@@ -194,7 +200,7 @@ def test_a_law_too_slow_for_any_stretch_says_so() -> None:
 def follows_the_table(case: Scenario, error: Rotation) -> tuple[bool, bool]:
     """Whether the law says that the start can follow the table, and whether it does."""
     case = started(case, error, np.zeros(3))
-    advice = first_step(case).advice
+    advice = advice_of(case)
     record = simulate(case, 120.0)
     magnitude = np.abs(record["attitude_error"][:, :3])
     inside = bool(np.all(magnitude < record["attitude_envelope"]))
@@ -220,11 +226,10 @@ def test_the_warning_of_the_nominal_envelope_can_be_trusted(form: str) -> None:
 
 def test_a_start_beyond_the_table_gets_a_warning_that_names_the_remedy() -> None:
     error = Rotation.from_rotvec([2.0 * math.asin(0.5), 0.0, 0.0])
-    advice = first_step(started(PAPER, error, np.zeros(3))).advice
+    advice = advice_of(started(PAPER, error, np.zeros(3)))
     assert advice.warning
     assert "envelope: auto" in advice.text
-    advice = first_step(started(ANY_START, error, np.zeros(3))).advice
-    assert not advice.warning
+    assert not advice_of(started(ANY_START, error, np.zeros(3))).warning
 
 
 def hit(case: Scenario, duration: float) -> RunRecord:

@@ -30,7 +30,7 @@ from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
 from ppc_attitude.simulation.closed_loop import (
     columns_of,
-    first_step,
+    first_instant,
     run_samples,
     simulate,
     stamps_of,
@@ -77,8 +77,7 @@ def test_it_begins_where_the_paper_begins() -> None:
         [-0.22952, 0.25933, -0.11266, -0.93133], abs=1e-5
     )
     assert np.all(record["attitude_error"][:, 3] < 0.0)  # to −1, the short way
-    advice = first_step(load([CONFIG / "paper.yaml"])).advice
-    assert not advice.warning
+    assert not first_instant(load([CONFIG / "paper.yaml"]))[CONTROLLERS.name].advice.warning
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS.components))
@@ -89,7 +88,7 @@ def test_the_first_step_alone_is_that_of_the_loop(name: str) -> None:
             "spacecraft_plant": {"attitude_noise": 1e-3, "rate_noise": 1e-4, "seed": 3},
         }
     )
-    law, record = first_step(case), simulate(case, 0.1)
+    law, record = first_instant(case)[CONTROLLERS.name], simulate(case, 0.1)
     for column in case.controller.outputs:
         assert law.outputs[0][column.name].tolist() == record[column.name][0].tolist()
 

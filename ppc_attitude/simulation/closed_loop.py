@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import PLANT
-from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
 from ppc_attitude.simulation.diagram import Diagram, recorded_columns, selected
@@ -155,8 +154,3 @@ def first_instant(scenario: Scenario) -> dict[str, Part]:
     diagram = Diagram(scenario.parameters)
     diagram.run(np.zeros(1, np.int64), new_samples(scenario, 1))
     return diagram.parts
-
-
-def first_step(scenario: Scenario) -> Part:
-    """Return the law after its step at t = 0; raises as `first_instant`."""
-    return first_instant(scenario)[CONTROLLERS.name]
