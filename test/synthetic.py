@@ -31,7 +31,7 @@ SAMPLED = tuple(BY_COLUMN[column.name] for column in recorded_columns(scenario({
 
 
 def environment(t: Array) -> Array:
-    """The paper's environment torque, shape (n, 3) [N·m]."""
+    """The paper's environment torque (eq. 34, ω_p = 0.01 rad/s), shape (n, 3) [N·m]."""
     w = 0.01 * t
     return 1e-4 * np.column_stack(
         [

@@ -51,16 +51,10 @@ def end_all(nodes: Any, number: signal.Signals = signal.SIGINT) -> None:
         assert node.err.count("ends: it was asked to") == 1, node.err
 
 
-@pytest.mark.parametrize(
-    ("mode", "number"),
-    [
-        pytest.param("free-running", signal.SIGTERM, marks=pytest.mark.long),
-        pytest.param("lockstep", signal.SIGTERM, marks=pytest.mark.long),
-        # The graph forgets a node that was killed only after seconds, and until then may be slow.
-        pytest.param("free-running", signal.SIGKILL, marks=pytest.mark.long),
-        pytest.param("lockstep", signal.SIGKILL, marks=pytest.mark.long),
-    ],
-)
+# The graph forgets a node that was killed only after seconds, and until then may be slow.
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("mode", ["free-running", "lockstep"])
 def test_nodes_join_late_and_again_in_any_order(
     mode: str, number: signal.Signals, tmp_path: Path, start_process: StartProcess
 ) -> None:

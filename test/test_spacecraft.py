@@ -12,13 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-import gzip
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from estimation_helpers import Array, angles_between, table
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
@@ -32,15 +30,8 @@ from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
 from ppc_attitude.science.sensors.direct import measured
 
-TRUTH = Path(__file__).parent / "truth"
 DIAGONAL = np.diag([2.8, 2.5, 1.9])
 FULL = np.array([[2.8, 0.15, -0.1], [0.15, 2.5, 0.2], [-0.1, 0.2, 1.9]])
-Array = NDArray[np.float64]
-
-
-def table(name: str) -> Array:
-    with gzip.open(TRUTH / f"{name}.csv.gz", "rt") as file:
-        return np.loadtxt(file, delimiter=",", skiprows=1)
 
 
 def trajectory(inertia: Array, q: Array, omega: Array, torques: Array, h: float) -> Array:
@@ -52,12 +43,6 @@ def trajectory(inertia: Array, q: Array, omega: Array, torques: Array, h: float)
         state = rigid_body_step(*state, tuple(torque), j, j_inverse, h)
         rows.append((*state[0], *state[1]))
     return np.array(rows)
-
-
-def angles_between(q: Array, p: Array) -> Array:
-    # 2 asin of half the chord: exact to rounding where the arc cosine is not.
-    chord = np.minimum(np.linalg.norm(q - p, axis=1), np.linalg.norm(q + p, axis=1))
-    return 4.0 * np.arcsin(0.5 * chord)
 
 
 @pytest.mark.parametrize(
