@@ -149,11 +149,24 @@ def soak(minutes: float, folder: Path, storage: str) -> dict[str, Any]:
     stack = Stack.of(run, on_time)
     os.environ.update(stack.environment)  # for the node that looks at the attitude
     with stop_on_signals() as stop, norm_of_attitude() as norm:
+
+        def watch() -> None:
+            begin = time.monotonic()
+            while not stop.wait(_PERIOD):
+                norm.look()
+                passed = time.monotonic() - begin
+                if stack.has_begun:
+                    used = {name: memory(pid) for name, pid in stack.pids().items()}
+                    looks.append({"s": passed, "t": now[0], **used})
+                    print(
+                        f"{passed:7.0f} s  {now[0]:10.1f} s simulated", file=sys.stderr, flush=True
+                    )
+                if passed >= 60.0 * minutes:
+                    stop.set()
+
         try:
             stack.start()
-            watcher = threading.Thread(
-                target=_watch, args=(stack, norm, 60.0 * minutes, now, looks, stop)
-            )
+            watcher = threading.Thread(target=watch)
             watcher.start()
             stack.wait(stop)
             watcher.join()
@@ -164,26 +177,6 @@ def soak(minutes: float, folder: Path, storage: str) -> dict[str, Any]:
     size = sum(file.stat().st_size for file in bag.iterdir())
     result = summary(looks, run.number(PLANT, "rate"))
     return {**result, "largest_norm_error": norm.largest, "bag_bytes": size, "lost_messages": 0}
-
-
-def _watch(
-    stack: Stack,
-    norm: Norm,
-    duration: float,
-    now: list[float],
-    looks: list[dict[str, float]],
-    stop: threading.Event,
-) -> None:
-    begin = time.monotonic()
-    while not stop.wait(_PERIOD):
-        norm.look()
-        passed = time.monotonic() - begin
-        if stack.has_begun:
-            used = {name: memory(pid) for name, pid in stack.pids().items()}
-            looks.append({"s": passed, "t": now[0], **used})
-            print(f"{passed:7.0f} s  {now[0]:10.1f} s simulated", file=sys.stderr, flush=True)
-        if passed >= duration:
-            stop.set()
 
 
 def table(result: dict[str, Any]) -> str:

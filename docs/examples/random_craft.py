@@ -28,7 +28,7 @@ import re
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
@@ -200,12 +200,6 @@ def attacked(files: list[Path], folder: Path, seconds: float) -> tuple[dict[str,
     return found, runs
 
 
-def outcomes(seeds: range, seconds: float) -> Iterator[tuple[int, Outcome]]:
-    """Go through the craft one after the other."""
-    for seed in seeds:
-        yield seed, outcome_of(seed, seconds)
-
-
 def main() -> None:
     """Print what became of each craft, then how many were certified and how near the limits."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
@@ -214,8 +208,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="of each of four attacks")
     given = parser.parse_args()
     found = []
-    seeds = range(given.first, given.first + given.craft)
-    for seed, each in outcomes(seeds, given.seconds):
+    for seed in range(given.first, given.first + given.craft):
+        each = outcome_of(seed, given.seconds)
         found.append(each)
         shares = ", ".join(f"{name} {share:.3f}" for name, share in each.largest.items())
         first = each.reason.split("\n")[0]
