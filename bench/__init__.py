@@ -14,7 +14,23 @@
 
 """Measurements of this stack beside a yardstick: `python -m bench`, in the repository's root."""
 
+import statistics
+from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]  # where processes find this package, which is not installed
 SENSORS = ROOT / "config" / "sensors_smallsat.yaml"  # of the rows with sensors
+
+
+def alternating(pairs: int, *measures: Callable[[], float]) -> tuple[float, ...]:
+    """Call every measure in turn, so that all see the same machine; return the median of each.
+
+    Parameters
+    ----------
+    pairs : int
+        How many rounds, at least 1.
+    *measures : callable
+        Each returns one figure.
+    """
+    rounds = [tuple(measure() for measure in measures) for _ in range(pairs)]
+    return tuple(statistics.median(figures) for figures in zip(*rounds, strict=True))

@@ -23,8 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench import SENSORS
-from bench.pairs import alternating
+from bench import SENSORS, alternating
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.simulation.scenario import load
 

@@ -19,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from bench import SENSORS
-from bench.pairs import alternating
+from bench import SENSORS, alternating
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.simulation.closed_loop import new_samples, run_samples, stamps_of
 from ppc_attitude.simulation.scenario import Scenario, load, scenario

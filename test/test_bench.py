@@ -21,10 +21,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import in_process, latency, start_up
+from bench import alternating, in_process, latency, start_up
 from bench.__main__ import main
 from bench.lockstep import ALL, bare_steps_per_s
-from bench.pairs import alternating
 from bench.table import number
 from ppc_attitude.simulation.scenario import scenario
 
