@@ -17,7 +17,6 @@
 import shutil
 import sqlite3
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,12 +34,10 @@ Message = tuple[Topic, int, bytes]
 STORAGES = ("mcap", "sqlite3")
 
 
-def messages(run: RunRecord, frame_id: str | None = None) -> Iterator[Message]:
+def messages(run: RunRecord) -> Iterator[Message]:
     """Every sample as (topic, stamp, CDR), instant by instant."""
     topics = [BY_COLUMN[column] for column in run.columns]
-    codecs = [
-        Codec(topic if frame_id is None else replace(topic, frame_id=frame_id)) for topic in topics
-    ]
+    codecs = [Codec(topic) for topic in topics]
     for step, stamp in enumerate(run.stamps_ns.tolist()):
         for topic, codec in zip(topics, codecs, strict=True):
             sample = tuple(run[topic.column][step].tolist())

@@ -37,9 +37,9 @@ from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
 
 
-def by_name(values: dict[str, object], q_e0: float = -0.93133) -> dict[str, Condition]:
+def by_name(values: dict[str, object]) -> dict[str, Condition]:
     rate = largest_desired_rate([math.radians(0.5)] * 3)
-    return {each.name: each for each in certificate(values, q_e0, rate, ENVIRONMENT_BOUND)}
+    return {each.name: each for each in certificate(values, -0.93133, rate, ENVIRONMENT_BOUND)}
 
 
 @pytest.fixture

@@ -50,9 +50,8 @@ def error(record: RunRecord) -> np.ndarray:
     return np.abs(record["attitude_error"][:, :3]).max(axis=1)
 
 
-def last_above(record: RunRecord, limit: float, end: float = np.inf) -> float:
-    above = (error(record) >= limit) & (record.t < end)
-    return float(record.t[above].max())
+def last_above(record: RunRecord, limit: float) -> float:
+    return float(record.t[error(record) >= limit].max())
 
 
 def fill(record: RunRecord, kind: str) -> np.ndarray:

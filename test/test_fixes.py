@@ -34,8 +34,8 @@ def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int
     return found
 
 
-def new(latency: float = 0.1, initial: bool = True, **given: Any) -> Fixes:
-    return Fixes(Slots(10.0, latency, initial), 1, **given)
+def new(**given: Any) -> Fixes:
+    return Fixes(Slots(10.0, latency=0.1, initial=True), 1, **given)
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 90.0, 1000.0, 3000.0])

@@ -106,10 +106,10 @@ def test_a_late_filter_is_a_prompt_one_without_the_later_fixes(case: str) -> Non
         assert known_now(late_memory) == known_now(prompt_memory)
 
 
-def turning(seconds: float, amplitude: float = 0.02) -> tuple[Array, Array]:
+def turning(seconds: float) -> tuple[Array, Array]:
     """Rates [rad/s] held over each step of 0.01 s (row k ends at step k) and exact attitudes."""
     t = 0.01 * np.arange(round(100 * seconds) + 1)
-    rates = amplitude * np.stack([np.cos(t / 3), np.sin(t / 2), -np.cos(t / 4)], axis=1)
+    rates = 0.02 * np.stack([np.cos(t / 3), np.sin(t / 2), -np.cos(t / 4)], axis=1)
     q = [Rotation.from_quat([0.1554, 0.4271, 0.4792, 0.7509])]
     for turn in Rotation.from_rotvec(0.01 * rates[1:]):
         q.append(q[-1] * turn)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from estimation_helpers import STEP_NS, Array, suite
+from record_helpers import new_record
 
 from ppc_attitude.science.controllers import momentum_tube, ppc
 from ppc_attitude.science.errors import ConfigurationError
@@ -50,10 +51,6 @@ def observer(
     return observer_record({**values, **given}, inertia)
 
 
-def new_memory() -> Any:
-    return np.zeros((), MEMORY)[()]
-
-
 @kernel
 def observed(settings: Any, memory: Any, measured: Any, torques: Any, rows: Any) -> None:
     """ω̂ and d̂ at every step, the law's torques given."""
@@ -70,7 +67,7 @@ def observed(settings: Any, memory: Any, measured: Any, torques: Any, rows: Any)
 def run(settings: Any, measured: Array, torques: Array | None = None) -> Array:
     rows = np.empty((len(measured), 6))
     zero = np.zeros_like(measured)
-    observed(settings, new_memory(), measured, zero if torques is None else torques, rows)
+    observed(settings, new_record(MEMORY), measured, zero if torques is None else torques, rows)
     return rows
 
 
@@ -134,7 +131,7 @@ def test_a_disturbance_is_learnt_and_taken_off_the_command() -> None:
     rows = run(settings, means)
     # J_ii in the gain and a full J in the model: the estimate still ends at the torque itself.
     assert np.abs(rows[-1, 3:] - disturbance).max() < 1e-5
-    memory = new_memory()
+    memory = new_record(MEMORY)
     memory["disturbance"] = disturbance
     forward = observer(2.0)
     assert compensate(forward, memory, (0.01, 0.01, -0.049)) == pytest.approx((0.008, 0.013, -0.05))

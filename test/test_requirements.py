@@ -36,11 +36,11 @@ def written(folder: Path, text: str, name: str = "own.yaml") -> Path:
     return path
 
 
-def cubesat_run(duration=120.0, settles=80.0):
-    """A run whose rotation is off by 3 degrees until it settles, and by 0.05 degrees then."""
-    run = normal_run(duration)
+def cubesat_run():
+    """A run whose rotation is off by 3 degrees until it settles at 80 s, and by 0.05 then."""
+    run = normal_run()
     t = run.stamps_ns / 1e9
-    half = np.deg2rad(np.where(t <= settles, 3.0, 0.05)) / 2.0
+    half = np.deg2rad(np.where(t <= 80.0, 3.0, 0.05)) / 2.0
     axis = np.array([2.0, -1.0, 2.0]) / 3.0
     rows = np.column_stack([np.sin(half)[:, None] * axis, np.cos(half)])
     return with_columns(with_error(run, rows), attitude_envelope=np.ones((t.size, 3)))

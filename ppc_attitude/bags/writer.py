@@ -54,20 +54,19 @@ def offered_qos(
     *,
     reliability: Literal["reliable", "best_effort"] = "reliable",
     durability: Literal["volatile", "transient_local"] = "volatile",
-    history: Literal["keep_last", "keep_all", "unknown"] = "keep_last",
     depth: int = 10,
 ) -> Qos:
-    """QoS of a publisher without deadlines, as a bag describes it.
+    """QoS of a publisher that keeps the last messages, without deadlines, as a bag describes it.
 
     Parameters
     ----------
-    reliability, durability, history : str
+    reliability, durability : str
         Policies by their rosbag2 names.
     depth : int
         Length of the queue.
     """
     return Qos(
-        QosHistory[history.upper()],
+        QosHistory.KEEP_LAST,
         depth,
         QosReliability[reliability.upper()],
         QosDurability[durability.upper()],

@@ -65,10 +65,9 @@ from ppc_attitude.science.signals import (
     TOLD,
     TRUTH,
 )
-from ppc_attitude.science.stamps import seconds, step_of
+from ppc_attitude.science.stamps import seconds
 
 _seconds = kernel(seconds)
-_step_of = kernel(step_of)
 
 # Plant: J ω' = τ − ω × (J ω + h) − d, h' = d, d = c (J_r ω − h): total momentum is conserved.
 RING_MOMENTUM = Column(
