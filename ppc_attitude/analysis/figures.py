@@ -51,9 +51,8 @@ from ppc_attitude.analysis.run_panels import (
     finish,
     fit,
     log_floor,
-    look_closely,
+    panels_of,
     symbols,
-    window_of,
 )
 from ppc_attitude.analysis.series import AnalysisError, has, lacking, vectors
 from ppc_attitude.analysis.truth import (
@@ -94,10 +93,7 @@ def pointing_figure(run: Measured) -> Figure:
     """
     if run.pointing is None:
         raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
-    window = window_of(run)
-    figure, rows = panels(1 if window is None else 2, row_height=2.1)
-    shown = [row[0] for row in rows]
-    look_closely(shown, window)
+    figure, shown, _ = panels_of(run, 1, row_height=2.1)
     kinds = [("pointing: truth against reference", run.pointing, BLACK)]
     if run.truth.standing != EXACT:
         for label, errors, colour in (
@@ -148,10 +144,7 @@ def applied_torque_figure(run: Measured) -> Figure:
         vectors(run.record, APPLIED_TORQUE.column),
         torque_limit(run.record, run.required),
     )
-    window = window_of(run)
-    figure, rows = panels(1 if window is None else 2, row_height=2.0)
-    shown = [row[0] for row in rows]
-    look_closely(shown, window)
+    figure, shown, _ = panels_of(run, 1, row_height=2.0)
     reach = 1.15 * max(limit, float(np.nanmax(np.abs(torque))))
     for axes in shown:
         components(axes, run.t, torque)
@@ -314,10 +307,7 @@ def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array |
     """Draw an error, shape (n, 3), in its envelope, if it has one."""
     factor, unit = in_degrees(envelope.unit)
     error, bound = factor * error, None if bound is None else factor * bound
-    window = window_of(run)
-    figure, rows = panels(2 if window is None else 3)
-    shown = [row[0] for row in rows]
-    look_closely(shown, window)
+    figure, shown, window = panels_of(run, 2)
     # A hit throws a rate error a thousand times beyond its envelope.
     scales = ("linear", "log", "log" if envelope.jumps else "linear")
     for axes, scale in zip(shown, scales, strict=False):

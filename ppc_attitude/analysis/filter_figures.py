@@ -30,12 +30,12 @@ from ppc_attitude.analysis.drawing import (
 )
 from ppc_attitude.analysis.filter_health import attitude_sigmas
 from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.run_panels import AXES
 from ppc_attitude.analysis.series import vectors
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import ESTIMATOR
 
-AXES = ("x", "y", "z")
 ARCSEC = float(np.rad2deg(3600.0))
 BAND = 3.0  # σ
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ppc_attitude.analysis.drawing import (
     AXIS_COLOURS,
@@ -35,6 +36,7 @@ from ppc_attitude.analysis.drawing import (
     judged_limit,
     legend,
     mark_hits,
+    panels,
     time_axis,
 )
 from ppc_attitude.analysis.measure import Measured
@@ -58,16 +60,21 @@ def zoom_window(t: Array, hits: Sequence[float], deadline: float) -> tuple[float
     return max(late[0] - ZOOM_BEFORE, float(t[0])), min(late[0] + ZOOM_AFTER, float(t[-1]))
 
 
-def window_of(run: Measured) -> tuple[float, float] | None:
-    """Time to look at closely in a run [s], by its hits and its requirements."""
-    hits = [hit.start_s for hit in run.hits]
-    return zoom_window(run.t, hits, run.required.settling_deadline)
-
-
 def look_closely(shown: Sequence[Axes], window: tuple[float, float] | None) -> None:
     """Restrict the last panel to the window, if there is one, before anything is drawn."""
     if window is not None:
         shown[-1].set_xlim(*window)
+
+
+def panels_of(
+    run: Measured, count: int, row_height: float = 1.75
+) -> tuple[Figure, list[Axes], tuple[float, float] | None]:
+    """Make panels one below the other, and one more for the time to look at closely, if any [s]."""
+    window = zoom_window(run.t, [hit.start_s for hit in run.hits], run.required.settling_deadline)
+    figure, rows = panels(count if window is None else count + 1, row_height=row_height)
+    shown = [row[0] for row in rows]
+    look_closely(shown, window)
+    return figure, shown, window
 
 
 def symbols(text: str) -> str:
