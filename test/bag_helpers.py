@@ -16,7 +16,7 @@
 
 import shutil
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -64,15 +64,20 @@ def write_messages(
     return path
 
 
+def record_all(writer: BagWriter, sequence: Iterable[Message]) -> None:
+    """Announce every sampled topic, and write messages at their stamps."""
+    for topic in SAMPLED:
+        writer.add_topic(f"/{topic.name}", topic.msgtype)
+    for topic, stamp, data in sequence:
+        writer.write(f"/{topic.name}", stamp, data)
+
+
 def unfinished(path: Path, storage: str, run: RunRecord) -> Path:
     """A bag as a killed recorder leaves it: everything flushed, nothing closed."""
     live = path.with_name("live")
     facts = {"ppc_attitude.controller": "ppc"}
     with BagWriter(live, storage=storage, custom_data=facts) as writer:
-        for topic in SAMPLED:
-            writer.add_topic(f"/{topic.name}", topic.msgtype)
-        for topic, stamp, data in messages(run):
-            writer.write(f"/{topic.name}", stamp, data)
+        record_all(writer, messages(run))
         writer.flush()
         shutil.copytree(live, path)
     return path

@@ -29,7 +29,7 @@ from pathlib import Path
 import lz4.frame
 import yaml
 import zstandard
-from bag_helpers import messages, storage_file
+from bag_helpers import messages, record_all, storage_file
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.foreign import SMALL, UNFOLDS
@@ -203,10 +203,7 @@ def many_attitudes(bag: Path) -> Path:
     facts = {"ppc_attitude.parameters": json.dumps({"spacecraft_plant": {"rate": 100.0}})}
     codec, values = Codec(ATTITUDE), tuple(RUN["attitude"][0])
     with BagWriter(bag, custom_data=facts) as writer:
-        for topic in SAMPLED:
-            writer.add_topic(f"/{topic.name}", topic.msgtype)
-        for topic, stamp, data in itertools.islice(messages(RUN), len(SAMPLED)):
-            writer.write(f"/{topic.name}", stamp, data)
+        record_all(writer, itertools.islice(messages(RUN), len(SAMPLED)))
         for step in range(100, 1_500_000, 15):
             writer.write("/attitude", 0, codec.encode(step * 10_000_000, values))
     return bag

@@ -20,12 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_helpers import (
-    STORAGES,
-    assert_same,
-    messages,
-    write_messages,
-)
+from bag_helpers import STORAGES, assert_same, messages, record_all, write_messages
 from synthetic import SAMPLED, normal_run, without_columns
 
 from ppc_attitude.analysis.metrics import analyse
@@ -104,10 +99,7 @@ def test_what_its_recorder_knew_to_be_incomplete_is_told(tmp_path: Path) -> None
     told = ["torque_command came from several nodes: /one, /other"]
     path = tmp_path / "bag"
     with BagWriter(path, custom_data={GAPS_KEY: json.dumps(told)}) as writer:
-        for topic in SAMPLED:
-            writer.add_topic(f"/{topic.name}", topic.msgtype)
-        for topic, stamp, data in messages(RUN):
-            writer.write(f"/{topic.name}", stamp, data)
+        record_all(writer, messages(RUN))
     assert read_run(path).warnings == (f"its recorder calls it incomplete: {told[0]}",)
 
 

@@ -17,14 +17,14 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 
 import bag_child
 import numpy as np
 import pytest
-from bag_helpers import STORAGES, assert_same, messages, write_messages
+from bag_helpers import STORAGES, assert_same, messages, record_all, write_messages
+from conftest import StartProcess
 from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run
 
@@ -37,6 +37,7 @@ from ppc_attitude.bags.writer import BagWriter
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 SECOND = 1_000_000_000
+CHILD = (sys.executable, str(Path(bag_child.__file__)))
 
 
 @pytest.fixture(params=STORAGES)
@@ -85,10 +86,7 @@ def test_an_exception_in_the_recorder_keeps_the_bag(tmp_path: Path, storage: str
         pytest.raises(ZeroDivisionError),
         BagWriter(tmp_path / "bag", storage=storage) as writer,
     ):
-        for topic in SAMPLED:
-            writer.add_topic(f"/{topic.name}", topic.msgtype)
-        for topic, stamp, data in messages(run):
-            writer.write(f"/{topic.name}", stamp, data)
+        record_all(writer, messages(run))
         raise ZeroDivisionError
     assert_same(read_run(tmp_path / "bag"), run)
 
@@ -100,22 +98,6 @@ def test_a_written_run_leaves_out_samples_that_are_missing(tmp_path: Path) -> No
     read = read_run(tmp_path / "bag")
     assert_same(read, run)
     assert read.missing == {"torque_command": 1}
-
-
-@pytest.fixture
-def child() -> Iterator[list[subprocess.Popen[str]]]:
-    started: list[subprocess.Popen[str]] = []
-    yield started
-    for process in started:
-        process.kill()
-        process.communicate()
-
-
-def start(child: list[subprocess.Popen[str]], *arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, str(Path(bag_child.__file__)), *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    child.append(process)
-    return process
 
 
 def report(process: subprocess.Popen[str]) -> str:
@@ -143,10 +125,10 @@ def assert_child_wrote(bag: Path, at_least: int) -> int:
     "seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))]
 )
 def test_after_sigkill_all_but_the_last_second_is_there(
-    tmp_path: Path, storage: str, seed: int, child: list[subprocess.Popen[str]]
+    tmp_path: Path, storage: str, seed: int, start_process: StartProcess
 ) -> None:
     bag = tmp_path / "bag"
-    process = start(child, "endless", str(bag), storage)
+    process = start_process([*CHILD, "endless", str(bag), storage])
     _, began = map(int, report(process).split())
     lifetime = int(Random(seed).uniform(1.0, 2.5) * SECOND)
     reports = []
@@ -169,10 +151,10 @@ def test_after_sigkill_all_but_the_last_second_is_there(
 
 
 def test_messages_become_safe_when_nothing_follows_them(
-    tmp_path: Path, storage: str, child: list[subprocess.Popen[str]]
+    tmp_path: Path, storage: str, start_process: StartProcess
 ) -> None:
     bag = tmp_path / "bag"
-    process = start(child, "idle", str(bag), storage)
+    process = start_process([*CHILD, "idle", str(bag), storage])
     assert report(process) == "idle\n"
     count = 0
     while count < bag_child.IDLE_STEPS * len(SAMPLED):  # the suite's time limit ends a failure
@@ -192,10 +174,10 @@ def test_messages_become_safe_when_nothing_follows_them(
 
 
 def test_a_full_disk_is_named_and_leaves_a_readable_bag(
-    tmp_path: Path, storage: str, child: list[subprocess.Popen[str]]
+    tmp_path: Path, storage: str, start_process: StartProcess
 ) -> None:
     bag = tmp_path / "bag"
-    process = start(child, "full", str(bag), storage)
+    process = start_process([*CHILD, "full", str(bag), storage])
     assert process.stdout is not None
     lines = process.stdout.read().splitlines()
     assert process.wait() == 0
