@@ -347,6 +347,13 @@ def test_a_wheel_stops_at_its_largest_speed_and_the_drive_says_so() -> None:
     assert part.output("applied_torque")[0] == pytest.approx(-0.03, rel=1e-12)
 
 
+def test_what_is_clipped_leaves_the_other_axes_alone() -> None:
+    part = actuator_of(wheels__axes=np.eye(3).ravel().tolist(), wheels__overload="clip")
+    full = padded(np.array([-628.3, 0.0, 0.0]))
+    given = np.array(part.step(0, [0.03, 0.02, -0.01, 0.0, 0.0, 0.0, *full]))
+    assert given[:3] == pytest.approx([0.0, 0.02, -0.01], abs=1e-9)
+
+
 def test_four_wheels_go_to_their_null_speed_without_a_torque() -> None:
     part, speeds = actuator_of(), np.zeros(8)
     for k in range(60_000):

@@ -60,8 +60,7 @@ def _heavier(
         direction = scale(sign / length, normal)
         demand = dot(t, direction)
         if demand > 0.0:
-            support = _support(direction, axes, count, low, high, given)
-            load = demand / support if support > 0.0 else np.inf
+            load = demand / _support(direction, axes, count, low, high, given)
             if load > best[0]:
                 best = (load, direction)
     return best
@@ -82,7 +81,7 @@ def allocate(
     count : int
         Number of wheels.
     low, high : ndarray
-        Limits of each wheel [N·m]: low ≤ 0 ≤ high.
+        Limits of each wheel [N·m]: low < 0 < high.
     given : ndarray
         Room for one mark for each wheel.
     torques : ndarray

@@ -88,6 +88,7 @@ CONFIGURATION = np.dtype(
     ],
     align=True,
 )
+_TRACE = 1e-9  # share of its torque that a full wheel keeps, so that no load is infinite
 STATE = np.dtype(
     [
         ("events", np.int64),  # since when there is something to tell
@@ -140,8 +141,9 @@ def _limits(speeds: Any, configuration: Any, state: Any) -> None:
         known = configuration.knowledge * friction(craft, i, speeds[i])
         faster = craft.inertia[i] * (craft.max_speed[i] - speeds[i]) / configuration.h
         slower = craft.inertia[i] * (craft.max_speed[i] + speeds[i]) / configuration.h
-        state.high[i] = max(min(craft.max_torque[i] - known, faster), 0.0)
-        state.low[i] = min(max(-craft.max_torque[i] - known, -slower), 0.0)
+        trace = _TRACE * craft.max_torque[i]
+        state.high[i] = max(min(craft.max_torque[i] - known, faster), trace)
+        state.low[i] = min(max(-craft.max_torque[i] - known, -slower), -trace)
 
 
 @kernel
@@ -151,7 +153,7 @@ def _within(configuration: Any, state: Any, load: float) -> None:
         if configuration.clips != 0.0:
             state.net[i] = min(max(state.net[i], state.low[i]), state.high[i])
         elif load > 1.0:
-            state.net[i] = state.net[i] / load if load < np.inf else 0.0
+            state.net[i] /= load
 
 
 @kernel
