@@ -22,6 +22,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -193,7 +194,10 @@ def test_a_run_leaves_nothing_but_its_bag(
     temporary.mkdir()
     environment = {**os.environ, "TMPDIR": str(temporary)}
     del environment["ROS_LOG_DIR"]
-    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(2.0), env=environment)
+    options: dict[str, Any] = {"overlay": pace(2.0), "env": environment}
+    # These tests may run by nohup, and a run would inherit that it does not heed SIGHUP.
+    heeds = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, **options, preexec_fn=heeds)
     run.reaches(0.5)
     ends = [os.pidfd_open(pid) for pid in run.nodes().values()]
     assert len(ends) == len(NODES)
