@@ -248,25 +248,29 @@ def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None
 
 
 def test_goto_prints_the_answer_that_is_its_own(pilot: Pilot) -> None:
-    """Whatever moves is told every second; that is no answer."""
+    """Whatever moves is told every second, and others give goals; that is no answer."""
     pilot.state(0.0)
     pilot.pose(NEAR, "nadir")
     sender = Node("goto", namespace="/craft")
     times = itertools.count(1)
     with ThreadPoolExecutor(1) as pool:
 
-        def answer(attitude: tuple[float, ...]) -> Answer:
+        def answer(attitude: tuple[float, ...], before: int) -> Answer:
             future = pool.submit(_go_to, sender, attitude, "inertial", 0.0)
+            pilot.until(lambda: pilot.seen() > before)
+            pilot.pose(NEAR)
+            pilot.pose((0.0, 0.0, 2.0, 0.0))
             while not future.done():
                 pilot.state(float(next(times)))
             return future.result()
 
-        followed, refused = answer(GOAL), answer((2.0, 0.0, 0.0, 0.0))
+        followed = answer(GOAL, pilot.seen())
+        refused = answer((2.0, 0.0, 0.0, 0.0), pilot.seen())
     sender.destroy_node()
     assert followed.followed
-    assert followed.text.startswith("order 2 is followed: inertial frame")
+    assert followed.text.startswith("order 3 is followed: inertial frame")
     assert not refused.followed
-    assert "refused goal_pose: attitude of a goal" in refused.text
+    assert "refused goal_pose: attitude of a goal = [2.0" in refused.text
 
 
 def test_goto_waits_for_the_one_who_answers_not_for_the_recorder_alone(pilot: Pilot) -> None:

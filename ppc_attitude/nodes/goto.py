@@ -26,7 +26,7 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
-from ppc_attitude.nodes.guidance_desk import ABOUT, ORDERS
+from ppc_attitude.nodes.guidance_desk import ASKED, pose_asked
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
@@ -47,7 +47,7 @@ def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> A
     Parameters
     ----------
     attitude : four floats
-        x y z w, relative to the frame.
+        Unit quaternion x y z w, relative to the frame.
     frame : str
         Name of the frame.
     at : float
@@ -66,19 +66,19 @@ def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> A
 
 def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answer:
     heard: list[DiagnosticStatus] = []
-
-    def hear(message: Any) -> None:
-        heard.extend(status for status in message.status if _answers(status))
-
-    answers = node.create_subscription(
-        DiagnosticArray, GUIDANCE_STATUS.name, hear, subscribed(GUIDANCE_STATUS)
-    )
-    publisher = node.create_publisher(PoseStamped, GOAL_POSE.name, published(GOAL_POSE))
     goal = PoseStamped()
     goal.header.frame_id = frame
     goal.header.stamp.sec, goal.header.stamp.nanosec = divmod(nanoseconds(at), NANOSECONDS)
     turn = goal.pose.orientation
     turn.x, turn.y, turn.z, turn.w = map(float, attitude)
+
+    def hear(message: Any) -> None:
+        heard.extend(status for status in message.status if _answers(status, pose_asked(goal)))
+
+    answers = node.create_subscription(
+        DiagnosticArray, GUIDANCE_STATUS.name, hear, subscribed(GUIDANCE_STATUS)
+    )
+    publisher = node.create_publisher(PoseStamped, GOAL_POSE.name, published(GOAL_POSE))
     await_answer(
         node,
         lambda: answers.get_publisher_count() > 0 and _all_listen(node, publisher),
@@ -110,6 +110,6 @@ def _name(endpoint: TopicEndpointInfo) -> tuple[str, str]:
     return endpoint.node_namespace, endpoint.node_name
 
 
-def _answers(status: DiagnosticStatus) -> bool:
-    """True if a status is about an order, not about what moves."""
-    return any(each.key == ABOUT and each.value == ORDERS for each in status.values)
+def _answers(status: DiagnosticStatus, asked: str) -> bool:
+    """True if a status tells what became of a goal, not of another order or of what moves."""
+    return any(each.key == ASKED and asked in each.value.split("; ") for each in status.values)

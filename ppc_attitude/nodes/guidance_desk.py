@@ -14,7 +14,7 @@
 
 """Where the reference generator takes goals: two topics and a service in, one topic out."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,8 @@ from ppc_attitude.runtime.health import OK, WARN, Status
 from ppc_attitude.science.component import INERTIAL
 from ppc_attitude.science.guidance.order_book import Make, OrderBook
 from ppc_attitude.science.guidance.orders import (
+    GOAL_ATTITUDES,
+    GOAL_FRAMES,
     Orders,
     goal_order,
     hold_order,
@@ -46,6 +48,7 @@ from ppc_attitude.science.references.goal import configuration_of, facts
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
 ABOUT, ORDERS = "about", "an order"  # what a status is about
+ASKED = "asked"  # what the orders were that a status answers, by which each finds its own answer
 _BODY = "body"  # the joint of a trajectory
 _LATEST = 1e8  # [s] as for a scheduled goal; no stamp is far beyond
 
@@ -87,7 +90,8 @@ class GuidanceDesk:
             except ValueError as reason:
                 self._node.refuse(topic.name, f"{topic.name}: {reason}")
                 text = f"refused {topic.name}: {reason}"
-                self._say(self._stamp, WARN, text, {ABOUT: ORDERS})
+                asked = pose_asked(message) if kind is PoseStamped else ""
+                self._say(self._stamp, WARN, text, {ABOUT: ORDERS, ASKED: asked})
 
         self._node.create_subscription(kind, topic.name, receive, subscribed(topic))
 
@@ -119,11 +123,16 @@ class GuidanceDesk:
         details = facts(seconds(stamp_ns), self._part.configuration[0], state)
         if self._part.advices == self._told and details == self._details:
             return
-        ordered = details["order"] != self._details.get("order", 0)
+        taken = self._orders.listed[self._details.get("order", 0) : details["order"]]
         self._told, self._details = self._part.advices, details
         advice = self._part.advice
-        about = {ABOUT: ORDERS if ordered else "what moves"}
+        about = {ABOUT: ORDERS, ASKED: self._asked(taken)} if taken.size else {ABOUT: "what moves"}
         self._say(stamp_ns, WARN if advice.warning else OK, advice.text, {**about, **details})
+
+    def _asked(self, taken: NDArray[Any]) -> str:
+        schedule = schedule_of(Orders(taken, self._orders.profiles))
+        attitudes = np.reshape(schedule[GOAL_ATTITUDES.name], (-1, 4))
+        return "; ".join(map(asked, schedule[GOAL_FRAMES.name], attitudes))
 
     @property
     def concern(self) -> str:
@@ -147,8 +156,7 @@ class GuidanceDesk:
         return when
 
     def _on_pose(self, message: PoseStamped) -> None:
-        attitude = _numbers(message.pose.orientation)
-        frame = message.header.frame_id or INERTIAL
+        frame, attitude = _goal_of(message)
 
         def make(stamp_ns: int) -> NDArray[Any]:
             return goal_order(stamp_ns, frame, attitude)
@@ -190,6 +198,20 @@ class GuidanceDesk:
         except ValueError as reason:
             response.message = str(reason)
         return response
+
+
+def asked(frame: str, attitude: Iterable[float]) -> str:
+    """How a status names a goal: its frame and its attitude x y z w."""
+    return f"{frame} {' '.join(repr(float(x)) for x in attitude)}"
+
+
+def pose_asked(message: PoseStamped) -> str:
+    """How a status names the goal of a message."""
+    return asked(*_goal_of(message))
+
+
+def _goal_of(message: PoseStamped) -> tuple[str, list[float]]:
+    return message.header.frame_id or INERTIAL, _numbers(message.pose.orientation)
 
 
 def _numbers(q: Quaternion) -> list[float]:
