@@ -14,7 +14,6 @@
 
 """Sensor suites as shipped, and compiled loops around the filter's kernels."""
 
-import gzip
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +51,6 @@ def suite(name: str, **given: Any) -> dict[str, Any]:
     values |= {key.replace("__", "."): value for key, value in given.items()}
     table = {p.name: p for p in (*gyro.PARAMETERS, *star_tracker.PARAMETERS, *mekf.PARAMETERS)}
     return dict(resolved(table.values(), values, "suite"))
-
-
-def table(name: str) -> Array:
-    with gzip.open(ROOT / "test" / "truth" / f"{name}.csv.gz", "rt") as file:
-        return np.genfromtxt(file, delimiter=",", skip_header=1)
 
 
 def new_memory() -> Any:

@@ -12,38 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Records of guidance for tests, and the truth tables."""
+"""Records of guidance for tests."""
 
 import gzip
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from truth_tables import TRUTH
 
 from ppc_attitude.science.guidance.goals import GUIDANCE, STATE, begin, motion_now
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.orbit_elements import orbit_record
 
-TRUTH = Path(__file__).parent / "truth"
 Array = NDArray[np.float64]
 DEGREE = math.pi / 180.0
-
-
-def rows(name: str) -> tuple[list[str], Any]:
-    """Column names and the rows, as text, of a truth table; lines that begin with # are notes."""
-    with gzip.open(TRUTH / f"{name}.csv.gz", "rt") as file:
-        lines = [line.rstrip().split(",") for line in file if not line.startswith("#")]
-    return lines[0], np.array(lines[1:])
-
-
-def table(name: str) -> dict[str, Array]:
-    """Columns of a truth table by their names."""
-    names, body = rows(name)
-    return dict(zip(names, body.astype(float).T, strict=True))
 
 
 def scenes() -> list[dict[str, Any]]:
@@ -51,11 +37,6 @@ def scenes() -> list[dict[str, Any]]:
     with gzip.open(TRUTH / "keepout.json.gz", "rt") as file:
         cases: list[dict[str, Any]] = json.load(file)["cases"]
     return cases
-
-
-def columns(data: dict[str, Array], *names: str) -> Array:
-    """Several columns of a truth table side by side."""
-    return np.stack([data[name] for name in names], axis=-1)
 
 
 def truth_orbit() -> Any:

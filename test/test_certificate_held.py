@@ -125,6 +125,22 @@ def test_a_changed_number_is_not_judged() -> None:
     assert rows[0].reason == "the certificate is for other numbers"
 
 
+@pytest.mark.parametrize(
+    ("plant", "reason"),
+    [
+        ({}, ""),  # a bag that does not tell: nothing is known to be broken
+        ({"rate": 100.0, "inertia": [2.8, 0, 0, 0, 2.5, 0, 0, 0, 1.9]}, "lacks the parameter"),
+    ],
+)
+def test_a_plant_of_others_may_tell_little_of_itself(plant: dict[str, Any], reason: str) -> None:
+    record = record_of("guaranteed")
+    bare = replace(record, parameters={**record.parameters, "spacecraft_plant": plant})
+    held = certificate_held(bare)
+    assert held is not None
+    assert reason in held.reason
+    assert bool(held.reason) == bool(reason)
+
+
 def test_a_broken_promise_is_found() -> None:
     record = record_of("guaranteed")
     turn = record["turn"].copy()

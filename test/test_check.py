@@ -130,6 +130,16 @@ def test_a_dead_zone_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert warned(actuator_conditions(coarser)) == {"min_torque", "min_torque in ρ_ω"}
 
 
+def test_wheels_that_give_less_than_the_law_may_ask_for_are_warned_of() -> None:
+    enough = load([CONFIG / "wheels.yaml"])
+    assert not warned(actuator_conditions(enough))
+    found = by_name(actuator_conditions(enough))["max_torque"]
+    assert found.limit == pytest.approx(0.05 * 2.0 / math.sqrt(3.0), rel=1e-12)
+    weak = enough.with_values(PLANT, **{"wheels.max_torque": [0.04]})
+    assert warned(actuator_conditions(weak)) == {"max_torque"}
+    assert set(by_name(actuator_conditions(weak))) == {"max_torque"}  # no dead zone
+
+
 @pytest.mark.parametrize("share", [0.98, 1.2])
 def test_a_disturbance_estimate_out_of_proportion_leaves_the_envelope_and_is_warned_of(
     cubesat: Scenario, share: float

@@ -256,9 +256,8 @@ def test_a_run_whose_node_computes_for_ever_is_given_up(monkeypatch: pytest.Monk
     run = stalled(monkeypatch, after=0.5)
     give_up = time.monotonic() + PATIENCE
     with pytest.raises(StackError, match=r"no step for 0\.5 s: waiting for x"):
-        while (
-            time.monotonic() < give_up
-        ):  # this process stands for the node, and works all the time
+        # This process stands for the node, and works all the time.
+        while time.monotonic() < give_up:
             run._look_for_stall()
 
 

@@ -122,7 +122,7 @@ def test_a_law_without_a_guarantee_is_broken() -> None:
 
 def test_wheels_cannot_be_late() -> None:
     base = load([PAPER, PAPER.with_name("wheels.yaml")])
-    with pytest.raises(ConfigurationError, match="only actuator = ideal can be late"):
+    with pytest.raises(ConfigurationError, match="actuator = wheels has no parameter late_command"):
         Space(base, 0.0, 0.0, 0, 0.0, 1.0, 60.0, late=True)
 
 

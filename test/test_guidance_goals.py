@@ -22,15 +22,14 @@ from guidance_helpers import (
     DEGREE,
     Array,
     begun,
-    columns,
     guidance,
     motion,
     quaternion,
     same_sign,
     scenes,
-    table,
 )
 from scipy.spatial.transform import Rotation
+from truth_tables import columns, table
 
 from ppc_attitude.science.attitude import conjugate, product, rotate
 from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, NADIR, SPIN, SUN

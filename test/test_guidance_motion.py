@@ -18,16 +18,9 @@ import math
 
 import numpy as np
 import pytest
-from guidance_helpers import (
-    DEGREE,
-    Array,
-    columns,
-    guidance,
-    quaternion,
-    same_sign,
-    table,
-)
+from guidance_helpers import DEGREE, Array, guidance, quaternion, same_sign
 from scipy.spatial.transform import Rotation
+from truth_tables import columns, table
 
 from ppc_attitude.science.attitude import conjugate, product
 from ppc_attitude.science.guidance.frames import (

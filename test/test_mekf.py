@@ -30,9 +30,9 @@ from estimation_helpers import (
     known_now,
     new_memory,
     suite,
-    table,
 )
 from scipy.spatial.transform import Rotation
+from truth_tables import numbers
 
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.errors import ConfigurationError
@@ -56,8 +56,8 @@ REFUSED = {"smallsat_slew": 0, "cubesat_tumble": 7}  # the false fixes, and no o
 def recording(case: str) -> tuple[Any, Array, Any, Any, Array]:
     """Settings, gyro samples from step 0 on, steps of validity and arrival, and fixes."""
     settings = filter_record(suite(case.partition("_")[0], star_tracker__mounting=MOUNTINGS[case]))
-    rates = np.vstack([np.zeros(3), table(f"{case}_gyro") * 1e-7])
-    star = table(f"{case}_star")
+    rates = np.vstack([np.zeros(3), numbers(f"{case}_gyro") * 1e-7])
+    star = numbers(f"{case}_star")
     valid, arrival = (star[:, i].astype(np.int64) for i in (0, 1))
     return settings, rates, valid, arrival, np.ascontiguousarray(star[:, 2:])
 
@@ -76,9 +76,9 @@ def test_recorded_data_give_what_the_reference_filter_knows(case: str, tmp_path:
     (tmp_path / "gyro.csv").write_bytes(gzip.decompress(packed))
     gyro = example["read_gyro"](tmp_path / "gyro.csv")
     values = suite(case.partition("_")[0], star_tracker__mounting=MOUNTINGS[case])
-    fed = example["estimates"](values, gyro, table(f"{case}_star"), 100.0)
+    fed = example["estimates"](values, gyro, numbers(f"{case}_star"), 100.0)
     rows = np.array(list(fed))
-    oracle = table(f"{case}_oracle")
+    oracle = numbers(f"{case}_oracle")
     rows = rows[oracle[:, 0].astype(int)]
     known = ~np.isnan(oracle[:, 1])
     assert np.array_equal(~np.isnan(rows[:, 0]), known)

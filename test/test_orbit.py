@@ -16,8 +16,9 @@ import math
 
 import numpy as np
 import pytest
-from guidance_helpers import columns, table, truth_orbit
+from guidance_helpers import truth_orbit
 from scipy.integrate import solve_ivp
+from truth_tables import columns, table
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.orbit import (

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 import pytest
-from guidance_helpers import rows
+from truth_tables import rows
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.sky import (

@@ -16,9 +16,10 @@ import math
 
 import numpy as np
 import pytest
-from estimation_helpers import Array, angles_between, table
+from estimation_helpers import Array, angles_between
 from scipy import stats
 from scipy.spatial.transform import Rotation
+from truth_tables import numbers
 
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.actuators.ideal import actuator
@@ -49,11 +50,11 @@ def trajectory(inertia: Array, q: Array, omega: Array, torques: Array, h: float)
     ("case", "inertia"), [("sin_diag", DIAGONAL), ("sin_full", FULL), ("tumble_diag", DIAGONAL)]
 )
 def test_hundred_hertz_follow_the_binary128_truth(case: str, inertia: Array) -> None:
-    truth = table(f"quad_{case}")
+    truth = numbers(f"quad_{case}")
     steps = round(truth[-1, 0] / 0.01)
     torques = np.zeros((steps, 3))
     if case.startswith("sin"):
-        torques = table(f"torque100Hz_{case}")[:, 1:]
+        torques = numbers(f"torque100Hz_{case}")[:, 1:]
     rows = trajectory(inertia, truth[0, 1:5], truth[0, 5:8], torques[:steps], 0.01)
     samples = rows[np.round(truth[:, 0] / 0.01).astype(int)]
     assert angles_between(samples[:, :4], truth[:, 1:5]).max() < 1e-11

@@ -40,8 +40,7 @@ from ppc_attitude.analysis.filter_figures import (
     knowledge_figure,
 )
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
-from ppc_attitude.analysis.measure import Measured, known
-from ppc_attitude.analysis.metrics import torque_limit
+from ppc_attitude.analysis.measure import Measured, known, torque_limit
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
 from ppc_attitude.analysis.run_panels import (
     AXES,
@@ -234,8 +233,8 @@ def column_figure(run: Measured, column: str) -> Figure:
         for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
             axes.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
     elif topic.form in _OF_WHEELS:
-        there = np.flatnonzero(values.any(axis=0))
-        components(axes, run.t, values[:, there], [f"wheel {k}" for k in there])
+        last = max(np.flatnonzero(values.any(axis=0)), default=0)  # no wheel is behind it
+        components(axes, run.t, values[:, : last + 1], [f"wheel {k}" for k in range(last + 1)])
     else:
         components(axes, run.t, values)
     axes.set_ylabel(f"{column.replace('_', ' ')} [{unit}]")

@@ -36,7 +36,8 @@ SETTLED = 10.0
 OUTSIDE_LIMIT = 0.01
 """Share of the instants that an axis may be outside 3σ."""
 _ESTIMATE, _FIX, _INNOVATION = "estimate", "star_fix", "innovation"
-_VARIANCES = [4, 7, 9]  # of the attitude, among the numbers of an estimate
+# Where the variances lie among the numbers of an estimate.
+_ATTITUDE_VARIANCES, _RATE_VARIANCES = [4, 7, 9], [13, 16, 18]
 
 
 class FilterHealth(NamedTuple):
@@ -100,9 +101,18 @@ def attitude_sigmas(record: RunRecord) -> Array:
     AnalysisError
         If the record has no estimate.
     """
+    return _sigmas(record, _ATTITUDE_VARIANCES)
+
+
+def rate_sigmas(record: RunRecord) -> Array:
+    """σ [rad/s] of the rate about each body axis, as of `attitude_sigmas`."""
+    return _sigmas(record, _RATE_VARIANCES)
+
+
+def _sigmas(record: RunRecord, places: list[int]) -> Array:
     if not has(record, _ESTIMATE):
         raise lacking(record, _ESTIMATE)
-    variances = record[_ESTIMATE].T[_VARIANCES].T  # by component, as the loop gives them
+    variances = record[_ESTIMATE].T[places].T  # by component, as the loop gives them
     return np.sqrt(np.where(variances > 0.0, variances, np.nan))
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import beyond
+from ppc_attitude.analysis.filter_health import attitude_sigmas, rate_sigmas
 from ppc_attitude.analysis.series import has
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import RunRecord
@@ -102,11 +103,14 @@ def certificate_held(record: RunRecord) -> Held | None:
 def _broken_all_along(record: RunRecord) -> list[str]:
     """Assumptions that the craft's own parameters break, where the record has them."""
     values = record.parameters[CONTROLLER]
-    if not {PLANT, REFERENCE, INJECTOR} <= record.parameters.keys():
+    if not all(record.parameters.get(each) for each in (PLANT, REFERENCE, INJECTOR)):
         return []
     assumed, h = assumptions_of(values), values[PREFIX + "h"]
     duration = float(record.t[-1])
-    return list(broken_assumptions(assumed, h, nodes_around(record.parameters), duration))
+    try:
+        return list(broken_assumptions(assumed, h, nodes_around(record.parameters), duration))
+    except KeyError as lacking:
+        return [f"the record lacks the parameter {lacking.args[0]}"]
 
 
 def nodes_around(parameters: Mapping[str, Mapping[str, Any]]) -> Nodes:
@@ -137,8 +141,7 @@ def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
     """
     found = {}
     if has(record, mekf.ESTIMATE.name):
-        deviations = np.sqrt(record[mekf.ESTIMATE.name][:, [4, 7, 9, 13, 16, 18]])  # diagonals
-        attitude, rate = deviations[:, :3].max(axis=1), deviations[:, 3:].max(axis=1)
+        attitude, rate = (each(record).max(axis=1) for each in (attitude_sigmas, rate_sigmas))
         known = (DEVIATIONS * attitude <= e_A) & (DEVIATIONS * rate <= e_W)
         found["an estimate whose covariance is beyond the assumed errors"] = ~known
     if has(record, TRUE_RATE.column) and has(record, TRUE_ATTITUDE.column):

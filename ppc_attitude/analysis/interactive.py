@@ -27,8 +27,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.metrics import torque_limit
+from ppc_attitude.analysis.measure import Measured, torque_limit
 from ppc_attitude.analysis.series import has
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import APPLIED_TORQUE, REFERENCE_ATTITUDE

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, beyond, envelopes_of
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
-from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
+from ppc_attitude.analysis.requirements import PAPER, Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import AnalysisError, elapsed, has, step, topic_of, vectors
 from ppc_attitude.analysis.truth import (
     EXACT,
@@ -41,6 +41,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
+    CONTROLLER,
     DISTURBANCE,
     PLANT,
     REFERENCE_ATTITUDE,
@@ -48,6 +49,8 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science import wheels
 
 Mask = NDArray[np.bool_]
+PAPER_TORQUE_LIMIT = 0.05
+"""Torque limit on an axis [N·m], if the record does not say."""
 _FIELDS = frozenset(each.name for each in fields(Metrics))
 
 
@@ -63,6 +66,14 @@ def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
     if not has(record, DISTURBANCE.column):
         return ()
     return find_pulses(t, vectors(record, DISTURBANCE.column))
+
+
+def torque_limit(record: RunRecord, required: Requirements = PAPER) -> float:
+    """Limit on an axis [N·m]: as required, else the actuator's as configured, else the paper's."""
+    # A bag of somebody else's plant says only what the controller was told of the actuator.
+    told = [record.parameters.get(node, {}).get("max_torque") for node in (PLANT, CONTROLLER)]
+    limits = (required.torque, *told, PAPER_TORQUE_LIMIT)
+    return next(float(each) for each in limits if isinstance(each, int | float))
 
 
 class Measured:
@@ -197,7 +208,8 @@ class Measured:
         if limits is None or not has(self.record, wheels.SPEED.name):
             return None
         speeds = np.abs(self.record[wheels.SPEED.name])
-        return largest(speeds[:, : len(limits)] / limits if len(limits) > 1 else speeds / limits)
+        each = np.pad(limits, (0, speeds.shape[1] - len(limits)), mode="edge")  # one is for all
+        return largest(speeds / each)
 
     def _time_outside(self, envelope: Envelope) -> float | None:
         has_both = envelope in envelopes_of(self.record)

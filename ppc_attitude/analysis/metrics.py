@@ -54,7 +54,7 @@ from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
-from ppc_attitude.analysis.measure import Measured, known, largest, pulses_of, window
+from ppc_attitude.analysis.measure import Measured, known, largest, pulses_of, torque_limit, window
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements
 from ppc_attitude.analysis.series import AnalysisError, has, is_finite, topic_of
 from ppc_attitude.analysis.truth import (
@@ -75,13 +75,11 @@ from ppc_attitude.analysis.verdict import (
 )
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, CONTROLLER, PLANT, TRUE_ATTITUDE
+from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, PLANT, TRUE_ATTITUDE
 from ppc_attitude.science.kinds import SENSORS
 
-__all__ = ["AnalysisError", "analyse", "names_of", "pulses_of", "torque_limit", "verdict_table"]
+__all__ = ["AnalysisError", "analyse", "names_of", "pulses_of", "verdict_table"]
 
-PAPER_TORQUE_LIMIT = 0.05
-"""Torque limit on an axis [N·m], if the record does not say."""
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""
 WHEEL_RESERVE = 0.99
@@ -155,14 +153,6 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
         required=required,
         changes=tuple(change_text(told, int(record.stamps_ns[0])) for told in record.told_changes),
     )
-
-
-def torque_limit(record: RunRecord, required: Requirements = PAPER) -> float:
-    """Limit on an axis [N·m]: as required, else the actuator's as configured, else the paper's."""
-    # A bag of somebody else's plant says only what the controller was told of the actuator.
-    told = [record.parameters.get(node, {}).get("max_torque") for node in (PLANT, CONTROLLER)]
-    limits = (required.torque, *told, PAPER_TORQUE_LIMIT)
-    return next(float(each) for each in limits if isinstance(each, int | float))
 
 
 class _Judge(Measured):

@@ -23,6 +23,7 @@ import numpy as np
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators import ideal, wheels
+from ppc_attitude.science.allocation import certain_torque
 from ppc_attitude.science.certificate import RATE_LIMIT, Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
@@ -40,6 +41,7 @@ from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.science.wheels import wheel_record
 from ppc_attitude.simulation.scenario import Scenario
 
 _SAMPLES = 1000  # times at which an environment is looked at
@@ -161,7 +163,8 @@ def _actuator_torque(scenario: Scenario) -> float:
     """Torque per axis [N·m] that the selected actuator gives in any direction."""
     plant: Mapping[str, Any] = scenario.parameters[PLANT]
     if ACTUATORS.selected(plant) is wheels.COMPONENT:
-        return float(wheels.configure(plant)["certain"])
+        array = wheel_record(plant)
+        return certain_torque(*(array[each][: array["count"]] for each in ("axes", "max_torque")))
     return float(plant["max_torque"])
 
 

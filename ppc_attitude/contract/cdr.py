@@ -36,6 +36,7 @@ from ppc_attitude.contract.topics import CLOCK, MSGTYPES, Topic
 from ppc_attitude.science.component import (
     FIX,
     GYRO,
+    MAX_WHEELS,
     MOTION,
     QUATERNION,
     VECTOR,
@@ -52,7 +53,7 @@ _DOUBLES = {
     MSGTYPES[VECTOR]: 3,
     MSGTYPES[WRENCH]: 6,
     MSGTYPES[GYRO]: 37,
-    MSGTYPES[WHEEL_SPEEDS]: 8,
+    MSGTYPES[WHEEL_SPEEDS]: MAX_WHEELS,
 }
 _SKIPPED = {MSGTYPES[WRENCH]: 3}  # the force of a wrench is not ours
 _MAX_FRAME_ID = 4096
@@ -109,11 +110,11 @@ class Codec:
         self._count = count
         name = topic.frame_id.encode() + b"\0"
         self._name_length = len(name)
-        # All between the length of the frame name and the numbers, and what is behind them.
-        name, behind = _around_joints(name, topic) if topic.form in _JOINTS else (name, 0)
-        pad = -(12 + len(name)) % 8
-        self._struct = struct.Struct(f"<4siII{len(name)}s{pad}x{count}d{behind}x")
-        self._name = name
+        # All between the length of the frame name and the numbers, and the bytes behind them.
+        head, behind = _around_joints(name, topic) if topic.form in _JOINTS else (name, 0)
+        pad = -(12 + len(head)) % 8
+        self._struct = struct.Struct(f"<4siII{len(head)}s{pad}x{count}d{behind}x")
+        self._head = head
         self._before = (0.0,) * self._skipped
         layout = _IMU.get(topic.form, "")
         letters = sorted(set(layout) - {"o", "-"})
@@ -123,7 +124,7 @@ class Codec:
         self._places = [layout.index(letter) for letter in letters]
         self._behind = (0.0,) * (count - self._skipped - (len(layout) or topic.width))
         # How our own messages look, for the fast way of `decode`.
-        self._frame = struct.pack("<I", self._name_length) + name
+        self._frame = struct.pack("<I", self._name_length) + head
         self._frame_end = 12 + len(self._frame)
         self._width = len(layout) or topic.width  # numbers of the message that are ours
         self._numbers = struct.Struct(f"<{self._width}d")
@@ -139,7 +140,7 @@ class Codec:
             sec,
             nanosec,
             self._name_length,
-            self._name,
+            self._head,
             *self._before,
             *values,
             *self._behind,
@@ -197,9 +198,11 @@ class Codec:
         except CdrError:
             start = 0
         if start:
-            # Rows with the encoding and the name length of the first have its layout.
+            # Rows with the encoding and the name length of the first have its layout; those of
+            # joints with the same names.
+            named = slice(12, start if self.topic.form in _JOINTS else 16)
             alike = (rows[:, :2] == rows[0, :2]).all(axis=1)
-            alike &= (rows[:, 12:16] == rows[0, 12:16]).all(axis=1)
+            alike &= (rows[:, named] == rows[0, named]).all(axis=1)
             begin = start + 8 * self._skipped
             end = begin + 8 * self._width
             stamps = stamps_of_rows(rows, order)
@@ -255,7 +258,7 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
 
     if align == 4:
         number()  # XCDR2 tells the size of a list of texts
-    for _ in range(min(number(), len(data))):
+    for _ in range(number()):
         text = number()
         at += text
     for _ in range(_JOINTS[topic.form] + 1):

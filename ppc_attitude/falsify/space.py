@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
-from ppc_attitude.science.actuators import ideal
+from ppc_attitude.science.actuators.ideal import LATE_COMMAND
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kinds import ACTUATORS
@@ -88,8 +88,10 @@ class Space:
             if not low <= value <= high:
                 raise ConfigurationError(f"{name} = {value:g}; allowed: {low:g} to {high:g}")
         actuator = ACTUATORS.selected(self.base.parameters[PLANT])
-        if self.late and actuator is not ideal.COMPONENT:
-            raise ConfigurationError("late commands: only actuator = ideal can be late")
+        if self.late and actuator is not None and LATE_COMMAND not in actuator.parameters:
+            raise ConfigurationError(
+                f"late commands: actuator = {actuator.name} has no parameter {LATE_COMMAND.name}"
+            )
 
     @property
     def size(self) -> int:
@@ -123,7 +125,7 @@ class Space:
             }
         }
         if self.late:
-            changed[PLANT]["late_command"] = late > 0.0
+            changed[PLANT][LATE_COMMAND.name] = late > 0.0
         if self.begin:
             changed[REFERENCE] = {"begin": self.begin * min(abs(begin), 1.0)}
         if self.pieces:

@@ -41,6 +41,7 @@ from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
+from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.parameter import Value
@@ -219,6 +220,11 @@ class BaseNode(Node):
         """Log an event that a user can trigger from outside, at most once a second."""
         if self.health.may_log(f"{kind} (accepted)", self.now()):
             self.get_logger().info(text)
+
+    def say_news(self, chain: Chain) -> None:
+        """Log the advice that components have given since the last time."""
+        for advice in chain.news():
+            self.say(advice.text, advice.warning)
 
     def say(self, text: str, warning: bool) -> None:
         """Log advice of the node's components."""

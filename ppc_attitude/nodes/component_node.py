@@ -85,8 +85,7 @@ class ComponentNode(BaseNode):
         for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
             for column, send in self._senders.items():
                 send(stamp, answer[column])
-        for advice in self.chain.news():
-            self.say(advice.text, advice.warning)
+        self.say_news(self.chain)
         self.report(stamp_ns)
 
     def _answer(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
@@ -111,9 +110,7 @@ class ComponentNode(BaseNode):
         for part in self.chain.parts:
             normalised.update(part.normalised_errors())
         margins = {f"{name} margin": 1.0 - value for name, value in normalised.items()}
-        details = {**self.details(), **margins}
-        for part in self.chain.parts:
-            details.update(part.advice.numbers)
+        details = {**self.details(), **margins, **self.chain.numbers}
         if self.is_idle():
             missing = ", ".join(BY_COLUMN[column].name for column in self._instant.missing())
             return Status(STALE, f"waiting for {missing}", details)

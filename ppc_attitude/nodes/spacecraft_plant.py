@@ -119,7 +119,7 @@ class SpacecraftPlant(BaseNode):
         self._stamp = 0
         zeros = {column.name: (0.0,) * column.width for column in self._motion.inputs}
         self._state = self._motion.step(0, zeros)
-        self._say_news(self._motion)
+        self.say_news(self._motion)
         self.health.begin_again()
 
     def act(self, stamp_ns: int, inputs: Mapping[str, Values]) -> None:
@@ -148,15 +148,11 @@ class SpacecraftPlant(BaseNode):
         """Publish the torque that acted last."""
         for name in self._acted_columns:
             self._senders[name](self._acted_at, self._acted[name])
-        self._say_news(self._acting)
+        self.say_news(self._acting)
         self.report(self._stamp)
         if self.now() - self._told_at > _PROGRESS_PERIOD:
             self._told_at = self.now()
             tell(TIME, seconds(self._stamp))
-
-    def _say_news(self, chain: Chain) -> None:
-        for advice in chain.news():
-            self.say(advice.text, advice.warning)
 
     def is_published(self, name: str) -> bool:
         """True if anybody publishes an input."""
@@ -213,8 +209,7 @@ class SpacecraftPlant(BaseNode):
     def status(self) -> Status:
         """Waiting, zero torque for lack of commands, or running."""
         level, summary, details = self.pace.report(self.now())
-        parts = (*self._motion.parts, *self._acting.parts)
-        numbers = {name: n for part in parts for name, n in part.advice.numbers.items()}
+        numbers = {**self._motion.numbers, **self._acting.numbers}
         return Status(level, summary, {**details, **numbers})
 
 

@@ -85,6 +85,11 @@ class Chain:
                 part.told = part.advices
                 yield part.advice
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """What the components count and measure of themselves, by name with unit."""
+        return {name: n for part in self.parts for name, n in part.advice.numbers.items()}
+
     def step(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Run every component once.
 

@@ -20,7 +20,7 @@ with normal m, load = tᵀm / Σ max(low aᵀm, high aᵀm). Here limits may dif
 directions. What is left lies in the plane, and there the same is done for the lines of its axes.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,27 +30,45 @@ from ppc_attitude.science.kernel import Vector, cross, dot, kernel, norm, scale,
 _PARALLEL = 1e-9  # sine of an angle below which an axis counts as within a plane, or along a line
 
 
+class WheelArray(NamedTuple):
+    """Wheels among which a torque is shared.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (≥ number, 3)
+        Unit axes, body.
+    number : int
+        Number of wheels.
+    low, high : ndarray
+        Limits of each wheel [N·m]: low < 0 < high.
+    given : ndarray
+        Room for one mark for each wheel.
+    torques : ndarray
+        Where the torques u [N·m] are written.
+    """
+
+    axes: Any
+    number: int
+    low: Any
+    high: Any
+    given: Any
+    torques: Any
+
+
 @kernel
-def _support(normal: Vector, axes: Any, count: int, low: Any, high: Any, given: Any) -> float:
-    """Torque [N·m] along a normal that the wheels not yet given can give at most."""
+def _support(direction: Vector, wheels: WheelArray) -> float:
+    """Torque [N·m] along a direction that the wheels not yet given can give at most."""
     total = 0.0
-    for k in range(count):
-        along = dot(vector(axes[k]), normal)
-        if not given[k] and abs(along) > _PARALLEL:
-            total += max(low[k] * along, high[k] * along)
+    for k in range(wheels.number):
+        along = dot(vector(wheels.axes[k]), direction)
+        if not wheels.given[k] and abs(along) > _PARALLEL:
+            total += max(wheels.low[k] * along, wheels.high[k] * along)
     return total
 
 
 @kernel
 def _heavier(
-    normal: Vector,
-    t: Vector,
-    axes: Any,
-    count: int,
-    low: Any,
-    high: Any,
-    given: Any,
-    best: tuple[float, Vector],
+    normal: Vector, t: Vector, wheels: WheelArray, best: tuple[float, Vector]
 ) -> tuple[float, Vector]:
     """Larger load of what was known and the two directions of a normal, with its direction."""
     length = norm(normal)
@@ -60,32 +78,15 @@ def _heavier(
         direction = scale(sign / length, normal)
         demand = dot(t, direction)
         if demand > 0.0:
-            load = demand / _support(direction, axes, count, low, high, given)
+            load = demand / _support(direction, wheels)
             if load > best[0]:
                 best = (load, direction)
     return best
 
 
 @kernel
-def allocate(
-    t: Vector, axes: Any, count: int, low: Any, high: Any, given: Any, torques: Any
-) -> float:
-    """Torque of each wheel such that together they give t [N·m] about the body's axes.
-
-    Parameters
-    ----------
-    t : tuple of 3 float
-        What A u shall be [N·m].
-    axes : ndarray, shape (≥ count, 3)
-        Unit axes, body.
-    count : int
-        Number of wheels.
-    low, high : ndarray
-        Limits of each wheel [N·m]: low < 0 < high.
-    given : ndarray
-        Room for one mark for each wheel.
-    torques : ndarray
-        Where the torques u [N·m] are written.
+def allocate(t: Vector, wheels: WheelArray) -> float:
+    """Let the wheels together give t [N·m] about the body's axes: A u = t.
 
     Returns
     -------
@@ -93,48 +94,37 @@ def allocate(
         Load of the most loaded wheel: above 1 the limits do not hold.
     """
     nothing = (0.0, (0.0, 0.0, 0.0))
-    for k in range(count):
-        given[k] = 0.0
-        torques[k] = 0.0
+    wheels.given[:] = 0.0
+    wheels.torques[:] = 0.0
     heaviest = nothing
-    for i in range(count):
+    for i in range(wheels.number):
         for j in range(i):
-            normal = cross(vector(axes[i]), vector(axes[j]))
-            heaviest = _heavier(normal, t, axes, count, low, high, given, heaviest)
-    t = _give(heaviest, t, axes, count, low, high, given, torques)
+            normal = cross(vector(wheels.axes[i]), vector(wheels.axes[j]))
+            heaviest = _heavier(normal, t, wheels, heaviest)
+    t = _give(heaviest, t, wheels)
     line = nothing
-    for i in range(count):
-        if not given[i]:
-            normal = cross(heaviest[1], vector(axes[i]))
-            line = _heavier(normal, t, axes, count, low, high, given, line)
-    t = _give(line, t, axes, count, low, high, given, torques)
+    for i in range(wheels.number):
+        if not wheels.given[i]:
+            line = _heavier(cross(heaviest[1], vector(wheels.axes[i])), t, wheels, line)
+    t = _give(line, t, wheels)
     last = nothing
-    for i in range(count):
-        if not given[i]:
-            last = _heavier(vector(axes[i]), t, axes, count, low, high, given, last)
-    _give(last, t, axes, count, low, high, given, torques)
+    for i in range(wheels.number):
+        if not wheels.given[i]:
+            last = _heavier(vector(wheels.axes[i]), t, wheels, last)
+    _give(last, t, wheels)
     return heaviest[0]
 
 
 @kernel
-def _give(
-    heaviest: tuple[float, Vector],
-    t: Vector,
-    axes: Any,
-    count: int,
-    low: Any,
-    high: Any,
-    given: Any,
-    torques: Any,
-) -> Vector:
+def _give(heaviest: tuple[float, Vector], t: Vector, wheels: WheelArray) -> Vector:
     """Load each wheel that reaches along a direction; return what is left of t [N·m]."""
     load, direction = heaviest
-    for k in range(count):
-        along = dot(vector(axes[k]), direction)
-        if not given[k] and abs(along) > _PARALLEL:
-            given[k] = 1.0
-            torques[k] = load * (high[k] if along > 0.0 else low[k])
-            t = subtract(t, scale(torques[k], vector(axes[k])))
+    for k in range(wheels.number):
+        along = dot(vector(wheels.axes[k]), direction)
+        if not wheels.given[k] and abs(along) > _PARALLEL:
+            wheels.given[k] = 1.0
+            wheels.torques[k] = load * (wheels.high[k] if along > 0.0 else wheels.low[k])
+            t = subtract(t, scale(wheels.torques[k], vector(wheels.axes[k])))
     return t
 
 

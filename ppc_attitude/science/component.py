@@ -35,6 +35,7 @@ INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tra
 QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
 GYRO, FIX, MOTION = "gyro", "fix", "motion"
 WHEEL_SPEEDS, WHEEL_TORQUES = "wheel_speeds", "wheel_torques"
+MAX_WHEELS = 8
 _WIDTHS = {
     QUATERNION: (4,),
     VECTOR: (1, 2, 3),
@@ -42,8 +43,8 @@ _WIDTHS = {
     GYRO: (4,),
     FIX: (7,),
     MOTION: (19,),
-    WHEEL_SPEEDS: (8,),
-    WHEEL_TORQUES: (8,),
+    WHEEL_SPEEDS: (MAX_WHEELS,),
+    WHEEL_TORQUES: (MAX_WHEELS,),
 }
 
 
@@ -62,7 +63,7 @@ class Column:
         ``wrench`` (a torque), ``gyro`` (a rate and the variance of each of its numbers), ``fix``
         (x y z w and the variances about three axes), ``motion`` (x y z w, the upper triangle of
         its covariance, a rate, the upper triangle of its covariance), ``wheel_speeds`` or
-        ``wheel_torques`` (a number for each of eight wheels).
+        ``wheel_torques`` (a number for each of `MAX_WHEELS` wheels).
     frame : str
         Frame in which the numbers are expressed.
     unit : str

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import kinematics, normalised
 from ppc_attitude.science.compiled_stamps import seconds
+from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
@@ -51,7 +52,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.wheels import MAX_WHEELS, WHEELS, friction
+from ppc_attitude.science.wheels import WHEELS, friction, momentum
 
 MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
@@ -181,21 +182,19 @@ def _slopes(y: Any, motor: Any, torque: Vector, craft: Any, slopes: Any) -> None
     """Derivative of the motion y; the external torque [N·m] is in body axes."""
     wheels, modes = craft.wheels, craft.modes
     omega = vector(y[_RATE:])
-    momentum = apply(matrix(craft.body.inertia), omega)  # H [N·m·s]
+    H = add(apply(matrix(craft.body.inertia), omega), momentum(wheels, y[_SPEED:]))  # [N·m·s]
     for i in range(wheels.count):
-        spin = wheels.inertia[i] * y[_SPEED + i]
-        momentum = add(momentum, scale(spin, vector(wheels.axes[i])))
         net = motor[i] - friction(wheels, i, y[_SPEED + i])
         slopes[_SPEED + i] = net / wheels.inertia[i]
         torque = subtract(torque, scale(net, vector(wheels.axes[i])))
     for i in range(modes.count):
         coupling, swing = vector(modes.coupling[i]), modes.frequency[i]
-        momentum = add(momentum, scale(y[BEND_RATE + i], coupling))
+        H = add(H, scale(y[BEND_RATE + i], coupling))
         restoring = 2.0 * modes.damping[i] * swing * y[BEND_RATE + i] + swing * swing * y[BEND + i]
         slopes[BEND + i] = y[BEND_RATE + i]
         slopes[BEND_RATE + i] = -restoring
         torque = add(torque, scale(restoring, coupling))
-    torque = subtract(torque, cross(omega, momentum))
+    torque = subtract(torque, cross(omega, H))
     acceleration = apply(matrix(craft.body.inertia_inverse), torque)
     store_quaternion(slopes, kinematics(quaternion(y), omega))
     store(slopes[_RATE:], acceleration)
@@ -230,7 +229,7 @@ def move(stamp_ns: int, torque: Vector, state: Any, craft: Any) -> None:
         state.started = 1.0
         store_quaternion(state.motion, quaternion(craft.body.initial_attitude))
         store(state.motion[_RATE:], vector(craft.body.initial_rate))
-        state.motion[_SPEED : _SPEED + MAX_WHEELS] = craft.wheels.initial_speed
+        state.motion[_SPEED:BEND] = craft.wheels.initial_speed
     elif stamp_ns > state.stamp_ns:
         _integrate(state, torque, craft, seconds(stamp_ns - state.stamp_ns))
     state.stamp_ns = stamp_ns
@@ -246,5 +245,4 @@ def tell(state: Any, outputs: Any) -> None:
 @kernel
 def tell_speeds(state: Any, outputs: Any) -> None:
     """Give the speeds of the wheels."""
-    for i in range(MAX_WHEELS):
-        outputs.wheel_speed[i] = state.motion[_SPEED + i]
+    outputs.wheel_speed[:] = state.motion[_SPEED:BEND]

@@ -24,12 +24,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.component import BODY, WHEEL_SPEEDS, WHEEL_TORQUES, Column
+from ppc_attitude.science.component import (
+    BODY,
+    MAX_WHEELS,
+    WHEEL_SPEEDS,
+    WHEEL_TORQUES,
+    Column,
+)
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.kernel import Vector, add, kernel, scale, vector
 from ppc_attitude.science.parameter import Parameter
 
-MAX_WHEELS = 8
 _S = 3.0**-0.5
 AXES = Parameter(
     "wheels.axes",
@@ -211,3 +216,12 @@ def friction(wheels: Any, i: int, speed: float) -> float:
     over = speed / wheels.stribeck_speed[i]
     dry = wheels.coulomb[i] + (wheels.static[i] - wheels.coulomb[i]) * np.exp(-over * over)
     return float(dry * np.tanh(speed / wheels.transition_speed[i]) + wheels.viscous[i] * speed)
+
+
+@kernel
+def momentum(wheels: Any, speeds: Any) -> Vector:
+    """Σ J_s Ω a [N·m·s], body, of wheels at their speeds [rad/s] relative to it."""
+    total = (0.0, 0.0, 0.0)
+    for i in range(wheels.count):
+        total = add(total, scale(wheels.inertia[i] * speeds[i], vector(wheels.axes[i])))
+    return total

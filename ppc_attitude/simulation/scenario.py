@@ -26,11 +26,11 @@ import yaml
 
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import CONTROLLER, SOURCES
+from ppc_attitude.contract.topics import CONTROLLER, HOSTED, SOURCES
 from ppc_attitude.contract.yaml_file import read
-from ppc_attitude.science.component import Component
+from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kinds import ACTUATORS
+from ppc_attitude.science.kinds import ACTUATORS, all_components
 from ppc_attitude.science.parameter import Value, checked, resolved
 
 # ROS's own parameters may stand in a file; they are not ours to check.
@@ -199,11 +199,25 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
     ConfigurationError
         A value is infeasible, or does not fit another.
     """
+    chosen = components_of(node, values)
+    given = {column for component in chosen for column in component.outputs}
+    possible = _given_by(node) - given
     try:
-        for component in components_of(node, values):
+        for component in chosen:
             component.configure(values)
+            absent = [column.name for column in component.inputs if column in possible]
+            if absent:
+                raise ConfigurationError(
+                    f"{component.name} reads {', '.join(absent)}, which no selected component gives"
+                )
     except ConfigurationError as error:
         raise ConfigurationError(f"{node}: {error}") from None
+
+
+def _given_by(node: str) -> set[Column]:
+    """Columns that components of a node give, and those of no other node."""
+    others = {c for each in HOSTED if each != node for kind in HOSTED[each] for c in kind.gives}
+    return {c for each in all_components(HOSTED.get(node, ())) for c in each.outputs} - others
 
 
 def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Scenario:

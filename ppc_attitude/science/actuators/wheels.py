@@ -26,21 +26,12 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science import wheels
-from ppc_attitude.science.allocation import allocate, certain_torque
-from ppc_attitude.science.component import Advice, Component
-from ppc_attitude.science.kernel import (
-    Vector,
-    add,
-    cross,
-    kernel,
-    scale,
-    store,
-    subtract,
-    vector,
-)
+from ppc_attitude.science.allocation import WheelArray, allocate
+from ppc_attitude.science.component import MAX_WHEELS, Advice, Component
+from ppc_attitude.science.kernel import add, cross, kernel, scale, store, subtract, vector
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND, TRUE_RATE
-from ppc_attitude.science.wheels import MAX_WHEELS, WHEELS, friction, wheel_record
+from ppc_attitude.science.wheels import WHEELS, friction, momentum, wheel_record
 
 NULL_SPEED = Parameter(
     "wheels.null_speed",
@@ -84,17 +75,13 @@ CONFIGURATION = np.dtype(
         ("knowledge", np.float64),
         ("compensation", np.float64),
         ("clips", np.float64),
-        ("certain", np.float64),  # [N·m] per axis that the array gives
     ],
     align=True,
 )
 _TRACE = 1e-9  # share of its torque that a full wheel keeps, so that no load is infinite
 STATE = np.dtype(
     [
-        ("events", np.int64),  # since when there is something to tell
         ("full", np.int64),  # wheel that first reached its largest speed, counted from 1; 0: none
-        ("certain", np.float64),  # [N·m]
-        ("load", np.float64),  # of the most loaded wheel, largest so far
         ("fastest", np.float64),  # largest share of its speed that a wheel has had
         # What a step works with.
         ("low", np.float64, (MAX_WHEELS,)),
@@ -129,7 +116,6 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["knowledge"] = values[KNOWLEDGE.name]
     record["compensation"] = values[COMPENSATION.name]
     record["clips"] = values[OVERLOAD.name] == "clip"
-    record["certain"] = certain_torque(axes, given["max_torque"][:count])
     return record
 
 
@@ -177,35 +163,28 @@ def _spread_momentum(speeds: Any, configuration: Any, state: Any) -> None:
 
 
 @kernel
-def _watch(speeds: Any, configuration: Any, state: Any, load: float) -> None:
-    """Note what the user should know: loads, and a wheel that cannot take up more momentum."""
+def _watch(speeds: Any, configuration: Any, state: Any) -> None:
+    """Note how fast the wheels are, and the first that cannot take up more momentum."""
     craft = configuration.wheels
-    state.certain = configuration.certain
-    state.load = max(state.load, load)
-    full = 0
     for i in range(craft.count):
         speed = abs(speeds[i])
         state.fastest = max(state.fastest, speed / craft.max_speed[i])
         a_step_off = craft.max_speed[i] - configuration.h * craft.max_torque[i] / craft.inertia[i]
-        if speed >= a_step_off and full == 0:
-            full = i + 1
-    if state.events == 0 or (full > 0 and state.full == 0):
-        state.events += 1
-        state.full = full
+        if speed >= a_step_off and state.full == 0:
+            state.full = i + 1
 
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Share the commanded torque among the wheels; tell what then acts on the body."""
     craft, speeds = configuration.wheels, inputs.wheel_speed
-    gyroscopic = _gyroscopic(vector(inputs.truth_angular_velocity), speeds, craft)
+    gyroscopic = cross(vector(inputs.truth_angular_velocity), momentum(craft, speeds))
     asked = vector(inputs.torque_command)
     if configuration.compensation != 0.0:
         asked = add(asked, gyroscopic)
     _limits(speeds, configuration, state)
-    load = allocate(
-        scale(-1.0, asked), craft.axes, craft.count, state.low, state.high, state.given, state.net
-    )
+    array = WheelArray(craft.axes, craft.count, state.low, state.high, state.given, state.net)
+    load = allocate(scale(-1.0, asked), array)
     _within(configuration, state, load)
     _spread_momentum(speeds, configuration, state)
     applied = scale(-1.0, gyroscopic)
@@ -215,35 +194,18 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         outputs.wheel_torque[i] = motor
         applied = subtract(applied, scale(motor - resistance, vector(craft.axes[i])))
     store(outputs.applied_torque, applied)
-    _watch(speeds, configuration, state, load)
-
-
-@kernel
-def _gyroscopic(omega: Vector, speeds: Any, craft: Any) -> Vector:
-    """ω × Σ J_s Ω a [N·m]."""
-    momentum = (0.0, 0.0, 0.0)
-    for i in range(craft.count):
-        momentum = add(momentum, scale(craft.inertia[i] * speeds[i], vector(craft.axes[i])))
-    return cross(omega, momentum)
+    _watch(speeds, configuration, state)
 
 
 def advice(state: Any) -> Advice:
-    """Tell what the array can give, and when a wheel is as fast as it may be."""
-    numbers = {
-        "largest wheel load": float(state["load"]),
-        "fastest wheel [share of its largest speed]": float(state["fastest"]),
-    }
-    if state["full"]:
-        return Advice(
-            f"wheel {int(state['full']) - 1} has reached its largest speed: it takes up no more "
-            "momentum, and torque is lost",
-            warning=True,
-            numbers=numbers,
-        )
+    """Warn of a wheel that is as fast as it may be."""
+    numbers = {"fastest wheel [share of its largest speed]": float(state["fastest"])}
+    if not state["full"]:
+        return Advice("", warning=False, numbers=numbers)
     return Advice(
-        f"the wheels give any torque up to {float(state['certain']):.4g} N·m per axis, less their "
-        "friction and gyroscopic torque",
-        warning=False,
+        f"wheel {int(state['full']) - 1} has reached its largest speed: it takes up no more "
+        "momentum, and torque is lost",
+        warning=True,
         numbers=numbers,
     )
 
@@ -258,6 +220,6 @@ COMPONENT = Component(
     outputs=(APPLIED_TORQUE, wheels.TORQUE),
     step=step,
     advice=advice,
-    advices=lambda state: int(state["events"]),
+    advices=lambda state: int(state["full"] > 0),
     limits=(wheels.MAX_TORQUE.name,),
 )

@@ -124,14 +124,18 @@ def first_knowledge(estimator: Mapping[str, Any], rate: float) -> tuple[float, f
         The tracker's rate does not divide the steps'.
     """
     age = sum(slots(rate, estimator)) / rate
-    walk = estimator[RATE_RANDOM_WALK.name]
-    white = effective_white_noise(
-        estimator[ANGULAR_RANDOM_WALK.name], estimator[RESOLUTION.name], 1.0 / rate
-    )
+    white, walk = _gyro_noise(estimator, rate)
     fix = max(estimator[CROSS_NOISE.name], estimator[BORESIGHT_NOISE.name])
     bias = estimator[INITIAL_BIAS_SIGMA.name]
     known = after_gap(AxisKnowledge(fix**2, 0.0, bias**2), white, walk, age)
     return known.attitude, known.bias, white
+
+
+def _gyro_noise(estimator: Mapping[str, Any], rate: float) -> tuple[float, float]:
+    """σ_v of the gyro with its rounding [rad/√s], and σ_u [rad/s^1.5]."""
+    given, resolution = estimator[ANGULAR_RANDOM_WALK.name], estimator[RESOLUTION.name]
+    white = effective_white_noise(given, resolution, 1.0 / rate)
+    return white, estimator[RATE_RANDOM_WALK.name]
 
 
 FLOOR = 6.0
@@ -211,10 +215,7 @@ def noise_floors(
     """
     every, delay = slots(rate, estimator)
     interval, age = every / rate, (every + delay) / rate
-    walk = estimator[RATE_RANDOM_WALK.name]
-    white = effective_white_noise(
-        estimator[ANGULAR_RANDOM_WALK.name], estimator[RESOLUTION.name], 1.0 / rate
-    )
+    white, walk = _gyro_noise(estimator, rate)
     found = []
     for noise in (CROSS_NOISE, BORESIGHT_NOISE):
         _, after = steady_state(estimator[noise.name], white, walk, interval)

@@ -17,7 +17,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from itertools import product
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +31,10 @@ from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND, ENVIRONME
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import first_knowledge
+from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions
+from ppc_attitude.science.guarantee.body import body_of
+from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.kinds import (
     ACTUATORS,
     ENVIRONMENTS,
@@ -153,7 +156,7 @@ def broken_assumptions(
     if plant["late_command"] and assumed.late < 1.0:
         yield "late_command = true; assumed: a command acts with its own sample (late = 0)"
     attitude, rate = _deviations(nodes)
-    lag = _rate_lag(nodes, assumed.Omega, assumed.d)
+    lag = _rate_lag(nodes, assumed)
     for name, error, bound, unit in (
         ("attitude", DEVIATIONS * attitude, assumed.e_A, "rad"),
         ("rate", DEVIATIONS * rate + lag, assumed.e_W, "rad/s"),
@@ -190,16 +193,21 @@ def _deviations(nodes: Nodes) -> tuple[float, float]:
     return math.sqrt(attitude), math.sqrt(white**2 * plant["rate"] + bias)
 
 
-def _rate_lag(nodes: Nodes, Omega: float, d: float) -> float:
-    """Most that a gyro's mean rate of a step differs from the rate at its end [rad/s]: h ω'/2."""
+def _rate_lag(nodes: Nodes, assumed: Assumptions) -> float:
+    """Most that a gyro's mean rate of a step differs from the rate at its end [rad/s]: h ω'/2.
+
+    J ω' = τ + d − ω × Jω, at the fastest start that is promised anything, where J differs from Ĵ
+    by ‖S‖ ≤ e_S: so ω × Jω by at most e_S λ_max ‖ω‖², and J⁻¹y from Ĵ⁻¹y by at most
+    √(λ_max / λ_min) e_S / (1 − e_S) ‖Ĵ⁻¹y‖.
+    """
     if not nodes.estimated:
         return 0.0
-    inertia = np.reshape(nodes.plant["inertia"], (3, 3))
-    least, _, most = np.linalg.eigvalsh(inertia)
-    torque = (nodes.plant["max_torque"] + d) * np.array(list(product((-1.0, 1.0), repeat=3)))
-    turned = np.linalg.norm(np.linalg.solve(inertia, torque.T), axis=0).max()
-    gyroscopic = 0.5 * Omega**2 * (most - least) / least
-    return float(0.5 / nodes.plant["rate"] * (turned + gyroscopic))
+    body, e_S = body_of(assumed, FLOATS), assumed.e_S
+    squared = (TUMBLING[0] * assumed.Omega) ** 2
+    torque = assumed.max_torque + assumed.d + e_S * body.most * squared
+    turned = body.box(tuple(torque + each * squared for each in body.spread), FLOATS)
+    off = math.sqrt(body.most / body.least) * e_S / (1.0 - e_S)
+    return float(0.5 / nodes.plant["rate"] * (1.0 + off) * turned)
 
 
 def _unseen(plant: Mapping[str, Any], estimator: Mapping[str, Any]) -> Iterator[str]:
@@ -264,27 +272,28 @@ def assumptions_from(
             raise ConfigurationError(
                 f"{found} tells no bound {name}: give it with --assume {name}=VALUE"
             )
-    d, Omega = ENVIRONMENT_BOUND if acts else 0.0, math.radians(3.0)
-    lag = _rate_lag(nodes, declared.get("Omega", Omega), declared.get("d", d))
     told = {
         "dead_band": plant["min_torque"],
-        "d": d,
+        "d": ENVIRONMENT_BOUND if acts else 0.0,
         "D1": ENVIRONMENT_RATE_BOUND if acts else 0.0,
         "W": _raised(W),
         "W1": _raised(W1),
         "W2": _raised(W2),
-        "Omega": Omega,
+        "Omega": math.radians(3.0),
         "eta": 1.0,
         "e_S": 0.0,
         "e_A": _NOISE * sigma_A,
-        "e_W": _NOISE * sigma_W + lag,
+        "e_W": _NOISE * sigma_W,
         "late": float(plant["late_command"]),
     }
-    return Assumptions(
+    assumed = Assumptions(
         inertia=tuple(controller["inertia"]),
         max_torque=min(plant["max_torque"], controller["max_torque"]),
         **{**told, **declared},
     )
+    if "e_W" in declared:
+        return assumed
+    return replace(assumed, e_W=assumed.e_W + _rate_lag(nodes, assumed))
 
 
 def _raised(value: float) -> float:

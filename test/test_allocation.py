@@ -1,0 +1,93 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How a torque is shared among wheels, against linear programming."""
+
+import numpy as np
+import pytest
+import truth_tables
+from estimation_helpers import Array
+from scipy.optimize import linprog
+
+from ppc_attitude.science.allocation import WheelArray, allocate, certain_torque
+
+
+def arrays() -> dict[str, Array]:
+    """Arrays of the table `allocation`, by name."""
+    found = {}
+    for line in truth_tables.notes("allocation"):
+        name, _, rest = line.removeprefix("# ").partition(": axes (columns ")
+        if rest:
+            columns = rest.split("; for")[0].split(";")
+            found[name] = np.array([column.split() for column in columns], np.float64)
+    return found
+
+
+def allocated(t: Array, axes: Array, low: Array, high: Array) -> tuple[float, Array]:
+    given, torques = np.zeros(len(axes)), np.zeros(len(axes))
+    load = allocate(tuple(t.tolist()), WheelArray(axes, len(axes), low, high, given, torques))
+    return load, torques
+
+
+def test_torques_are_shared_as_linear_programming_does() -> None:
+    known = arrays()
+    columns, rows = truth_tables.rows("allocation")
+    for text in rows:
+        row = dict(zip(columns, text, strict=True))
+        axes = known[row["array"]]
+        ones = np.ones(len(axes))
+        t = np.array([row["tx"], row["ty"], row["tz"]], np.float64)
+        load, torques = allocated(t, axes, -ones, ones)
+        expected = np.array([row[f"u{k}"] for k in range(len(axes))], np.float64)
+        size = np.abs(expected).max()
+        assert load == pytest.approx(float(row["u_largest"]), rel=1e-12)
+        assert np.abs(torques - expected).max() <= 1e-12 * size
+        assert np.abs(axes.T @ torques - t).max() <= 1e-12 * size
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_other_sharing_loads_the_wheels_less(seed: int) -> None:
+    """Any array, any limits: also parallel wheels, and several in one plane."""
+    random = np.random.default_rng(seed)
+    axes = random.normal(size=(int(random.integers(3, 9)), 3))
+    if seed % 2:  # twice the coordinate axes, and one between them
+        axes = np.vstack([np.eye(3), -np.eye(3), [[1.0, 1.0, 0.0]]])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    count = len(axes)
+    low, high = -random.uniform(0.1, 2.0, count), random.uniform(0.1, 2.0, count)
+    t = random.normal(size=3)
+    load, torques = allocated(t, axes, low, high)
+    assert np.abs(axes.T @ torques - t).max() < 1e-12
+    assert np.all(torques <= load * high * (1.0 + 1e-9) + 1e-15)
+    assert np.all(torques >= load * low * (1.0 + 1e-9) - 1e-15)
+    # min v: A u = t, v low ≤ u ≤ v high
+    below, above = np.column_stack([np.eye(count), -high]), np.column_stack([-np.eye(count), low])
+    least = linprog(
+        [*[0.0] * count, 1.0],
+        A_ub=np.vstack([below, above]),
+        b_ub=np.zeros(2 * count),
+        A_eq=np.column_stack([axes.T, np.zeros(3)]),
+        b_eq=t,
+        bounds=[(None, None)] * count + [(0.0, None)],
+    )
+    assert load == pytest.approx(least.fun, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "certain"),
+    [("pyramid", 1.1547005), ("pyramid_without_0", 0.5773503), ("orthogonal_3_and_skew", 1.0)],
+)
+def test_what_an_array_gives_on_every_axis(name: str, certain: float) -> None:
+    axes = arrays()[name]
+    assert certain_torque(axes, np.ones(len(axes))) == pytest.approx(certain, rel=1e-7)

@@ -1,0 +1,222 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Wheels and flexible modes: the motion of a craft that has them."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import truth_tables
+from estimation_helpers import STEP_NS, Array, angles_between
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.science import multibody
+from ppc_attitude.science.component import MAX_WHEELS
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import PLANTS
+from ppc_attitude.science.part import Part
+
+
+def values_after(line: str, *names: str) -> list[float]:
+    """The number after each name in a line."""
+    return [float(line.split(f"{name} ", 1)[1].split(maxsplit=1)[0].rstrip(";")) for name in names]
+
+
+def plant_of(name: str, **values: Any) -> Part:
+    component = PLANTS.components[name]
+    given = {key.replace("__", "."): value for key, value in values.items()}
+    return Part(component, {**component.defaults, "rate": 100.0, **given})
+
+
+def padded(torques: Array) -> Array:
+    return np.concatenate([torques, np.zeros(MAX_WHEELS - torques.size)])
+
+
+@pytest.mark.parametrize(
+    ("case", "allowed"),
+    [("wheels_pyramid", (1e-12, 1e-13, 1e-10)), ("wheels_zero_crossing", (1e-7, 1e-8, 1e-5))],
+)
+def test_wheels_move_as_two_integrators_say(case: str, allowed: tuple[float, ...]) -> None:
+    told, rows = truth_tables.notes(case), truth_tables.numbers(case)
+    each = [line for line in told if line.startswith("# wheel ")]
+    axes = [line.split("axis ")[1].split(";")[0].split() for line in each]
+    sine = ("amplitude", "frequency", "phase", "offset")
+    amplitude, frequency, phase, offset = np.array([values_after(line, *sine) for line in each]).T
+    (friction,) = (line for line in told if line.startswith("# friction: "))
+    names = ("viscous", "coulomb", "static", "stribeck", "transition")
+    viscous, coulomb, static, stribeck, transition = values_after(friction, *names)
+    part = plant_of(
+        "gyrostat",
+        initial_attitude=rows[0, 1:5].tolist(),
+        initial_angular_velocity=rows[0, 5:8].tolist(),
+        wheels__axes=[float(number) for axis in axes for number in axis],
+        wheels__initial_speed=rows[0, 8:12].tolist(),
+        wheels__viscous=[viscous],
+        wheels__coulomb=[coulomb],
+        wheels__static=[static],
+        wheels__stribeck_speed=[stribeck],
+        wheels__transition_speed=[transition],
+    )
+    torques, k = np.zeros(8), 0
+    worst = np.zeros(3)
+    for row in rows:
+        while k <= round(100.0 * row[0]):
+            told_now = np.array(part.step(k * STEP_NS, [*torques, 0.0, 0.0, 0.0]))
+            if k % 10 == 0:  # each torque is held for 0.1 s
+                swing = np.sin(2.0 * np.pi * frequency * (k / 100.0) + phase)
+                torques = padded(amplitude * swing + offset)
+            k += 1
+        off = np.abs(told_now[:11] - row[1:12])
+        turned = angles_between(told_now[:4], row[1:5])
+        worst = np.maximum(worst, [turned, off[4:7].max(), off[7:].max()])
+    assert np.all(worst < allowed), worst
+
+
+def test_one_wheel_spins_up_and_turns_the_body_back() -> None:
+    part = plant_of(
+        "gyrostat",
+        wheels__axes=[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        wheels__viscous=[0.0],
+        wheels__coulomb=[0.0],
+        wheels__static=[0.0],
+    )
+    spun = 8e-4 * (1.9 - 8e-4) / 1.9 * 200.0 * math.pi / 0.05
+    for k in range(1005):
+        given = part.step(k * STEP_NS, [0.05, *[0.0] * 10])
+    assert spun == pytest.approx(10.04886, abs=1e-5)
+    assert given[6] == pytest.approx(-0.2645552 * 10.04 / spun, rel=1e-6)
+    assert given[7] == pytest.approx(200.0 * math.pi * 10.04 / spun, rel=1e-9)
+
+
+def test_flexible_modes_move_as_two_integrators_say() -> None:
+    rows = truth_tables.numbers("flexible")
+    modes = [line for line in truth_tables.notes("flexible") if line.startswith("# mode ")]
+    coupling = [float(each) for line in modes for each in line.split("coupling ")[1].split()[:3]]
+    part = plant_of(
+        "flexible",
+        inertia=[4.2, 0.0, 0.0, 0.0, 2.6, 0.0, 0.0, 0.0, 3.5],
+        initial_attitude=rows[0, 1:5].tolist(),
+        initial_angular_velocity=rows[0, 5:8].tolist(),
+        flexible__frequency=[values_after(line, "frequency")[0] for line in modes],
+        flexible__damping=[values_after(line.replace(",", ""), "ratio")[0] for line in modes],
+        flexible__coupling=coupling,
+    )
+    worst, torque = np.zeros(3), np.zeros(3)
+    for k in range(round(100.0 * rows[-1, 0]) + 1):
+        given = np.array(part.step(k * STEP_NS, [*torque, 0.0, 0.0, 0.0]))
+        torque = np.array([0.05, -0.02, 0.03]) if 100 <= k < 600 else np.zeros(3)
+        if k % 10 == 0:
+            row = rows[k // 10]
+            bend = part.state[0]["motion"][multibody.BEND :]
+            deflection = np.array([bend[0], bend[1], bend[6], bend[7]])
+            off = [angles_between(given[:4], row[1:5]), np.abs(given[4:7] - row[5:8]).max()]
+            worst = np.maximum(worst, [*off, np.abs(deflection - row[8:12]).max()])
+    assert np.all(worst < (1e-9, 1e-8, 1e-7)), worst
+
+
+def test_one_mode_on_one_axis_swings_by_its_closed_form() -> None:
+    inertia, delta, clamped, damping, torque = 2.8, 1.2, 2.0 * math.pi * 0.35, 0.005, 0.05
+    part = plant_of(
+        "flexible",
+        initial_attitude=[0.0, 0.0, 0.0, 1.0],
+        flexible__frequency=[0.35],
+        flexible__damping=[damping],
+        flexible__coupling=[delta, 0.0, 0.0],
+    )
+    c = 1.0 - delta**2 / inertia
+    swing, ratio = clamped / math.sqrt(c), damping / math.sqrt(c)
+    free = swing * math.sqrt(1.0 - ratio**2)
+    steady = -delta * torque / (inertia * clamped**2)
+    assert swing / (2.0 * math.pi) == pytest.approx(0.50220, abs=1e-5)
+    for k in range(1001):
+        given = part.step(k * STEP_NS, [torque, 0.0, 0.0, 0.0, 0.0, 0.0])
+        t = k / 100.0
+        decay = steady * math.exp(-ratio * swing * t)
+        lag = ratio / math.sqrt(1.0 - ratio**2)
+        bent = steady - decay * (math.cos(free * t) + lag * math.sin(free * t))
+        rate = decay * swing / math.sqrt(1.0 - ratio**2) * math.sin(free * t)
+        assert part.state[0]["motion"][multibody.BEND] == pytest.approx(bent, abs=1e-8)
+        assert given[4] == pytest.approx((torque * t - delta * rate) / inertia, abs=1e-8)
+
+
+def test_without_wheels_and_modes_the_body_is_rigid() -> None:
+    start = {
+        "initial_attitude": [0.5, 0.5, -0.5, 0.5],
+        "initial_angular_velocity": [0.1, -0.2, 0.3],
+    }
+    rigid, flexible = (plant_of(name, **start) for name in ("rigid_body", "flexible"))
+    for k in range(1000):
+        torque = [0.05 * math.sin(0.1 * k), 0.02, -0.03, 0.001, 0.0, 0.002]
+        one, other = (part.step(k * STEP_NS, torque) for part in (rigid, flexible))
+    assert np.abs(np.subtract(one, other)).max() < 1e-14
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_momentum_is_exchanged_and_never_made(seed: int) -> None:
+    """Random wheels, modes and motor torques; inertial momentum R (J ω + Σ J_s Ω a + δᵀη')."""
+    random = np.random.default_rng(seed)
+    count, inertia = 3 + seed, np.diag([2.8, 2.5, 1.9])
+    axes, coupling = random.normal(size=(count, 3)), 0.4 * random.normal(size=(2, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    part = plant_of(
+        "gyrostat",
+        inertia=inertia.ravel().tolist(),
+        initial_angular_velocity=(0.05 * random.normal(size=3)).tolist(),
+        wheels__axes=axes.ravel().tolist(),
+        wheels__initial_speed=(100.0 * random.normal(size=count)).tolist(),
+        flexible__frequency=[0.4, 1.1],
+        flexible__damping=[0.005, 0.01],
+        flexible__coupling=coupling.ravel().tolist(),
+    )
+    momenta, torques = [], np.zeros(8)
+    for k in range(3000):
+        given = np.array(part.step(k * STEP_NS, [*torques, 0.0, 0.0, 0.0]))
+        torques = padded(0.05 * random.uniform(-1.0, 1.0, count))
+        bending = part.state[0]["motion"][multibody.BEND_RATE :][:2]
+        spin = 8e-4 * given[7 : 7 + count]
+        body = inertia @ given[4:7] + axes.T @ spin + coupling.T @ bending
+        momenta.append(Rotation.from_quat(given[:4]).apply(body))
+    off = np.linalg.norm(np.array(momenta) - momenta[0], axis=1).max()
+    assert off < 1e-9 * np.linalg.norm(momenta[0])
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"wheels.axes": [1.0, 0.0, 0.0]}, "span space"),
+        ({"wheels.axes": [0.0] * 9}, "longer than 1e-6"),
+        ({"wheels.axes": [1.0, 0.0, 0.0] * 9}, "up to 8 axes"),
+        ({"wheels.inertia": [1e-3, 1e-3]}, "2 values; allowed: 1, or 4"),
+        ({"wheels.initial_speed": [700.0]}, "at most wheels.max_speed"),
+        ({"wheels.static": [1e-4]}, "at least wheels.coulomb"),
+        ({"wheels.max_torque": [1e-3]}, "more than its friction"),
+        ({"wheels.transition_speed": [1e-3]}, "by a larger wheels.transition_speed, or rate"),
+        ({"wheels.inertia": [5.0]}, "is less than that of its wheels"),
+        ({"flexible.frequency": [0.5]}, "as many of each"),
+        (
+            {
+                "flexible.frequency": [20.0],
+                "flexible.damping": [0.01],
+                "flexible.coupling": [0.1, 0.0, 0.0],
+            },
+            "the fastest mode swings",
+        ),
+    ],
+)
+def test_impossible_wheels_and_modes_are_refused(changed: dict[str, Any], reason: str) -> None:
+    plant = PLANTS.components["gyrostat"]
+    with pytest.raises(ConfigurationError, match=reason):
+        Part(plant, {**plant.defaults, "rate": 100.0, **changed})
