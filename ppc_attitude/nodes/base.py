@@ -16,7 +16,7 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -41,9 +41,9 @@ from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
-from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
 from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.component import Advice
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.stamps import nanoseconds, seconds
 
@@ -221,13 +221,13 @@ class BaseNode(Node):
         if self.health.may_log(f"{kind} (accepted)", self.now()):
             self.get_logger().info(text)
 
-    def say_news(self, chain: Chain) -> None:
-        """Log the advice that components have given since the last time."""
-        for advice in chain.news():
+    def say_all(self, news: Iterable[Advice]) -> None:
+        """Log advice of the node's components."""
+        for advice in news:
             self.say(advice.text, advice.warning)
 
     def say(self, text: str, warning: bool) -> None:
-        """Log advice of the node's components."""
+        """Log a text, as a warning or not."""
         # Two lines of source: rclpy ties a severity to each.
         if warning:
             self.get_logger().warning(text)

@@ -85,7 +85,7 @@ class ComponentNode(BaseNode):
         for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
             for column, send in self._senders.items():
                 send(stamp, answer[column])
-        self.say_news(self.chain)
+        self.say_all(self.chain.news())
         self.report(stamp_ns)
 
     def _answer(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:

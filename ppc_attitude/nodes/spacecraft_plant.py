@@ -119,7 +119,7 @@ class SpacecraftPlant(BaseNode):
         self._stamp = 0
         zeros = {column.name: (0.0,) * column.width for column in self._motion.inputs}
         self._state = self._motion.step(0, zeros)
-        self.say_news(self._motion)
+        self.say_all(self._motion.news())
         self.health.begin_again()
 
     def act(self, stamp_ns: int, inputs: Mapping[str, Values]) -> None:
@@ -148,7 +148,7 @@ class SpacecraftPlant(BaseNode):
         """Publish the torque that acted last."""
         for name in self._acted_columns:
             self._senders[name](self._acted_at, self._acted[name])
-        self.say_news(self._acting)
+        self.say_all(self._acting.news())
         self.report(self._stamp)
         if self.now() - self._told_at > _PROGRESS_PERIOD:
             self._told_at = self.now()
