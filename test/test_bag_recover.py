@@ -14,6 +14,9 @@
 
 """Finishing bags that were cut."""
 
+import contextlib
+import shutil
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -108,6 +111,20 @@ def test_what_sqlite_left_half_done_is_undone(tmp_path: Path) -> None:
     recover(killed)
     assert_same(read_run(killed), RUN)
     assert not journal.exists()
+
+
+def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) -> None:
+    bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
+    with contextlib.closing(sqlite3.connect(storage_file(bag), isolation_level=None)) as database:
+        row = "INSERT INTO topics SELECT 99, '/own', 'own_msgs/msg/Own', 'cdr', '', ''"
+        database.execute(row)
+    also = shutil.copytree(bag, tmp_path / "also")
+    assert recover(bag).messages == len(RUN.stamps_ns) * len(SAMPLED)
+    assert_same(read_run(bag), RUN)
+    with contextlib.closing(sqlite3.connect(storage_file(also), isolation_level=None)) as database:
+        database.execute("INSERT INTO messages SELECT 999999, 99, 7, x'00010000'")
+    with pytest.raises(BagError, match=r"own_msgs/msg/Own, the type of /own, is not in Jazzy"):
+        recover(also)
 
 
 def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@
 import contextlib
 import os
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,8 +86,7 @@ def recover(path: Path | str) -> Recovery:
     try:
         descriptor = claim(folder)
         try:
-            original = _original(folder)
-            return _replace(original, folder)
+            return _replace(_cut(folder), folder)
         finally:
             os.close(descriptor)
             with contextlib.suppress(FileNotFoundError):
@@ -95,8 +95,8 @@ def recover(path: Path | str) -> Recovery:
         raise BagError(f"{folder} cannot be recovered: {error.strerror or error}") from error
 
 
-def _original(folder: Path) -> Path:
-    """Storage file of the bag, once it is known to be cut."""
+def _cut(folder: Path) -> Bag:
+    """Read the bag of one file to its end, once it is known to be cut."""
     bag = Bag(folder)
     if len(bag.files) != 1 or bag.files[0].suffix not in _STORAGE:
         names = ", ".join(file.name for file in bag.files)
@@ -107,10 +107,11 @@ def _original(folder: Path) -> Path:
         raise BagError(f"{folder} is complete, there is nothing to recover")
     if not sum(bag.counts.values()):
         raise BagError(f"{folder} holds no messages, there is nothing to recover")
-    return bag.files[0]
+    return bag
 
 
-def _replace(original: Path, folder: Path) -> Recovery:
+def _replace(cut: Bag, folder: Path) -> Recovery:
+    original = cut.files[0]
     work = folder / _WORK
     if os.path.lexists(work):
         shutil.rmtree(work)
@@ -118,7 +119,7 @@ def _replace(original: Path, folder: Path) -> Recovery:
         work.mkdir()
         settle(original, work)
     copy = work / folder.absolute().name
-    recovery = _copy(Bag(folder), copy)
+    recovery = _copy(Bag(folder), copy, cut.counts)
     (finished,) = (file for file in copy.iterdir() if file.suffix in _STORAGE)
     target = folder / finished.name
     if target != original and os.path.lexists(target):
@@ -133,14 +134,17 @@ def _replace(original: Path, folder: Path) -> Recovery:
     return recovery
 
 
-def _copy(bag: Bag, copy: Path) -> Recovery:
-    """Write every message of a bag into another one."""
+def _copy(bag: Bag, copy: Path, counts: Mapping[str, int]) -> Recovery:
+    """Write every message of a bag into another one; `counts` has how many each topic has."""
     first, last = 2**63 - 1, 0
     announced: set[str] = set()
     with BagWriter(copy, storage=_STORAGE[bag.files[0].suffix]) as writer:
         for channels, block in bag.blocks():
             for channel in channels.values():
-                if channel.topic not in announced:
+                if channel.topic in announced:
+                    continue
+                # Of a type that nobody knows nothing is lost if it has no message.
+                if counts.get(channel.topic) or writer.knows(channel.msgtype):
                     _announce(writer, channel)
                     announced.add(channel.topic)
             for key, time, data in zip(

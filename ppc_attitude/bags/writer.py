@@ -126,16 +126,9 @@ class BagWriter:
         self._clock.start()
 
     @staticmethod
-    def check_type(msgtype: str) -> None:
-        """See that messages of a type can be written.
-
-        Raises
-        ------
-        BagError
-            It is no ROS 2 Jazzy type.
-        """
-        if msgtype not in _TYPES.fielddefs:
-            raise BagError(f"{msgtype} is not in Jazzy")
+    def knows(msgtype: str) -> bool:
+        """True if messages of a type can be written: it is a ROS 2 Jazzy type."""
+        return msgtype in _TYPES.fielddefs
 
     def add_topic(self, topic: str, msgtype: str, offered_qos: Sequence[Qos] = ()) -> None:
         """Announce a topic.

@@ -219,13 +219,14 @@ class BagRecorder(BaseNode):
             self._incompatible.clear()
 
     def _can_be_written(self, topic: Topic) -> bool:
+        reason = "" if BagWriter.knows(topic.msgtype) else f"{topic.msgtype} is not in Jazzy"
         try:
             message_class(topic.msgtype)
-            BagWriter.check_type(topic.msgtype)
-        except (ImportError, AttributeError, BagError) as error:
-            self.complain(topic.name, f"{topic.name} is not recorded: {error}")
-            return False
-        return True
+        except (ImportError, AttributeError) as error:
+            reason = str(error)
+        if reason:
+            self.complain(topic.name, f"{topic.name} is not recorded: {reason}")
+        return not reason
 
     def _take_less(self, name: str) -> None:
         """Read a topic at best effort if no publisher can do better, as a user's own may."""
