@@ -283,3 +283,35 @@ def test_of_several_nodes_that_broke_the_first_is_named(tmp_path: Path) -> None:
     first = min(run.told().items(), key=lambda each: each[1][AT])
     assert str(error.value) == f"{first[0]} ended with exit code 2: {first[1][BROKEN]}"
     assert "no parameter no_such" in str(error.value)
+
+
+HELD = """
+import ctypes, sys
+from ppc_attitude.nodes import running
+from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
+
+class Held(DisturbanceInjector):
+    def __init__(self):
+        super().__init__()
+        self.finished, self.exit_code = True, int(sys.argv[1])
+
+    def destroy_node(self):  # as rclpy does it: the middleware is waited for with Python's lock
+        ctypes.PyDLL(None).sleep(600)
+
+running._PATIENCE = 1.5
+sys.exit(running.run_node(Held, ["node"]))
+"""
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("code", [0, 3])
+def test_a_node_that_its_middleware_does_not_let_go_ends_all_the_same(code: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", HELD, str(code)],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    assert "in destroy_node" in done.stderr

@@ -33,10 +33,12 @@ from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.nodes.base import EXIT_BROKEN, EXIT_CONFIGURATION, EXIT_OK, BaseNode
 from ppc_attitude.nodes.transport import tune_transport
 from ppc_attitude.processes.child import ENDING, take_signals
+from ppc_attitude.processes.leaving import leaving_within
 from ppc_attitude.processes.telling import tell_broken
 from ppc_attitude.science.errors import ConfigurationError
 
 _HELP = {"-h", "--help"}
+_PATIENCE = 10.0  # [s] for the middleware to let a node go that has nothing left to do
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
@@ -79,29 +81,33 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
         rclpy.init(args=command_line, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
         return _refused(error)
-    node = None
+    node, code = None, EXIT_OK
     try:
-        if stop.requested:
-            return EXIT_OK
-        try:
-            node = make()
-        except RCLError as error:  # such as security that the middleware does not have
-            return _refused(error)
-        # rclpy's first line looks for its caller in every module, 30 ms: now, not amid the steps.
-        node.get_logger().info("ready")
-        _spin(node, stop)
-        return node.exit_code
+        if not stop.requested:
+            node = _made(make)
+            # rclpy's first line looks for its caller in every module, 30 ms: not amid the steps.
+            node.get_logger().info("ready")
+            _spin(node, stop)
+            code = node.exit_code
     except ConfigurationError as error:
-        return _refused(error)
+        code = _refused(error)
     except Exception as error:
         tell_broken(f"{type(error).__name__}: {error}")
         traceback.print_exc()
-        return EXIT_BROKEN
-    finally:
+        code = EXIT_BROKEN
+    with leaving_within(_PATIENCE, code):
         if node is not None:
             node.destroy_node()
         rclpy.utilities.try_shutdown()
-        stop.forget()
+    stop.forget()
+    return code
+
+
+def _made(make: type[BaseNode]) -> BaseNode:
+    try:
+        return make()
+    except RCLError as error:  # such as security that the middleware does not have
+        raise ConfigurationError(str(error)) from error
 
 
 def help_text(executable: str, what: str) -> str:

@@ -1,0 +1,76 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The end of a process whose middleware may not let it go.
+
+Fast DDS 2.14 can wait for ever while a node is destroyed if its peers are destroyed at the same
+time: `DomainParticipant::set_listener` spins, and a thread that tells of a reader that has gone
+waits for its lock (twice in 800 ends of four nodes at once, with heartbeats every millisecond). All
+that was sent has arrived by then. rclpy holds Python's lock meanwhile, so no thread of Python can
+end the wait, and no handler of a signal runs; a timer of the C library can.
+"""
+
+import ctypes
+import faulthandler
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_THREAD = 2  # SIGEV_THREAD: at its time the timer calls a function in a thread of its own
+_MONOTONIC = 1  # CLOCK_MONOTONIC
+_SAYS_BEFORE = 0.5  # [s] before its end the process prints where it hangs
+
+
+class _Notice(ctypes.Structure):
+    """``struct sigevent`` of Linux: what a timer does."""
+
+    _fields_ = (
+        ("value", ctypes.c_void_p),
+        ("signal", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("function", ctypes.c_void_p),
+        ("rest", ctypes.c_void_p * 5),
+    )
+
+
+class _Times(ctypes.Structure):
+    """``struct itimerspec``: a period, here none, and the time until then."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_long) for name in ("period", "period_ns", "seconds", "nanoseconds")
+    )
+
+
+@contextmanager
+def leaving_within(patience: float, code: int) -> Iterator[None]:
+    """End this process with an exit code if what follows takes longer than some time [s].
+
+    Without timers of the C library, which Linux has, what follows takes as long as it takes.
+    """
+    library = ctypes.CDLL(None)
+    if not hasattr(library, "timer_create"):
+        yield
+        return
+    leave = ctypes.cast(library._exit, ctypes.c_void_p).value
+    notice = _Notice(value=code, notify=_THREAD, function=leave)
+    timer = ctypes.c_void_p()
+    library.timer_create(_MONOTONIC, ctypes.byref(notice), ctypes.byref(timer))
+    seconds, rest = divmod(patience, 1.0)
+    times = _Times(seconds=int(seconds), nanoseconds=int(1e9 * rest))
+    library.timer_settime(timer, 0, ctypes.byref(times), None)
+    faulthandler.dump_traceback_later(patience - _SAYS_BEFORE)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        library.timer_delete(timer)
