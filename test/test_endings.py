@@ -289,6 +289,7 @@ HELD = """
 import ctypes, sys
 from ppc_attitude.nodes import running
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
+from ppc_attitude.processes import leaving
 
 class Held(DisturbanceInjector):
     def __init__(self):
@@ -298,7 +299,7 @@ class Held(DisturbanceInjector):
     def destroy_node(self):  # as rclpy does it: the middleware is waited for with Python's lock
         ctypes.PyDLL(None).sleep(600)
 
-running._PATIENCE = 1.5
+leaving._PATIENCE = 1.5
 sys.exit(running.run_node(Held, ["node"]))
 """
 

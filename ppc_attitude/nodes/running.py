@@ -33,12 +33,11 @@ from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.nodes.base import EXIT_BROKEN, EXIT_CONFIGURATION, EXIT_OK, BaseNode
 from ppc_attitude.nodes.transport import tune_transport
 from ppc_attitude.processes.child import ENDING, take_signals
-from ppc_attitude.processes.leaving import leaving_within
+from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.processes.telling import tell_broken
 from ppc_attitude.science.errors import ConfigurationError
 
 _HELP = {"-h", "--help"}
-_PATIENCE = 10.0  # [s] for the middleware to let a node go that has nothing left to do
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
@@ -95,7 +94,7 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
         tell_broken(f"{type(error).__name__}: {error}")
         traceback.print_exc()
         code = EXIT_BROKEN
-    with leaving_within(_PATIENCE, code):
+    with leaving(code):
         if node is not None:
             node.destroy_node()
         rclpy.utilities.try_shutdown()

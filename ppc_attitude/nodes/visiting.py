@@ -28,9 +28,11 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.nodes.discovery import check_discovery
+from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.science.errors import ConfigurationError
 
 _PATIENCE = 30.0  # [s] to be found and to answer, for who is asked; a machine may be busy
+_NO_ANSWER = 3  # exit code of a command that got none
 
 
 @contextmanager
@@ -45,14 +47,15 @@ def visiting(name: str, namespace: str) -> Iterator[Node]:
     home = absolute_namespace(namespace)
     check_discovery(os.environ)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = None
     try:
         node = Node(name, namespace=home)
-        try:
-            yield node
-        finally:
-            node.destroy_node()
+        yield node
     finally:
-        rclpy.utilities.try_shutdown()
+        with leaving(_NO_ANSWER):
+            if node is not None:
+                node.destroy_node()
+            rclpy.utilities.try_shutdown()
 
 
 def absolute_namespace(text: str) -> str:

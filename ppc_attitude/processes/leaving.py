@@ -28,6 +28,7 @@ from contextlib import contextmanager
 
 _THREAD = 2  # SIGEV_THREAD: at its time the timer calls a function in a thread of its own
 _MONOTONIC = 1  # CLOCK_MONOTONIC
+_PATIENCE = 10.0  # [s] for the middleware to let a process go that has nothing left to do
 _SAYS_BEFORE = 0.5  # [s] before its end the process prints where it hangs
 
 
@@ -52,10 +53,10 @@ class _Times(ctypes.Structure):
 
 
 @contextmanager
-def leaving_within(patience: float, code: int) -> Iterator[None]:
-    """End this process with an exit code if what follows takes longer than some time [s].
+def leaving(code: int) -> Iterator[None]:
+    """End this process with an exit code if to leave the middleware takes too long.
 
-    Without timers of the C library, which Linux has, what follows takes as long as it takes.
+    Without timers of the C library, which Linux has, it takes as long as it takes.
     """
     library = ctypes.CDLL(None)
     if not hasattr(library, "timer_create"):
@@ -65,10 +66,10 @@ def leaving_within(patience: float, code: int) -> Iterator[None]:
     notice = _Notice(value=code, notify=_THREAD, function=leave)
     timer = ctypes.c_void_p()
     library.timer_create(_MONOTONIC, ctypes.byref(notice), ctypes.byref(timer))
-    seconds, rest = divmod(patience, 1.0)
+    seconds, rest = divmod(_PATIENCE, 1.0)
     times = _Times(seconds=int(seconds), nanoseconds=int(1e9 * rest))
     library.timer_settime(timer, 0, ctypes.byref(times), None)
-    faulthandler.dump_traceback_later(patience - _SAYS_BEFORE)
+    faulthandler.dump_traceback_later(_PATIENCE - _SAYS_BEFORE)
     try:
         yield
     finally:
