@@ -16,9 +16,9 @@
 
 Fast DDS 2.14 can wait for ever while a node is destroyed if its peers are destroyed at the same
 time: `DomainParticipant::set_listener` spins, and a thread that tells of a reader that has gone
-waits for its lock (twice in 800 ends of four nodes at once, with heartbeats every millisecond). All
-that was sent has arrived by then. rclpy holds Python's lock meanwhile, so no thread of Python can
-end the wait, and no handler of a signal runs; a timer of the C library can.
+waits for its lock. Where four nodes end at one instant again and again, one of them hangs about
+once in 250 times. All that was sent has arrived by then. rclpy holds Python's lock meanwhile, so no
+thread of Python can end the wait, and no handler of a signal runs; a timer of the C library can.
 """
 
 import ctypes
