@@ -150,7 +150,7 @@ class Recording:
         print(f"ROS domain {environment[DOMAIN]}, discovery {reach(environment)}", file=sys.stderr)
         duration = scenario.number(PLANT, "duration")
         with stop_on_signals() as stop, _progress(duration) as show:
-            stack = Stack.of(scenario, show, environment=environment)
+            stack = Stack(scenario, show, environment=environment)
             finished = False
             try:
                 stack.start()
