@@ -27,6 +27,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
@@ -43,7 +44,6 @@ from ppc_attitude.command_line.options import (
     add_scenario_options,
     exit_code,
     print_json,
-    required_of,
     scenario_of,
     write_report_of,
 )
@@ -99,7 +99,7 @@ def execute(arguments: argparse.Namespace) -> int:
     file = arguments.campaign or shipped_config("campaign.yaml")
     campaign = replace(
         load_campaign(file, scenario_of(arguments), arguments.seed),
-        required=required_of(arguments),
+        required=load_requirements(arguments.requirements),
     )
     alone = arguments.only is not None
     check_memory(

@@ -18,13 +18,12 @@ import argparse
 import sys
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_judging_options,
     add_scenario_options,
-    required_of,
     scenario_of,
     write_report_of,
 )
@@ -62,7 +61,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run, record, judge."""
-    required = required_of(arguments)
+    required = load_requirements(arguments.requirements)
     recording = Recording(arguments.bag, arguments.secure)
     record = recording.run(scenario_of(arguments), lockstep=not arguments.realtime)
     try:
