@@ -18,8 +18,6 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -108,7 +106,15 @@ def execute(arguments: argparse.Namespace) -> int:
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
-    with _progress() as show, stop_on_signals() as stop:
+    with (
+        tqdm(desc="campaign", unit=" runs", file=sys.stderr) as bar,
+        stop_on_signals() as stop,
+    ):
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
         try:
             finished = run_campaign(
                 campaign,
@@ -224,15 +230,3 @@ def _again(arguments: argparse.Namespace) -> list[str]:
 
 def _dated_folder() -> Path:
     return Path("campaigns") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Progress bar over runs, with rate and time left; gives the function that moves it."""
-    with tqdm(desc="campaign", unit=" runs", file=sys.stderr, leave=True) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield show
