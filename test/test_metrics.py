@@ -21,13 +21,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import (
-    hit_run,
-    normal_run,
-    with_columns,
-    with_error,
-    without_columns,
-)
+from synthetic import hit_run, normal_run, with_columns, with_error, without_columns
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 
@@ -288,11 +282,7 @@ def test_the_table_tells_every_requirement():
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    holes=st.floats(0, 0.9),
-    rate=st.sampled_from([50.0, 100.0]),
-)
+@given(seed=st.integers(0, 2**32 - 1), holes=st.floats(0, 0.9), rate=st.sampled_from([50.0, 100.0]))
 def test_the_metrics_of_arbitrary_errors(seed, holes, rate):
     """Settling, deadline, terminal error and envelope against a plain loop over the samples."""
     random = np.random.default_rng(seed)

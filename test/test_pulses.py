@@ -152,9 +152,7 @@ def test_pulses_apart(rate, data, start, environment_on):
 
 
 @settings(max_examples=150, deadline=None)
-@given(
-    pulses=st.lists(st.tuples(st.integers(5, 200), st.integers(1, 50), TORQUE), max_size=5),
-)
+@given(pulses=st.lists(st.tuples(st.integers(5, 200), st.integers(1, 50), TORQUE), max_size=5))
 def test_what_is_found_adds_up(pulses):
     """However pulses overlap, those found explain the torque: what they leave is smooth."""
     _, t = times(10.0)

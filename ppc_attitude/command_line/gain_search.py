@@ -40,10 +40,7 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
     check_memory(scenario, cores())
     varied = _campaign(arguments, scenario)
     warm_up(scenario)
-    with (
-        ThreadPoolExecutor(cores()) as threads,
-        tqdm(unit=" candidates", file=sys.stderr) as bar,
-    ):
+    with ThreadPoolExecutor(cores()) as threads, tqdm(unit=" candidates", file=sys.stderr) as bar:
 
         def show(count: int, least: float) -> None:
             bar.update(count - bar.n)

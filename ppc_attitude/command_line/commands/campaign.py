@@ -106,10 +106,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
-    with (
-        tqdm(desc="campaign", unit=" runs", file=sys.stderr) as bar,
-        stop_on_signals() as stop,
-    ):
+    with tqdm(desc="campaign", unit=" runs", file=sys.stderr) as bar, stop_on_signals() as stop:
 
         def show(done: int, total: int) -> None:
             bar.total = total
