@@ -182,7 +182,5 @@ class Recording:
 def _progress(duration: float) -> Iterator[Any]:
     """Progress bar over simulated time; gives the function that moves it."""
     form = "{l_bar}{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}, {rate_fmt}{postfix}]"
-    with tqdm(
-        total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr, leave=True
-    ) as bar:
+    with tqdm(total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr) as bar:
         yield lambda t: bar.update(max(t - bar.n, 0.0))
