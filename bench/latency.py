@@ -60,7 +60,7 @@ def controller_trips(rate: float, seconds: float) -> Array:
     """Round trips [s] of the controller node with all its telemetry."""
     run = scenario({})
     warm_up(run)
-    stack = Stack.of(run, lambda t: None, [CONTROLLER])
+    stack = Stack(run, lambda t: None, [CONTROLLER])
     try:
         stack.start()
         return _probe(rate, seconds, stack.environment)

@@ -100,7 +100,7 @@ def stack_steps_per_s(
         if domain:
             environment["ROS_DOMAIN_ID"] = str(domain)
         nodes = [name for name in nodes_of(run.parameters) if recorder or name != RECORDER]
-        stack = Stack.of(run, on_time, nodes, environment)
+        stack = Stack(run, on_time, nodes, environment)
         try:
             stack.start()
             stack.wait(threading.Event())

@@ -146,7 +146,7 @@ def soak(minutes: float, folder: Path, storage: str) -> dict[str, Any]:
     def on_time(simulated: float) -> None:
         now[0] = simulated
 
-    stack = Stack.of(run, on_time)
+    stack = Stack(run, on_time)
     os.environ.update(stack.environment)  # for the node that looks at the attitude
     with stop_on_signals() as stop, norm_of_attitude() as norm:
 

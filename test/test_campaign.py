@@ -43,14 +43,7 @@ from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN
 from ppc_attitude.campaign.results import BATCH
-from ppc_attitude.campaign.rows import (
-    CampaignError,
-    Outcome,
-    columns_of,
-    rerun,
-    run_chunk,
-    run_one,
-)
+from ppc_attitude.campaign.rows import CampaignError, Outcome, columns_of, rerun, run_chunk, run_one
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate

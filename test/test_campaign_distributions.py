@@ -29,14 +29,7 @@ from ppc_attitude.campaign.distributions import Fixed, Range, number, on_sphere
 from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_of, stream
 from ppc_attitude.campaign.rows import rerun, run_one
 from ppc_attitude.contract.declared import components_of
-from ppc_attitude.contract.topics import (
-    CONTROLLER,
-    ESTIMATOR,
-    INJECTOR,
-    PLANT,
-    REFERENCE,
-    SOURCES,
-)
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.simulation.scenario import Scenario, load, scenario

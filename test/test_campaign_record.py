@@ -15,7 +15,6 @@
 """`campaign --only INDEX --record`: one run of a campaign through the nodes."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -23,7 +22,7 @@ import yaml
 from bag_helpers import assert_same
 from campaign_helpers import VARIES
 from conftest import StartProcess
-from process_helpers import PATIENCE
+from process_helpers import COMMAND, PATIENCE
 from test_layers import ROOT
 
 from ppc_attitude.bags.reader import read_run
@@ -45,7 +44,7 @@ def test_a_run_through_the_nodes_is_the_run_in_process(
     declared = {name: each for name, each in VARIES.items() if name != "attitude_noise"}
     varies.write_text(yaml.safe_dump({"campaign": declared}), encoding="utf-8")
     files = [ROOT / "config" / name for name in ("paper.yaml", "sensors_smallsat.yaml")]
-    command = [sys.executable, "-m", "ppc_attitude.command_line.main", "campaign"]
+    command = [*COMMAND, "campaign"]
     command += [option for path in files for option in ("--config", str(path))]
     command += ["--campaign", str(varies), "--duration", "2"]
     command += ["--seed", "1", "--only", str(RUN), "--record", "--bag", str(bag), "--json"]

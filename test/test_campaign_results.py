@@ -19,7 +19,6 @@ import math
 import os
 import random
 import signal
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,7 @@ import pytest
 import yaml
 from campaign_helpers import RUNS, VARIES, finish, rows_of, small
 from conftest import StartProcess
-from process_helpers import PATIENCE
+from process_helpers import COMMAND, PATIENCE
 from scipy import stats
 from synthetic import normal_run
 
@@ -231,8 +230,8 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_much(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "ppc_attitude.command_line.main", *written(tmp_path)]
-    process = start_process([*command, "--runs", "1000000", "--out", str(out)], cwd=ROOT)
+    command = [*COMMAND, *written(tmp_path), "--runs", "1000000", "--out", str(out)]
+    process = start_process(command, cwd=ROOT)
     assert process.stderr is not None
     seen = ""
     while "/1000000" not in seen or " 0/1000000" in seen:  # the bar has moved

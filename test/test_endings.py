@@ -49,6 +49,7 @@ from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.processes.child import Child
 from ppc_attitude.processes.telling import AT, BROKEN, WAITING
+from ppc_attitude.simulation.scenario import load
 
 long = pytest.mark.long
 SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
@@ -58,12 +59,7 @@ SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
     ("command", "outlets", "code", "told"),
     [
         (SIMULATE, ">/dev/full", 3, "error: No space left on device\n"),
-        (
-            [*COMMAND, "--help"],
-            ">/dev/full",
-            3,
-            "error: No space left on device\n",
-        ),
+        ([*COMMAND, "--help"], ">/dev/full", 3, "error: No space left on device\n"),
         (SIMULATE, ">&-", 0, ""),
         (SIMULATE, ">&- 2>&- <&-", 0, ""),
         ([*COMMAND, "simulate", "--config", "none"], "2>/dev/full", 2, ""),
@@ -264,7 +260,7 @@ def test_a_run_whose_node_computes_for_ever_is_given_up(monkeypatch: pytest.Monk
 def stalled(monkeypatch: pytest.MonkeyPatch, after: float) -> Stack:
     """Build a run without a step, whose plant is this very process."""
     monkeypatch.setattr(stack, "_STALLED_AFTER", after)
-    run = Stack([], "", {}, lambda simulated: None)
+    run = Stack(load([]), lambda simulated: None, [], {})
     ours = SimpleNamespace(pid=os.getpid())
     plant: Any = SimpleNamespace(process=ours, told={WAITING: "waiting for x"})
     run._nodes[PLANT] = plant
@@ -275,7 +271,8 @@ def stalled(monkeypatch: pytest.MonkeyPatch, after: float) -> Stack:
 @pytest.mark.ros
 def test_of_several_nodes_that_broke_the_first_is_named(tmp_path: Path) -> None:
     wrong = "/**:\n  ros__parameters: {no_such: 1}\n"
-    run = Stack([CONTROLLER, RECORDER], wrong, os.environ, lambda simulated: None)
+    run = Stack(load([]), lambda simulated: None, [CONTROLLER, RECORDER], os.environ)
+    run._parameters = wrong
     run.start()
     until(lambda: None not in run.exit_codes().values(), "the end of both")
     with pytest.raises(StackError) as error:

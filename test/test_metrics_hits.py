@@ -16,13 +16,7 @@
 
 import numpy as np
 import pytest
-from synthetic import (
-    environment,
-    hit_run,
-    normal_run,
-    pulse_torque,
-    with_columns,
-)
+from synthetic import environment, hit_run, normal_run, pulse_torque, with_columns
 from test_metrics import constant_error, names, requirement
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table

@@ -83,11 +83,7 @@ def test_no_sample_at_all():
 LACKING = {
     "angular_velocity": ["angular rate (norm)"],
     "applied_torque": ["applied torque on an axis"],
-    "attitude": [
-        "settling time",
-        "attitude error from 60 s on",
-        "attitude error in the last 20 s",
-    ],
+    "attitude": ["settling time", "attitude error from 60 s on", "attitude error in the last 20 s"],
 }
 
 

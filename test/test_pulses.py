@@ -35,12 +35,12 @@ def still(t):
     return np.zeros((t.size, 3))
 
 
-def same(found, true):
-    """Pulses found are those true, in order."""
+def same(found, true, within=1e-9):
+    """Pulses found are those true, in order, and their times so [s]."""
     assert len(found) == len(true)
     for pulse, (start, duration, torque) in zip(found, sorted(true), strict=True):
-        assert pulse.start_s == pytest.approx(start, abs=1e-9)
-        assert pulse.duration_s == pytest.approx(duration, abs=1e-9)
+        assert pulse.start_s == pytest.approx(start, abs=within)
+        assert pulse.duration_s == pytest.approx(duration, abs=within)
         assert pulse.torque == pytest.approx(torque, abs=2e-5)
 
 
@@ -147,18 +147,12 @@ def test_pulses_apart(rate, data, start, environment_on):
     for length, rest, torque in data:
         true.append((sample / rate, length / rate, torque))
         sample += length + rest
-    found = found_in(true, (sample + 400) / rate, rate, environment if environment_on else still)
-    assert len(found) == len(true)
-    for pulse, (begin, length, torque) in zip(found, true, strict=True):
-        assert pulse.start_s == pytest.approx(begin, abs=2e-9)
-        assert pulse.duration_s == pytest.approx(length, abs=2e-9)
-        assert pulse.torque == pytest.approx(torque, abs=2e-5)
+    background = environment if environment_on else still
+    same(found_in(true, (sample + 400) / rate, rate, background), true, within=2e-9)
 
 
 @settings(max_examples=150, deadline=None)
-@given(
-    pulses=st.lists(st.tuples(st.integers(5, 200), st.integers(1, 50), TORQUE), max_size=5),
-)
+@given(pulses=st.lists(st.tuples(st.integers(5, 200), st.integers(1, 50), TORQUE), max_size=5))
 def test_what_is_found_adds_up(pulses):
     """However pulses overlap, those found explain the torque: what they leave is smooth."""
     _, t = times(10.0)

@@ -109,8 +109,7 @@ def page_of_one(one, tmp_path_factory):
 @pytest.fixture(scope="module")
 def page_of_two(tmp_path_factory):
     other = replace(
-        without_columns(normal_run(), "rate_envelope", "auxiliary_state"),
-        controller="log_barrier",
+        without_columns(normal_run(), "rate_envelope", "auxiliary_state"), controller="log_barrier"
     )
     other = with_columns(other, angular_velocity=0 * other["angular_velocity"] + 0.05)
     with nothing_drawn():

@@ -24,11 +24,7 @@ from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
-from ppc_attitude.contract.topics import (
-    APPLIED_TORQUE,
-    ATTITUDE,
-    DISTURBANCE,
-)
+from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE
 from ppc_attitude.nodes.onlooker import Health, Snapshot
 
 

@@ -132,10 +132,7 @@ def decimated(t: Array, values: Array) -> tuple[Array, Array]:
     rows = padded.reshape(-1, size)
     gaps = np.isnan(rows)
     extremes = np.column_stack(
-        [
-            np.where(gaps, np.inf, rows).argmin(axis=1),
-            np.where(gaps, -np.inf, rows).argmax(axis=1),
-        ]
+        [np.where(gaps, np.inf, rows).argmin(axis=1), np.where(gaps, -np.inf, rows).argmax(axis=1)]
     )
     picked = (np.sort(extremes, axis=1) + size * np.arange(len(rows))[:, None]).ravel()
     picked = np.concatenate([[0], picked, [values.size - 1]])

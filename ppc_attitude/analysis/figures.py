@@ -34,11 +34,7 @@ from ppc_attitude.analysis.drawing import (
     panels,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
-from ppc_attitude.analysis.filter_figures import (
-    bias_figure,
-    innovation_figure,
-    knowledge_figure,
-)
+from ppc_attitude.analysis.filter_figures import bias_figure, innovation_figure, knowledge_figure
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured, known, torque_limit
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
@@ -54,12 +50,7 @@ from ppc_attitude.analysis.run_panels import (
     symbols,
 )
 from ppc_attitude.analysis.series import AnalysisError, has, lacking, vectors
-from ppc_attitude.analysis.truth import (
-    EXACT,
-    knowledge_errors,
-    reference_rates_in_body,
-    truth_of,
-)
+from ppc_attitude.analysis.truth import EXACT, knowledge_errors, reference_rates_in_body, truth_of
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
@@ -69,13 +60,7 @@ from ppc_attitude.contract.topics import (
     STANDARD,
     TORQUE_COMMAND,
 )
-from ppc_attitude.science.component import (
-    QUATERNION,
-    VECTOR,
-    WHEEL_SPEEDS,
-    WHEEL_TORQUES,
-    WRENCH,
-)
+from ppc_attitude.science.component import QUATERNION, VECTOR, WHEEL_SPEEDS, WHEEL_TORQUES, WRENCH
 
 _OF_WHEELS = (WHEEL_SPEEDS, WHEEL_TORQUES)
 _DRAWN = (QUATERNION, VECTOR, WRENCH, *_OF_WHEELS)  # forms of columns with a figure of their own

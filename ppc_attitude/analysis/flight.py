@@ -143,11 +143,7 @@ def _instants(record: RunRecord, values: Mapping[str, Any], changes: list[Any]) 
 
 def _legs(plan: Any) -> tuple[Leg, ...]:
     return tuple(
-        Leg(
-            float(leg["begin"]),
-            float(leg["begin"] + leg["duration"]),
-            bool(leg["axis"].any()),
-        )
+        Leg(float(leg["begin"]), float(leg["begin"] + leg["duration"]), bool(leg["axis"].any()))
         for leg in plan["legs"][: plan["count"]]
     )
 

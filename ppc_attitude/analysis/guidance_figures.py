@@ -44,11 +44,7 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import AnalysisError, has, vectors
 from ppc_attitude.analysis.truth import errors_of
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import (
-    REFERENCE_ACCELERATION,
-    REFERENCE_ATTITUDE,
-    REFERENCE_RATE,
-)
+from ppc_attitude.contract.topics import REFERENCE_ACCELERATION, REFERENCE_ATTITUDE, REFERENCE_RATE
 from ppc_attitude.science.guidance.scene import Cone
 from ppc_attitude.science.keep_out import perpendicular
 

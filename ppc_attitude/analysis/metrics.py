@@ -57,12 +57,7 @@ from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.measure import Measured, known, largest, pulses_of, torque_limit, window
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements
 from ppc_attitude.analysis.series import AnalysisError, has, is_finite, topic_of
-from ppc_attitude.analysis.truth import (
-    EXACT,
-    RECORDED,
-    knowledge_errors,
-    truth_of,
-)
+from ppc_attitude.analysis.truth import EXACT, RECORDED, knowledge_errors, truth_of
 from ppc_attitude.analysis.verdict import (
     Disturbance,
     Requirement,

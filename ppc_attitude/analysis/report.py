@@ -33,12 +33,7 @@ from ppc_attitude.analysis.page import (
 )
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.analysis.truth import STANDING
-from ppc_attitude.analysis.verdict import (
-    Requirement,
-    Verdict,
-    number_text,
-    span_text,
-)
+from ppc_attitude.analysis.verdict import Requirement, Verdict, number_text, span_text
 from ppc_attitude.contract.run_record import RunRecord
 
 _METRICS = (

@@ -109,7 +109,7 @@ def run_campaign(
             pool = ClusterPool(campaign, scheduler)
         else:
             pool = LocalPool(campaign, workers or cores())
-    with closing(pool), Results(folder, campaign, finished.bands) as results:
+    with closing(pool), closing(Results(folder, campaign, finished.bands)) as results:
         for outcome in outcomes(campaign, runs, pool, stop or threading.Event()):
             results.add(outcome.row)
             finished.summary.add(outcome.row)

@@ -70,7 +70,7 @@ class _Worker:
         self._connection, other = Pipe()
         with other:
             pipe = other.fileno()
-            self._child = Child(worker.__name__, str(pipe), inherited=[pipe])
+            self.child = Child(worker.__name__, str(pipe), inherited=[pipe])
         self._campaign: Campaign | None = campaign  # until it has been told
 
     def ask(self, start: int, stop: int) -> list[Outcome]:
@@ -82,15 +82,11 @@ class _Worker:
             self._connection.send((start, stop))
             answer = self._connection.recv()
         except (EOFError, OSError):
-            raise WorkerLostError(f"exit code {self._child.process.wait()}") from None
+            raise WorkerLostError(f"exit code {self.child.process.wait()}") from None
         if isinstance(answer, Exception):
             raise answer
         outcomes: list[Outcome] = answer
         return outcomes
-
-    def kill(self) -> None:
-        """End it, whatever it does."""
-        self._child.kill()
 
 
 class LocalPool:
@@ -127,7 +123,7 @@ class LocalPool:
         try:
             worker = self._workers[place] = self._workers[place] or _Worker(self._campaign)
             if self._closed:  # what began after the others had been killed
-                worker.kill()
+                worker.child.kill()
             return worker.ask(start, stop)
         except WorkerLostError:
             self._workers[place] = None
@@ -148,7 +144,7 @@ class LocalPool:
         self._threads.shutdown(wait=False, cancel_futures=True)
         for each in self._workers:
             if each is not None:
-                each.kill()
+                each.child.kill()
         self._threads.shutdown()
 
 

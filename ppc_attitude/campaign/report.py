@@ -18,7 +18,6 @@ import shlex
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -74,6 +73,7 @@ def write_campaign_report(
     """
     summary = finished.summary
     title = f"{mission or 'Attitude control'}, campaign: {campaign.scenario.controller.name}"
+    varied = yaml.safe_dump(dict(campaign.declaration), sort_keys=False, allow_unicode=True)
     drawn = [(_BANDS, bands_figure(finished.bands, campaign.required))]
     failing = failing_figure(summary.passing, summary.failing, varying(campaign.variables))
     if failing is not None:
@@ -90,7 +90,7 @@ def write_campaign_report(
         "<h2>Worst cases</h2>",
         _worst(summary, again),
         "<h2>What varies</h2>",
-        f"<pre>{escape(_yaml(campaign.declaration))}</pre>",
+        f"<pre>{escape(varied)}</pre>",
         asked(campaign.required),
         collapsed("Configuration", configuration(campaign.scenario.parameters)),
         collapsed("Versions", pairs(campaign.made_with.items())),
@@ -174,7 +174,3 @@ def _worst(summary: Summary, again: Sequence[str]) -> str:
 
 def _value(value: float) -> str:
     return "never" if value == float("inf") else number_text(value)
-
-
-def _yaml(declaration: Any) -> str:
-    return yaml.safe_dump(dict(declaration), sort_keys=False, allow_unicode=True)

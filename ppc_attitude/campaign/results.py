@@ -17,7 +17,6 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from ppc_attitude.campaign.declaration import Campaign
@@ -31,7 +30,7 @@ BATCH = 1000
 
 
 class Results:
-    """The folder of a campaign, written as the runs come; a context manager.
+    """The folder of a campaign, written as the runs come; to be closed at the end.
 
     The files are the same to the last byte for the same runs, however these were computed. They
     appear under their names when they are complete.
@@ -107,16 +106,7 @@ class Results:
         self._parquet.write_table(table.replace_schema_metadata(self._metadata), path)
         path.replace(self._folder / FAN_FILE)
 
-    def __enter__(self) -> "Results":
-        """Begin to write."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Write what is there, also when the campaign was cut short."""
         if self._rows:
             self._flush()

@@ -58,12 +58,7 @@ def columns_of(campaign: Campaign) -> dict[str, type]:
         **{
             f"{part}_{key}": kind
             for key in names_of(campaign.required)
-            for part, kind in (
-                ("met", bool),
-                ("value", float),
-                ("limit", str),
-                ("note", str),
-            )
+            for part, kind in (("met", bool), ("value", float), ("limit", str), ("note", str))
         },
         "error": str,
     }
@@ -179,11 +174,7 @@ def broken(
     campaign: Campaign, index: int, reason: str, drawn: Mapping[str, Any] | None = None
 ) -> Outcome:
     """Outcome of a run that gave no result."""
-    row = dict.fromkeys(columns_of(campaign)) | {
-        "index": index,
-        "error": reason,
-        **(drawn or {}),
-    }
+    row = dict.fromkeys(columns_of(campaign)) | {"index": index, "error": reason, **(drawn or {})}
     bins = grid_of(campaign.rate, campaign.duration).starts.size
     return Outcome(row, np.full((len(QUANTITIES), bins), UNKNOWN, np.uint8))
 

@@ -179,11 +179,7 @@ def _verdict(campaign: Campaign, index: int, gains: Mapping[str, float]) -> Verd
 
 
 def _judged(
-    campaign: Campaign,
-    gains: Mapping[str, float],
-    tried: int,
-    indices: range,
-    executor: Executor,
+    campaign: Campaign, gains: Mapping[str, float], tried: int, indices: range, executor: Executor
 ) -> Tuned:
     verdicts = list(executor.map(lambda k: _verdict(campaign, k, gains), indices))
     met = sum(each is not None and each.all_met for each in verdicts)

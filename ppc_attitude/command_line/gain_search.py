@@ -22,13 +22,13 @@ from dataclasses import replace
 
 from tqdm import tqdm
 
+from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text
 from ppc_attitude.campaign.tuning import Tuned, tuned
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.memory import check_memory
-from ppc_attitude.command_line.options import required_of
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.simulation.closed_loop import warm_up
@@ -40,10 +40,7 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
     check_memory(scenario, cores())
     varied = _campaign(arguments, scenario)
     warm_up(scenario)
-    with (
-        ThreadPoolExecutor(cores()) as threads,
-        tqdm(unit=" candidates", file=sys.stderr) as bar,
-    ):
+    with ThreadPoolExecutor(cores()) as threads, tqdm(unit=" candidates", file=sys.stderr) as bar:
 
         def show(count: int, least: float) -> None:
             bar.update(count - bar.n)
@@ -70,7 +67,7 @@ def _campaign(arguments: argparse.Namespace, scenario: Scenario) -> Campaign:
             "initial_rate": {"magnitude": rate, "direction": "sphere"},
         }
         varied = campaign(declaration, scenario, seed=0)
-    return replace(varied, required=required_of(arguments))
+    return replace(varied, required=load_requirements(arguments.requirements))
 
 
 def _told(found: Tuned, law: str) -> list[str]:

@@ -111,10 +111,11 @@ class Judgement:
         stored = stored_certificate(configurations)
         accuracy = stored["accuracy"] if stored else ACCURACY
         self.certificate = certify(values, accuracy)
+        self._assumed, self._law = assumptions_of(values), law_of(values)
         self.broken = list(
             broken_assumptions(
-                assumptions_of(values),
-                law_of(values).h,
+                self._assumed,
+                self._law.h,
                 nodes_around(scenario.parameters),
                 scenario.number(PLANT, "duration"),
             )
@@ -134,8 +135,7 @@ class Judgement:
         """
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is after a hit")
-        values = self._scenario.parameters[CONTROLLER]
-        assumed, law, arithmetic = assumptions_of(values), law_of(values), balls()
+        assumed, law, arithmetic = self._assumed, self._law, balls()
         envelope = Envelope(assumed, law, bounds_of(assumed, law, arithmetic), arithmetic)
         time = envelope.recovery(torque, duration, self.certificate.accuracy)
         return (
@@ -158,13 +158,12 @@ class Judgement:
             raise ConfigurationError(
                 f"mode = {reference['mode']}; only the paper's reference is known beforehand"
             )
-        values = self._scenario.parameters[CONTROLLER]
         record = paper.configure(reference)
 
         def rate_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.array([paper.desired_rate(t, record) for t in times])
 
-        known = KnownReference(assumptions_of(values), law_of(values), rate_at)
+        known = KnownReference(self._assumed, self._law, rate_at)
         accuracy = self.certificate.accuracy
         return [
             f"guaranteed for this reference: |q_ev,i| < {accuracy:g} from "

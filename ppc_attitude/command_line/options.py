@@ -22,7 +22,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TextIO
 
-from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
@@ -113,17 +112,6 @@ def add_requirements_option(parser: argparse.ArgumentParser) -> None:
     """Add --requirements."""
     text = "what the run is judged by, over config/requirements.yaml; later files win"
     _add_files(parser, "--requirements", text)
-
-
-def required_of(arguments: argparse.Namespace) -> Requirements:
-    """Requirements from the files given.
-
-    Raises
-    ------
-    ConfigurationError
-        A file or value is wrong.
-    """
-    return load_requirements(arguments.requirements)
 
 
 def add_judging_options(parser: argparse.ArgumentParser) -> None:

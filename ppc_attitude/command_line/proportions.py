@@ -49,6 +49,11 @@ _DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
 _NOISE_SIGMAS = 3.0  # of what noise makes a law ask for, that the actuator should give
 
 
+def _at_most(name: str, value: float, limit: float, unit: str, meaning: str) -> Condition:
+    """Condition that may be violated, with a warning: it is advice."""
+    return Condition(name, value, limit, "≤", unit, False, meaning)
+
+
 def environment_torque(scenario: Scenario, environment: Part) -> float:
     """Largest norm [N·m] of the configured environment's torque at even times of the run.
 
@@ -127,13 +132,11 @@ def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
         float(reference[each.name])
         for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
     )
-    yield Condition(
+    yield _at_most(
         "slew torque",
         slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration),
         share * _actuator_torque(scenario),
-        "≤",
         "N·m",
-        False,
         "max‖J e‖ A + max‖ω × J ω‖ leaves the law its margin (guidance.torque_share)",
     )
     law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
@@ -147,13 +150,11 @@ def _rate_of_slew(rate: float, times: Sequence[float], law: Mapping[str, Any]) -
     begin = min(times, default=math.inf)
     width = min(nominal(begin, shape)[0], 1.0) if times else float(shape["terminal"])
     when = f"of the first goal, t = {begin:g} s" if times else "once settled"
-    return Condition(
+    return _at_most(
         "slew rate",
         math.degrees(rate + virtual_control_bound(law) * width),
         math.degrees(RATE_LIMIT),
-        "≤",
         "deg/s",
-        False,
         f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: an error as large as its envelope would add so "
         "much",
     )
@@ -172,37 +173,31 @@ def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
     """Compare what the actuator gives, and its dead zone, with what the law asks for."""
     actuator = ACTUATORS.selected(scenario.parameters[PLANT])
     if actuator is wheels.COMPONENT:
-        yield Condition(
+        yield _at_most(
             "max_torque",
             scenario.number(CONTROLLER, "max_torque"),
             _actuator_torque(scenario),
-            "≤",
             "N·m",
-            False,
             "the wheels give what the law may ask for, on all axes at once; friction and "
             "gyroscopic torque take a little of it",
         )
     if actuator is not ideal.COMPONENT:
         return
     dead = scenario.number(PLANT, "min_torque")
-    yield Condition(
+    yield _at_most(
         "min_torque",
         dead,
         _DEAD_SHARE * scenario.number(PLANT, "max_torque"),
-        "≤",
         "N·m",
-        False,
         f"the dead zone takes at most {100.0 * _DEAD_SHARE:g} % of the actuator",
     )
     if scenario.controller.name == ppc.COMPONENT.name:
         law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
-        yield Condition(
+        yield _at_most(
             "min_torque in ρ_ω",
             dead,
             float(law["K_omega"]) * _least_inertia(law) * float(law["rate_envelope.terminal"]),
-            "≤",
             "N·m",
-            False,
             "K_ω J g∞: at the edge of the rate envelope the law asks for more than the dead zone, "
             "so that the actuator acts inside it",
         )
@@ -213,13 +208,11 @@ def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
     if scenario.controller.name == ppc.COMPONENT.name:
         law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
         change = float(law["D_m"]) / (scenario.number(PLANT, "rate") * _least_inertia(law))
-        yield Condition(
+        yield _at_most(
             "D_m in ρ_ω",
             0.5 * change,
             float(law["rate_envelope.terminal"]),
-            "≤",
             "rad/s",
-            False,
             "D_m h / 2J: if the disturbance estimate changes sign at every sample, the rate error "
             "stays inside its envelope",
         )
@@ -253,13 +246,11 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
             )
     if scenario.controller.name == ppc.COMPONENT.name:
         most = float(np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).max())
-        yield Condition(
+        yield _at_most(
             "noise torque",
             _NOISE_SIGMAS * float(law["K_omega"]) * most * sigmas.rate,
             _actuator_torque(scenario),
-            "≤",
             "N·m",
-            False,
             f"{_NOISE_SIGMAS:g}σ of K_ω J z2: the actuator gives what noise makes the law ask for",
         )
 
@@ -284,13 +275,11 @@ def pulse_conditions(scenario: Scenario, required: Requirements) -> Iterator[Con
     torque = _actuator_torque(scenario)
     for hit in scheduled_pulses(scenario.parameters[INJECTOR]):
         start, end = (int(hit[each]) / NANOSECONDS for each in ("start_ns", "end_ns"))
-        yield Condition(
+        yield _at_most(
             f"pulse at {start:g} s",
             float(np.abs(hit["torque"]).max()) * (end - start) / torque,
             required.recovery,
-            "≤",
             "s",
-            False,
             "time in which the actuator alone takes back the pulse's momentum, against the "
             "required recovery",
         )

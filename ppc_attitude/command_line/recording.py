@@ -150,7 +150,7 @@ class Recording:
         print(f"ROS domain {environment[DOMAIN]}, discovery {reach(environment)}", file=sys.stderr)
         duration = scenario.number(PLANT, "duration")
         with stop_on_signals() as stop, _progress(duration) as show:
-            stack = Stack.of(scenario, show, environment=environment)
+            stack = Stack(scenario, show, environment=environment)
             finished = False
             try:
                 stack.start()
@@ -182,7 +182,5 @@ class Recording:
 def _progress(duration: float) -> Iterator[Any]:
     """Progress bar over simulated time; gives the function that moves it."""
     form = "{l_bar}{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}, {rate_fmt}{postfix}]"
-    with tqdm(
-        total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr, leave=True
-    ) as bar:
+    with tqdm(total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr) as bar:
         yield lambda t: bar.update(max(t - bar.n, 0.0))

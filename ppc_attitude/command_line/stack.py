@@ -94,56 +94,32 @@ class Stack:
 
     Parameters
     ----------
-    nodes : iterable of str
-        The executables that are to run.
-    parameters : str
-        Parameters of all of them, as a ROS parameter file.
-    environment : mapping of str to str
-        Environment of all of them.
+    scenario : Scenario
+        What they run; its kernels should be warm.
     on_time : callable
         Called with simulated time [s] as the plant advances.
+    nodes : iterable of str, optional
+        Which executables run; default all that the scenario needs.
+    environment : mapping of str to str, optional
+        Environment of all of them; default `private_environment`.
     """
 
     def __init__(
         self,
-        nodes: Iterable[str],
-        parameters: str,
-        environment: Mapping[str, str],
+        scenario: Scenario,
         on_time: Callable[[float], None],
+        nodes: Iterable[str] | None = None,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
-        self._names = [name for name in _ALL if name in set(nodes)]
-        self._parameters = parameters
-        self.environment = environment
+        self.environment = private_environment() if environment is None else environment
+        chosen = set(nodes_of(scenario.parameters) if nodes is None else nodes)
+        self._names = [name for name in _ALL if name in chosen]
+        self._parameters = parameter_file(scenario)
         self._on_time = on_time
         self._nodes: dict[str, Child] = {}
         self._time: float | None = None
         self._advanced = time.monotonic()
         self._starved: dict[str, float] = {}  # [s] of waiting for the processor until then
-
-    @classmethod
-    def of(
-        cls,
-        scenario: Scenario,
-        on_time: Callable[[float], None],
-        nodes: Iterable[str] | None = None,
-        environment: Mapping[str, str] | None = None,
-    ) -> "Stack":
-        """Processes that run a scenario.
-
-        Parameters
-        ----------
-        scenario : Scenario
-            What they run; its kernels should be warm.
-        on_time : callable
-            Called with simulated time [s] as the plant advances.
-        nodes : iterable of str, optional
-            Which executables run; default all that the scenario needs.
-        environment : mapping of str to str, optional
-            Environment of all of them; default `private_environment`.
-        """
-        environment = private_environment() if environment is None else environment
-        nodes = nodes_of(scenario.parameters) if nodes is None else nodes
-        return cls(nodes, parameter_file(scenario), environment, on_time)
 
     @property
     def has_begun(self) -> bool:

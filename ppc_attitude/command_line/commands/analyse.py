@@ -18,6 +18,7 @@ import argparse
 import sys
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.command_line.options import (
     add_figures_options,
     add_judging_options,
@@ -25,7 +26,6 @@ from ppc_attitude.command_line.options import (
     exit_code,
     print_json,
     record_of,
-    required_of,
     write_report_of,
 )
 
@@ -45,7 +45,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Read, judge, print, draw."""
-    required = required_of(arguments)
+    required = load_requirements(arguments.requirements)
     record = record_of(arguments)
     verdict = analyse(record, required)
     if arguments.json:

@@ -18,8 +18,6 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -27,6 +25,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
@@ -43,7 +42,6 @@ from ppc_attitude.command_line.options import (
     add_scenario_options,
     exit_code,
     print_json,
-    required_of,
     scenario_of,
     write_report_of,
 )
@@ -99,7 +97,7 @@ def execute(arguments: argparse.Namespace) -> int:
     file = arguments.campaign or shipped_config("campaign.yaml")
     campaign = replace(
         load_campaign(file, scenario_of(arguments), arguments.seed),
-        required=required_of(arguments),
+        required=load_requirements(arguments.requirements),
     )
     alone = arguments.only is not None
     check_memory(
@@ -108,7 +106,12 @@ def execute(arguments: argparse.Namespace) -> int:
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
-    with _progress() as show, stop_on_signals() as stop:
+    with tqdm(desc="campaign", unit=" runs", file=sys.stderr) as bar, stop_on_signals() as stop:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
         try:
             finished = run_campaign(
                 campaign,
@@ -224,15 +227,3 @@ def _again(arguments: argparse.Namespace) -> list[str]:
 
 def _dated_folder() -> Path:
     return Path("campaigns") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Progress bar over runs, with rate and time left; gives the function that moves it."""
-    with tqdm(desc="campaign", unit=" runs", file=sys.stderr, leave=True) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield show

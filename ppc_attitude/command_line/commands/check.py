@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
@@ -31,7 +32,6 @@ from ppc_attitude.command_line.options import (
     add_scenario_options,
     positive,
     print_json,
-    required_of,
     scenario_of,
 )
 from ppc_attitude.command_line.paragraphs import paragraph
@@ -89,7 +89,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Check and print."""
     scenario = scenario_of(arguments)
-    required = required_of(arguments)
+    required = load_requirements(arguments.requirements)
     guarantee = None
     if scenario.controller.name == momentum_tube.COMPONENT.name:
         guarantee = Judgement(scenario, arguments.config)

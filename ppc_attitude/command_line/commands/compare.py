@@ -22,13 +22,13 @@ from ppc_attitude.analysis.comparison import comparisons_of
 from ppc_attitude.analysis.drawing import save_all
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.report import run_labels
+from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import (
     add_figures_options,
     add_judging_options,
     add_reading_options,
-    required_of,
     write_report_of,
 )
 from ppc_attitude.science.errors import ConfigurationError
@@ -57,7 +57,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Read all, print every verdict, draw."""
-    required = required_of(arguments)
+    required = load_requirements(arguments.requirements)
     names = dict(arguments.topic)
     records = [record for bag in arguments.bags for record in read_runs(bag, names)]
     if not 2 <= len(records) <= _MOST:

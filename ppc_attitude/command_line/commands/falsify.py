@@ -20,7 +20,7 @@ import math
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import yaml
@@ -170,8 +170,5 @@ def _executor(scheduler: str | None) -> Iterator[Executor]:
         with ThreadPoolExecutor(cores()) as threads:
             yield threads
         return
-    client = connected(scheduler)
-    try:
+    with closing(connected(scheduler)) as client:
         yield client.get_executor()
-    finally:
-        client.close()

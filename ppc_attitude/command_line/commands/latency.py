@@ -73,9 +73,7 @@ def execute(arguments: argparse.Namespace) -> int:
     os.environ.update(private_environment())  # for the node that looks on
     recording = Recording(arguments.bag)
     record = recording.run(
-        scenario,
-        lockstep=False,
-        watch=lambda goes_on: _print(measure(lambda states: goes_on())),
+        scenario, lockstep=False, watch=lambda goes_on: _print(measure(lambda states: goes_on()))
     )
     verdict = analyse(record)
     print(verdict_table(verdict))

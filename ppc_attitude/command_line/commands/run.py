@@ -18,19 +18,17 @@ import argparse
 import sys
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_judging_options,
     add_scenario_options,
-    required_of,
     scenario_of,
     write_report_of,
 )
 from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.recording import Recording
-from ppc_attitude.contract.run_record import RunRecord
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -62,22 +60,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run, record, judge."""
-    required = required_of(arguments)
+    required = load_requirements(arguments.requirements)
     recording = Recording(arguments.bag, arguments.secure)
     record = recording.run(scenario_of(arguments), lockstep=not arguments.realtime)
     try:
-        return _judge(arguments, recording, record, required)
+        verdict = analyse(record, required)
+        print(verdict_table(verdict))
+        write_report_of(arguments, [(record, verdict)], sys.stdout)
+        return recording.judge(record, verdict)
     except KeyboardInterrupt:
         raise RunError(f"interrupted; the run had ended\n{recording.told}") from None
-
-
-def _judge(
-    arguments: argparse.Namespace,
-    recording: Recording,
-    record: RunRecord,
-    required: Requirements,
-) -> int:
-    verdict = analyse(record, required)
-    print(verdict_table(verdict))
-    write_report_of(arguments, [(record, verdict)], sys.stdout)
-    return recording.judge(record, verdict)

@@ -21,7 +21,7 @@ from typing import NamedTuple
 from ppc_attitude.analysis.comparison import sweep_figure
 from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_MET, Metrics
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.memory import check_memory
@@ -30,7 +30,6 @@ from ppc_attitude.command_line.options import (
     add_scenario_options,
     positive,
     print_json,
-    required_of,
     scenario_of,
 )
 from ppc_attitude.command_line.paragraphs import paragraph
@@ -102,7 +101,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Simulate every duration, print a table, draw."""
-    scenario, required = scenario_of(arguments), required_of(arguments)
+    scenario, required = scenario_of(arguments), load_requirements(arguments.requirements)
     hits = _hits(arguments, scenario, required)
     check_memory(scenario.with_values(PLANT, duration=hits.length))
     rows = [(duration, _metrics(scenario, required, hits, duration)) for duration in hits.durations]
@@ -136,10 +135,7 @@ def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requireme
 
 def _metrics(scenario: Scenario, required: Requirements, hits: Hits, duration: float) -> Metrics:
     hit = scenario.with_values(
-        INJECTOR,
-        pulse_times=[hits.at],
-        pulse_durations=[duration],
-        pulse_torques=[hits.torque] * 3,
+        INJECTOR, pulse_times=[hits.at], pulse_durations=[duration], pulse_torques=[hits.torque] * 3
     ).with_values(PLANT, duration=hits.length)
     return analyse(simulate(hit, hits.length), required).metrics
 
