@@ -58,12 +58,7 @@ SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
     ("command", "outlets", "code", "told"),
     [
         (SIMULATE, ">/dev/full", 3, "error: No space left on device\n"),
-        (
-            [*COMMAND, "--help"],
-            ">/dev/full",
-            3,
-            "error: No space left on device\n",
-        ),
+        ([*COMMAND, "--help"], ">/dev/full", 3, "error: No space left on device\n"),
         (SIMULATE, ">&-", 0, ""),
         (SIMULATE, ">&- 2>&- <&-", 0, ""),
         ([*COMMAND, "simulate", "--config", "none"], "2>/dev/full", 2, ""),
