@@ -31,7 +31,6 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import Topic
 
 Message = tuple[Topic, int, bytes]
-STORAGES = ("mcap", "sqlite3")
 
 
 def messages(run: RunRecord) -> Iterator[Message]:
@@ -48,13 +47,12 @@ def write_messages(
     path: Path,
     sequence: list[Message],
     *,
-    storage: str = "mcap",
     namespaces: tuple[str, ...] = ("",),
     run: RunRecord | None = None,
 ) -> Path:
     """Write messages in the order given, in each namespace; the receive time counts them."""
     facts = {} if run is None else encode_custom_data(run.controller, run.parameters, run.metadata)
-    with BagWriter(path, storage=storage, custom_data=facts) as writer:
+    with BagWriter(path, custom_data=facts) as writer:
         for topic in dict.fromkeys(topic for topic, _, _ in sequence):
             for namespace in namespaces:
                 writer.add_topic(f"{namespace}/{topic.name}", topic.msgtype, [offered_qos()])

@@ -151,6 +151,12 @@ def start_process() -> Iterator[StartProcess]:
         process.communicate(timeout=_PATIENCE)
 
 
+@pytest.fixture(params=["mcap", "sqlite3"])
+def storage(request: pytest.FixtureRequest) -> str:
+    """Let the test have bags of either storage."""
+    return str(request.param)
+
+
 @pytest.fixture(scope="session")
 def recorded_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give the bag of two simulated seconds of the paper's case through all five nodes.

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A peer on the graph of a stack: sends what it likes, hears everything, asks services."""
+"""Peers of nodes: one that hears all of a stack, and one beside a node in this process."""
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from process_helpers import PATIENCE
+from process_helpers import PATIENCE, until
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from synthetic import SAMPLED
@@ -36,6 +36,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.qos import published
 
 _ASK_AGAIN = 10.0  # [s]
 _QOS = QoSProfile(
@@ -172,3 +173,40 @@ def peer(*publishes: Topic) -> Iterator[Peer]:
 def last_torque(stack: Peer) -> float:
     """Largest component of the torque that acted last."""
     return max(map(abs, stack.heard[APPLIED_TORQUE.name][-1].values))
+
+
+class Beside:
+    """A node in this process, and a peer in its namespace that feeds it by hand."""
+
+    def __init__(self, node: Any, *feeds: Topic) -> None:
+        self.node = node
+        self.peer = Node("peer", namespace=node.get_namespace())
+        self.publishers = {
+            topic: self.peer.create_publisher(
+                message_class(topic.msgtype), topic.name, published(topic)
+            )
+            for topic in feeds
+        }
+        self.executor = node.new_executor()
+        for each in (node, self.peer):
+            self.executor.add_node(each)
+
+    def meet(self) -> None:
+        """Wait until the node hears what it is fed; the peer subscribes before."""
+        self.until(lambda: all(p.get_subscription_count() for p in self.publishers.values()))
+
+    def spin(self) -> None:
+        """Let both take what has come."""
+        self.executor.spin_once(timeout_sec=0.01)
+
+    def until(self, condition: Callable[[], Any]) -> None:
+        until(condition, "an answer", meanwhile=self.spin)
+
+    def send(self, topic: Topic, stamp_ns: int, values: Sequence[float]) -> None:
+        self.publishers[topic].publish(Codec(topic).encode(stamp_ns, values))
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.close()
+        self.node.destroy_node()
+        self.peer.destroy_node()

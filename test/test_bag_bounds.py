@@ -210,12 +210,7 @@ def many_attitudes(bag: Path) -> Path:
 
 
 HOSTILE: list[tuple[Callable[[Path], None], str, bool, str]] = [
-    (
-        deep_metadata,
-        "mcap",
-        False,
-        "its metadata.yaml is damaged: nested too deeply, allowed are 64",
-    ),
+    (deep_metadata, "mcap", False, "metadata.yaml is damaged: nested too deeply, allowed are 64"),
     (deep_metadata_in_mcap, "mcap", False, "metadata in bag.mcap are damaged: nested too deeply"),
     (laughing_custom_data, "mcap", False, "unfolds into .* characters, allowed are 4194304"),
     (recursive_custom_data, "mcap", False, r"\*a stands before the end of what it means"),

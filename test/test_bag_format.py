@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bag_helpers import STORAGES, storage_file
+from bag_helpers import storage_file
 from mcap.reader import make_reader
 from packaging.specifiers import SpecifierSet
 from rosbags.rosbag2 import Reader
@@ -42,11 +42,6 @@ from ppc_attitude.contract.topics import ATTITUDE
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 SECOND = 1_000_000_000
-
-
-@pytest.fixture(params=STORAGES)
-def storage(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
 
 
 def test_the_installed_rosbags_is_one_whose_internals_are_known() -> None:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_helpers import STORAGES, assert_same, messages, record_all, write_messages
+from bag_helpers import assert_same, messages, record_all, write_messages
 from synthetic import SAMPLED, normal_run, without_columns
 
 from ppc_attitude.analysis.metrics import analyse
@@ -192,12 +192,9 @@ def test_nodes_of_the_users_own_are_asked_for_nothing(tmp_path: Path) -> None:
     assert analyse(read).metrics.terminal_error is None  # too short for one
 
 
-@pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("topic", SAMPLED, ids=lambda topic: topic.name)
-def test_a_lacking_topic_is_named_with_what_was_read(
-    tmp_path: Path, storage: str, topic: Topic
-) -> None:
-    write_run(without_columns(RUN, topic.column), tmp_path / "bag", storage=storage)
+def test_a_lacking_topic_is_named_with_what_was_read(tmp_path: Path, topic: Topic) -> None:
+    write_run(without_columns(RUN, topic.column), tmp_path / "bag")
     with pytest.raises(BagError) as error:
         read_run(tmp_path / "bag", whole=True)
     message = str(error.value)

@@ -25,7 +25,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from bag_helpers import STORAGES, assert_same, hot, storage_file, unfinished
+from bag_helpers import assert_same, hot, storage_file, unfinished
 from matplotlib.figure import Figure
 from synthetic import normal_run
 
@@ -140,7 +140,6 @@ def test_rows_that_do_not_lie_in_the_file_are_refused(
         read_run(tmp_path / "bag")
 
 
-@pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("finished", [True, False])
 @pytest.mark.parametrize(
     ("put", "kind"),

@@ -21,7 +21,6 @@ from pathlib import Path
 
 import pytest
 from bag_helpers import (
-    STORAGES,
     assert_prefix,
     assert_same,
     messages,
@@ -48,7 +47,6 @@ RUN = normal_run(duration=1.0)
 STEPS = len(RUN.stamps_ns)
 
 
-@pytest.mark.parametrize("storage", STORAGES)
 def test_a_run_comes_back_to_the_last_bit(tmp_path: Path, storage: str) -> None:
     write_run(RUN, tmp_path / "bag", storage=storage)
     read = read_run(tmp_path / "bag")
@@ -71,12 +69,16 @@ def test_without_custom_data_the_controller_is_unknown(tmp_path: Path) -> None:
 def test_a_run_in_a_namespace_has_the_parameters_of_its_own_nodes(tmp_path: Path) -> None:
     nodes = {
         "/a/ppc_controller": {"controller": "log_barrier"},
-        "/b/ppc_controller": {"controller": "quaternion_feedback"},
+        "/b/c/ppc_controller": {"controller": "quaternion_feedback"},
         "spacecraft_plant": {"rate": 100.0},
     }
     run = replace(RUN, parameters=nodes)
-    bag = write_messages(tmp_path / "bag", list(messages(run)), namespaces=("/a", "/b"), run=run)
-    read = read_run(bag, namespace="/b")
+    bag = write_messages(tmp_path / "bag", list(messages(run)), namespaces=("/a", "/b/c"), run=run)
+    with pytest.raises(BagError, match=r"holds 2 runs; choose a namespace: /a, /b/c"):
+        read_run(bag)
+    assert read_run(bag, namespace="/a").controller == "log_barrier"
+    read = read_run(bag, namespace="b/c/")
+    assert_same(read, run)
     assert read.controller == "quaternion_feedback"
     assert read.parameters == {
         "ppc_controller": {"controller": "quaternion_feedback"},

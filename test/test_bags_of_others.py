@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bag_helpers import STORAGES, messages, write_messages
+from bag_helpers import messages, write_messages
 from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run, without_columns
 
@@ -149,7 +149,6 @@ KINDS: dict[str, Callable[[int, Any], Any]] = {
 }
 
 
-@pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_attitude_of_hardware(tmp_path: Path, kind: str, storage: str) -> None:
     """With another type and name, with or without stamps: then it counts when it was received."""

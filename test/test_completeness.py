@@ -22,8 +22,7 @@ from synthetic import SAMPLED
 
 from ppc_attitude.command_line.parameter_file import run_info
 from ppc_attitude.contract import declared
-from ppc_attitude.contract.completeness import promised
-from ppc_attitude.contract.declared import ATTITUDE_ERROR, AUXILIARY_STATE, BY_NAME
+from ppc_attitude.contract.declared import ATTITUDE_ERROR, AUXILIARY_STATE, BY_NAME, promised
 from ppc_attitude.contract.topics import (
     ATTITUDE,
     CONTROLLER,

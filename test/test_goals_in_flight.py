@@ -16,7 +16,7 @@
 
 import itertools
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -25,7 +25,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist
-from process_helpers import until
+from peer import Beside
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -42,7 +42,6 @@ from ppc_attitude.contract.topics import (
     REFERENCE_RATE,
     Topic,
 )
-from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.goto import Answer, _all_listen, _go_to
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
@@ -67,13 +66,12 @@ DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.paramet
 REFERENCE = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
 
 
-class Pilot:
+class Pilot(Beside):
     """A reference generator in this process, and a peer that feeds it and gives it goals."""
 
     def __init__(self) -> None:
         rclpy.init(args=["--ros-args", "-r", "__ns:=/craft", "-p", "mode:=goal"])
-        self.node = ReferenceGenerator()
-        self.peer = Node("pilot", namespace="/craft")
+        super().__init__(ReferenceGenerator(), ATTITUDE, GOAL_POSE, GOAL_TRAJECTORY)
         self.heard: dict[str, dict[int, tuple[float, ...]]] = {}
         self.told: list[DiagnosticStatus] = []
         for topic in REFERENCE:
@@ -85,16 +83,7 @@ class Pilot:
         self.peer.create_subscription(
             DiagnosticArray, CHANGES_TOPIC.name, lambda m: self._changes.extend(m.status), 100
         )
-        self._send = {
-            topic: self.peer.create_publisher(
-                message_class(topic.msgtype), topic.name, published(topic)
-            )
-            for topic in (ATTITUDE, GOAL_POSE, GOAL_TRAJECTORY)
-        }
-        self.executor = new_executor()
-        for each in (self.node, self.peer):
-            self.executor.add_node(each)
-        self.until(lambda: all(each.get_subscription_count() for each in self._send.values()))
+        self.meet()
         self.until(lambda: self.peer.count_publishers(GUIDANCE_STATUS.name) > 0)
 
     def _hear(self, topic: Topic) -> None:
@@ -107,13 +96,10 @@ class Pilot:
         kind = message_class(topic.msgtype)
         self.peer.create_subscription(kind, topic.name, receive, 100, raw=True)
 
-    def until(self, condition: Callable[[], Any]) -> None:
-        until(condition, "an answer", meanwhile=lambda: self.executor.spin_once(timeout_sec=0.01))
-
     def state(self, t: float) -> list[float]:
         """Feed the state of an instant [s]; the ten numbers of the reference that answer it."""
         stamp_ns = nanoseconds(t)
-        self._send[ATTITUDE].publish(Codec(ATTITUDE).encode(stamp_ns, START))
+        self.send(ATTITUDE, stamp_ns, START)
         self.until(lambda: all(stamp_ns in self.heard[topic.name] for topic in REFERENCE))
         return [x for topic in REFERENCE for x in self.heard[topic.name][stamp_ns]]
 
@@ -128,7 +114,7 @@ class Pilot:
     def give(self, topic: Topic, message: Any) -> None:
         """Publish, and wait until the node has looked at it."""
         before = self.seen()
-        self._send[topic].publish(message)
+        self.publishers[topic].publish(message)
         self.until(lambda: self.seen() > before)
 
     def changed(self) -> dict[str, Any]:
@@ -160,10 +146,7 @@ def pilot(ros_domain: int) -> Iterator[Pilot]:
     try:
         made = Pilot()
         yield made
-        made.executor.shutdown()
-        made.node.close()
-        made.node.destroy_node()
-        made.peer.destroy_node()
+        made.close()
     finally:
         rclpy.try_shutdown()
 

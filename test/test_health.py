@@ -25,13 +25,11 @@ import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from process_helpers import until
-from rclpy.node import Node
+from peer import Beside
 from std_srvs.srv import SetBool
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter
-from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -50,9 +48,7 @@ from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
-from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.ppc_controller import PpcController
-from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
 from ppc_attitude.runtime.health import StepCounter
@@ -95,7 +91,7 @@ ARGUMENTS = {
 }
 
 
-class Patient:
+class Patient(Beside):
     """A node in this process, fed by hand, and what it says on `/diagnostics`."""
 
     def __init__(self, kind: type[BaseNode], parameters: list[str], home: str) -> None:
@@ -104,22 +100,13 @@ class Patient:
         self.full_name = f"{home.rstrip('/')}/{kind.executable}"
         self.passed = 0.0  # [s] of silence that nobody had to wait for
         clock = staticmethod(lambda: time.monotonic() + self.passed)
-        self.kind, self.node = kind, type(kind.__name__, (kind,), {"now": clock})()
-        self.peer = Node("peer", namespace=home)
+        self.kind = kind
         self.said: list[DiagnosticStatus] = []
         self.stamps: list[float] = []  # [s]
+        node = type(kind.__name__, (kind,), {"now": clock})()
+        super().__init__(node, *NEEDS[kind][0], *([INJECT] if kind is DisturbanceInjector else []))
         self.peer.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._hear, 100)
-        topics = {*NEEDS[kind][0], *([INJECT] if kind is DisturbanceInjector else [])}
-        self.publishers = {
-            topic: self.peer.create_publisher(
-                message_class(topic.msgtype), topic.name, published(topic)
-            )
-            for topic in topics
-        }
-        self.executor = self.node.new_executor()
-        for each in (self.node, self.peer):
-            self.executor.add_node(each)
-        self.until(lambda: all(p.get_subscription_count() for p in self.publishers.values()))
+        self.meet()
         self.until(self._is_heard)
 
     def _hear(self, message: DiagnosticArray) -> None:
@@ -131,21 +118,18 @@ class Patient:
         self.passed += 0.1
         return bool(self.said)
 
-    def until(self, condition: Callable[[], bool]) -> None:
-        def spin() -> None:
-            self.executor.spin_once(timeout_sec=0.01)
-            if not self.node.finished:
-                self.node.wake()
+    def spin(self) -> None:
+        super().spin()
+        if not self.node.finished:
+            self.node.wake()
 
-        until(condition, "an answer", meanwhile=spin)
-
-    def send(self, values: dict[Topic, tuple[float, ...]], step: int = 0) -> None:
+    def give(self, values: dict[Topic, tuple[float, ...]], step: int = 0) -> None:
         for topic, numbers in values.items():
-            self.publishers[topic].publish(Codec(topic).encode(stamp_of(step, 100.0), numbers))
+            self.send(topic, stamp_of(step, 100.0), numbers)
 
     def feed(self, step: int = 0, **changed: tuple[float, ...]) -> None:
         needs = {t: changed.get(t.column, v) for t, v in NEEDS[self.kind][0].items()}
-        self.send(needs, step)
+        self.give(needs, step)
 
     def starve(self) -> None:
         """Let a silence pass, without waiting for it."""
@@ -176,10 +160,7 @@ def admit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
 
     yield admitted
     for patient in patients:
-        patient.executor.shutdown()
-        patient.node.close()
-        patient.node.destroy_node()
-        patient.peer.destroy_node()
+        patient.close()
     rclpy.try_shutdown()
 
 
@@ -211,7 +192,7 @@ def test_a_refusal_is_a_warning_once_with_a_count(
     patient.feed(0)
     patient.says(OK)
     topic, values = next(iter(NEEDS[kind][0].items()))
-    patient.send({topic: (float("nan"), *values[1:])}, 1)
+    patient.give({topic: (float("nan"), *values[1:])}, 1)
     patient.until(lambda: patient.node.health.refused.total() > 0)
     step = 1 if kind is SpacecraftPlant else 2
     for level, text in ((WARN, "refused 1"), (OK, "")):
@@ -277,11 +258,11 @@ def test_an_estimator_refuses_sensors_of_another_time_and_goes_on(
     patient.feed(0)
     patient.says(OK, "tracking")
     for step in (10**6, 2 * 10**6):  # each says another time
-        patient.send(MEASURED, step)
+        patient.give(MEASURED, step)
     patient.until(lambda: patient.node.health.refused[gyro.name] == 2)
     patient.until(lambda: patient.node.health.refused[fix.name] == 2)
     patient.node.health.begin_again()
-    patient.send({gyro: MEASURED[gyro]}, 1)
+    patient.give({gyro: MEASURED[gyro]}, 1)
     values = patient.says(WARN, "refused 4")
     assert (values["refused imu/data_raw"], values["refused star_tracker/attitude"]) == ("2", "2")
     assert (values["steps"], values["fixes"]) == ("2", "1")
@@ -312,8 +293,8 @@ def test_the_injector_counts_what_it_takes_and_warns_of_what_it_refuses(
     admit: Callable[..., Patient],
 ) -> None:
     patient = admit(DisturbanceInjector)
-    patient.send({INJECT: (0.1, 0.0, 0.0)}, 500)
-    patient.send({INJECT: (99.0, 0.0, 0.0)})
+    patient.give({INJECT: (0.1, 0.0, 0.0)}, 500)
+    patient.give({INJECT: (99.0, 0.0, 0.0)})
     patient.until(lambda: patient.node.health.refused[INJECT.name] == 1)
     patient.feed(0)
     values = patient.says(WARN, "refused 1")

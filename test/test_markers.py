@@ -23,11 +23,10 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from process_helpers import until
+from peer import Beside
 from rclpy.node import Node
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
@@ -38,9 +37,8 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
-from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.marker_shapes import LONGEST
-from ppc_attitude.nodes.messages import diagnostics, message_class
+from ppc_attitude.nodes.messages import diagnostics
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.runtime.health import OK, Status
 from ppc_attitude.science.guidance import scene as guidance
@@ -51,36 +49,18 @@ STAMP_NS = 1_500_000_000
 INPUTS = (ATTITUDE, REFERENCE_ATTITUDE, APPLIED_TORQUE, DISTURBANCE)
 
 
-class Scene:
+class Scene(Beside):
     """The marker node and a peer that feeds it and collects what it draws."""
 
     def __init__(self) -> None:
-        self.node = AttitudeMarkers()
-        namespace = self.node.get_namespace()
-        self.peer = Node("peer", namespace=namespace)
-        self.publishers = {
-            topic: self.peer.create_publisher(
-                message_class(topic.msgtype), topic.name, published(topic)
-            )
-            for topic in INPUTS
-        }
+        super().__init__(AttitudeMarkers(), *INPUTS)
         self.drawn: list[MarkerArray] = []
         self.peer.create_subscription(MarkerArray, MARKERS_TOPIC.name, self.drawn.append, 10)
-        self.executor = new_executor()
-        self.executor.add_node(self.node)
-        self.executor.add_node(self.peer)
-        self.until(
-            lambda: (
-                all(publisher.get_subscription_count() for publisher in self.publishers.values())
-                and self.peer.count_publishers(MARKERS_TOPIC.name) >= 1
-            )
-        )
+        self.meet()
+        self.until(lambda: self.peer.count_publishers(MARKERS_TOPIC.name) >= 1)
 
-    def send(self, topic: Topic, values: tuple[float, ...], stamp_ns: int = STAMP_NS) -> None:
-        self.publishers[topic].publish(Codec(topic).encode(stamp_ns, values))
-
-    def until(self, condition: Callable[[], bool]) -> None:
-        until(condition, "an answer", meanwhile=lambda: self.executor.spin_once(timeout_sec=0.02))
+    def show(self, topic: Topic, values: tuple[float, ...], stamp_ns: int = STAMP_NS) -> None:
+        self.send(topic, stamp_ns, values)
 
     def arrived(self, *topics: Topic) -> None:
         self.until(lambda: all(topic in self.node._latest for topic in topics))
@@ -94,11 +74,6 @@ class Scene:
 
         self.until(drawn)
         return {(marker.ns, marker.id): marker for marker in self.drawn[-1].markers}
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        self.peer.destroy_node()
 
 
 @pytest.fixture
@@ -123,11 +98,11 @@ def tip(marker: Marker) -> tuple[float, float, float]:
 
 def test_the_picture_of_one_state(make_scene: Callable[..., Scene]) -> None:
     scene = make_scene("-p", "position:=[5.0, 0.0, 0.0]", "-p", "torque_scale:=10.0")
-    scene.send(REFERENCE_ATTITUDE, (0.0, 0.0, 0.0, 1.0))
-    scene.send(APPLIED_TORQUE, (0.05, 0.0, 0.0))
-    scene.send(DISTURBANCE, (0.0, 0.0, 0.8))
+    scene.show(REFERENCE_ATTITUDE, (0.0, 0.0, 0.0, 1.0))
+    scene.show(APPLIED_TORQUE, (0.05, 0.0, 0.0))
+    scene.show(DISTURBANCE, (0.0, 0.0, 0.8))
     scene.arrived(REFERENCE_ATTITUDE, APPLIED_TORQUE, DISTURBANCE)
-    scene.send(ATTITUDE, QUARTER_TURN)
+    scene.show(ATTITUDE, QUARTER_TURN)
     shapes = scene.picture()
 
     craft = shapes["craft", 0]
@@ -149,9 +124,9 @@ def test_the_picture_of_one_state(make_scene: Callable[..., Scene]) -> None:
 
 def test_what_does_not_act_is_taken_away(make_scene: Callable[..., Scene]) -> None:
     scene = make_scene()
-    scene.send(APPLIED_TORQUE, (0.0, 0.0, 0.0))
+    scene.show(APPLIED_TORQUE, (0.0, 0.0, 0.0))
     scene.arrived(APPLIED_TORQUE)
-    scene.send(ATTITUDE, QUARTER_TURN)
+    scene.show(ATTITUDE, QUARTER_TURN)
     shapes = scene.picture()
     assert shapes["torque", 0].action == Marker.DELETE
     assert ("disturbance", 0) not in shapes
@@ -173,7 +148,7 @@ def test_goal_cones_and_the_axes_that_must_keep_out(make_scene: Callable[..., Sc
     )
     publisher.publish(told)
     scene.until(lambda: scene.node._scene is not None)
-    scene.send(ATTITUDE, QUARTER_TURN)
+    scene.show(ATTITUDE, QUARTER_TURN)
     shapes = scene.picture()
     assert tip(shapes["goal", 0]) == pytest.approx((0.0, 1.6, 0.0), abs=1e-12)
     assert tip(shapes["boresight", 0]) == pytest.approx((0.0, 2.0, 0.0), abs=1e-12)
@@ -194,11 +169,11 @@ def test_goal_cones_and_the_axes_that_must_keep_out(make_scene: Callable[..., Sc
 
 def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
     scene = make_scene()
-    scene.send(ATTITUDE, (0.0, 0.0, 0.0, 2.0))
+    scene.show(ATTITUDE, (0.0, 0.0, 0.0, 2.0))
     scene.arrived(ATTITUDE)
     scene.node.wake()
     scene.until(lambda: scene.node.health.refused[ATTITUDE.name] > 0 or not scene.node.wake())
-    scene.send(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
+    scene.show(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
     assert scene.picture()["craft", 0].header.stamp.sec == 3
     assert len(scene.drawn) == 1
 
@@ -223,9 +198,9 @@ def test_transforms_where_tf2_ros_is_installed(
     monkeypatch.setattr(stand_in, "TransformBroadcaster", TransformBroadcaster, raising=False)
     monkeypatch.setitem(sys.modules, "tf2_ros", stand_in)
     scene = make_scene("-r", f"__ns:={namespace}")
-    scene.send(REFERENCE_ATTITUDE, (1.0, 0.0, 0.0, 0.0))
+    scene.show(REFERENCE_ATTITUDE, (1.0, 0.0, 0.0, 0.0))
     scene.arrived(REFERENCE_ATTITUDE)
-    scene.send(ATTITUDE, QUARTER_TURN)
+    scene.show(ATTITUDE, QUARTER_TURN)
     scene.picture()
     assert [t.child_frame_id for t in sent] == [f"{prefix}body", f"{prefix}desired"]
     assert {t.header.frame_id for t in sent} == {"inertial"}
@@ -238,6 +213,6 @@ def test_without_tf2_ros_there_are_still_markers(
 ) -> None:
     monkeypatch.setitem(sys.modules, "tf2_ros", None)
     scene = make_scene()
-    scene.send(ATTITUDE, QUARTER_TURN)
+    scene.show(ATTITUDE, QUARTER_TURN)
     assert ("craft", 0) in scene.picture()
     assert scene.node.status()[2]["transforms"] == "no tf2_ros"

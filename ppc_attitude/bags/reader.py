@@ -24,8 +24,7 @@ from ppc_attitude.bags.errors import BagError, printable
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.timeline import align
 from ppc_attitude.contract.carriers import carriers
-from ppc_attitude.contract.completeness import promised
-from ppc_attitude.contract.declared import BY_NAME, SAMPLED
+from ppc_attitude.contract.declared import BY_NAME, SAMPLED, promised
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,

@@ -23,7 +23,7 @@ import contextlib
 import os
 import sqlite3
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Literal
@@ -147,8 +147,7 @@ class BagWriter:
         BagError
             The topic is there already, its type is no ROS 2 Jazzy type, or writing failed.
         """
-        with self._lock:
-            self._check()
+        with self._writing():
             if topic in self._connections:
                 raise BagError(f"bag {self.path} has topic {topic} already")
             try:
@@ -157,8 +156,6 @@ class BagWriter:
                 )
             except (TypesysError, KeyError) as error:
                 raise BagError(f"{msgtype}, the type of {topic}, is not in Jazzy") from error
-            except (OSError, sqlite3.Error) as error:
-                raise self._fail(error) from error
 
     def write(self, topic: str, receive_time_ns: int, data: bytes) -> None:
         """Append a message.
@@ -180,7 +177,7 @@ class BagWriter:
         """
         if receive_time_ns < 0:
             raise BagError(f"receive time of {topic} is {receive_time_ns} ns, allowed are >= 0")
-        with self._lock:
+        with self._lock:  # as in `_writing`, whose price every message would pay
             self._check()
             connection = self._connections.get(topic)
             if connection is None:
@@ -200,13 +197,9 @@ class BagWriter:
         BagError
             The bag is closed or writing failed.
         """
-        with self._lock:
-            self._check()
-            try:
-                self._writer.set_custom_data(key, value)
-                write_unfinished(self.path, self._writer.custom_data)
-            except OSError as error:
-                raise self._fail(error) from error
+        with self._writing():
+            self._writer.set_custom_data(key, value)
+            write_unfinished(self.path, self._writer.custom_data)
 
     def flush(self) -> None:
         """Make everything written so far safe from a kill; happens by itself every `FLUSH_PERIOD`.
@@ -216,12 +209,8 @@ class BagWriter:
         BagError
             The bag is closed or writing failed.
         """
-        with self._lock:
-            self._check()
-            try:
-                self._flush()
-            except (OSError, sqlite3.Error) as error:
-                raise self._fail(error) from error
+        with self._writing():
+            self._flush()
 
     def close(self) -> None:
         """Finish the bag: index, ``metadata.yaml``. Closing twice is harmless.
@@ -270,6 +259,16 @@ class BagWriter:
                         self._flush()
                     except (OSError, sqlite3.Error) as error:
                         self._fail(error)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Write alone, into a bag that is open; end for good where that fails."""
+        with self._lock:
+            self._check()
+            try:
+                yield
+            except (OSError, sqlite3.Error) as error:
+                raise self._fail(error) from error
 
     def _flush(self) -> None:
         self._flush_is_due = False

@@ -100,6 +100,20 @@ def samples_of(node: str, values: Mapping[str, Any]) -> list[Topic]:
     return [BY_COLUMN[column.name] for column in columns_of(node, values) if not column.late]
 
 
+def promised(parameters: Mapping[str, Mapping[str, Any]]) -> list[Topic]:
+    """Return the topics that every instant of a run has, by what is known of its nodes.
+
+    A node of the user's in the place of one of ours promises nothing.
+
+    Parameters
+    ----------
+    parameters : mapping of str to mapping
+        The nodes of ours that took part, with their parameters; empty if nobody knows.
+    """
+    sent = [topic for node in sorted(parameters) for topic in samples_of(node, parameters[node])]
+    return list(dict.fromkeys(sent))
+
+
 def gives(node: str) -> tuple[Column, ...]:
     """Columns that a node gives at each instant whatever components it runs."""
     columns = [column for kind in HOSTED.get(node, ()) for column in kind.gives]

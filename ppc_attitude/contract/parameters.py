@@ -147,6 +147,12 @@ _OWN: dict[str, tuple[Parameter, ...]] = {
     MARKERS: _MARKERS,
 }
 """Parameters that a node has whatever components it runs."""
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+
+
+def is_of_ros(name: str) -> bool:
+    """True for a parameter that rclpy itself declares: it may stand in a file, and is not ours."""
+    return name in _OF_ROS or name.startswith("qos_overrides.")
 
 
 @cache

@@ -55,11 +55,7 @@ MSGTYPES = {
     **dict.fromkeys((WHEEL_SPEEDS, WHEEL_TORQUES), "sensor_msgs/msg/JointState"),
 }
 CLOCK = "rosgraph_msgs/msg/Clock"
-POSE = "geometry_msgs/msg/PoseStamped"
-TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-PARAMETER_EVENTS = "rcl_interfaces/msg/ParameterEvent"
-MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 
 PLANT = "spacecraft_plant"
 REFERENCE = "reference_generator"
@@ -112,8 +108,8 @@ class Topic:
 
     name: str
     msgtype: str
-    frame_id: str
-    source: str
+    frame_id: str = ""
+    source: str = ""
     column: str = ""
     unit: str = ""
     meaning: str = ""
@@ -167,64 +163,52 @@ INJECT = Topic(
     "disturbance/inject",
     MSGTYPES[WRENCH],
     BODY,
-    "",
-    "",
-    "N·m",
-    "extra torque, from anyone",
+    unit="N·m",
+    meaning="extra torque, from anyone",
     width=3,
 )
 GOAL_POSE = Topic(
     "goal_pose",
-    POSE,
+    "geometry_msgs/msg/PoseStamped",
     "inertial, nadir, ground, sun or spin",
-    "",
-    "",
-    "1",
-    "attitude to go to, relative to its frame, from anyone; the position is ignored",
+    unit="1",
+    meaning="attitude to go to, relative to its frame, from anyone; the position is ignored",
 )
 GOAL_TRAJECTORY = Topic(
     "goal_trajectory",
-    TRAJECTORY,
+    "trajectory_msgs/msg/MultiDOFJointTrajectory",
     INERTIAL,
-    "",
-    "",
-    "1",
-    "attitudes at given times, of the joint `body`, from anyone",
+    unit="1",
+    meaning="attitudes at given times, of the joint `body`, from anyone",
 )
 GUIDANCE_STATUS = Topic(
     "guidance/status",
     DIAGNOSTICS,
-    "",
-    REFERENCE,
-    "",
-    "",
-    "what becomes of each order, from the stamp on; warnings; where goal and cones are",
+    source=REFERENCE,
+    meaning="what becomes of each order, from the stamp on; warnings; where goal and cones are",
 )
-CLOCK_TOPIC = Topic("/clock", CLOCK, "", PLANT, "", "s", "simulated time")
-DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, "", "", "", "", "health of every node")
+CLOCK_TOPIC = Topic("/clock", CLOCK, source=PLANT, unit="s", meaning="simulated time")
+DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, meaning="health of every node")
 PARAMETER_EVENTS_TOPIC = Topic(
-    "/parameter_events", PARAMETER_EVENTS, "", "", "", "", "changed parameters"
+    "/parameter_events", "rcl_interfaces/msg/ParameterEvent", meaning="changed parameters"
 )
 CHANGES_TOPIC = Topic(
-    "parameters/changed",
-    DIAGNOSTICS,
-    "",
-    "",
-    "",
-    "",
-    "parameters that changed, from the stamp on",
+    "parameters/changed", DIAGNOSTICS, meaning="parameters that changed, from the stamp on"
 )
 RECORDED_TOPIC = Topic(
-    "recorded_until", CLOCK, "", RECORDER, "", "s", "the recorder has every state until then"
+    "recorded_until",
+    CLOCK,
+    source=RECORDER,
+    unit="s",
+    meaning="the recorder has every state until then",
 )
 MARKERS_TOPIC = Topic(
     "markers",
-    MARKER_ARRAY,
+    "visualization_msgs/msg/MarkerArray",
     INERTIAL,
     MARKERS,
-    "",
-    "m",
-    "craft, frames, torques, goal and keep-out cones as shapes",
+    unit="m",
+    meaning="craft, frames, torques, goal and keep-out cones as shapes",
 )
 EVENTS = (
     INJECT,

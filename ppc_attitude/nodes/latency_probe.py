@@ -14,23 +14,19 @@
 
 """From a state to the torque that answers it, as anyone on the graph can measure it."""
 
-import os
 import time
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import rclpy
-import rclpy.utilities
 from numpy.typing import NDArray
-from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.cdr import header_stamp
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
-from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import recorded
+from ppc_attitude.nodes.visiting import visiting
 from ppc_attitude.science.stamps import seconds
 
 _LOOK = 0.05  # [s]
@@ -80,32 +76,22 @@ def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
 
         return receive
 
-    check_discovery(os.environ)
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("latency_probe", namespace=namespace)
-    executor = new_executor()
-    try:
+    with visiting("latency_probe", namespace) as node:
         for topic, times in ((ATTITUDE, arrivals), (TORQUE_COMMAND, answers)):
-            node.create_subscription(
-                message_class(topic.msgtype),
-                topic.name,
-                receiver(topic, times),
-                recorded(topic),
-                raw=True,
-            )
+            kind, handle = message_class(topic.msgtype), receiver(topic, times)
+            node.create_subscription(kind, topic.name, handle, recorded(topic), raw=True)
+        executor = new_executor()
         executor.add_node(node)
-        while goes_on(len(arrivals)):
-            end = time.monotonic() + _LOOK
-            while (left := end - time.monotonic()) > 0.0:
-                executor.spin_once(timeout_sec=left)
-    finally:
-        executor.shutdown()  # or it keeps the node in the graph
-        node.destroy_node()
-        rclpy.utilities.try_shutdown()
+        try:
+            while goes_on(len(arrivals)):
+                end = time.monotonic() + _LOOK
+                while (left := end - time.monotonic()) > 0.0:
+                    executor.spin_once(timeout_sec=left)
+        finally:
+            executor.shutdown()  # or it keeps the node in the graph
     # The last state may be answered after the measurement.
     stamps = sorted(arrivals)[:-1]
     steps = np.diff([seconds(stamp) for stamp in stamps])
     trips = [answers[stamp] - arrivals[stamp] for stamp in stamps if stamp in answers]
-    return Latencies(
-        len(stamps), float(np.median(steps)) if len(steps) else np.nan, np.array(trips, np.float64)
-    )
+    period = float(np.median(steps)) if len(steps) else np.nan
+    return Latencies(len(stamps), period, np.array(trips, np.float64))

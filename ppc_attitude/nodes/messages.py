@@ -24,8 +24,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from ppc_attitude.contract.cdr import LARGEST as LARGEST
-from ppc_attitude.contract.cdr import CdrError, Codec, Sample, finite
+from ppc_attitude.contract.cdr import LARGEST, CdrError, Codec, Sample, finite
 from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, Topic
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError

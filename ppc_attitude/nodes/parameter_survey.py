@@ -24,11 +24,11 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
+from ppc_attitude.contract.parameters import is_of_ros
 from ppc_attitude.nodes.run_graph import RunGraph
 from ppc_attitude.science.parameter import unquoted
 
 _PERIOD = 1.0  # [s] between two looks for nodes that have not answered
-_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 class ParameterSurvey:
@@ -72,7 +72,7 @@ class ParameterSurvey:
     def _on_names(self, full: str, future: Future) -> None:
         listed = future.result()
         names = [] if listed is None else listed.result.names
-        names = [name for name in names if not name.startswith(_OF_ROS)]
+        names = [name for name in names if not is_of_ros(name)]
         client = self._node.create_client(GetParameters, f"{full}/get_parameters")
         request = GetParameters.Request(names=names)
         client.call_async(request).add_done_callback(partial(self._on_values, full, names))

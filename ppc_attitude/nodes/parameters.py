@@ -33,13 +33,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
-from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
 from ppc_attitude.contract.yaml_file import FAST, parsed
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter, Value, resolved
-
-# Declared by rclpy itself; the rest of a parameter file's names must be ours.
-_OF_ROS = ("use_sim_time", "start_type_description_service")
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
@@ -73,7 +70,7 @@ class NodeParameters:
         chosen = {
             name: [] if override.type_ == RosParameter.Type.NOT_SET else _plain(override.value)
             for name, override in node._parameter_overrides.items()
-            if name not in _OF_ROS and not name.startswith("qos_overrides.")
+            if not is_of_ros(name)  # the rest of a parameter file's names must be ours
         }
         self.values = resolved(self._table.values(), chosen, executable)
         check(self.values)

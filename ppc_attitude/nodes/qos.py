@@ -16,7 +16,6 @@
 
 from rclpy.qos import (
     DurabilityPolicy,
-    HistoryPolicy,
     QoSProfile,
     ReliabilityPolicy,
     qos_profile_parameter_events,
@@ -40,13 +39,7 @@ _KEPT_EVENTS = (GUIDANCE_STATUS,)  # of which who comes late gets the last ones
 
 def published(topic: Topic) -> QoSProfile:
     """QoS that our publisher of a topic offers."""
-    if topic.column:
-        return QoSProfile(
-            depth=_KEPT,
-            history=HistoryPolicy.KEEP_LAST,
-            reliability=ReliabilityPolicy.RELIABLE,
-        )
-    depth = 1 if topic in (CLOCK_TOPIC, RECORDED_TOPIC) else 10
+    depth = _KEPT if topic.column else 1 if topic in (CLOCK_TOPIC, RECORDED_TOPIC) else 10
     kept = DurabilityPolicy.TRANSIENT_LOCAL if topic in _KEPT_EVENTS else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 

@@ -78,7 +78,7 @@ class RunGraph:
                     if short in _NAMES:
                         self.promised[home].add(short)
                     column = short if short in self.promised[home] else ""
-                    yield home, Topic(short, msgtype, "", name, column)
+                    yield home, Topic(short, msgtype, source=name, column=column)
 
     def _topics(self, home: str, name: str, namespace: str) -> Iterator[tuple[str, str]]:
         """Topics of a node in the namespace of the run, without that, and their types."""

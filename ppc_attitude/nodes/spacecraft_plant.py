@@ -21,12 +21,11 @@ from typing import Any
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from ppc_attitude.contract.cdr import decode_clock, encode_clock
+from ppc_attitude.contract.cdr import LARGEST, decode_clock, encode_clock
 from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of, gives
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import CLOCK_TOPIC, PLANT, RECORDED_TOPIC, TRUE_RATE
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.messages import LARGEST
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.processes.telling import TIME, tell

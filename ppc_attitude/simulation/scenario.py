@@ -25,16 +25,13 @@ import numpy as np
 import yaml
 
 from ppc_attitude.contract.declared import components_of
-from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
 from ppc_attitude.contract.topics import CONTROLLER, HOSTED, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, all_components
 from ppc_attitude.science.parameter import Value, checked, resolved
-
-# ROS's own parameters may stand in a file; they are not ours to check.
-_OF_ROS = ("use_sim_time", "start_type_description_service")
 
 Overrides = Mapping[str, Mapping[str, Any]]
 
@@ -166,7 +163,7 @@ def _flattened(tree: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str,
         name = f"{prefix}{key}"
         if isinstance(value, dict):
             yield from _flattened(value, f"{name}.")
-        elif name not in _OF_ROS and not name.startswith("qos_overrides."):
+        elif not is_of_ros(name):
             yield name, value
 
 
