@@ -37,6 +37,7 @@ from ppc_attitude.bags.marks import UNFINISHED
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.command_line.main import main
 
 RUN = normal_run(duration=1.0)
 
@@ -73,6 +74,16 @@ def test_a_truncated_file_is_recovered_as_far_as_it_goes(tmp_path: Path, part: f
     assert_same(after, before)
     assert_prefix(after, RUN)
     assert [file.name for file in cut.glob("*.mcap")] == ["cut.mcap"]
+
+
+def test_the_command_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = unfinished(tmp_path / "bag", "mcap", RUN)
+    assert main(["recover", str(bag)]) == 0
+    first, cut, last = capsys.readouterr().out.splitlines()
+    count = len(RUN.stamps_ns) * len(SAMPLED)
+    assert first == f"{count} messages on {len(SAMPLED)} topics, received within 1.000 s"
+    assert cut.startswith("it was cut: it has no metadata.yaml")
+    assert last == f"bag: {bag}"
 
 
 def test_a_healthy_bag_is_refused_and_untouched(tmp_path: Path, storage: str) -> None:

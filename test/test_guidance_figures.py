@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
+from process_helpers import PAPER
 from scipy.spatial.transform import Rotation
 from test_goal_reference import DESIRED_ATTITUDE, NO_PROFILES, STRAIGHT, flight
 
@@ -29,9 +30,10 @@ from ppc_attitude.analysis.flight import flight_of
 from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.guidance.orders import Orders, schedule_of, scheduled_orders
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.scenario import scenario
+from ppc_attitude.simulation.scenario import load, scenario
 
 OWN = {"slews", "sky_map", "cone_angles"}
 
@@ -126,6 +128,27 @@ def test_figures_show_ways_sky_and_angles(record: RunRecord) -> None:
     assert np.deg2rad(path[-1, 1]) == pytest.approx(np.arcsin(z[2]))
     assert plotted(drawn["sky_map"][1]) == ""  # a map has nothing over time to zoom
     assert plotted(drawn["slews"][1]) != ""
+
+
+def test_a_run_without_any_order_has_no_legs_to_shade() -> None:
+    resting = simulate(load([PAPER], {REFERENCE: {"mode": "goal"}}), 2.0)
+    flown = flight_of(resting)
+    assert flown is not None
+    assert flown.words == ()
+    assert {"slews", "sky_map"} <= figures_of(resting).keys()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_craft_that_never_knew_its_attitude_flew_nothing() -> None:
+    blind = {
+        "initial_fix": False,
+        "star_tracker.blinding_times": [0.0],
+        "star_tracker.blinding_durations": [1e3],
+    }
+    files = [PAPER.with_name(f"{name}.yaml") for name in ("paper", "mission", "sensors_smallsat")]
+    record = simulate(load(files, {PLANT: blind}), 2.0)
+    assert flight_of(record) is None
+    assert {"gyro_bias", "transformed_errors"} <= figures_of(record).keys()
 
 
 def test_a_run_without_goals_has_none_of_them() -> None:

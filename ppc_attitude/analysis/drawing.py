@@ -279,6 +279,8 @@ def time_axis(axes: Axes, t: Array) -> None:
 
 def log_axis(axes: Axes, floor: float) -> None:
     """Make the ordinate logarithmic, from `floor` up: zero crossings reach no further down."""
+    if not axes.dataLim.y1 > 0.0:  # nothing to see, and no range that follows from it
+        axes.set_ylim(floor, 1.0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=floor)
 

@@ -193,7 +193,8 @@ def transformed_errors_figure(run: Measured) -> Figure:
     shown = [row[0] for row in rows]
     for axes, envelope in zip(shown, pairs, strict=True):
         bound = vectors(run.record, envelope.bound)
-        values = vectors(run.record, envelope.error)[:, : bound.shape[1]] / bound
+        values = vectors(run.record, envelope.error)[:, : bound.shape[1]]
+        values = np.divide(values, bound, out=np.full_like(bound, np.nan), where=bound != 0.0)
         components(axes, run.t, values)
         limit_lines(axes, 1.0, -1.0, label="envelope")
         label = f"{envelope.name} / envelope [1]"

@@ -108,9 +108,10 @@ def _in_band(
             draw(axes, run.t, edge[:, k], width=ENVELOPE_WIDTH, style="--", label=label)
         # At the start nothing is known of the bias: the band of then would hide all that follows.
         late = run.t >= 0.25 * run.t[-1]
-        reach = np.array([np.nanmin(low[late, k]), np.nanmax(high[late, k])])
-        if np.isfinite(reach).all() and reach[1] > reach[0]:
-            axes.set_ylim(*(reach + 0.3 * np.ptp(reach) * np.array([-1.0, 1.0])))
+        edges = np.concatenate([low[late, k], high[late, k]])
+        edges = edges[np.isfinite(edges)]
+        if edges.size and (width := np.ptp(edges)) > 0.0:
+            axes.set_ylim(edges.min() - 0.3 * width, edges.max() + 0.3 * width)
         axes.set_ylabel(f"{name},\n{axis} [{unit}]")
         time_axis(axes, run.t)
         mark_hits(axes, [hit.start_s for hit in run.hits])

@@ -84,7 +84,7 @@ class Flight:
 
 
 def flight_of(record: RunRecord) -> Flight | None:
-    """Fly the guidance of a run once more; None if it had none, or no attitude is on record.
+    """Fly the guidance of a run once more; None if it had none, or never knew an attitude.
 
     Raises
     ------
@@ -118,6 +118,8 @@ def flight_of(record: RunRecord) -> Flight | None:
         picked.append(k)
         goals.append(scene.goal)
         cones.append(scene.cones)
+    if not picked:
+        return None
     return Flight(
         np.array(picked, np.int64),
         np.array(goals, np.float64).reshape(-1, 4),

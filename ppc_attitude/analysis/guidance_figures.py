@@ -120,8 +120,9 @@ def _mark_orders(axes: Axes, flight: Flight, start: float) -> None:
         told.add(label)
         return label if new else "_"
 
-    for word, following in zip(flight.words, [*flight.words[1:], None], strict=True):
-        until = np.inf if following is None or not following.legs else following.time
+    # A turn ends where the next one begins.
+    ends = [word.time if word.legs else np.inf for word in flight.words[1:]]
+    for word, until in zip(flight.words, [*ends, np.inf], strict=False):
         for leg in word.legs:
             if leg.begin < until:
                 label, colour = ("turn", BLUE) if leg.turns else ("brake, or timed", ORANGE)

@@ -17,8 +17,10 @@
 import argparse
 from pathlib import Path
 
+from ppc_attitude.bags.errors import printable
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.command_line.errors import DONE
+from ppc_attitude.science.stamps import seconds
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -33,5 +35,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Recover and say what was found."""
-    print(recover(arguments.bag))
+    found = recover(arguments.bag)
+    length = seconds(found.end_ns - found.start_ns)
+    print(
+        f"{found.messages} messages on {len(found.topics)} topics, received within {length:.3f} s"
+    )
+    print(f"it was cut: {printable('; '.join(found.flaws))}")
+    print(f"bag: {found.path}")
     return DONE
