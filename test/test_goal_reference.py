@@ -337,6 +337,7 @@ def test_orders_given_in_flight_are_replayed_from_what_was_told() -> None:
     told = schedule_of(orders)
     again = scheduled_orders({**values, **told})
     assert np.array_equal(again.listed, orders.listed)
+    assert told["goals.times"] == values["goals.times"]
     assert np.array_equal(again.profiles, orders.profiles)
     assert orders.profiles["rate"][0, 1].any()  # chosen, since none is given
     # The same run as if all but the first goal had been given in flight, at 5 s.

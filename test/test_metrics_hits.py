@@ -14,12 +14,15 @@
 
 """The judgement of synthetic runs with sudden disturbances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic import environment, hit_run, normal_run, pulse_torque, with_columns
 from test_metrics import constant_error, names, requirement
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.verdict import disturbance_text
 
 
 def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
@@ -83,6 +86,11 @@ def test_recovery_within_ten_seconds(last_bad, met):
     assert row.value == pytest.approx(last_bad - 80.0, abs=1e-9)
     assert row.met is met
     assert requirement(verdict, "attitude error from 60 s on").met is met
+
+
+def test_what_rounding_leaves_of_nothing_is_told_as_nothing():
+    (hit,) = analyse(hit_with_error(85.0)).metrics.disturbances
+    assert "(0.1, 0, 0) N·m" in disturbance_text(replace(hit, torque=(0.1, 8.7e-17, -9.1e-16)))
 
 
 def test_no_recovery_is_null():

@@ -342,7 +342,8 @@ def error_text(error: ErrorSize) -> str:
 
 def disturbance_text(disturbance: Disturbance) -> str:
     """One sudden disturbance in one line."""
-    torque = ", ".join(number_text(each) for each in disturbance.torque)
+    # It is a difference of torques: what rounding leaves of nothing is nothing.
+    torque = ", ".join(number_text(round(each, 9) + 0.0) for each in disturbance.torque)
     return (
         f"sudden disturbance at {disturbance.start_s:g} s, ({torque}) N·m "
         f"for {disturbance.duration_s:g} s: {disturbance.outcome}, "

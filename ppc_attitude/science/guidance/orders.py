@@ -28,7 +28,7 @@ from ppc_attitude.science.guidance.cones import each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
 from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.stamps import nanoseconds, seconds
+from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
 
 HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
 GOAL_TIMES = Parameter(
@@ -175,7 +175,7 @@ def schedule_of(orders: Orders) -> dict[str, Any]:
             motion = (each["attitude"][k], each["rate"][k], each["acceleration"][k])
             rows.append([i, each["time"][k], *np.concatenate(motion)])
     return {
-        GOAL_TIMES.name: [seconds(int(stamp_ns)) for stamp_ns in orders.listed["stamp_ns"]],
+        GOAL_TIMES.name: (orders.listed["stamp_ns"] / NANOSECONDS).tolist(),
         GOAL_FRAMES.name: [names[int(frame)] for frame in orders.listed["frame"]],
         GOAL_ATTITUDES.name: orders.listed["attitude"].ravel().tolist(),
         GOAL_POINTS.name: [float(number) for row in rows for number in row],
