@@ -43,7 +43,7 @@ def rows(name: str) -> tuple[list[str], Any]:
 
 def numbers(name: str) -> Array:
     """The rows of a table of numbers."""
-    return rows(name)[1].astype(np.float64)  # type: ignore[no-any-return]
+    return np.asarray(rows(name)[1], np.float64)
 
 
 def table(name: str) -> dict[str, Array]:

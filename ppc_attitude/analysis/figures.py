@@ -36,7 +36,7 @@ from ppc_attitude.analysis.drawing import (
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.filter_figures import bias_figure, innovation_figure, knowledge_figure
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
-from ppc_attitude.analysis.measure import Measured, known, torque_limit
+from ppc_attitude.analysis.measure import Measured, known
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
 from ppc_attitude.analysis.run_panels import (
     AXES,
@@ -124,10 +124,7 @@ def attitude_figure(run: Measured) -> Figure:
 
 def applied_torque_figure(run: Measured) -> Figure:
     """Draw the torque that the actuator gave, with its limits."""
-    torque, limit = (
-        vectors(run.record, APPLIED_TORQUE.column),
-        torque_limit(run.record, run.required),
-    )
+    torque, limit = vectors(run.record, APPLIED_TORQUE.column), run.torque_limit
     figure, shown, _ = panels_of(run, 1, row_height=2.0)
     reach = 1.15 * max(limit, float(np.nanmax(np.abs(torque))))
     for axes in shown:

@@ -143,7 +143,7 @@ def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
     if has(record, mekf.ESTIMATE.name):
         attitude, rate = (each(record).max(axis=1) for each in (attitude_sigmas, rate_sigmas))
         known = (DEVIATIONS * attitude <= e_A) & (DEVIATIONS * rate <= e_W)
-        found["an estimate whose covariance is beyond the assumed errors"] = ~known
+        found["no estimate, or one whose covariance is beyond the assumed errors"] = ~known
     if has(record, TRUE_RATE.column) and has(record, TRUE_ATTITUDE.column):
         off = np.linalg.norm(record[ANGULAR_VELOCITY.column] - record[TRUE_RATE.column], axis=1)
         known = (knowledge_errors(record).angles <= e_A) & (off <= e_W)

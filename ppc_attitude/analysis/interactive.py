@@ -27,7 +27,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ppc_attitude.analysis.measure import Measured, torque_limit
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import has
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import APPLIED_TORQUE, REFERENCE_ATTITUDE
@@ -76,7 +76,7 @@ def replay(run: Measured) -> str:
                 name: _packed(np.nan_to_num(run.record[column][::step]))
                 for name, column in columns.items()
             },
-            "torque_limit": torque_limit(run.record, run.required),
+            "torque_limit": run.torque_limit,
         }
     )
     return (

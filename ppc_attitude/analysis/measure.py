@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, beyond, envelopes_of
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
-from ppc_attitude.analysis.requirements import PAPER, Accuracy, Requirements, component_size
+from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import AnalysisError, elapsed, has, step, topic_of, vectors
 from ppc_attitude.analysis.truth import (
     EXACT,
@@ -66,14 +66,6 @@ def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
     if not has(record, DISTURBANCE.column):
         return ()
     return find_pulses(t, vectors(record, DISTURBANCE.column))
-
-
-def torque_limit(record: RunRecord, required: Requirements = PAPER) -> float:
-    """Limit on an axis [N·m]: as required, else the actuator's as configured, else the paper's."""
-    # A bag of somebody else's plant says only what the controller was told of the actuator.
-    told = [record.parameters.get(node, {}).get("max_torque") for node in (PLANT, CONTROLLER)]
-    limits = (required.torque, *told, PAPER_TORQUE_LIMIT)
-    return next(float(each) for each in limits if isinstance(each, int | float))
 
 
 class Measured:
@@ -200,6 +192,15 @@ class Measured:
     def largest_of(self, column: str) -> float | None:
         """Largest magnitude of a number of a column; None if the record has none."""
         return largest(np.abs(self.record[column])) if has(self.record, column) else None
+
+    @property
+    def torque_limit(self) -> float:
+        """Limit on an axis [N·m]: as required, else as configured, else the paper's."""
+        # A bag of somebody else's plant says only what the controller was told of the actuator.
+        parameters = self.record.parameters
+        told = [parameters.get(node, {}).get("max_torque") for node in (PLANT, CONTROLLER)]
+        limits = (self.required.torque, *told, PAPER_TORQUE_LIMIT)
+        return next(float(each) for each in limits if isinstance(each, int | float))
 
     @property
     def fastest_wheel(self) -> float | None:

@@ -54,7 +54,7 @@ from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
-from ppc_attitude.analysis.measure import Measured, known, largest, pulses_of, torque_limit, window
+from ppc_attitude.analysis.measure import Measured, known, largest, pulses_of, window
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements
 from ppc_attitude.analysis.series import AnalysisError, has, is_finite, topic_of
 from ppc_attitude.analysis.truth import EXACT, RECORDED, knowledge_errors, truth_of
@@ -170,8 +170,7 @@ class _Judge(Measured):
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
             yield self._row("rate", rate, required.rate, "deg/s", self.calm_span, why, note=note)
         if required.torque is not None:
-            limit = torque_limit(self.record, required)
-            yield self._column("applied_torque", APPLIED_TORQUE.column, limit)
+            yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit)
         for envelope in envelopes_of(self.record):
             yield from self._inside(envelope)
         late = [hit for hit in self.hits if hit.start_s >= required.settling_deadline]

@@ -165,7 +165,8 @@ def _actuator_torque(scenario: Scenario) -> float:
     plant: Mapping[str, Any] = scenario.parameters[PLANT]
     if ACTUATORS.selected(plant) is wheels.COMPONENT:
         array = wheel_record(plant)
-        return certain_torque(*(array[each][: array["count"]] for each in ("axes", "max_torque")))
+        count = array["count"]
+        return certain_torque(array["axes"][:count], array["max_torque"][:count])
     return float(plant["max_torque"])
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from ppc_attitude.contract.topics import GOAL_POSE, GOAL_TRAJECTORY, GUIDANCE_STATUS
+from ppc_attitude.contract.topics import GOAL_POSE, GOAL_TRAJECTORY, GUIDANCE_STATUS, Topic
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.messages import diagnostics
 from ppc_attitude.nodes.qos import published, subscribed
@@ -34,6 +34,7 @@ from ppc_attitude.science.guidance.order_book import Make, OrderBook
 from ppc_attitude.science.guidance.orders import (
     GOAL_ATTITUDES,
     GOAL_FRAMES,
+    PROFILING,
     Orders,
     goal_order,
     hold_order,
@@ -47,7 +48,6 @@ from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import configuration_of, facts
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
-ABOUT, ORDERS = "about", "an order"  # what a status is about
 ASKED = "asked"  # what the orders were that a status answers, by which each finds its own answer
 _BODY = "body"  # the joint of a trajectory
 _LATEST = 1e8  # [s] as for a scheduled goal; no stamp is far beyond
@@ -79,19 +79,27 @@ class GuidanceDesk:
         self._publisher = node.create_publisher(
             DiagnosticArray, GUIDANCE_STATUS.name, published(GUIDANCE_STATUS)
         )
-        self._listen(PoseStamped, GOAL_POSE, self._on_pose)
-        self._listen(MultiDOFJointTrajectory, GOAL_TRAJECTORY, self._on_trajectory)
+        self._listen(PoseStamped, GOAL_POSE, self._on_pose, pose_asked)
+        trajectory = MultiDOFJointTrajectory
+        self._listen(trajectory, GOAL_TRAJECTORY, self._on_trajectory, lambda _: PROFILING)
         node.create_service(Trigger, "~/hold", self._on_hold)
 
-    def _listen(self, kind: Any, topic: Any, handle: Callable[[Any], None]) -> None:
+    def _listen(
+        self,
+        kind: Any,
+        topic: Topic,
+        handle: Callable[[Any], None],
+        name: Callable[[Any], str],
+    ) -> None:
+        """Pass the messages of a topic on; tell what a refused one asked for by its name."""
+
         def receive(message: Any) -> None:
             try:
                 handle(message)
             except ValueError as reason:
                 self._node.refuse(topic.name, f"{topic.name}: {reason}")
                 text = f"refused {topic.name}: {reason}"
-                asked = pose_asked(message) if kind is PoseStamped else ""
-                self._say(self._stamp, WARN, text, {ABOUT: ORDERS, ASKED: asked})
+                self._say(self._stamp, WARN, text, {ASKED: name(message)})
 
         self._node.create_subscription(kind, topic.name, receive, subscribed(topic))
 
@@ -126,8 +134,8 @@ class GuidanceDesk:
         taken = self._orders.listed[self._details.get("order", 0) : details["order"]]
         self._told, self._details = self._part.advices, details
         advice = self._part.advice
-        about = {ABOUT: ORDERS, ASKED: self._asked(taken)} if taken.size else {ABOUT: "what moves"}
-        self._say(stamp_ns, WARN if advice.warning else OK, advice.text, {**about, **details})
+        told = {ASKED: self._asked(taken), **details} if taken.size else details
+        self._say(stamp_ns, WARN if advice.warning else OK, advice.text, told)
 
     def _asked(self, taken: NDArray[Any]) -> str:
         schedule = schedule_of(Orders(taken, self._orders.profiles))

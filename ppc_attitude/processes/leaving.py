@@ -56,16 +56,15 @@ class _Times(ctypes.Structure):
 def leaving(code: int) -> Iterator[None]:
     """End this process with an exit code if to leave the middleware takes too long.
 
-    Without timers of the C library, which Linux has, it takes as long as it takes.
+    Where the C library has no timer, unlike on Linux, it takes as long as it takes.
     """
-    library = ctypes.CDLL(None)
-    if not hasattr(library, "timer_create"):
+    library, timer = ctypes.CDLL(None), ctypes.c_void_p()
+    leave = ctypes.cast(library._exit, ctypes.c_void_p).value
+    notice = ctypes.byref(_Notice(value=code, notify=_THREAD, function=leave))
+    create = getattr(library, "timer_create", lambda *_: -1)
+    if create(_MONOTONIC, notice, ctypes.byref(timer)) != 0:
         yield
         return
-    leave = ctypes.cast(library._exit, ctypes.c_void_p).value
-    notice = _Notice(value=code, notify=_THREAD, function=leave)
-    timer = ctypes.c_void_p()
-    library.timer_create(_MONOTONIC, ctypes.byref(notice), ctypes.byref(timer))
     seconds, rest = divmod(_PATIENCE, 1.0)
     times = _Times(seconds=int(seconds), nanoseconds=int(1e9 * rest))
     library.timer_settime(timer, 0, ctypes.byref(times), None)

@@ -24,13 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.component import (
-    BODY,
-    MAX_WHEELS,
-    WHEEL_SPEEDS,
-    WHEEL_TORQUES,
-    Column,
-)
+from ppc_attitude.science.component import BODY, MAX_WHEELS, WHEEL_SPEEDS, WHEEL_TORQUES, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, kernel, scale, vector
 from ppc_attitude.science.parameter import Parameter

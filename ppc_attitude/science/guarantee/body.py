@@ -66,6 +66,10 @@ class Body:
             norms.append(arithmetic.sqrt(sum_of(each * each for each in z)))
         return arithmetic.largest(*norms)
 
+    def inverse_error(self, e_S: Number, arithmetic: Arithmetic) -> Number:
+        """ε ≥ ‖ĴJ⁻¹ − I‖, and ‖J⁻¹Ĵ − I‖, for J = Ĵ^½(I + S)Ĵ^½ with ‖S‖ ≤ e_S."""
+        return arithmetic.sqrt(self.most / self.least) * e_S / (1 - e_S)
+
 
 def sum_of(values: Iterable[Number]) -> Number:
     """Add numbers of any arithmetic."""

@@ -135,8 +135,7 @@ class _Maker:
         self.stop_rate = number(law.omega0) + self.z  # ‖ω_e‖ while p > 0
         self.cruise_rate = number(law.w_far) + 2 * self.z  # the axis turns meanwhile: C9 n
         e_S = number(assumed.e_S)
-        condition = arithmetic.sqrt(self.body.most / self.body.least)
-        self.epsilon = condition * e_S / (1 - e_S)
+        self.epsilon = self.body.inverse_error(e_S, arithmetic)
         spread = ((1 + e_S) * self.body.most - (1 - e_S) * self.body.least) / 2
         fastest = arithmetic.largest(self.Omega, self.stop_rate + self.W)
         self.gyroscopic = (self.epsilon * spread + e_S * self.body.most) * fastest * fastest

@@ -196,17 +196,16 @@ def _deviations(nodes: Nodes) -> tuple[float, float]:
 def _rate_lag(nodes: Nodes, assumed: Assumptions) -> float:
     """Most that a gyro's mean rate of a step differs from the rate at its end [rad/s]: h ω'/2.
 
-    J ω' = τ + d − ω × Jω, at the fastest start that is promised anything, where J differs from Ĵ
-    by ‖S‖ ≤ e_S: so ω × Jω by at most e_S λ_max ‖ω‖², and J⁻¹y from Ĵ⁻¹y by at most
-    √(λ_max / λ_min) e_S / (1 − e_S) ‖Ĵ⁻¹y‖.
+    J ω' = τ + d − ω × Jω, at the fastest start that is promised anything. J differs from Ĵ by
+    ‖S‖ ≤ e_S: so ω × Jω by at most e_S λ_max ‖ω‖², and J⁻¹y from Ĵ⁻¹y by at most ε ‖Ĵ⁻¹y‖.
     """
     if not nodes.estimated:
         return 0.0
-    body, e_S = body_of(assumed, FLOATS), assumed.e_S
+    body = body_of(assumed, FLOATS)
     squared = (TUMBLING[0] * assumed.Omega) ** 2
-    torque = assumed.max_torque + assumed.d + e_S * body.most * squared
+    torque = assumed.max_torque + assumed.d + assumed.e_S * body.most * squared
     turned = body.box(tuple(torque + each * squared for each in body.spread), FLOATS)
-    off = math.sqrt(body.most / body.least) * e_S / (1.0 - e_S)
+    off = body.inverse_error(assumed.e_S, FLOATS)
     return float(0.5 / nodes.plant["rate"] * (1.0 + off) * turned)
 
 
