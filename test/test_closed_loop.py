@@ -84,6 +84,7 @@ def test_the_first_step_alone_is_that_of_the_loop(name: str) -> None:
     case = scenario(
         {
             "ppc_controller": {"controller": name},
+            "reference_generator": {"mode": "paper_ahead"},  # which gives what any law reads
             "spacecraft_plant": {"attitude_noise": 1e-3, "rate_noise": 1e-4, "seed": 3},
         }
     )
@@ -115,6 +116,7 @@ def test_two_runs_are_the_same_to_the_last_bit(name: str) -> None:
     case = scenario(
         {
             "ppc_controller": {"controller": name},
+            "reference_generator": {"mode": "paper_ahead"},
             "spacecraft_plant": {"attitude_noise": 1e-5, "rate_noise": 1e-6, "seed": 3},
             "disturbance_injector": {
                 "pulse_times": [5.0],

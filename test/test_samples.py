@@ -85,6 +85,7 @@ CASES = {
         law: scenario(
             {
                 "ppc_controller": {"controller": law},
+                "reference_generator": {"mode": "paper_ahead"},  # which gives what any law reads
                 "spacecraft_plant": NOISE,
                 "disturbance_injector": HIT,
             }

@@ -41,6 +41,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.science.controllers.tube_parameters import (
     CERTIFICATE,
+    LAWS,
     PARAMETERS,
     PREFIX,
     digest_of,
@@ -77,7 +78,7 @@ def certificate_held(record: RunRecord) -> Held | None:
     """Compare a run with its certificate; None if its law has none."""
     values = record.parameters.get(CONTROLLER, {})
     digest = values.get(CERTIFICATE.name)
-    if values.get("controller") != "momentum_tube" or not digest:
+    if values.get("controller") not in LAWS or not digest:
         return None
     nothing = np.zeros(record.stamps_ns.size, dtype=np.bool_)
     if not all(each.name in values for each in PARAMETERS):

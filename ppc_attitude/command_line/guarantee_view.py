@@ -28,7 +28,7 @@ from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.yaml_file import LARGEST, parsed_json
-from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE
+from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, LAW_AHEAD
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.arithmetic import balls
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
@@ -38,7 +38,7 @@ from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.inequalities import Inequality
 from ppc_attitude.science.guarantee.known_reference import KnownReference
 from ppc_attitude.science.guarantee.surroundings import broken_assumptions
-from ppc_attitude.science.references import paper
+from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
 
 _PROMISED = ("rate", "time")
@@ -154,20 +154,24 @@ class Judgement:
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is for this reference")
         reference = self._scenario.parameters[REFERENCE]
-        if reference["mode"] != paper.COMPONENT.name:
+        known = {paper.COMPONENT.name: paper, paper_ahead.COMPONENT.name: paper_ahead}
+        module = known.get(str(reference["mode"]))
+        if module is None:
             raise ConfigurationError(
                 f"mode = {reference['mode']}; only the paper's reference is known beforehand"
             )
-        record = paper.configure(reference)
+        record = module.configure(reference)
+        told = self._scenario.controller.name == LAW_AHEAD
+        ahead = paper_ahead.turn_ahead(0.0, record) if told else (0.0, 0.0, 0.0)
 
         def rate_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.array([paper.desired_rate(t, record) for t in times])
 
-        known = KnownReference(self._assumed, self._law, rate_at)
+        bound = KnownReference(self._assumed, self._law, rate_at, np.array(ahead))
         accuracy = self.certificate.accuracy
         return [
             f"guaranteed for this reference: |q_ev,i| < {accuracy:g} from "
-            f"t = {known.time(math.radians(rate), accuracy):.2f} s on, for every attitude and "
+            f"t = {bound.time(math.radians(rate), accuracy):.2f} s on, for every attitude and "
             f"every ‖ω_s(0)‖ ≤ {rate:g} deg/s"
             for rate in rates
         ]

@@ -178,7 +178,9 @@ ESTIMATORS = Kind(
     TOLD,
     optional=True,
 )
-REFERENCES = Kind("references", "mode", "the desired motion", ("paper", "goal"), DESIRED_MOTION)
+REFERENCES = Kind(
+    "references", "mode", "the desired motion", ("paper", "goal", "paper_ahead"), DESIRED_MOTION
+)
 ENVIRONMENTS = Kind(
     "environments",
     "environment",
@@ -193,7 +195,7 @@ CONTROLLERS = Kind(
     "controllers",
     "controller",
     "the control law",
-    ("ppc", "log_barrier", "quaternion_feedback", "momentum_tube"),
+    ("ppc", "log_barrier", "quaternion_feedback", "momentum_tube", "momentum_tube_ahead"),
     (TORQUE_COMMAND,),
     front="ppc_attitude.science.observed_law",
 )

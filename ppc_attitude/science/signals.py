@@ -73,6 +73,14 @@ REFERENCE_ACCELERATION = Column(
     "rad/s²",
     "desired angular acceleration",
 )
+TURN_AHEAD = Column(
+    "reference_turn_ahead",
+    "reference/turn_ahead",
+    VECTOR,
+    DESIRED,
+    "rad",
+    "∫ω_d of what lies ahead, from a reference that knows it",
+)
 ENVIRONMENT_TORQUE = Column(
     "environment_torque",
     "disturbance/environment",

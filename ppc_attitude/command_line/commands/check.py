@@ -47,7 +47,7 @@ from ppc_attitude.command_line.proportions import (
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
-from ppc_attitude.science.controllers import momentum_tube
+from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, ENVIRONMENTS, REFERENCES, SENSORS
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import first_instant
@@ -91,7 +91,7 @@ def execute(arguments: argparse.Namespace) -> int:
     scenario = scenario_of(arguments)
     required = load_requirements(arguments.requirements)
     guarantee = None
-    if scenario.controller.name == momentum_tube.COMPONENT.name:
+    if scenario.controller.name in LAWS:
         guarantee = Judgement(scenario, arguments.config)
     parts = first_instant(scenario)
     law = parts[CONTROLLERS.name]

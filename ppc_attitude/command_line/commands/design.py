@@ -34,10 +34,17 @@ from ppc_attitude.command_line.options import (
     scenario_of,
 )
 from ppc_attitude.command_line.paths import new_file
-from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.whole_file import write_whole
-from ppc_attitude.science.controllers import momentum_tube, tube_parameters
-from ppc_attitude.science.controllers.tube_parameters import ASSUMED, PREFIX, digest_of
+from ppc_attitude.science.controllers import tube_parameters
+from ppc_attitude.science.controllers.tube_parameters import (
+    ASSUMED,
+    LAW,
+    LAW_AHEAD,
+    LAWS,
+    PREFIX,
+    digest_of,
+)
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, parameters_of
 from ppc_attitude.science.guarantee.certificate import Certificate, certify
 from ppc_attitude.science.guarantee.design import (
@@ -51,9 +58,10 @@ from ppc_attitude.science.guarantee.design import (
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
 from ppc_attitude.science.guarantee.surroundings import assumptions_from
 from ppc_attitude.science.parameter import resolved
+from ppc_attitude.science.references import paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
 
-LAW = momentum_tube.COMPONENT.name
+_ASSUMED = (*ASSUMED, "e_A", "lead")
 _UNITS = {"max_torque": "N·m", "Omega": "rad/s", "d": "N·m", "W": "rad/s", "dead_band": "N·m"}
 
 
@@ -81,7 +89,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=_assumption,
         action="append",
         default=[],
-        help=f"an assumption in place of the configuration's: {', '.join((*ASSUMED, 'e_A'))}",
+        help=f"an assumption in place of the configuration's: {', '.join(_ASSUMED)}",
     )
     parser.add_argument(
         "--accuracy", type=positive, default=5e-3, help="settled means every |q_ev,i| is below this"
@@ -103,9 +111,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def _assumption(text: str) -> tuple[str, float]:
     name, equals, value = text.partition("=")
-    if not equals or name not in (*ASSUMED, "e_A"):
+    if not equals or name not in _ASSUMED:
         raise argparse.ArgumentTypeError(
-            f"{text}: allowed is NAME=VALUE with a NAME of {', '.join((*ASSUMED, 'e_A'))}"
+            f"{text}: allowed is NAME=VALUE with a NAME of {', '.join(_ASSUMED)}"
         )
     return name, float(value)
 
@@ -113,7 +121,7 @@ def _assumption(text: str) -> tuple[str, float]:
 def execute(arguments: argparse.Namespace) -> int:
     """Search, prove, write and print."""
     scenario = scenario_of(arguments)
-    if arguments.controller not in (None, LAW):
+    if arguments.controller not in (None, *LAWS):
         return search_gains(arguments, scenario)
     assumed = _assumptions(scenario, dict(arguments.assume))
     h = 1.0 / scenario.number(PLANT, "rate")
@@ -147,7 +155,7 @@ def execute(arguments: argparse.Namespace) -> int:
         return BAD_INPUT
     _tell(found, certificate)
     if arguments.output:
-        write_whole(arguments.output, _file(values, certificate))
+        write_whole(arguments.output, _file(arguments.controller or LAW, values, certificate))
         path = certificate_path(arguments.output)
         text = json.dumps(certificate.to_json(), ensure_ascii=False, indent=1)
         write_whole(path, text + "\n")
@@ -162,7 +170,8 @@ def _assumptions(scenario: Scenario, chosen: dict[str, float]) -> Assumptions:
     table = {each.name: each for each in tube_parameters.PARAMETERS}
     for name in ASSUMED:
         table[f"{PREFIX}assumed.{name}"].checked(getattr(assumed, name))
-    table[PREFIX + "e_A"].checked(assumed.e_A)
+    for name in ("e_A", "lead"):
+        table[PREFIX + name].checked(getattr(assumed, name))
     return assumed
 
 
@@ -196,12 +205,18 @@ def _tell(found: Design, certificate: Certificate) -> None:
     print(f"{len(certificate.inequalities)} inequalities hold; the closest is {least.name}")
 
 
-def _file(values: dict[str, object], certificate: Certificate) -> str:
+def _file(law: str, values: dict[str, object], certificate: Certificate) -> str:
     """Parameter file; the comment at its top says what it promises."""
     lines = ["# The momentum-tube law with a certificate: `ppc_attitude design` wrote this file."]
     lines += [f"# {line}" for line in promise_lines(certificate)]
     lines.append("# `ppc_attitude check` proves it again; a changed number voids the certificate.")
-    lines += [f"/**/{CONTROLLER}:", "  ros__parameters:", "    controller: momentum_tube"]
+    if law == LAW_AHEAD:
+        lines += [
+            f"/**/{REFERENCE}:",
+            "  ros__parameters:",
+            f"    mode: {paper_ahead.COMPONENT.name}",
+        ]
+    lines += [f"/**/{CONTROLLER}:", "  ros__parameters:", f"    controller: {law}"]
     own = [each for each in values if each.startswith(PREFIX)]
     groups = (
         (4, "", ["inertia", "max_torque"]),

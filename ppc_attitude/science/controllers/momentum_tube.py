@@ -25,7 +25,7 @@ import math
 from typing import Any
 
 from ppc_attitude.science.component import Component
-from ppc_attitude.science.controllers.brake import capped_brake
+from ppc_attitude.science.controllers.brake import capped_brake, deceleration
 from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
 from ppc_attitude.science.controllers.error_axis import axis_rate, error_axis, speed_limit
 from ppc_attitude.science.controllers.interface import (
@@ -36,6 +36,7 @@ from ppc_attitude.science.controllers.interface import (
 )
 from ppc_attitude.science.controllers.tube_parameters import (
     CONFIGURATION,
+    LAW,
     PARAMETERS,
     configure,
 )
@@ -69,7 +70,6 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.virtual_control import sign
 
 _OBSERVER_RATE = 1.0  # L [1/s] of the disturbance estimate
 _FEEDFORWARD = 0.15  # of the torque: what the brake cannot have
@@ -91,19 +91,12 @@ def room(feedforward: Vector, direction: Vector, limit: Vector) -> float:
 
 
 @kernel
-def _deceleration(memory: Any, gains: Any) -> float:
-    """Deceleration a [rad/s²] of the brake with the torque that is counted on."""
-    if memory.loss == 0.0:
-        return float(gains.a)
-    return float(gains.a * (1.0 - memory.loss / (1.0 - _FEEDFORWARD)))
-
-
-@kernel
 def _advance(memory: Any, gains: Any, h: float) -> None:
     """Carry ramps and envelope Φ over the h [s] since the last sample."""
     reach = max(memory.envelope - h * memory.cap, 0.0)
     floor = max(memory.cap - h * gains.V_rate, 0.0)
-    fall = memory.r * capped_brake(reach, gains.k, _deceleration(memory, gains), floor)[0]
+    a = max(memory.a - h * gains.a_rate, 0.0)
+    fall = memory.r * capped_brake(reach, gains.k, a, floor)[0]
     memory.envelope += h * (memory.p * norm(vector(memory.residual)) + gains.z_bar - fall)
     memory.p = max(memory.p + h * memory.p_rate, 0.0)
     memory.r = min(memory.r + h * memory.r_rate, 1.0)
@@ -248,7 +241,7 @@ def _track(
     unexplained = _ZERO
     y = _ZERO
     if not event:
-        n, phi, limit, limit_rate, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
+        n, phi, limit, brake, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
         y = apply(inertia, subtract(omega_e, v))
         if h > 0.0:
             pushed = add(vector(memory.feedforward), vector(memory.torque))
@@ -266,8 +259,12 @@ def _track(
         memory.tumbling = 1.0 if norm(omega_e) > gains.omega0 else 0.0
         if memory.tumbling != 0.0:
             return
-        memory.way = sign(q_e[3])
+        memory.way = 1.0
         n, phi = error_axis(q_e, memory.way)
+        lead = min(max(dot(n, vector(memory.ahead)), -gains.lead), gains.lead)
+        if phi > math.pi + lead:
+            memory.way = -1.0
+            n, phi = error_axis(q_e, memory.way)
         limit = speed_limit(
             n,
             _ZERO,
@@ -276,15 +273,14 @@ def _track(
             gains.Omega_e,
         )[0]
         _begin(memory, gains, n, phi, limit, omega_e)
-        n, phi, limit, limit_rate, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
+        n, phi, limit, brake, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
         y = _ZERO
         store(memory.y_hat, _ZERO)
     elif h > 0.0:
         _observe(memory, gains, y, unexplained, h)
-    f, f_phi, f_cap = capped_brake(phi, gains.k, _deceleration(memory, gains), memory.cap)
+    f, f_rate, f_cap = brake
     steepness = f / (2.0 * math.sin(0.5 * phi)) if phi > 0.0 else gains.k  # λ = f ν
-    along = f_phi * dot(n, omega_e) + memory.done * f_cap * limit_rate
-    braking = add(scale(along, n), scale(steepness, turn))
+    braking = add(scale(f_rate, n), scale(steepness, turn))
     feedforward = add(m_0, scale(memory.r, apply(inertia, braking)))
     feedforward = _allocated(memory, gains, feedforward, inertia, n, (f, f_cap, limit), y)
     u = scale(
@@ -302,8 +298,8 @@ def _track(
 @kernel
 def _commanded(
     measurement: Any, memory: Any, gains: Any, q_e: Quaternion, omega_e: Vector
-) -> tuple[Vector, float, float, float, Vector, Vector]:
-    """n, φ, V, V', 2 sin(φ/2) n' and v, all with the memory's way and ramps; sets V_e."""
+) -> tuple[Vector, float, float, Vector, Vector, Vector]:
+    """n, φ, V, (f, f', f_V), 2 sin(φ/2) n' and v with the memory's way and ramps; sets V_e, a."""
     n, phi = error_axis(q_e, memory.way)
     turn = axis_rate(n, phi, omega_e)
     n_rate = scale(0.5 / math.sin(0.5 * phi), turn) if n != _ZERO else _ZERO
@@ -317,13 +313,19 @@ def _commanded(
     if memory.sigma >= limit:
         memory.done = 1.0
     memory.cap = limit if memory.done != 0.0 else memory.sigma
-    f = capped_brake(phi, gains.k, _deceleration(memory, gains), memory.cap)[0]
+    torque = scale(1.0 - memory.loss / (1.0 - _FEEDFORWARD), vector(gains.brake))
+    a, a_rate = deceleration(n, n_rate, matrix(gains.inertia), torque, gains.a_most)
+    memory.a = a
+    f, f_phi, f_cap, f_a = capped_brake(phi, gains.k, a, memory.cap)
+    f_rate = f_phi * dot(n, omega_e) + memory.done * f_cap * limit_rate
+    if f_a > 0.0:  # where the brake is linear it has no part in f, however fast n turns
+        f_rate += f_a * a_rate
     v = subtract(scale(memory.p, vector(memory.residual)), scale(memory.r * f, n))
-    return n, phi, limit, limit_rate, turn, v
+    return n, phi, limit, (f, f_rate, f_cap), turn, v
 
 
 COMPONENT = Component(
-    name="momentum_tube",
+    name=LAW,
     parameters=PARAMETERS,
     configure=configure,
     configuration=CONFIGURATION,

@@ -28,23 +28,34 @@ from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.parameter import Parameter
 
 PREFIX = "momentum_tube."
+LAW, LAW_AHEAD = "momentum_tube", "momentum_tube_ahead"
+LAWS = (LAW, LAW_AHEAD)
 # The certified numbers of config/guaranteed.yaml: the paper's craft at 100 Hz.
 _OWN = (
     Parameter("h", 0.01, "sample time: the largest gap between two samples", "s", above=0.0),
-    Parameter("k", 1.1, "rate at which a small error falls", "1/s", above=0.0),
-    Parameter("kappa", 15.0, "κ: rate at which the momentum error falls", "1/s", above=0.0),
+    Parameter("k", 1.0, "rate at which a small error falls", "1/s", above=0.0),
+    Parameter("kappa", 15.4, "κ: rate at which the momentum error falls", "1/s", above=0.0),
     Parameter(
         "ell",
-        0.185,
+        0.2,
         "ℓ: gain of the momentum observer; 1 switches it off",
         above=0.0,
         high=1.0,
     ),
-    Parameter("a", 0.0129587458, "deceleration of the brake", "rad/s²", above=0.0),
-    Parameter("Omega_e", 0.0514394508, "Ω_e: largest commanded rate ‖ω_s‖", "rad/s", above=0.0),
+    Parameter(
+        "brake",
+        [0.0348649951, 0.0354519383, 0.0440801058],
+        "T: torque that the brake may use, per axis",
+        "N·m",
+        length=3,
+        above=0.0,
+    ),
+    Parameter("a_most", 0.0174501876, "largest deceleration of the brake", "rad/s²", above=0.0),
+    Parameter("a_rate", 0.00125756416, "largest |a'| where the brake acts", "rad/s³", low=0.0),
+    Parameter("Omega_e", 0.0514731821, "Ω_e: largest commanded rate ‖ω_s‖", "rad/s", above=0.0),
     Parameter(
         "Y",
-        [0.0012523477, 0.00122649184, 0.0011723612],
+        [0.00120822862, 0.00118143959, 0.0011255683],
         "tube: largest momentum error, per axis",
         "N·m·s",
         length=3,
@@ -52,7 +63,7 @@ _OWN = (
     ),
     Parameter(
         "B",
-        [0.0436222261, 0.0438190847, 0.04423464],
+        [0.0434528907, 0.0436678902, 0.0441197343],
         "torque that feedforward and ramps may use, per axis",
         "N·m",
         length=3,
@@ -65,18 +76,26 @@ _OWN = (
         "N·m",
         low=0.0,
     ),
-    Parameter("z_bar", 0.000906346154, "z̄: largest rate error in the tube", "rad/s", above=0.0),
-    Parameter("V_rate", 0.00135661998, "largest |V'| where the cap acts", "rad/s²", low=0.0),
+    Parameter("z_bar", 0.000872051288, "z̄: largest rate error in the tube", "rad/s", above=0.0),
+    Parameter("V_rate", 0.00141294616, "largest |V'| where the cap acts", "rad/s²", low=0.0),
     Parameter(
-        "far", 0.549770972, "error from which the craft cruises", "rad", above=0.0, high=math.pi
+        "far", 0.564661399, "error from which the craft cruises", "rad", above=0.0, high=math.pi
     ),
-    Parameter("w_far", 0.035443934, "rate up to which the craft cruises", "rad/s", above=0.0),
+    Parameter("w_far", 0.0354752803, "rate up to which the craft cruises", "rad/s", above=0.0),
     Parameter("omega0", 0.10472, "rate error from which it is tumbling", "rad/s", above=0.0),
     Parameter("d_max", 0.0045927, "bound of the disturbance estimate", "N·m", low=0.0),
     Parameter(
         "N", [0.0] * 3, "error of y from estimation errors, per axis", "N·m·s", length=3, low=0.0
     ),
     Parameter("e_A", 0.0, "largest estimation error of the attitude", "rad", low=0.0),
+    Parameter(
+        "lead",
+        0.0,
+        "beyond half a turn the law still goes round by so much to meet the desired frame",
+        "rad",
+        low=0.0,
+        high=1.0,
+    ),
 )
 # What the certificate assumes; the law itself reads none of it.
 _ASSUMPTIONS = (
@@ -140,7 +159,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The inertia is impossible, or the torque for feedforward and ramps exceeds max_torque.
+        The inertia is impossible, or the torque for brake, feedforward or ramps exceeds max_torque.
     """
     record = np.zeros((), CONFIGURATION)[()]
     for each in _OWN:
@@ -152,7 +171,7 @@ def configure(values: Mapping[str, Any]) -> Any:
         record["certified"] = 1.0 if values[CERTIFICATE.name] == digest_of(values) else -1.0
     record["tumbling_momentum"] = _TUMBLING_BAND * np.linalg.eigvalsh(inertia)[0] * record["omega0"]
     record["admitted"] = _admitted(record, values)
-    for name in ("B", "B_ramp"):
+    for name in ("brake", "B", "B_ramp"):
         if record[name].max() > record["max_torque"]:
             raise ConfigurationError(
                 f"{PREFIX}{name} = {record[name].tolist()} N·m; allowed: at most max_torque = "

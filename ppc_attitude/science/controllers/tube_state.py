@@ -28,6 +28,7 @@ MEMORY = np.dtype(
         ("t", np.float64),  # [s] of the last sample
         ("tumbling", np.float64),
         ("way", np.float64),  # s = ±1: the way round, kept between events
+        ("ahead", np.float64, (3,)),  # Θ [rad]: how far the desired frame will turn, if told
         ("p", np.float64),  # share of ω_res that is left, 1 to 0
         ("r", np.float64),  # share of the brake that acts, 0 to 1
         ("sigma", np.float64),  # σ [rad/s]: speed while it rises to V
@@ -36,6 +37,7 @@ MEMORY = np.dtype(
         ("r_rate", np.float64),
         ("sigma_rate", np.float64),
         ("cap", np.float64),  # V_e [rad/s] of the last sample
+        ("a", np.float64),  # [rad/s²] of the brake in the last sample
         ("residual", np.float64, (3,)),  # ω_res [rad/s]
         ("y_hat", np.float64, (3,)),  # [N·m·s]
         ("d_hat", np.float64, (3,)),  # [N·m]

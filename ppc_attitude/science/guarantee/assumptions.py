@@ -48,6 +48,8 @@ class Assumptions:
         Estimation errors of attitude [rad] and rate [rad/s].
     late : float
         1 if a command may act up to a sample late, else 0.
+    lead : float
+        The law may go round by so much more than half a turn [rad].
     """
 
     inertia: tuple[float, ...]
@@ -64,6 +66,7 @@ class Assumptions:
     e_A: float
     e_W: float
     late: float
+    lead: float = 0.0
 
     @property
     def diagonal(self) -> bool:
@@ -79,7 +82,9 @@ class Law:
     k: float
     kappa: float
     ell: float
-    a: float
+    brake: Triple
+    a_most: float
+    a_rate: float
     Omega_e: float
     Y: Triple
     B: Triple
@@ -100,6 +105,7 @@ def assumptions_of(values: Mapping[str, Any]) -> Assumptions:
         inertia=tuple(values["inertia"]),
         max_torque=float(values["max_torque"]),
         e_A=float(values[PREFIX + "e_A"]),
+        lead=float(values[PREFIX + "lead"]),
         **assumed,
     )
 
@@ -119,5 +125,6 @@ def parameters_of(assumed: Assumptions, law: Law) -> dict[str, Any]:
         "inertia": assumed.inertia,
         "max_torque": assumed.max_torque,
         PREFIX + "e_A": assumed.e_A,
+        PREFIX + "lead": assumed.lead,
     }
     return {name: list(v) if isinstance(v, tuple) else v for name, v in numbers.items()}

@@ -21,9 +21,11 @@ from itertools import product
 
 import numpy as np
 
+from ppc_attitude.science.controllers.brake import ORDER
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 from ppc_attitude.science.guarantee.assumptions import Assumptions
 
+_HALVINGS = ORDER.bit_length() - 1  # of the order of the brake's norm, until it is 1
 _PADDING = 1e-9  # relative, of eigenvalues from LAPACK; proved afterwards
 
 Numbers = tuple[Number, Number, Number]
@@ -47,6 +49,8 @@ class Body:
         Below and above every principal moment.
     proved : bool
         True if `least` and `most` are certain, by Sylvester's criterion.
+    diagonal : bool
+        True if Ĵ has no products.
     """
 
     inertia: tuple[Numbers, Numbers, Numbers]
@@ -56,6 +60,7 @@ class Body:
     least: Number
     most: Number
     proved: bool
+    diagonal: bool
 
     def box(self, half: tuple[Number, ...], arithmetic: Arithmetic) -> Number:
         """Largest ‖Ĵ⁻¹y‖ over |y_i| ≤ half_i: at a vertex, the norm being convex."""
@@ -65,6 +70,28 @@ class Body:
             z = [sum_of(m * each for m, each in zip(line, y, strict=True)) for line in self.inverse]
             norms.append(arithmetic.sqrt(sum_of(each * each for each in z)))
         return arithmetic.largest(*norms)
+
+    def brakes(
+        self, torque: tuple[Number, ...], most: Number, arithmetic: Arithmetic
+    ) -> tuple[Number, Number]:
+        """Least and largest deceleration a(n) of the brake about whatever axis [rad/s²].
+
+        For x = Ĵn/T let X be the largest |x_i| = R_i/T_i. Then ‖x‖₁₆ ≤ X if Ĵ is diagonal, and else
+        X^⅞ ‖x‖₂^⅛; and 1 = ‖n‖ ≤ ‖x‖₁₆ times the largest ‖Ĵ⁻¹y‖ in the box |y_i| ≤ T_i.
+        """
+
+        def at(norm: Number) -> Number:
+            scaled = most * norm
+            for _ in range(_HALVINGS):
+                scaled = scaled * scaled
+            return most / _root(1 + scaled, _HALVINGS, arithmetic)
+
+        shares = [row / each for row, each in zip(self.row, torque, strict=True)]
+        norm = arithmetic.largest(*shares)
+        if not self.diagonal:
+            together = arithmetic.sqrt(sum_of(each * each for each in shares))
+            norm = norm * _root(together / norm, _HALVINGS - 1, arithmetic)
+        return at(norm), at(1 / self.box(torque, arithmetic))
 
     def inverse_error(self, e_S: Number, arithmetic: Arithmetic) -> Number:
         """ε ≥ ‖ĴJ⁻¹ − I‖, and ‖J⁻¹Ĵ − I‖, for J = Ĵ^½(I + S)Ĵ^½ with ‖S‖ ≤ e_S."""
@@ -77,6 +104,13 @@ def sum_of(values: Iterable[Number]) -> Number:
     for value in values:
         total = total + value
     return total
+
+
+def _root(x: Number, halvings: int, arithmetic: Arithmetic) -> Number:
+    """Take the square root so many times."""
+    for _ in range(halvings):
+        x = arithmetic.sqrt(x)
+    return x
 
 
 def body_of(assumed: Assumptions, arithmetic: Arithmetic) -> Body:
@@ -104,6 +138,7 @@ def body_of(assumed: Assumptions, arithmetic: Arithmetic) -> Body:
         least=least,
         most=most,
         proved=_positive(above) and _positive(below),
+        diagonal=assumed.diagonal,
     )
 
 

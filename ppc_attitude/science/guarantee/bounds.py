@@ -24,7 +24,9 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import Body, Numbers, body_of
 from ppc_attitude.science.guarantee.cells import (
     FINE,
+    LARGEST,
     Cell,
+    Cells,
     Speed,
     axis_error,
     axis_second,
@@ -44,14 +46,18 @@ class Bounds:
         Bounds of the inertia.
     z : number
         Largest ‖Ĵ⁻¹y‖ in the tube [rad/s].
+    a, a_most : number
+        Least and largest deceleration of the brake, about whatever axis [rad/s²].
+    a_rate : number
+        Largest |a'| where it acts [rad/s³].
     V_rate : number
-        Largest |V'| where the cap acts [rad/s²].
+        Largest |V'| where the cap acts, with what its estimate may be wrong in a sample [rad/s²].
     load : triple
-        M_i + R_i v̄' [N·m]: what feedforward and brake need.
+        What feedforward and brake need [N·m].
     reserve : number
         a_r: acceleration that is left for a ramp [rad/s²].
-    brake : number
-        a for which the load would be all of B [rad/s²].
+    brake : triple
+        T for which the load would be all of B [N·m].
     variation, variation_at_stop : triple
         Change of F within a sample [N·m]: in the main phase, and while p > 0.
     noise, noise_of_torque : triple
@@ -68,10 +74,13 @@ class Bounds:
 
     body: Body
     z: Number
+    a: Number
+    a_most: Number
+    a_rate: Number
     V_rate: Number
     load: Numbers
     reserve: Number
-    brake: Number
+    brake: Numbers
     variation: Numbers
     variation_at_stop: Numbers
     noise: Numbers
@@ -115,7 +124,7 @@ class _Maker:
     """One evaluation of all bounds: what they share."""
 
     def __init__(
-        self, assumed: Assumptions, law: Law, arithmetic: Arithmetic, count: tuple[int, int]
+        self, assumed: Assumptions, law: Law, arithmetic: Arithmetic, count: Cells
     ) -> None:
         number = arithmetic.number
         self.assumed, self.law, self.arithmetic, self.count = assumed, law, arithmetic, count
@@ -129,8 +138,16 @@ class _Maker:
         self.Y = tuple(map(number, law.Y))
         self.B = tuple(map(number, law.B))
         self.most_used = self.triple(lambda i: arithmetic.largest(self.B[i], number(law.B_ramp)))
+        self.brake = tuple(map(number, law.brake))
         self.speed = Speed(
-            self.k, number(law.a), number(law.Omega_e), self.W, self.W1, self.W2, self.z, arithmetic
+            self.k,
+            *self.body.brakes(self.brake, number(law.a_most), arithmetic),
+            number(law.Omega_e),
+            self.W,
+            self.W1,
+            self.W2,
+            self.z,
+            arithmetic,
         )
         self.stop_rate = number(law.omega0) + self.z  # ‖ω_e‖ while p > 0
         self.cruise_rate = number(law.w_far) + 2 * self.z  # the axis turns meanwhile: C9 n
@@ -255,7 +272,7 @@ class _Maker:
 
 
 def bounds_of(
-    assumed: Assumptions, law: Law, arithmetic: Arithmetic, count: tuple[int, int] = FINE
+    assumed: Assumptions, law: Law, arithmetic: Arithmetic, count: Cells = FINE
 ) -> Bounds:
     """Evaluate every bound of the proof.
 
@@ -268,23 +285,24 @@ def bounds_of(
     number, most, body, speed = arithmetic.number, arithmetic.largest, make.body, make.speed
     c = number(BLEND)
     fast, slow = speed.Omega_e + make.W, speed.Omega_e - make.W
-    offset = speed.a * speed.a / (speed.k * speed.k)
+    end = arithmetic.pi + LARGEST
 
-    def reached(g: Number) -> Number:
-        """φ at which the brake allows g."""
-        return (g * g + offset) / (2 * speed.a)
+    def reached(g: Number, a: Number) -> Number:
+        """φ at which the brake allows g ≥ a/k: less for a stronger one."""
+        return g * g / (2 * a) + a / (2 * speed.k * speed.k)
 
     # The cap can act only beyond this φ; Φ's own step may look a little nearer.
     margin = 2 * make.h * (fast + make.stop_rate)
-    nearest = reached((1 - c) * slow) - margin
+    nearest = reached((1 - c) * slow, speed.a_most) - margin
     nu_cap = nu_of(nearest, arithmetic) if nearest > 0 else number(float("inf"))
-    blend = reached((1 + c) * fast)
+    blend = reached((1 + c) * fast, speed.a)
+    # f depends on a beyond φ1 only, and φ rises by no more than h z̄ in a sample.
+    linear = speed.a / (speed.k * speed.k) - make.h * make.z
+    nu_brake = nu_of(linear, arithmetic) if linear > 0 else number(float("inf"))
     far = number(law.far)
-    nu_blend = most(nu_of(blend, arithmetic), nu_of(arithmetic.pi + 1, arithmetic))
-    nu_stop = most(nu_of(far / 2, arithmetic), nu_of(arithmetic.pi + 1, arithmetic))
-    cotangent = most(
-        half_cotangent(far / 2, arithmetic), half_cotangent(arithmetic.pi + 1, arithmetic)
-    )
+    nu_blend = most(nu_of(blend, arithmetic), nu_of(end, arithmetic))
+    nu_stop = most(nu_of(far / 2, arithmetic), nu_of(end, arithmetic))
+    cotangent = most(half_cotangent(far / 2, arithmetic), half_cotangent(end, arithmetic))
 
     zero = number(0.0)
     guess = (zero, zero, zero)
@@ -308,29 +326,29 @@ def bounds_of(
     feedforward = _feedforward(body, assumed, make.Omega, arithmetic)
     B = make.B
     free = arithmetic.least(*((B[i] - feedforward[i]) / body.row[i] for i in range(3)))
-    needed = most(
-        *(
-            arithmetic.sqrt((each.brake + each.drift) * (each.brake + each.drift) + each.turn**2)
-            for each in found
-        )
+    needed = make.triple(
+        lambda i: most(*(each.needed(body.row[i], make.brake[i], arithmetic) for each in found))
     )
     drift = most(*(arithmetic.sqrt(each.drift**2 + each.turn**2) for each in found))
-    V_rate = speed.rate(nu_cap)
+    V_rate = speed.rate(nu_cap) + speed.gain * make.W * nu_cap * make.e_A / make.h
+    a_rate = speed.brake_rate(speed.a_most, nu_brake * (make.z + make.e_A / make.h))
     w_far = number(law.w_far)
-    jump = make.h * V_rate + speed.gain * make.W * nu_cap * make.e_A
     return Bounds(
         body=body,
         z=body.box(make.Y, arithmetic),
+        a=speed.a,
+        a_most=speed.a_most,
+        a_rate=a_rate,
         V_rate=V_rate,
-        load=make.triple(lambda i: feedforward[i] + body.row[i] * needed),
+        load=make.triple(lambda i: feedforward[i] + needed[i]),
         reserve=free - drift,
-        brake=free - (needed - speed.a),
+        brake=make.triple(lambda i: B[i] - feedforward[i] - (needed[i] - make.brake[i])),
         variation=variation,
         variation_at_stop=at_stop,
         noise=noise,
         noise_of_torque=noise_of_torque,
         B=make.allowed(variation, noise_of_torque),
-        Y=make.tube(variation, noise, noise_of_torque, jump),
+        Y=make.tube(variation, noise, noise_of_torque, make.h * V_rate),
         stop_load=nu_stop * (w_far * w_far / 2 + w_far * make.z),
         blend=blend,
         nu_stop=nu_stop,

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 
-"""Suprema over what φ and V can be: the derivatives of f(φ; V) n on cells that cover the range.
+"""Suprema over what φ, V and a can be: the derivatives of f(φ; V, a) n on cells of that range.
 
-On a cell every factor is bounded at the corner where it is largest: g, f and f_V rise with φ, g'
-and S' fall, ν is convex on [0, 2π]. docs/guarantee.md, sections 5.2 and 5.4, derives the sums.
+On a cell every factor is bounded at the corner where it is largest: g, f and f_V rise with φ and
+with a, g' rises with a and falls with φ, S' falls, ν is convex on [0, 2π]. docs/guarantee.md
+derives the sums.
 """
 
 from dataclasses import dataclass
@@ -24,21 +25,23 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from ppc_attitude.science.controllers.brake import BLEND
+from ppc_attitude.science.controllers.brake import BLEND, ORDER
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 
-FINE = (160, 4)  # cells of φ and of V
-COARSE = (24, 2)
+FINE = (160, 4, 4)  # cells of φ, of V and of a
+COARSE = (24, 2, 2)
+LARGEST = 1.25  # [rad] beyond half a turn: what the cells cover
+Cells = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class Speed:
-    """The numbers that bound V and its derivatives, in one arithmetic.
+    """The numbers that bound V, a and their derivatives, in one arithmetic.
 
     Attributes
     ----------
-    k, a : number
-        Brake.
+    k, a, a_most : number
+        Brake: its slope, and the least and the largest deceleration.
     Omega_e, W, W1, W2 : number
         Largest commanded rate, and bounds of the reference.
     z : number
@@ -47,6 +50,7 @@ class Speed:
 
     k: Number
     a: Number
+    a_most: Number
     Omega_e: Number
     W: Number
     W1: Number
@@ -81,17 +85,30 @@ class Speed:
             + self.W * self.W1 * root_rate / (self.root * self.root)
         )
 
+    def brake_rate(self, a: Number, n_rate: Number) -> Number:
+        """Bound of |a'| where n turns at n_rate: its gradient, without the part along n."""
+        one, ratio = self.arithmetic.number(1.0), self.a / a
+        across = self.arithmetic.largest(1 - ratio * ratio, one / ORDER)
+        return a * a / self.a * self.arithmetic.sqrt(across) * n_rate
+
+    def brake_second(self, a: Number, n_rate: Number, n_second: Number) -> Number:
+        """Bound of |a''|: the Hessian of a p-norm is at most (p − 1)‖x'‖²/‖x‖."""
+        curved = (ORDER + 1) * a * a * a * n_rate * n_rate / (self.a * self.a)
+        return a * a * n_second / self.a + curved
+
 
 @dataclass(frozen=True)
 class Cell:
-    """Largest values on one cell of φ and V (or on φ ≤ φ1).
+    """Largest values on one cell of φ, V and a (or on φ ≤ φ1).
 
     Attributes
     ----------
+    a, a_most : number
+        The least and the largest deceleration of the brake [rad/s²].
     brake : number
-        f f_φ [rad/s²], at most a.
+        f f_φ/a, at most 1: the share of the brake that acts.
     drift : number
-        f_φ z̄ + f_V V̄' [rad/s²]: the part of f' that the tube and the reference make.
+        f_φ z̄ + f_V V̄' + f_a ā' [rad/s²]: the part of f' that tube and reference make.
     turn : number
         λ z̄ [rad/s²].
     speed : number
@@ -108,6 +125,8 @@ class Cell:
         Change of v' with estimation errors [rad/s²].
     """
 
+    a: Number
+    a_most: Number
     brake: Number
     drift: Number
     turn: Number
@@ -117,6 +136,18 @@ class Cell:
     ramp: Number
     lipschitz: Number
     error: Number
+
+    def needed(self, row: Number, torque: Number, arithmetic: Arithmetic) -> Number:
+        """Torque [N·m] on an axis for v' without ramps, where the brake itself has `torque`.
+
+        With (Ĵn)_i = R_i c it is R_i times (α + δ) c + turn √(1 − c²), and a R_i c ≤ T_i.
+        """
+        along = (self.brake + self.drift / self.a) * self.a_most
+        c = torque / (self.a_most * row)
+        left = 1 - c * c
+        if left > 0 and c * c * self.turn * self.turn <= along * along * left:
+            return row * (along * c + self.turn * arithmetic.sqrt(left))
+        return row * arithmetic.sqrt(along * along + self.turn * self.turn)
 
 
 def nu_of(phi: Number, arithmetic: Arithmetic) -> Number:
@@ -151,13 +182,15 @@ def axis_error(
 
 def first_cell(speed: Speed, e_A: Number, e_w: Number) -> Cell:
     """φ ≤ φ1, where v = −kθ with the rotation vector θ: finite at φ = 0, for φ1 ≤ 1."""
-    k, a, z, arithmetic = speed.k, speed.a, speed.z, speed.arithmetic
+    k, a, z, arithmetic = speed.k, speed.a_most, speed.z, speed.arithmetic
     end = a / (k * k)
     gamma = end / 2 / arithmetic.sin(end / 2)
     rate = a / k + z
     most = arithmetic.number(0.51)
     return Cell(
-        brake=a,
+        a=speed.a,
+        a_most=a,
+        brake=arithmetic.number(1.0),
         drift=k * z,
         turn=k * gamma * z,
         speed=rate,
@@ -175,9 +208,9 @@ def cells(
     acceleration: Number,
     e_A: Number,
     e_w: Number,
-    count: tuple[int, int],
+    count: Cells,
 ) -> list[Cell]:
-    """Cover φ ≤ π + 1 and V in [lowest, Ω_e + W].
+    """Cover φ ≤ π + `LARGEST`, V in [lowest, Ω_e + W], and a from its least to its largest.
 
     Parameters
     ----------
@@ -189,18 +222,22 @@ def cells(
         A ≥ ‖ω_e'‖ [rad/s²]; enters only small terms here, `lever` has the large one.
     e_A, e_w : number
         Errors of attitude [rad] and of ω_e [rad/s].
-    count : tuple of 2 int
-        How many cells of φ and of V.
+    count : tuple of 3 int
+        How many cells of φ, of V and of a.
     """
     arithmetic = speed.arithmetic
-    low, _ = arithmetic.outward(speed.a / (speed.k * speed.k))
-    _, high = arithmetic.outward(arithmetic.pi + 1)
+    _, high = arithmetic.outward(arithmetic.pi + LARGEST)
     _, top = arithmetic.outward(speed.Omega_e + speed.W)
-    edges = [low, *np.geomspace(low, high, count[0] + 1).tolist()[1:-1], high]
+    weak, _ = arithmetic.outward(speed.a)
+    _, strong = arithmetic.outward(speed.a_most)
+    brakes = [weak, *np.geomspace(weak, strong, count[2] + 1).tolist()[1:-1], strong]
     caps = [lowest, *np.linspace(lowest, top, count[1] + 1).tolist()[1:-1], top]
     found = [first_cell(speed, e_A, e_w)]
-    for phi, cap in product(pairwise(edges), pairwise(caps)):
-        found.append(_cell(speed, phi, cap, acceleration, e_A, e_w))
+    for brake in pairwise(brakes):
+        low, _ = arithmetic.outward(arithmetic.number(brake[0]) / (speed.k * speed.k))
+        edges = [low, *np.geomspace(low, high, count[0] + 1).tolist()[1:-1], high]
+        for phi, cap in product(pairwise(edges), pairwise(caps)):
+            found.append(_cell(speed, phi, cap, brake, acceleration, e_A, e_w))
     return found
 
 
@@ -208,22 +245,27 @@ def _cell(
     speed: Speed,
     phi: tuple[float, float],
     cap: tuple[float, float],
+    brake: tuple[float, float],
     acceleration: Number,
     e_A: Number,
     e_w: Number,
 ) -> Cell:
-    arithmetic, k, a, z = speed.arithmetic, speed.k, speed.a, speed.z
+    arithmetic, k, z = speed.arithmetic, speed.k, speed.z
     number, largest, least = arithmetic.number, arithmetic.largest, arithmetic.least
     start, end = number(phi[0]), number(phi[1])
     slow, fast = number(cap[0]), number(cap[1])
+    weak, a = number(brake[0]), number(brake[1])
     c, one = number(BLEND), number(1.0)
 
     nu = largest(nu_of(start, arithmetic), nu_of(end, arithmetic))
     cotangent = largest(half_cotangent(start, arithmetic), half_cotangent(end, arithmetic))
-    offset = a * a / (k * k)
-    g_low = arithmetic.sqrt(2 * a * start - offset)
-    g_high = least(arithmetic.sqrt(2 * a * end - offset), k * end)
-    g_slope = least(k, a / g_low)
+    g_low = arithmetic.sqrt(2 * weak * start - weak * weak / (k * k))
+    g_high, g_slope = k * end, k
+    if end * k * k > a:  # or the strongest brake of the cell is linear in all of it
+        g_high = least(g_high, arithmetic.sqrt(2 * a * end - a * a / (k * k)))
+    if start * k * k > a:
+        g_slope = least(k, a / arithmetic.sqrt(2 * a * start - a * a / (k * k)))
+    g_a = (end - weak / (k * k)) / g_low
 
     x_low = g_low / fast
     x_cap = least(g_high / slow, 1 + c)  # S is constant beyond
@@ -237,6 +279,10 @@ def _cell(
     f_phi_phi = s_slope * g_slope * g_slope / g_low + curve * g_slope * g_slope
     f_phi_cap = curve * x_cap * g_slope
     f_cap_cap = curve * x_cap * x_cap
+    f_a = s_slope * g_a
+    f_a_a = s_slope * (1 / (k * k) + g_a * g_a) / g_low + curve * g_a * g_a
+    f_phi_a = s_slope * a * end / (g_low * g_low * g_low) + curve * g_slope * g_a
+    f_a_cap = curve * x_cap * g_a
 
     lam = f * nu
     rate = f + z
@@ -245,9 +291,15 @@ def _cell(
     cap_rate = speed.rate(nu) if capped else number(0.0)
     n_second = axis_second(nu, cotangent, z, rate, acceleration)
     cap_second = speed.second_rate(nu, n_second) if capped else number(0.0)
-    f_rate = f_phi * rate + f_cap * cap_rate
+    a_rate = speed.brake_rate(a, n_rate)
+    # What multiplies A stands in `lever`.
+    a_second = speed.brake_second(a, n_rate, nu * _axis_second_rest(nu, cotangent, z, rate))
+    f_rate = f_phi * rate + f_cap * cap_rate + f_a * a_rate
     second = (
         f_phi_phi * rate * rate
+        + 2 * (f_phi_a * rate + f_a_cap * cap_rate) * a_rate
+        + f_a_a * a_rate * a_rate
+        + f_a * a_second
         + 2 * f_phi_cap * rate * cap_rate
         + f_cap_cap * cap_rate * cap_rate
         + f_phi * n_rate * z
@@ -256,29 +308,38 @@ def _cell(
         + lam * _axis_second_rest(nu, cotangent, z, rate)
     )
     e_cap = speed.gain * speed.W * nu * e_A
+    e_a = speed.brake_rate(a, nu * e_A)
+    n_error = axis_error(nu, cotangent, z, rate + e_w, e_A, e_w)
+    e_a_rate = speed.brake_rate(a, n_error)
+    e_a_rate = e_a_rate + (ORDER + 1) * a * e_a * n_rate / speed.a
     return Cell(
-        brake=least(a, f * f_phi),
-        drift=f_phi * z + f_cap * cap_rate,
+        a=weak,
+        a_most=a,
+        brake=least(one, f * s_slope / g_low),
+        drift=f_phi * z + f_cap * cap_rate + f_a * a_rate,
         turn=lam * z,
         speed=rate,
         second=second,
-        lever=largest(f_phi, lam),
+        lever=_largest_gain(f_phi, f_a * speed.brake_rate(a, nu), lam, arithmetic),
         ramp=arithmetic.sqrt(f_rate * f_rate + lam * z * lam * z),
-        lipschitz=largest(f_phi, lam) + f_cap * speed.gain * speed.W * nu,
+        lipschitz=largest(f_phi, lam)
+        + f_cap * speed.gain * speed.W * nu
+        + f_a * speed.brake_rate(a, nu),
         error=f_phi * e_w
         + e_A * (f_phi_phi * rate + nu * f_phi * (rate + 2 * z))
-        + f * axis_error(nu, cotangent, z, rate + e_w, e_A, e_w)
+        + f * n_error
+        + e_a * (f_phi_a * rate + f_a * n_rate + f_a_a * a_rate + f_a_cap * cap_rate)
+        + e_A * a_rate * (f_phi_a + f_a * nu)
+        + e_cap * f_a_cap * a_rate
+        + f_a * e_a_rate
         + e_cap * (f_phi_cap * rate + f_cap * n_rate + f_cap_cap * cap_rate)
         + e_A * cap_rate * (f_phi_cap + f_cap * nu)
-        + f_cap * _cap_rate_error(speed, nu, cotangent, rate, e_A, e_w),
+        + f_cap * _cap_rate_error(speed, nu, n_error, e_A),
     )
 
 
-def _cap_rate_error(
-    speed: Speed, nu: Number, cotangent: Number, rate: Number, e_A: Number, e_w: Number
-) -> Number:
-    """Bound of the change of V' with the estimation errors."""
-    n_error = axis_error(nu, cotangent, speed.z, rate + e_w, e_A, e_w)
+def _cap_rate_error(speed: Speed, nu: Number, n_error: Number, e_A: Number) -> Number:
+    """Bound of the change of V' with the estimation errors, which change n' by `n_error`."""
     b_error = speed.W * nu * e_A
     b_rate = speed.W1 + nu * speed.z * speed.W
     root = speed.root
@@ -287,6 +348,14 @@ def _cap_rate_error(
         + b_rate * b_error / root
         + speed.W * speed.W1 * speed.W / speed.Omega_e * b_error / (root * root)
     )
+
+
+def _largest_gain(p: Number, q: Number, r: Number, arithmetic: Arithmetic) -> Number:
+    """Largest singular value of the matrix with the rows p, q and 0, r; none is negative."""
+    total = p * p + q * q + r * r
+    gap = (p * p - r * r) * (p * p - r * r) + q * q * (q * q + 2 * p * p + 2 * r * r)
+    root = arithmetic.sqrt(arithmetic.largest(gap, arithmetic.number(0.0)))
+    return arithmetic.sqrt((total + root) / 2)
 
 
 def _saturated(x: Number, c: Number, arithmetic: Arithmetic) -> Number:

@@ -27,7 +27,7 @@ from typing import Any
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import bounds_of
-from ppc_attitude.science.guarantee.cells import COARSE, FINE
+from ppc_attitude.science.guarantee.cells import COARSE, FINE, Cells
 from ppc_attitude.science.guarantee.envelope import Envelope, Settling
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING, InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import Inequality
@@ -274,9 +274,7 @@ def _grid(assumed: Assumptions, h: float, *, short: bool = False) -> Iterator[Ga
             yield float(f"{share * kappa:.3g}"), kappa, ell
 
 
-def _judged(
-    assumed: Assumptions, law: Law, wishes: Wishes, count: tuple[int, int] = COARSE
-) -> Design:
+def _judged(assumed: Assumptions, law: Law, wishes: Wishes, count: Cells = COARSE) -> Design:
     envelope = Envelope(assumed, law, bounds_of(assumed, law, FLOATS, count), FLOATS)
     terminal, fastest = _ALMOST * envelope.terminal(), law.omega0 - assumed.W
     if terminal >= wishes.accuracy:

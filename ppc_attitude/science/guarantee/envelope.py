@@ -41,10 +41,10 @@ class Settling:
     rate : float
         For ‖ω_e‖ up to this at the event [rad/s].
     far, near : float or None
-        From half a turn in cruise, and from the least angle that is not taken for far [s]; None if
-        the rate is too high for a cruise.
+        From the largest turn in cruise, and from the least angle that is not taken for far [s];
+        None if the rate is too high for a cruise.
     turn : float
-        From half a turn without a cruise [s].
+        From the largest turn without a cruise [s].
     """
 
     rate: float
@@ -81,9 +81,11 @@ class Envelope:
         number = arithmetic.number
         self._assumed, self._law, self._bounds = assumed, law, bounds
         self._arithmetic = arithmetic
-        self._k, self._a, self._z = number(law.k), number(law.a), number(law.z_bar)
+        self._k, self._a, self._z = number(law.k), bounds.a, number(law.z_bar)
         # A slow craft gets no more steps than a quick one; the last exponential has to be told.
-        turn = math.pi / (law.Omega_e - assumed.W) + 2.0 * math.sqrt(math.pi / law.a)  # [s] about
+        turn = math.pi / (law.Omega_e - assumed.W) + 2.0 * math.sqrt(
+            math.pi / law.a_most
+        )  # [s] about
         self._step = number(max(_STEP, law.h, min(_SHARE * turn, 0.2 / law.k)))
         self._h = number(law.h)
         self._slowest = number(law.Omega_e) - number(assumed.W)
@@ -144,7 +146,7 @@ class Envelope:
             raise ValueError(
                 f"a rate error of {rate:g} rad/s is beyond omega0 = {self._law.omega0:g} rad/s"
             )
-        half_turn = self._arithmetic.pi
+        half_turn = self._arithmetic.pi + self._arithmetic.number(self._assumed.lead)
         turn = self.near_time(half_turn, rate, accuracy)
         if rate > self._law.w_far:
             return Settling(rate, None, None, turn)
@@ -163,7 +165,7 @@ class Envelope:
         for n in range(_PATIENCE):
             if phi <= limit:
                 return arithmetic.outward(time + n * step)[1]
-            rising = reserve / self.speed_above(before, self._fastest)
+            rising = reserve / self.speed_above(before, self._fastest, self._bounds.a_most)
             fall = r * self.speed(self._lowest(phi), self._slowest)
             before, phi = phi, arithmetic.upper(phi + step * (self._z - fall))
             r = -arithmetic.upper(
@@ -232,17 +234,17 @@ class Envelope:
             rest = self.settling(rate, accuracy).time
         return self._arithmetic.outward(time + number(rest))[1]
 
-    def speed_above(self, phi: Number, cap: Number) -> Number:
-        """Return an upper bound of f(φ; V): the lesser of g and V."""
+    def speed_above(self, phi: Number, cap: Number, a: Number) -> Number:
+        """Return an upper bound of f(φ; V) with a deceleration a: the lesser of g and V."""
         g = self._k * phi
-        if phi > self._linear:
-            g = self._arithmetic.sqrt(2 * self._a * phi - self._offset)
+        if g * self._k > a:
+            g = self._arithmetic.sqrt(2 * a * phi - a * a / (self._k * self._k))
         return self._arithmetic.least(g, cap)
 
     def _lowest(self, phi: Number) -> Number:
         """φ after a step at the speed of its beginning, which an upper solution does not pass."""
         zero = self._arithmetic.number(0.0)
-        fastest = self.speed_above(phi, self._slowest)
+        fastest = self.speed_above(phi, self._slowest, self._a)
         return self._arithmetic.largest(phi - self._step * fastest, zero)
 
     def _stopped(

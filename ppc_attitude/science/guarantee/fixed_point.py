@@ -25,7 +25,7 @@ from dataclasses import replace
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, Triple
 from ppc_attitude.science.guarantee.bounds import Bounds, bounds_of
-from ppc_attitude.science.guarantee.cells import COARSE
+from ppc_attitude.science.guarantee.cells import COARSE, Cells
 from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
 
 _ROOM = 1e-4  # relative, so that every inequality holds with room for rounding
@@ -33,6 +33,7 @@ _ROUNDS, _FINE_ROUNDS = 40, 15
 _STEADY = 2e-5  # relative change of the tube at which the iteration ends
 TUMBLING = (2.0, 1.5, 1.2, 1.0, 0.8, 0.6)  # omega0 / Ω, the largest that fits
 _LONGEST_BRAKE = 0.95  # of the limits that C13 sets
+_STRONGEST = 1.4  # largest deceleration of the brake over the least
 
 
 class InfeasibleError(ValueError):
@@ -52,7 +53,7 @@ def tuned(
     k: float,
     kappa: float,
     ell: float,
-    count: tuple[int, int],
+    count: Cells,
     tumbling: Iterable[float] = TUMBLING,
 ) -> Law:
     """Return the law that follows from k [1/s], κ [1/s], ℓ, and the first omega0 / Ω that fits.
@@ -96,7 +97,9 @@ def _first(
         k=k,
         kappa=kappa,
         ell=ell,
-        a=_brake_limit(0.5 * B / max(assumed.inertia), k, speed - assumed.W),
+        brake=(0.5 * B, 0.5 * B, 0.5 * B),
+        a_most=_brake_limit(0.5 * B / max(assumed.inertia), k, speed - assumed.W),
+        a_rate=0.0,
         Omega_e=speed,
         Y=(tube, tube, tube),
         B=(B, B, B),
@@ -120,7 +123,7 @@ def _refuse(name: str, left: float, right: float, unit: str, meaning: str) -> No
     raise InfeasibleError(Inequality(name, (left, left), (right, right), unit, False, meaning))
 
 
-def _iterated(assumed: Assumptions, law: Law, count: tuple[int, int]) -> Law:
+def _iterated(assumed: Assumptions, law: Law, count: Cells) -> Law:
     stages = ((_ROUNDS, COARSE),) if count == COARSE else ((_ROUNDS, COARSE), (_FINE_ROUNDS, count))
     for rounds, cells in stages:
         bounds = _evaluated(assumed, law, cells)
@@ -139,11 +142,15 @@ def _iterated(assumed: Assumptions, law: Law, count: tuple[int, int]) -> Law:
 
 
 def _steady(law: Law, before: Law) -> bool:
-    pairs = zip((*law.Y, *law.B, law.a), (*before.Y, *before.B, before.a), strict=True)
+    pairs = zip(
+        (*law.Y, *law.B, *law.brake, law.a_most),
+        (*before.Y, *before.B, *before.brake, before.a_most),
+        strict=True,
+    )
     return all(math.isclose(x, y, rel_tol=_STEADY) for x, y in pairs)
 
 
-def _evaluated(assumed: Assumptions, law: Law, count: tuple[int, int]) -> Bounds:
+def _evaluated(assumed: Assumptions, law: Law, count: Cells) -> Bounds:
     try:
         return bounds_of(assumed, law, FLOATS, count)
     except ValueError as error:
@@ -169,8 +176,11 @@ def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         meaning = "the rate limit leaves speed beside tube and reference"
         need = assumed.W + z + errors + 2.0 * law.h * bounds.V_rate
         _refuse("C7", need, assumed.Omega, "rad/s", meaning)
-    a = _brake_limit(0.5 * (law.a + bounds.brake), law.k, speed - assumed.W)
-    if a <= 0.0:
+    # An axis of which the largest deceleration needs less has no bound of its own.
+    brake = _triple(
+        min(0.5 * (x + y), most) for x, y, most in zip(law.brake, bounds.brake, B, strict=True)
+    )
+    if min(brake) <= 0.0:
         i = max(range(3), key=lambda axis: bounds.load[axis] - law.B[axis])
         meaning = "feedforward and tube leave torque to brake with"
         _refuse("C3", bounds.load[i], law.B[i], "N·m", meaning)
@@ -181,12 +191,21 @@ def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         B_ramp=_ramp_torque(assumed, law, Y, B),
         z_bar=z,
         Omega_e=speed,
-        a=a,
+        brake=brake,
+        a_most=_strongest(bounds, brake, law.k, speed - assumed.W),
+        a_rate=bounds.a_rate,
         V_rate=bounds.V_rate,
         N=_triple(bounds.noise),
         w_far=0.945 * (speed - assumed.W) - errors,
         far=min(max(_far(assumed, law, bounds), 1e-3), 3.0),
     )
+
+
+def _strongest(bounds: Bounds, brake: Triple, k: float, slowest: float) -> float:
+    """Largest deceleration [rad/s²] that the torque of the brake gives about some axis."""
+    least = min(torque / row for torque, row in zip(brake, bounds.body.row, strict=True))
+    most = min(bounds.body.box(brake, FLOATS), _STRONGEST * least)
+    return _brake_limit(float(most), k, slowest)
 
 
 def _ramp_torque(assumed: Assumptions, law: Law, Y: Triple, B: Triple) -> float:
@@ -227,10 +246,15 @@ def _roomy(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         z_bar=z,
         V_rate=V_rate,
         Omega_e=_rounded((assumed.Omega - z - errors - law.h * V_rate) * (1 - _ROOM / 10)),
-        a=_rounded(min(law.a, bounds.brake) * (1 - 10 * _ROOM)),
+        brake=_triple(
+            _rounded(min(x, y) * (1 - 10 * _ROOM))
+            for x, y in zip(law.brake, bounds.brake, strict=True)
+        ),
+        a_most=_rounded(law.a_most),
+        a_rate=_rounded(bounds.a_rate * (1 + 500 * _ROOM)),
         N=_triple(_rounded(x * (1 + 10 * _ROOM)) for x in bounds.noise),
         w_far=_rounded(law.w_far),
-        far=_rounded(min(_far(assumed, law, bounds) * (1 + 30 * _ROOM), 3.1)),
+        far=_rounded(min(_far(assumed, law, bounds) * (1 + 60 * _ROOM), 3.1)),
         d_max=_rounded(law.d_max),
     )
 

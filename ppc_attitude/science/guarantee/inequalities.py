@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import Bounds
+from ppc_attitude.science.guarantee.cells import LARGEST
 
 AXES = "xyz"
 # κh that leaves every sample's correction without overshoot, without and with a late command.
@@ -123,7 +124,7 @@ class _Judge:
         number, law, bounds, told = self.arithmetic.number, self.law, self.bounds, self.told
         assumed, zero = self.assumed, number(0.0)
         Omega_e, z, k = number(law.Omega_e), number(law.z_bar), number(law.k)
-        W, a, h = number(assumed.W), number(law.a), number(law.h)
+        W, h = number(assumed.W), number(law.h)
         slowest = Omega_e - W
         errors = number(assumed.e_W) + W * number(assumed.e_A)
         meaning = "‖ω_s‖ stays below the rate limit after the stop phase"
@@ -132,10 +133,14 @@ class _Judge:
         yield told(
             "C4 V'", bounds.V_rate, number(law.V_rate), "rad/s²", "Φ allows for what V may lose"
         )
+        meaning = "Φ allows for what the brake may lose when its axis turns"
+        yield told("C4 a'", bounds.a_rate, number(law.a_rate), "rad/s³", meaning)
         limit = number(_STEP_LATE if assumed.late > 0.0 else _STEP)
         meaning = "κh: one sample's correction does not overshoot"
         yield told("C5", number(law.kappa) * h, limit, "", meaning)
-        yield told("C6", z, a / k, "rad/s", "the tube lies within the linear part of the brake")
+        yield told(
+            "C6", z, bounds.a / k, "rad/s", "the tube lies within the linear part of the brake"
+        )
         yield told("C7", zero, slowest, "rad/s", "the reference leaves speed to turn with", True)
         least = self.arithmetic.least(*map(number, law.Y))
         meaning = "the disturbance estimate alone does not lead out of the tube"
@@ -147,7 +152,7 @@ class _Judge:
         number, law, bounds, told = self.arithmetic.number, self.law, self.bounds, self.told
         assumed, pi = self.assumed, self.arithmetic.pi
         Omega_e, z, k = number(law.Omega_e), number(law.z_bar), number(law.k)
-        W, a, h = number(assumed.W), number(law.a), number(law.h)
+        W, a, h = number(assumed.W), bounds.a_most, number(law.h)
         e_A, e_w = number(assumed.e_A), number(assumed.e_W) + W * number(assumed.e_A)
         slowest, fastest = Omega_e - W, Omega_e + W
         reserve, never = bounds.reserve, number(float("inf"))
@@ -179,9 +184,14 @@ class _Judge:
             )
         overshoot = never
         if stop is not None and reserve > 0:
-            overshoot = pi + e_A + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / reserve)
+            overshoot = pi + number(assumed.lead) + e_A
+            overshoot = overshoot + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / reserve)
         yield told(
-            "C12", overshoot, pi + 1, "rad", "half a turn and the stop stay in the range of cells"
+            "C12",
+            overshoot,
+            pi + LARGEST,
+            "rad",
+            "the largest turn and the stop stay in the range of cells",
         )
         meaning = "the cap of the speed does not act where the brake is linear"
         limit = number(0.75) * slowest - 2 * h * number(law.V_rate)

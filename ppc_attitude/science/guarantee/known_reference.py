@@ -103,10 +103,20 @@ class KnownReference:
         Numbers that satisfy the inequalities.
     rate_at : callable
         From instants [s], shape (n,), to ω_d [rad/s], shape (n, 3).
+    ahead : ndarray, shape (3,), optional
+        Θ [rad] that the law is told at the start; zeros for a law that is told nothing.
     """
 
-    def __init__(self, assumed: Assumptions, law: Law, rate_at: Callable[[Array], Array]) -> None:
+    def __init__(
+        self,
+        assumed: Assumptions,
+        law: Law,
+        rate_at: Callable[[Array], Array],
+        ahead: Array | None = None,
+    ) -> None:
         self._assumed, self._law, self._rate_at = assumed, law, rate_at
+        self._ahead = np.zeros(3) if ahead is None else ahead
+        self._lead = min(float(np.linalg.norm(self._ahead)), assumed.lead)
         self._bounds: Bounds = bounds_of(assumed, law, FLOATS)
         self._envelope = Envelope(assumed, law, self._bounds, FLOATS)
 
@@ -131,21 +141,25 @@ class KnownReference:
                 f"a rate error of {rate:g} rad/s does not cruise; at most {self._law.w_far:g}"
             )
         near = self._envelope.near_time(self._law.far, rate, accuracy)
-        least = self._law.far
         longest = near
         for start in np.linspace(np.pi, self._law.far, 40):
             # From here on down the bound for any reference is no longer than what is found.
-            if self._envelope.far_time(float(start), rate, accuracy) <= max(longest, near):
-                return max(longest, near)
-            least = max(float(start) - 0.15, self._law.far)
-            angles = least, float(start)
+            bound = self._envelope.far_time(float(start) + self._lead, rate, accuracy)
+            if bound <= longest:
+                break
+            angles = float(start) - 0.15, float(start)
             longest = max(longest, self._longest(angles, rate, accuracy, longest))
-        return max(longest, near)
+        else:
+            longest = max(longest, bound)
+        return longest
 
     def _longest(
         self, angles: tuple[float, float], rate: float, accuracy: float, known: float
     ) -> float:
-        """Time for every start with φ between two angles [rad]; roughly, if less than is known."""
+        """Time for every start between two angles [rad], to each of which n·Θ is added.
+
+        Roughly, if it is less than is known.
+        """
         longest = 0.0
         cells = np.arange(6 * _FACES[0] ** 2)
         for face in _FACES:
@@ -166,21 +180,26 @@ class KnownReference:
         rate: float,
         accuracy: float,
     ) -> Array:
-        """Time [s] for each cell of n, with φ between two angles [rad] at the start."""
+        """Time [s] for each cell of n, with φ between two angles + n·Θ [rad] at the start."""
         law, assumed = self._law, self._assumed
-        least, most = angles
+        # The law goes by what it is told of n and φ.
+        size = float(np.linalg.norm(self._ahead))
+        along, spread = centres @ self._ahead, size * (radius + assumed.e_A) + assumed.e_A
+        least = angles[0] + np.clip(along - spread, -assumed.lead, assumed.lead)
+        most = angles[1] + np.clip(along + spread, -assumed.lead, assumed.lead)
+        least = np.maximum(least, law.far)  # what is nearer does not cruise
         stop = self._bounds.stop_time(assumed, law, rate, FLOATS)
         if stop is None:
             raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
         begin = stop + 2.0 * law.h
         count = len(radius)
         drift = rate * (stop + law.h) / 2.0 + law.z_bar * begin
-        nu = max(self._nu(least - 1.5 * drift), self._nu(most + drift))
+        nu = np.maximum(self._nu(least - 1.5 * drift), self._nu(most + drift))
         state = _State(
-            above=np.full(count, most + assumed.e_A + drift),
+            above=most + assumed.e_A + drift,
             # σ = −n·ω_e ≤ rate is kept while the rest stops.
-            below=np.full(count, least - assumed.e_A - drift - rate * begin),
-            turned=np.full(count, nu * (drift + assumed.e_A)),
+            below=least - assumed.e_A - drift - rate * begin,
+            turned=nu * (drift + assumed.e_A),
             sigma=np.zeros(count),
         )
         found, cells = np.zeros(count), np.arange(count)
@@ -222,7 +241,7 @@ class KnownReference:
 
     def _speed(self, phi: Array, cap: Array) -> Array:
         """f(φ; V) on arrays."""
-        k, a = self._law.k, self._law.a
+        k, a = self._law.k, float(self._bounds.a)
         offset = a * a / (k * k)
         g = np.where(phi <= a / (k * k), k * phi, np.sqrt(np.maximum(2 * a * phi - offset, 0.0)))
         x = np.minimum(g / np.maximum(cap, 1e-300), 1.0 + BLEND)
@@ -230,5 +249,5 @@ class KnownReference:
         return np.asarray(np.maximum(cap, 0.0) * (x - below * below / (4.0 * BLEND)))
 
     @staticmethod
-    def _nu(phi: float) -> float:
-        return float(0.5 / np.sin(0.5 * phi))
+    def _nu(phi: Array) -> Array:
+        return np.asarray(0.5 / np.sin(0.5 * phi))

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
 from ppc_attitude.science.environments import none
 from ppc_attitude.science.environments import paper as environment
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND, ENVIRONMENT_RATE_BOUND
@@ -46,12 +47,13 @@ from ppc_attitude.science.kinds import (
     Kind,
 )
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.references import paper
+from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.science.sensors import direct, gyro_star_tracker
 
 _GRID = 1e-3  # [s] on which the reference is searched for its fastest instant
 _HORIZON = 3600.0  # [s] for which a design looks at the reference
 _NOISE = 6.0  # deviations that a design takes as the bound of an estimation error
+LEAD = 0.6  # [rad] beyond half a turn for a law that knows what lies ahead: the paper's needs 0.55
 DEVIATIONS = 5.0
 """A Gaussian error this often its deviation is taken as its bound."""
 _KNOWN: dict[str, tuple[Component, ...]] = {
@@ -59,7 +61,7 @@ _KNOWN: dict[str, tuple[Component, ...]] = {
     SENSORS.name: (direct.COMPONENT, gyro_star_tracker.COMPONENT),
     ESTIMATORS.name: (mekf.COMPONENT,),
     ACTUATORS.name: (ideal.COMPONENT,),
-    REFERENCES.name: (paper.COMPONENT,),
+    REFERENCES.name: (paper.COMPONENT, paper_ahead.COMPONENT),
     ENVIRONMENTS.name: (environment.COMPONENT, none.COMPONENT),
 }
 _HARDWARE = (PLANTS, SENSORS, ESTIMATORS, ACTUATORS)
@@ -171,7 +173,7 @@ def broken_assumptions(
             yield f"{found}: whether it keeps the assumed bounds is not known"
     if nodes.estimated:
         yield from _unseen(plant, nodes.estimator)
-    if _selected(REFERENCES, reference) != paper.COMPONENT.name:
+    if nodes.unknown(REFERENCES):
         return
     for name, value in zip(("W", "W1", "W2"), reference_bounds(reference, duration), strict=True):
         if value > getattr(assumed, name):
@@ -284,6 +286,7 @@ def assumptions_from(
         "e_A": _NOISE * sigma_A,
         "e_W": _NOISE * sigma_W,
         "late": float(plant["late_command"]),
+        "lead": LEAD if controller["controller"] == LAW_AHEAD else 0.0,
     }
     assumed = Assumptions(
         inertia=tuple(controller["inertia"]),
