@@ -50,6 +50,7 @@ LAWS = {
     "momentum_tube, quiet": ("guaranteed_quiet",),
     "momentum_tube, standard": ("guaranteed",),
     "momentum_tube, sharp": ("guaranteed_sharp",),
+    "momentum_tube_ahead": ("guaranteed_ahead",),
 }
 
 
