@@ -259,7 +259,7 @@ def test_inertia_error_is_the_one_of_the_definition() -> None:
 @pytest.mark.parametrize("scale", [1e-2, 1.0, 1e2])
 def test_design_scales_with_the_craft(standard: tuple[Assumptions, Law], scale: float) -> None:
     """The same craft in other units of mass: the same gains, momenta scaled, the same times."""
-    assumed, law = standard
+    assumed, law = standard  # its tube stands still to 2e-5, where the iteration ended
     torques = ("max_torque", "dead_band", "d", "D1")
     other = replace(
         assumed,
@@ -267,9 +267,9 @@ def test_design_scales_with_the_craft(standard: tuple[Assumptions, Law], scale: 
         **{name: scale * getattr(assumed, name) for name in torques},
     )
     found = designed(other, Wishes(), law.h, law.k, law.kappa, law.ell)
-    assert found.law.a_most == pytest.approx(law.a_most, rel=1e-6)
-    assert np.array(found.law.brake) == pytest.approx(scale * np.array(law.brake), rel=1e-6)
-    assert np.array(found.law.Y) == pytest.approx(scale * np.array(law.Y), rel=1e-6)
+    assert found.law.a_most == pytest.approx(law.a_most, rel=5e-5)
+    assert np.array(found.law.brake) == pytest.approx(scale * np.array(law.brake), rel=5e-5)
+    assert np.array(found.law.Y) == pytest.approx(scale * np.array(law.Y), rel=5e-5)
     assert certify(_complete(other, found.law), rates=(1.0,)).holds
 
 

@@ -176,13 +176,13 @@ class _Maker:
         own = acceleration * W + w * (W1 + w * W) + self.W2 + w * W1
         return row * own + 2 * spread * total * (acceleration + W1 + w * W)
 
-    def main_cells(self, acceleration: Number) -> list[Cell]:
+    def main_cells(self) -> list[Cell]:
         """Cells from the least V: a σ that follows V may lag by what V moves in two samples."""
         slowest = self.speed.Omega_e - self.W - 2 * self.h * self.arithmetic.number(self.law.V_rate)
         lowest, _ = self.arithmetic.outward(slowest)
         if lowest <= 0.0:
             raise ValueError(f"Omega_e = {self.law.Omega_e:g} rad/s leaves no speed beyond W")
-        return cells(self.speed, lowest, acceleration, self.e_A, self.e_w, self.count)
+        return cells(self.speed, lowest, self.e_A, self.e_w, self.count)
 
     def main_variation(self, found: list[Cell], A: Number, nu_blend: Number) -> Numbers:
         """δF in the main phase, with the ramps of r and σ."""
@@ -304,17 +304,14 @@ def bounds_of(
     nu_stop = most(nu_of(far / 2, arithmetic), nu_of(end, arithmetic))
     cotangent = most(half_cotangent(far / 2, arithmetic), half_cotangent(end, arithmetic))
 
+    found = make.main_cells()
     zero = number(0.0)
     guess = (zero, zero, zero)
     for _ in range(2):  # δF stands in A: twice from below, then it must be a fixed point
-        A = make.acceleration(make.Omega, guess)
-        found = make.main_cells(A)
-        guess = make.main_variation(found, A, nu_blend)
+        guess = make.main_variation(found, make.acceleration(make.Omega, guess), nu_blend)
     # A δF that reproduces less than itself bounds the true one.
     inflated = make.triple(lambda i: guess[i] * number(1.002))
-    A = make.acceleration(make.Omega, inflated)
-    found = make.main_cells(A)
-    variation = make.main_variation(found, A, nu_blend)
+    variation = make.main_variation(found, make.acceleration(make.Omega, inflated), nu_blend)
     if not all(bool(v <= w) for v, w in zip(variation, inflated, strict=True)):
         raise ValueError("the variation of F within a sample has no bound: the gains are too high")
     variation = inflated

@@ -29,7 +29,7 @@ from ppc_attitude.science.controllers.brake import BLEND, ORDER
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 
 FINE = (160, 4, 4)  # cells of φ, of V and of a
-COARSE = (24, 2, 2)
+COARSE = (24, 1, 1)
 LARGEST = 1.25  # [rad] beyond half a turn: what the cells cover
 Cells = tuple[int, int, int]
 
@@ -205,7 +205,6 @@ def first_cell(speed: Speed, e_A: Number, e_w: Number) -> Cell:
 def cells(
     speed: Speed,
     lowest: float,
-    acceleration: Number,
     e_A: Number,
     e_w: Number,
     count: Cells,
@@ -218,8 +217,6 @@ def cells(
         Bounds of V.
     lowest : float
         Least V [rad/s].
-    acceleration : number
-        A ≥ ‖ω_e'‖ [rad/s²]; enters only small terms here, `lever` has the large one.
     e_A, e_w : number
         Errors of attitude [rad] and of ω_e [rad/s].
     count : tuple of 3 int
@@ -237,7 +234,7 @@ def cells(
         low, _ = arithmetic.outward(arithmetic.number(brake[0]) / (speed.k * speed.k))
         edges = [low, *np.geomspace(low, high, count[0] + 1).tolist()[1:-1], high]
         for phi, cap in product(pairwise(edges), pairwise(caps)):
-            found.append(_cell(speed, phi, cap, brake, acceleration, e_A, e_w))
+            found.append(_cell(speed, phi, cap, brake, e_A, e_w))
     return found
 
 
@@ -246,7 +243,6 @@ def _cell(
     phi: tuple[float, float],
     cap: tuple[float, float],
     brake: tuple[float, float],
-    acceleration: Number,
     e_A: Number,
     e_w: Number,
 ) -> Cell:
@@ -289,11 +285,10 @@ def _cell(
     n_rate = nu * z
     capped = not g_high / slow <= 1 - c
     cap_rate = speed.rate(nu) if capped else number(0.0)
-    n_second = axis_second(nu, cotangent, z, rate, acceleration)
+    n_second = nu * _axis_second_rest(nu, cotangent, z, rate)  # `lever` has what A adds
     cap_second = speed.second_rate(nu, n_second) if capped else number(0.0)
     a_rate = speed.brake_rate(a, n_rate)
-    # What multiplies A stands in `lever`.
-    a_second = speed.brake_second(a, n_rate, nu * _axis_second_rest(nu, cotangent, z, rate))
+    a_second = speed.brake_second(a, n_rate, n_second)
     f_rate = f_phi * rate + f_cap * cap_rate + f_a * a_rate
     second = (
         f_phi_phi * rate * rate
@@ -305,7 +300,7 @@ def _cell(
         + f_phi * n_rate * z
         + f_cap * cap_second
         + 2 * f_rate * n_rate
-        + lam * _axis_second_rest(nu, cotangent, z, rate)
+        + f * n_second
     )
     e_cap = speed.gain * speed.W * nu * e_A
     e_a = speed.brake_rate(a, nu * e_A)
@@ -320,7 +315,8 @@ def _cell(
         turn=lam * z,
         speed=rate,
         second=second,
-        lever=_largest_gain(f_phi, f_a * speed.brake_rate(a, nu), lam, arithmetic),
+        lever=_largest_gain(f_phi, f_a * speed.brake_rate(a, nu), lam, arithmetic)
+        + f_cap * speed.gain * speed.W * nu,
         ramp=arithmetic.sqrt(f_rate * f_rate + lam * z * lam * z),
         lipschitz=largest(f_phi, lam)
         + f_cap * speed.gain * speed.W * nu

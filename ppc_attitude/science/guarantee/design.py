@@ -39,7 +39,7 @@ _K_SHARE = (0.02, 0.04, 0.067, 0.1)
 _ELL = (0.05, 0.1, 0.2, 0.4, 1.0)
 _SHORT = ((0.02, 0.07, 0.2, 0.4), (0.02, 0.05), (0.2, 1.0))
 _FAR = (1.5, 3.0, 10.0, 100.0, 1000.0)  # by which one number may be changed to be feasible
-_FACTORS = (1.4, 0.7)  # by which a search changes one gain
+_FACTORS = ((1.4, 0.7), (1.15, 0.87))  # by which a search changes one gain, then by less
 _ALMOST = 1.3  # of the error in the end: what is reached in a time that can be told
 _WORTHWHILE = 0.05  # [s] of settling time for which it goes on
 
@@ -162,15 +162,18 @@ class _Search:
 
     def climbs(self) -> None:
         """Change the gains of the best law one by one, until nothing is better."""
-        best = None
-        while self.found:
-            now = min(self.found, key=lambda each: each.settling.time)
-            if best and now.settling.time > best.settling.time - _WORTHWHILE:
-                return
-            best, law = now, now.law
+        for factors in _FACTORS:
+            while self._climbed(factors):
+                pass
+
+    def _climbed(self, factors: Iterable[float]) -> bool:
+        """Change each gain of the best law by some factors; True if that was worthwhile."""
+        best = self._best()
+        if best is not None:
+            law = best.law
             self.tries(
                 (float(f"{k:.3g}"), float(f"{kappa:.4g}"), float(f"{ell:.3g}"))
-                for factor in _FACTORS
+                for factor in factors
                 for k, kappa, ell in (
                     (law.k * factor, law.kappa, law.ell),
                     (law.k, law.kappa * factor, law.ell),
@@ -178,6 +181,11 @@ class _Search:
                 )
                 if ell <= 1.0 and kappa * self._h <= 0.9
             )
+        now = self._best()
+        return bool(best and now and now.settling.time < best.settling.time - _WORTHWHILE)
+
+    def _best(self) -> Design | None:
+        return min(self.found, key=lambda each: each.settling.time, default=None)
 
 
 def designed(

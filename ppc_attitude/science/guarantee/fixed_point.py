@@ -209,14 +209,15 @@ def _strongest(bounds: Bounds, brake: Triple, k: float, slowest: float) -> float
 
 
 def _ramp_torque(assumed: Assumptions, law: Law, Y: Triple, B: Triple) -> float:
-    """Torque that ramps may use while y is small [N·m]; no more than B if less may come, or late.
+    """Torque that ramps may use while y is small [N·m]; 0, and so B, if less may come, or late.
 
-    What the actuator does not give of it would be a disturbance, and widen the tube (C1).
+    What the actuator does not give of it would be a disturbance, and widen the tube (C1). Nor is
+    there more than B where y is not known to half its tube.
     """
-    if assumed.eta < 1.0 or assumed.late > 0.0:
+    inside = [y / 2.0 - n for y, n in zip(Y, law.N, strict=True)]
+    if assumed.eta < 1.0 or assumed.late > 0.0 or min(inside) < 0.0:
         return 0.0
-    axes = range(3)
-    most = min(B[i] + max(Y[i] / 2.0 - law.N[i], 0.0) / law.h for i in axes)
+    most = min(b + each / law.h for b, each in zip(B, inside, strict=True))
     return min(assumed.max_torque, _rounded(most * (1 - 10 * _ROOM)))
 
 

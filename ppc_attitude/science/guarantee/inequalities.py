@@ -108,7 +108,7 @@ class _Judge:
         late = number(1.0) + number(assumed.late)
         for i, axis in enumerate(AXES):
             more = number(law.B_ramp) - number(law.B[i])
-            drift = number(law.N[i]) + number(law.h) * late * more
+            drift = number(0.0) if more <= 0 else number(law.N[i]) + number(law.h) * late * more
             meaning = "what a ramp may use beyond B leads out of half the tube in no sample"
             yield told(f"C2 ramp {axis}", drift, number(law.Y[i]) / 2, "N·m·s", meaning)
         for i, axis in enumerate(AXES):
