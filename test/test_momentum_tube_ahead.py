@@ -110,5 +110,5 @@ def test_the_way_that_is_chosen_takes_less_time() -> None:
 
 
 def test_a_reference_that_knows_nothing_ahead_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="reads reference_turn_ahead, which no selected"):
+    with pytest.raises(ConfigurationError, match="gives; mode = paper_ahead would"):
         simulate(load(FILES, {REFERENCE: {"mode": "paper"}}), 1.0)

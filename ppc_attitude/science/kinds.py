@@ -220,3 +220,14 @@ def all_components(kinds: Iterable[Kind] = KINDS) -> Iterator[Component]:
     """Yield every component of some kinds."""
     for kind in kinds:
         yield from kind.components.values()
+
+
+def to_select(column: Column) -> str:
+    """Say what to select for a column that is lacking; empty if no component gives it."""
+    found = [
+        f"{kind.selector} = {component.name}"
+        for kind in KINDS
+        for component in kind.components.values()
+        if column in component.outputs
+    ]
+    return f"; {' or '.join(found)} would" if found else ""

@@ -33,7 +33,7 @@ from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import call_step, kernel
-from ppc_attitude.science.kinds import KINDS, PLANTS, Kind
+from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, to_select
 from ppc_attitude.science.part import Part, signals_of
 
 _BLOCK = 256  # [instants]
@@ -188,7 +188,7 @@ class Diagram:
             if place is None:
                 raise ConfigurationError(
                     f"{kind.selector} = {component.name} reads {column.name}, which no selected "
-                    f"component gives"
+                    f"component gives{to_select(column)}"
                 )
             if place > start and kind is not PLANTS:
                 raise ConfigurationError(

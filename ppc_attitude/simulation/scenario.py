@@ -30,7 +30,7 @@ from ppc_attitude.contract.topics import CONTROLLER, HOSTED, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kinds import ACTUATORS, all_components
+from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
 from ppc_attitude.science.parameter import Value, checked, resolved
 
 Overrides = Mapping[str, Mapping[str, Any]]
@@ -202,11 +202,12 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
     try:
         for component in chosen:
             component.configure(values)
-            absent = [column.name for column in component.inputs if column in possible]
-            if absent:
-                raise ConfigurationError(
-                    f"{component.name} reads {', '.join(absent)}, which no selected component gives"
-                )
+            for column in component.inputs:
+                if column in possible:
+                    raise ConfigurationError(
+                        f"{component.name} reads {column.name}, which no selected component gives"
+                        f"{to_select(column)}"
+                    )
     except ConfigurationError as error:
         raise ConfigurationError(f"{node}: {error}") from None
 
