@@ -15,6 +15,7 @@
 
 """The row of the verdict that says whether a certificate held."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
 CONFIG = Path(__file__).parent.parent / "config"
+GAINS = ("0.56", "28", "0.392")  # for the sensors of a flagship
 
 
 def record_of(*overlays: str, **nodes: dict[str, Any]) -> RunRecord:
@@ -93,7 +95,7 @@ def designed_for_sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("design") / "flagship.yaml"
     files = [CONFIG / "paper.yaml", CONFIG / "sensors_flagship.yaml"]
     options = [each for file in files for each in ("--config", str(file))]
-    assert main(["design", *options, "--gains", "0.56", "28", "0.392", "--out", str(path)]) == 0
+    assert main(["design", *options, "--gains", *GAINS, "--out", str(path)]) == 0
     return path
 
 
@@ -105,6 +107,41 @@ def test_a_design_knows_the_errors_of_its_sensors(designed_for_sensors: Path) ->
     off = np.linalg.norm(record["angular_velocity"] - record["truth_angular_velocity"], axis=1)
     # A gyro's mean rate lags by half a step: while the craft speeds up, by most of the bound.
     assert 0.3 < off.max() / values["momentum_tube.assumed.e_W"] < 1.0
+
+
+def test_a_design_knows_the_torque_noise_that_its_sensors_make(
+    designed_for_sensors: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [f"--config={CONFIG / name}.yaml" for name in ("paper", "sensors_flagship")]
+    wish = ["--gains", *GAINS, "--torque-noise", "1e-6"]
+    assert main(["design", *options, *wish]) == 1
+    found = re.search(r"nearest that was found is (\S+) N·m", capsys.readouterr().out)
+    assert found
+    files = [CONFIG / "paper.yaml", CONFIG / "sensors_flagship.yaml", designed_for_sensors]
+    torque = simulate(load(files), 60.0)["torque_command"][-3000:]
+    slow = np.apply_along_axis(np.convolve, 0, torque, np.full(101, 1 / 101), "valid")
+    noise = np.sqrt(np.mean((torque[50:-50] - slow) ** 2, axis=0))
+    assert float(found[1]) == pytest.approx(noise.max(), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [
+        ("--rate=-1", "argument --rate: -1 must be finite and not negative"),
+        ("--rate-noise=nan", "argument --rate-noise: nan must be finite and not negative"),
+        ("--gains 1 1 2", "momentum_tube.ell = 2.0; allowed: finite, > 0, ≤ 1"),
+        ("--assume=eta=2", "momentum_tube.assumed.eta = 2.0; allowed: finite, > 0, ≤ 1"),
+    ],
+)
+def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
+    option: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code: Any = main(["design", "--config", str(CONFIG / "paper.yaml"), *option.split()])
+    except SystemExit as refused:  # of what is wrong by itself, whatever the configuration
+        code = refused.code
+    assert code == 2
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("e_S", [0.0, 0.1])

@@ -161,6 +161,14 @@ def positive(text: str) -> float:
     return value
 
 
+def not_negative(text: str) -> float:
+    """Parse a finite number of 0 or more."""
+    value = float(text)
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} must be finite and not negative")
+    return value
+
+
 def scenario_of(arguments: argparse.Namespace, extra: Overrides | None = None) -> Scenario:
     """Scenario from the files and options; the duration is never zero.
 

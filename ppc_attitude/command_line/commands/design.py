@@ -30,6 +30,7 @@ from ppc_attitude.command_line.guarantee_view import certificate_path, promise_l
 from ppc_attitude.command_line.options import (
     add_requirements_option,
     add_scenario_options,
+    not_negative,
     positive,
     scenario_of,
 )
@@ -56,12 +57,13 @@ from ppc_attitude.science.guarantee.design import (
     nearest,
 )
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
-from ppc_attitude.science.guarantee.surroundings import assumptions_from
+from ppc_attitude.science.guarantee.surroundings import assumptions_from, white_noise
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.references import paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
 
 _ASSUMED = (*ASSUMED, "e_A", "lead")
+_TABLE = {each.name: each for each in tube_parameters.PARAMETERS}
 _UNITS = {"max_torque": "N·m", "Omega": "rad/s", "d": "N·m", "W": "rad/s", "dead_band": "N·m"}
 
 
@@ -95,14 +97,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--accuracy", type=positive, default=5e-3, help="settled means every |q_ev,i| is below this"
     )
     parser.add_argument(
-        "--rate", type=float, default=1.0, help="rate at the start for which to be fast [deg/s]"
+        "--rate",
+        type=not_negative,
+        default=1.0,
+        help="rate at the start for which to be fast [deg/s]",
     )
     parser.add_argument("--time", type=positive, default=math.inf, help="longest settling time [s]")
     parser.add_argument(
         "--torque-noise", type=positive, default=math.inf, help="largest RMS torque noise [N·m]"
     )
-    parser.add_argument("--attitude-noise", type=float, default=0.0, help="deviation [rad]")
-    parser.add_argument("--rate-noise", type=float, default=0.0, help="deviation [rad/s]")
+    for name, unit in (("attitude", "rad"), ("rate", "rad/s")):
+        told = f"deviation of what is measured [{unit}]; default: as the sensors say"
+        parser.add_argument(f"--{name}-noise", type=not_negative, help=told)
     parser.add_argument(
         "--gains", nargs=3, type=positive, metavar=("K", "KAPPA", "ELL"), help="no search: these"
     )
@@ -124,14 +130,19 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.controller not in (None, *LAWS):
         return search_gains(arguments, scenario)
     assumed = _assumptions(scenario, dict(arguments.assume))
+    for name, value in zip(("k", "kappa", "ell"), arguments.gains or (), strict=False):
+        _TABLE[PREFIX + name].checked(value)
     h = 1.0 / scenario.number(PLANT, "rate")
+    told = white_noise(nodes_around(scenario.parameters))
+    chosen = (arguments.attitude_noise, arguments.rate_noise)
+    noise = [ours if asked is None else asked for asked, ours in zip(chosen, told, strict=True)]
     wishes = Wishes(
         accuracy=arguments.accuracy,
         rate=math.radians(arguments.rate),
         time=arguments.time,
         torque_noise=arguments.torque_noise,
-        attitude_noise=arguments.attitude_noise,
-        rate_noise=arguments.rate_noise,
+        attitude_noise=noise[0],
+        rate_noise=noise[1],
     )
     try:
         found = (
@@ -167,11 +178,10 @@ def _assumptions(scenario: Scenario, chosen: dict[str, float]) -> Assumptions:
     """Assumptions from configuration and options, each within the range of its parameter."""
     nodes = nodes_around(scenario.parameters)
     assumed = assumptions_from(nodes, scenario.parameters[CONTROLLER], chosen)
-    table = {each.name: each for each in tube_parameters.PARAMETERS}
     for name in ASSUMED:
-        table[f"{PREFIX}assumed.{name}"].checked(getattr(assumed, name))
+        _TABLE[f"{PREFIX}assumed.{name}"].checked(getattr(assumed, name))
     for name in ("e_A", "lead"):
-        table[PREFIX + name].checked(getattr(assumed, name))
+        _TABLE[PREFIX + name].checked(getattr(assumed, name))
     return assumed
 
 
@@ -223,12 +233,11 @@ def _file(law: str, values: dict[str, object], certificate: Certificate) -> str:
         (6, PREFIX, [each for each in own if not each.startswith(f"{PREFIX}assumed.")]),
         (8, f"{PREFIX}assumed.", [each for each in own if each.startswith(f"{PREFIX}assumed.")]),
     )
-    units = {each.name: each.unit for each in tube_parameters.PARAMETERS}
     for indent, prefix, names in groups:
         if prefix:
             lines.append(f"{' ' * (indent - 2)}{prefix.rstrip('.').rpartition('.')[2]}:")
         for name in names:
-            unit = f"  # [{units[name]}]" if units[name] else ""
+            unit = f"  # [{_TABLE[name].unit}]" if _TABLE[name].unit else ""
             short = name.removeprefix(prefix)
             lines.append(f"{' ' * indent}{short}: {_yaml(values[name])}{unit}")
     return "\n".join(lines) + "\n"

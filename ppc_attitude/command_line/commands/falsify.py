@@ -31,6 +31,7 @@ from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_scenario_options,
+    not_negative,
     positive,
     print_json,
     scenario_of,
@@ -67,7 +68,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("--accuracy", type=positive, default=5e-3, help="settled: below this")
     parser.add_argument(
-        "--after", type=float, default=0.0, help="judge bounds and rate from here on [s]"
+        "--after", type=not_negative, default=0.0, help="judge bounds and rate from here on [s]"
     )
     parser.add_argument("--start-rate", type=float, default=1.0, help="largest ‖ω_s‖ [deg/s]")
     parser.add_argument(

@@ -29,7 +29,7 @@ from ppc_attitude.science.controllers.brake import BLEND, ORDER
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 
 FINE = (160, 4, 4)  # cells of φ, of V and of a
-COARSE = (24, 1, 1)
+COARSE = (24, 1, 2)
 LARGEST = 1.25  # [rad] beyond half a turn: what the cells cover
 Cells = tuple[int, int, int]
 

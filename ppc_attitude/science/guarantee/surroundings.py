@@ -195,6 +195,18 @@ def _deviations(nodes: Nodes) -> tuple[float, float]:
     return math.sqrt(attitude), math.sqrt(white**2 * plant["rate"] + bias)
 
 
+def white_noise(nodes: Nodes) -> tuple[float, float]:
+    """σ of the attitude [rad] and rate [rad/s] that the law is told, from sample to sample.
+
+    What a filter knows of attitude and bias wanders slowly; the gyro's noise comes through.
+    """
+    if not nodes.estimated:
+        return _deviations(nodes)
+    rate = nodes.plant["rate"]
+    _, _, white = first_knowledge(nodes.estimator, rate)
+    return 0.0, white * math.sqrt(rate)
+
+
 def _rate_lag(nodes: Nodes, assumed: Assumptions) -> float:
     """Most that a gyro's mean rate of a step differs from the rate at its end [rad/s]: h ω'/2.
 
