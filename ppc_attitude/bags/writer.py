@@ -107,7 +107,7 @@ class BagWriter:
         if storage not in PLUGINS:
             raise BagError(f"storage is {storage!r}, allowed are {', '.join(PLUGINS)}")
         self._lock = threading.Lock()
-        self._failure = ""
+        self._refusal = ""  # why nothing can be written; empty if it can
         self._flush_is_due = False
         self._connections: dict[str, Connection] = {}
         try:
@@ -178,7 +178,8 @@ class BagWriter:
         if receive_time_ns < 0:
             raise BagError(f"receive time of {topic} is {receive_time_ns} ns, allowed are >= 0")
         with self._lock:  # as in `_writing`, whose price every message would pay
-            self._check()
+            if self._refusal:
+                raise BagError(self._refusal)
             connection = self._connections.get(topic)
             if connection is None:
                 raise BagError(f"topic {topic} was not announced to bag {self.path}")
@@ -226,9 +227,11 @@ class BagWriter:
         self._clock.join()
         with self._lock:
             try:
-                self._check_failure()
+                if self._refusal:
+                    raise BagError(self._refusal)
                 self._writer.close()
                 (self.path / UNFINISHED).unlink()
+                self._refusal = f"bag {self.path} is closed"
             except (OSError, sqlite3.Error) as error:
                 raise self._fail(error) from error
             finally:
@@ -254,7 +257,7 @@ class BagWriter:
             # A writer in full flow may never leave us the lock: then it flushes at this sign.
             self._flush_is_due = True
             with self._lock:
-                if self._flush_is_due and not self._failure:
+                if self._flush_is_due and not self._refusal:
                     try:
                         self._flush()
                     except (OSError, sqlite3.Error) as error:
@@ -264,7 +267,8 @@ class BagWriter:
     def _writing(self) -> Iterator[None]:
         """Write alone, into a bag that is open; end for good where that fails."""
         with self._lock:
-            self._check()
+            if self._refusal:
+                raise BagError(self._refusal)
             try:
                 yield
             except (OSError, sqlite3.Error) as error:
@@ -274,24 +278,15 @@ class BagWriter:
         self._flush_is_due = False
         self._writer.flush()
 
-    def _check(self) -> None:
-        if self._closed.is_set():
-            raise BagError(f"bag {self.path} is closed")
-        self._check_failure()
-
-    def _check_failure(self) -> None:
-        if self._failure:
-            raise BagError(self._failure)
-
     def _fail(self, error: Exception) -> BagError:
         """Stop recording for good and leave what is on disk as it is."""
-        self._failure = (
+        self._refusal = (
             f"bag {self.path} cannot be written any further: {_reason(error)}; "
             f"what was on disk before can be read"
         )
         with contextlib.suppress(OSError, sqlite3.Error):
             self._writer.abort()
-        return BagError(self._failure)
+        return BagError(self._refusal)
 
 
 def _reason(error: Exception) -> str:

@@ -268,10 +268,10 @@ class BagRecorder(BaseNode):
     def _take(self, subscription: Any) -> bool:
         """Take all that has arrived on a topic; False if there was nothing."""
         before = self._heard
-        with subscription.handle:
-            take = subscription.handle.take_message
-            while (message := take(subscription.msg_type, True)) is not None:
-                subscription.callback(*message)
+        handle, kind, receive = subscription.handle, subscription.msg_type, subscription.callback
+        with handle:
+            while (message := handle.take_message(kind, True)) is not None:
+                receive(*message)
         return self._heard != before
 
     def drain(self, executor: Executor) -> None:
