@@ -166,7 +166,8 @@ def execute(arguments: argparse.Namespace) -> int:
         return BAD_INPUT
     _tell(found, certificate)
     if arguments.output:
-        write_whole(arguments.output, _file(arguments.controller or LAW, values, certificate))
+        law = scenario.controller.name if scenario.controller.name in LAWS else LAW
+        write_whole(arguments.output, _file(law, values, certificate))
         path = certificate_path(arguments.output)
         text = json.dumps(certificate.to_json(), ensure_ascii=False, indent=1)
         write_whole(path, text + "\n")

@@ -83,9 +83,7 @@ class Envelope:
         self._arithmetic = arithmetic
         self._k, self._a, self._z = number(law.k), bounds.a, number(law.z_bar)
         # A slow craft gets no more steps than a quick one; the last exponential has to be told.
-        turn = math.pi / (law.Omega_e - assumed.W) + 2.0 * math.sqrt(
-            math.pi / law.a_most
-        )  # [s] about
+        turn = math.pi / (law.Omega_e - assumed.W) + 2.0 * math.sqrt(math.pi / law.a_most)  # about
         self._step = number(max(_STEP, law.h, min(_SHARE * turn, 0.2 / law.k)))
         self._h = number(law.h)
         self._slowest = number(law.Omega_e) - number(assumed.W)
