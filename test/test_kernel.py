@@ -16,12 +16,15 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.core import config
 
 from ppc_attitude.science import kernel
 from ppc_attitude.science.kernel import Matrix, Vector
@@ -51,6 +54,22 @@ def test_vectors_are_numpys(a: Vector, b: Vector, m: Matrix, s: float) -> None:
 
 def test_division() -> None:
     assert kernel.divide((1.0, -6.0, 0.0), (4.0, 3.0, 2.0)) == (0.25, -2.0, 0.0)
+
+
+def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
+    """Else compiled code lands where the user stands, and would be executed from there."""
+    before, inside = config.CACHE_DIR, threading.Event()
+
+    def enter() -> None:
+        with kernel.cache_of(kernel.__name__):
+            inside.set()
+
+    with ThreadPoolExecutor(1) as other:
+        with kernel.cache_of(kernel.__name__):
+            second = other.submit(enter)
+            assert not inside.wait(0.2)  # [s] it would take microseconds
+        second.result()
+    assert before == config.CACHE_DIR
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ import numba
 from numba import types
 from numba.core import cgutils
 from numba.core import config as _numba_config
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -81,15 +82,17 @@ def cache_of(module: str) -> Iterator[None]:
 
     Numba reads its process-wide setting when it decorates, so the setting is put back at once, and
     functions of somebody else's are cached where they belong. Where the folder cannot be written,
-    Numba falls back to the user's own.
+    Numba falls back to the user's own. Threads do this one after the other, or one would put back
+    what the other has set, and Numba would write to the folder where the user stands.
     """
     folder = _cache_folder(module.partition(".")[0])
-    before = _SETTINGS.CACHE_DIR
-    _SETTINGS.CACHE_DIR = folder
-    try:
-        yield
-    finally:
-        _SETTINGS.CACHE_DIR = before
+    with global_compiler_lock:
+        before = _SETTINGS.CACHE_DIR
+        _SETTINGS.CACHE_DIR = folder
+        try:
+            yield
+        finally:
+            _SETTINGS.CACHE_DIR = before
 
 
 def kernel(function: _Function) -> _Function:
