@@ -16,8 +16,9 @@
 
 import re
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,10 +36,13 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
     ATTITUDE,
     CLOCK_TOPIC,
+    CONTROLLER,
     PLANT,
     RECORDER,
     REFERENCE,
+    REFERENCE_ACCELERATION,
     TORQUE_COMMAND,
+    Topic,
 )
 from ppc_attitude.nodes import visiting
 from ppc_attitude.nodes.messages import message_class
@@ -119,20 +123,23 @@ def test_what_visitors_do_is_on_record_and_is_flown_again(
 
 def first_stamp(node: rclpy.node.Node) -> int:
     """Stamp [s] of the first state that a new subscriber gets."""
-    stamps: list[int] = []
-    late = node.create_subscription(
-        message_class(ATTITUDE.msgtype), ATTITUDE.name, lambda message: None, 10
-    )
+    return int(hears(node, ATTITUDE.name, ATTITUDE, lambda message: True).header.stamp.sec)
+
+
+def hears(node: rclpy.node.Node, name: str, topic: Topic, wanted: Callable[[Any], bool]) -> Any:
+    """Wait for such a message; return the first."""
+    late = node.create_subscription(message_class(topic.msgtype), name, lambda message: None, 10)
+    found: list[Any] = []
 
     def heard() -> bool:
         with late.handle:
-            while (taken := late.handle.take_message(late.msg_type, False)) is not None:
-                stamps.append(taken[0].header.stamp.sec)
-        return bool(stamps)
+            while not found and (taken := late.handle.take_message(late.msg_type, False)):
+                found.extend(each for each in taken[:1] if wanted(each))
+        return bool(found)
 
-    until(heard, "a state")
+    until(heard, f"{name} as wanted")
     node.destroy_subscription(late)
-    return stamps[0]
+    return found[0]
 
 
 def expect_goal(record: RunRecord) -> None:
@@ -164,7 +171,7 @@ def test_nobody_to_visit_is_said(monkeypatch: pytest.MonkeyPatch, capfd: Shown) 
 
 @long
 def test_a_goal_for_one_craft_moves_no_other(
-    tmp_path: Path, start_process: StartProcess, capfd: Shown
+    stranger: rclpy.node.Node, tmp_path: Path, start_process: StartProcess, capfd: Shown
 ) -> None:
     homes = ("/chief", "/deputy")
     both = f"/bag_recorder:\n  ros__parameters:\n    namespaces: [{', '.join(homes)}]\n"
@@ -188,11 +195,17 @@ def test_a_goal_for_one_craft_moves_no_other(
     ]
     for node in crafts:
         node.says("ready")
+    for home in homes:
+        recorder.says(f"the parameters of {home}/{CONTROLLER} are on record")
+        recorder.says(f"the parameters of {home}/{PLANT} are on record")
     assert main(["goto", "--euler", "0", "0", "30", "--namespace", homes[0]]) == 0
     assert "order 1 is followed" in capfd.readouterr().out
+    turning = f"{homes[0]}/{REFERENCE_ACCELERATION.name}"
+    hears(stranger, turning, REFERENCE_ACCELERATION, lambda each: each.vector.z != 0.0)
     for node in (*crafts, recorder):
         node.send(signal.SIGINT)
-    assert [node.ends() for node in (*crafts, recorder)] == [0] * (len(crafts) + 1)
+    for node in (*crafts, recorder):
+        assert node.ends() == 0, node.err
 
     chief, deputy = (read_run(bag, namespace=home) for home in homes)
     assert "goals.times" in {each.name for each in chief.changes}

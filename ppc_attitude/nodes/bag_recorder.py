@@ -32,7 +32,12 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
-from ppc_attitude.bags.custom_data import GAPS_KEY, encode_custom_data, of_namespace
+from ppc_attitude.bags.custom_data import (
+    GAPS_KEY,
+    UNKNOWN_CONTROLLER,
+    encode_custom_data,
+    of_namespace,
+)
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import encode_clock, header_stamp
@@ -107,8 +112,8 @@ class BagRecorder(BaseNode):
         samples = self._run_info.get("samples", {})
         told = {home: of_namespace(samples, home) for home in self._recordings}
         self._graph = RunGraph(self, told)
-        if not self._run_info:
-            self._survey = ParameterSurvey(self, self._graph, self._learn)
+        told_all = bool(self._run_info)
+        self._survey = None if told_all else ParameterSurvey(self, self._graph, self._learn)
         tell(BAG, str(self._path))
         self.get_logger().info(f"recording to {self._path}")
 
@@ -144,7 +149,7 @@ class BagRecorder(BaseNode):
     def _custom_data(self) -> dict[str, str]:
         parameters = self._run_info.get("parameters", {})
         metadata = {**versions(), **self._run_info.get("metadata", {})}
-        controller = str(parameters.get(CONTROLLER, {}).get("controller", "unknown"))
+        controller = str(parameters.get(CONTROLLER, {}).get("controller", UNKNOWN_CONTROLLER))
         return encode_custom_data(controller, parameters, metadata)
 
     def _record_topic(self, home: str, topic: Topic, reliable: bool = True) -> None:
@@ -296,6 +301,9 @@ class BagRecorder(BaseNode):
             for name, count in recording.surplus().items():
                 text = f"{count} messages of {self._names[home, name]} came beside the first ones"
                 self.get_logger().warning(f"{text} of their instants")
+        if self._survey and (silent := self._survey.unanswered()):
+            text = f"the parameters of {', '.join(silent)} are not on record: no answer yet"
+            self.get_logger().warning(text)
         if gaps:
             self.exit_code = EXIT_BROKEN
             tell_broken(f"bag {self._path} is incomplete: {'; '.join(gaps)}")

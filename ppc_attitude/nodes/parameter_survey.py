@@ -83,6 +83,12 @@ class ParameterSurvey:
             values = [unquoted(_plain(parameter_value_to_python(each))) for each in response.values]
             self._answers[full] = dict(zip(names, values, strict=True))
             self._on_answer(self._answers)
+            self._node.get_logger().info(f"the parameters of {full} are on record")
+
+    def unanswered(self) -> list[str]:
+        """Full names of the nodes whose parameters nobody has told."""
+        seen = (f"{home}/{name}" for home, name in self._graph.nodes)
+        return sorted(name for name in seen if name not in self._answers)
 
 
 def _plain(value: Any) -> Any:
