@@ -66,6 +66,7 @@ from ppc_attitude.science.parameter import Value
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
+_CALM = 0.05  # [s] without a message after which the executor waits for the next: 0.5 ms for each
 _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
@@ -93,6 +94,8 @@ class BagRecorder(BaseNode):
         except BagError as error:
             raise ConfigurationError(str(error)) from None
         self._heard = 0  # messages, whether the executor took them or `wake`
+        self._counted = 0  # of these at the last look
+        self._heard_at = 0.0  # time of the last look that found any
         self._written = 0
         self._now = 0.0
         self._looked = -_LOOK
@@ -112,8 +115,8 @@ class BagRecorder(BaseNode):
         samples = self._run_info.get("samples", {})
         told = {home: of_namespace(samples, home) for home in self._recordings}
         self._graph = RunGraph(self, told)
-        told_all = bool(self._run_info)
-        self._survey = None if told_all else ParameterSurvey(self, self._graph, self._learn)
+        ask = not self._run_info
+        self._survey = ParameterSurvey(self, self._graph, self._learn) if ask else None
         tell(BAG, str(self._path))
         self.get_logger().info(f"recording to {self._path}")
 
@@ -184,6 +187,8 @@ class BagRecorder(BaseNode):
 
         def receive(data: bytes, about: Mapping[str, Any]) -> None:
             self._heard += 1
+            if self.wake_at:  # the executor took the first after a silence: `wake` takes the others
+                self.wake_now()
             number = about["publication_sequence_number"]
             recording.sample(name, header_stamp(data, msgtype), data, number, self._now)
 
@@ -254,10 +259,9 @@ class BagRecorder(BaseNode):
         """
         return SingleThreadedExecutor()
 
-    def _take_gathered(self) -> bool:
-        """Take all that has arrived; False if there was nothing."""
+    def _take_gathered(self) -> None:
+        """Take all that has arrived."""
         self._now = time.monotonic()
-        before = self._heard
         if self._now - self._listened < _LISTEN:
             for subscription in self._lively:
                 self._take(subscription)
@@ -268,7 +272,8 @@ class BagRecorder(BaseNode):
             stamp = recording.progress()
             if stamp is not None:
                 self._progress[home].publish(encode_clock(stamp))
-        return self._heard != before
+        if self._heard != self._counted:
+            self._counted, self._heard_at = self._heard, self._now
 
     def _take(self, subscription: Any) -> bool:
         """Take all that has arrived on a topic; False if there was nothing."""
@@ -281,10 +286,9 @@ class BagRecorder(BaseNode):
 
     def drain(self, executor: Executor) -> None:
         """Take all that was sent before the stop: until nothing has come for a while."""
-        quiet_since = time.monotonic()
-        while not self.failure and time.monotonic() - quiet_since < _QUIET:
-            if self._take_gathered():
-                quiet_since = time.monotonic()
+        begun = self._now = time.monotonic()
+        while not self.failure and self._now - max(begun, self._heard_at) < _QUIET:
+            self._take_gathered()
             executor.spin_once(timeout_sec=_BATCH)
 
     def close(self) -> None:
@@ -301,9 +305,8 @@ class BagRecorder(BaseNode):
             for name, count in recording.surplus().items():
                 text = f"{count} messages of {self._names[home, name]} came beside the first ones"
                 self.get_logger().warning(f"{text} of their instants")
-        if self._survey and (silent := self._survey.unanswered()):
-            text = f"the parameters of {', '.join(silent)} are not on record: no answer yet"
-            self.get_logger().warning(text)
+        if self._survey:
+            self._survey.close()
         if gaps:
             self.exit_code = EXIT_BROKEN
             tell_broken(f"bag {self._path} is incomplete: {'; '.join(gaps)}")
@@ -324,10 +327,12 @@ class BagRecorder(BaseNode):
         return [f"{home}/{gap}" if len(self._recordings) > 1 else gap for gap in gaps]
 
     def wake(self) -> float:
-        """Take messages in batches."""
+        """Take messages in batches until none has come for a while."""
         end = time.monotonic() + _LONGEST
-        while self._take_gathered() and time.monotonic() < end:
+        self._take_gathered()
+        while self._now - self._heard_at < _CALM and self._now < end:
             time.sleep(_BATCH)
+            self._take_gathered()
         self._look_around()
         return super().wake()
 

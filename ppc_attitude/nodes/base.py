@@ -23,6 +23,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.task import Future
 
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
@@ -74,6 +75,7 @@ class BaseNode(Node):
         self.exit_code = EXIT_OK
         self.failure = ""
         self.wake_at = 0.0  # on the monotonic clock [s]
+        self._turn = Future()  # done when the node has something to do by itself
         self.waits = bool(self.parameters.values.get(WAIT_FOR_RECORDER.name, False))
         self.health = Health(self.now())
         self._subscribe: list[Callable[[], None]] = []  # put off until the recorder listens
@@ -106,6 +108,17 @@ class BaseNode(Node):
     def wake_now(self) -> None:
         """Let `wake` be called after the present message, whatever it returned last."""
         self.wake_at = 0.0
+        self._turn.set_result(None)
+
+    def finish(self) -> None:
+        """End after the present message."""
+        self.finished = True
+        self.wake_now()
+
+    def new_turn(self) -> Future:
+        """Return what `wake_now` completes: until then the executor takes messages."""
+        self._turn = Future()
+        return self._turn
 
     def new_executor(self) -> Executor:
         """Return the executor that runs this node."""
@@ -243,7 +256,8 @@ class BaseNode(Node):
         """End the node as a broken one, and say so in its last diagnostics."""
         self.get_logger().error(reason)
         tell_broken(reason)
-        self.exit_code, self.failure, self.finished = EXIT_BROKEN, reason, True
+        self.exit_code, self.failure = EXIT_BROKEN, reason
+        self.finish()
         self.report(stamp_ns, at_once=True)
         self._await_readers([self._diagnostics])
 

@@ -85,10 +85,12 @@ class ParameterSurvey:
             self._on_answer(self._answers)
             self._node.get_logger().info(f"the parameters of {full} are on record")
 
-    def unanswered(self) -> list[str]:
-        """Full names of the nodes whose parameters nobody has told."""
-        seen = (f"{home}/{name}" for home, name in self._graph.nodes)
-        return sorted(name for name in seen if name not in self._answers)
+    def close(self) -> None:
+        """Say who has not answered."""
+        seen = {f"{home}/{name}" for home, name in self._graph.nodes}
+        if silent := sorted(seen - self._answers.keys()):
+            text = f"the parameters of {', '.join(silent)} are not on record: no answer yet"
+            self._node.get_logger().warning(text)
 
 
 def _plain(value: Any) -> Any:
