@@ -138,9 +138,9 @@ class SpacecraftPlant(BaseNode):
             self._apply_parameters()
 
     def show(self) -> None:
-        """Publish the present state."""
+        """Publish the present state: the attitude last, because all peers start at it."""
         self._publish_clock(encode_clock(self._stamp))
-        for name in self._state_columns:
+        for name in reversed(self._state_columns):
             self._senders[name](self._stamp, self._state[name])
 
     def tell_acted(self) -> None:
@@ -182,7 +182,8 @@ class SpacecraftPlant(BaseNode):
         except _DivergedError as reason:
             self.fail(self._stamp, f"diverged: {reason}")
             return None
-        self.finished = self.finished or self.pace.finished
+        if self.pace.finished:
+            self.finish()
         return result
 
     def wake(self) -> float:

@@ -193,7 +193,10 @@ class Pace(ABC):
         self._sent_at = now
 
     def _advance(self, inputs: Mapping[str, Values], show: bool, now: float) -> None:
-        """Hold inputs until the next stamp; publish the torque, and with `show` the new state."""
+        """Hold inputs until the next stamp; publish the torque, and with `show` the new state.
+
+        The state goes last: peers that it wakes would take the processor from what is sent yet.
+        """
         self.craft.act(self.stamp, inputs)
         self.finished = self.step == self.rules.last_step
         if not self.finished:
@@ -205,9 +208,9 @@ class Pace(ABC):
             self.waiting_since = now
             self._repeat_after = _REPEAT_FIRST
             self._shown = False
-            if show:
-                self._show(now)
         self.craft.tell_acted()
+        if show and not self.finished:
+            self._show(now)
 
     def _repeat(self, now: float) -> float:
         """Repeat a state that stays unanswered."""
