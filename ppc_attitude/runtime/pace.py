@@ -195,7 +195,7 @@ class Pace(ABC):
     def _advance(self, inputs: Mapping[str, Values], show: bool, now: float) -> None:
         """Hold inputs until the next stamp; publish the torque, and with `show` the new state.
 
-        The state goes last: peers that it wakes would take the processor from what is sent yet.
+        The state goes last: peers that it wakes take the processor from what is still to be sent.
         """
         self.craft.act(self.stamp, inputs)
         self.finished = self.step == self.rules.last_step
