@@ -94,7 +94,6 @@ class BagRecorder(BaseNode):
         except BagError as error:
             raise ConfigurationError(str(error)) from None
         self._heard = 0  # messages, whether the executor took them or `wake`
-        self._counted = 0  # of these at the last look
         self._heard_at = 0.0  # time of the last look that found any
         self._written = 0
         self._now = 0.0
@@ -262,6 +261,7 @@ class BagRecorder(BaseNode):
     def _take_gathered(self) -> None:
         """Take all that has arrived."""
         self._now = time.monotonic()
+        before = self._heard
         if self._now - self._listened < _LISTEN:
             for subscription in self._lively:
                 self._take(subscription)
@@ -272,8 +272,8 @@ class BagRecorder(BaseNode):
             stamp = recording.progress()
             if stamp is not None:
                 self._progress[home].publish(encode_clock(stamp))
-        if self._heard != self._counted:
-            self._counted, self._heard_at = self._heard, self._now
+        if self._heard != before:
+            self._heard_at = self._now
 
     def _take(self, subscription: Any) -> bool:
         """Take all that has arrived on a topic; False if there was nothing."""
