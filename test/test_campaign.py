@@ -124,7 +124,7 @@ def test_a_run_that_raises_becomes_a_row_that_says_why(monkeypatch: pytest.Monke
     def fail(*_: Any) -> Any:
         raise ZeroDivisionError("of all things")
 
-    monkeypatch.setattr(rows, "analyse", fail)
+    monkeypatch.setattr(rows, "Judge", fail)
     outcome = run_one(small(), 3)
     assert outcome.row["error"] == "ZeroDivisionError: of all things"
     assert outcome.row["index"] == 3

@@ -47,6 +47,7 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
 """
 
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 
@@ -134,7 +135,7 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
     AnalysisError
         If the record has no instant.
     """
-    judge = _Judge(record, required)
+    judge = Judge(record, required)
     return Verdict(
         source=record.source,
         controller=record.controller,
@@ -142,7 +143,7 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
         steps=int(judge.t.size),
         missing_messages=record.missing_messages,
         truth=truth_of(record).standing,
-        requirements=tuple(judge.requirements()),
+        requirements=judge.requirements,
         metrics=judge.metrics,
         errors=tuple(judge.error_sizes()),
         required=required,
@@ -150,15 +151,19 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
     )
 
 
-class _Judge(Measured):
-    """One run under judgement."""
+class Judge(Measured):
+    """One run under judgement: `metrics` and `requirements`, without what only a reader wants."""
 
     def __init__(self, record: RunRecord, required: Requirements) -> None:
         super().__init__(record, required)
         self._names = names_of(required)
 
-    def requirements(self) -> Iterator[Requirement]:
-        """Judge the requirements that apply to the run."""
+    @cached_property
+    def requirements(self) -> tuple[Requirement, ...]:
+        """The requirements that apply to the run, judged."""
+        return tuple(self._requirements())
+
+    def _requirements(self) -> Iterator[Requirement]:
         required = self.required
         yield self._settling()
         yield self._after_deadline()

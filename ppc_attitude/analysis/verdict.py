@@ -15,7 +15,7 @@
 
 """`Verdict`: what was judged, how it came out, and how it is told (terminal, JSON)."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -109,6 +109,11 @@ class Requirement:
         if self.reason:
             told["reason"] = self.reason
         return told
+
+
+def all_met(requirements: Iterable[Requirement]) -> bool:
+    """True if none is judged and missed."""
+    return all(each.met is not False for each in requirements)
 
 
 @dataclass(frozen=True)
@@ -259,7 +264,7 @@ class Verdict:
     @property
     def all_met(self) -> bool:
         """True if no requirement is judged and missed."""
-        return all(each.met is not False for each in self.requirements)
+        return all_met(self.requirements)
 
     @property
     def summary(self) -> str:

@@ -22,9 +22,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.metrics import analyse, names_of
+from ppc_attitude.analysis.metrics import Judge, analyse, names_of
 from ppc_attitude.analysis.truth import pointing_errors
-from ppc_attitude.analysis.verdict import Metrics, Verdict
+from ppc_attitude.analysis.verdict import Metrics, Verdict, all_met
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of, scenario_with
 from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
@@ -127,9 +127,9 @@ def run_one(campaign: Campaign, index: int, samples: Array | None = None) -> Out
         scenario = scenario_with(campaign, drawn)
         samples = run_samples(scenario, grid.stamps_ns, samples, campaign.timetable)
         record = record_of(scenario, grid.stamps_ns, samples)
-        verdict = analyse(record, campaign.required)
+        judge = Judge(record, campaign.required)
         levels = levels_of(record, pointing_errors(record).quaternions, grid.starts)
-        return Outcome(_row(campaign, index, drawn, verdict), levels)
+        return Outcome(_row(campaign, index, drawn, judge), levels)
     except Exception as error:  # whatever it is, it must cost this run only
         return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
 
@@ -179,14 +179,14 @@ def broken(
     return Outcome(row, np.full((len(QUANTITIES), bins), UNKNOWN, np.uint8))
 
 
-def _row(campaign: Campaign, index: int, drawn: Mapping[str, Any], verdict: Verdict) -> Row:
-    metrics = verdict.metrics
+def _row(campaign: Campaign, index: int, drawn: Mapping[str, Any], judge: Judge) -> Row:
+    metrics = judge.metrics
     row = dict.fromkeys(columns_of(campaign)) | {"index": index, **drawn}
     row |= {name: getattr(metrics, name) for name in METRICS}
     if metrics.disturbances:
         row["recovery_time_s"] = metrics.disturbances[-1].recovery_time_s
-    row["converged"], row["all_met"] = metrics.converged, verdict.all_met
-    for each in verdict.requirements:
+    row["converged"], row["all_met"] = metrics.converged, all_met(judge.requirements)
+    for each in judge.requirements:
         row |= {
             f"met_{each.key}": each.met,
             f"value_{each.key}": each.value,

@@ -36,7 +36,7 @@ from ppc_attitude.science.kernel import call_step, kernel
 from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, to_select
 from ppc_attitude.science.part import Part, signals_of
 
-_BLOCK = 256  # [instants]
+_BLOCK = 64  # [instants] whose signals a core's own cache holds
 _INSTANT = 2  # numbers before the columns in a component's record of inputs
 _NODE_OF = {kind.name: node for node, kinds in HOSTED.items() for kind in kinds}
 
@@ -47,15 +47,14 @@ Parameters = Mapping[str, Mapping[str, Any]]
 def run_parts(
     parts: Any,
     instants: Any,
-    first_wire: Any,
-    wires: Any,
+    first_source: Any,
+    sources: Any,
     played: Any,
     timetable: Any,
     recorded: Any,
     stamps_ns: Any,
     signals: Any,
     stamps: Any,
-    block: Any,
     samples: Any,
 ) -> None:
     """Run the parts over the stamps [ns] and write a sample of every recorded number.
@@ -66,10 +65,10 @@ def run_parts(
         Addresses of each part: step, inputs, state, configuration, outputs.
     instants : ndarray of uint64, shape (p,)
         Place in `signals` of each part's inputs, which begin with the instant.
-    first_wire : ndarray of uint64, shape (p + 1,)
-        First row in `wires` of each part.
-    wires : ndarray of uint64, shape (w, 2)
-        From which place in `signals` to which.
+    first_source : ndarray of uint64, shape (p + 1,)
+        First place in `sources` of each part.
+    sources : ndarray of uint64, shape (w,)
+        From which place in `signals` each number comes that a part reads.
     played : ndarray of uint64, shape (m,)
         Places that are filled from the rows of the timetable.
     timetable : ndarray, shape (m, n)
@@ -82,30 +81,34 @@ def run_parts(
         The records of all parts.
     stamps : ndarray of int64
         The same memory.
-    block : ndarray, shape (b, r)
-        Room for the samples of some instants, which then go to `samples` together: one by one,
-        each number would touch another page of memory at every instant.
     samples : ndarray, shape (≥ r, n)
         Where to write.
     """
     # Places are unsigned: Numba would look at each signed one whether it counts from the end.
-    first = 0  # instant whose sample is the block's first
+    # The signals of some instants go to `samples` together: one by one, each number would touch
+    # another page of memory at every instant.
+    block = np.empty((min(stamps_ns.size, _BLOCK), signals.size))
+    first = 0  # instant whose signals are the block's first
     for k in range(stamps_ns.size):
         t = seconds(stamps_ns[k])
         for row in range(played.size):
             signals[played[row]] = timetable[row, k]
         for p in range(parts.shape[0]):
-            stamps[instants[p]] = stamps_ns[k]
-            signals[instants[p] + np.uint64(1)] = t
-            for wire in range(first_wire[p], first_wire[p + 1]):
-                signals[wires[wire, 1]] = signals[wires[wire, 0]]
+            place = instants[p]
+            stamps[place] = stamps_ns[k]
+            signals[place + np.uint64(1)] = t
+            place += np.uint64(_INSTANT)
+            for source in range(first_source[p], first_source[p + 1]):
+                signals[place] = signals[sources[source]]
+                place += np.uint64(1)
             call_step(parts[p, 0], parts[p, 1], parts[p, 2], parts[p, 3], parts[p, 4])
-        for row in range(recorded.size):
-            block[k - first, row] = signals[recorded[row]]
+        now = block[k - first]
+        for each in range(signals.size):
+            now[each] = signals[each]
         if k + 1 - first == block.shape[0] or k + 1 == stamps_ns.size:
             for row in range(recorded.size):
                 for late in range(k + 1 - first):
-                    samples[row, first + late] = block[late, row]
+                    samples[row, first + late] = block[late, recorded[row]]
             first = k + 1
 
 
@@ -157,7 +160,7 @@ class Diagram:
         self._timetable = np.zeros((0, 0)) if timetable is None else timetable
         self._played: list[int] = []
         self.parts: dict[str, Part] = {}
-        self._instants, self._first_wire, self._wires = [], [0], []
+        self._instants, self._first_source, self._sources = [], [0], []
         for (kind, component), start, size in zip(chosen, starts, sizes, strict=False):
             values = parameters.get(_NODE_OF[kind.name], {})
             if timetable is not None and not component.inputs:
@@ -168,8 +171,8 @@ class Diagram:
                 self.parts[kind.name] = Part(component, values, signals)
             except ConfigurationError as error:
                 raise ConfigurationError(f"{_NODE_OF[kind.name]}: {error}") from None
-            self._wires += self._wires_of(kind, component, int(start))
-            self._first_wire.append(len(self._wires))
+            self._sources += self._sources_of(kind, component, int(start))
+            self._first_source.append(len(self._sources))
             self._instants.append(int(start))
         self.columns = (
             tuple(column for _, component in chosen for column in component.outputs)
@@ -181,8 +184,8 @@ class Diagram:
         """Place in the signals of every number of some columns."""
         return [self._places[column.name] + k for column in columns for k in range(column.width)]
 
-    def _wires_of(self, kind: Kind, component: Component, start: int) -> list[tuple[int, int]]:
-        """From where to where each number goes that a component reads."""
+    def _sources_of(self, kind: Kind, component: Component, start: int) -> list[int]:
+        """From where each number comes that a component reads."""
         for column in component.inputs:
             place = self._places.get(column.name)
             if place is None:
@@ -195,25 +198,21 @@ class Diagram:
                     f"{kind.selector} = {component.name} reads {column.name}, which is given "
                     f"later in the instant"
                 )
-        sources = self._places_of(component.inputs)
-        targets = range(start + _INSTANT, start + _INSTANT + len(sources))
-        return list(zip(sources, targets, strict=True))
+        return self._places_of(component.inputs)
 
     def run(self, stamps_ns: NDArray[np.int64], samples: Array) -> None:
         """Run over the stamps [ns]; a row of `samples` for each number of `columns`."""
-        recorded = np.array(self._places_of(self.columns), np.uint64)
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
             np.array(self._instants, np.uint64),
-            np.array(self._first_wire, np.uint64),
-            np.array(self._wires, np.uint64).reshape(-1, 2),
+            np.array(self._first_source, np.uint64),
+            np.array(self._sources, np.uint64),
             np.array(self._played, np.uint64),
             self._timetable,
-            recorded,
+            np.array(self._places_of(self.columns), np.uint64),
             stamps_ns,
             self._signals,
             self._signals.view(np.int64),
-            _block(stamps_ns.size, recorded.size),
             samples,
         )
 
@@ -246,22 +245,16 @@ def play(
         np.array([part.addresses], np.uint64),
         np.zeros(1, np.uint64),
         np.zeros(2, np.uint64),
-        np.zeros((0, 2), np.uint64),
+        np.zeros(0, np.uint64),
         np.arange(_INSTANT, _INSTANT + len(inputs), dtype=np.uint64),
         np.ascontiguousarray(inputs),
         np.array(recorded, np.uint64),
         stamps_ns,
         part.signals,
         part.signals.view(np.int64),
-        _block(stamps_ns.size, len(recorded)),
         samples,
     )
     return samples
-
-
-def _block(instants: int, width: int) -> Array:
-    """Room for samples on their way: little enough for a core's own cache."""
-    return np.empty((min(instants, _BLOCK), width))
 
 
 def _places(components: Sequence[Component], starts: NDArray[np.int64]) -> dict[str, int]:
