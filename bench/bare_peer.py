@@ -25,6 +25,7 @@ from collections.abc import Callable
 
 import rclpy
 import rclpy.utilities
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -36,6 +37,7 @@ from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published, recorded, subscribed
 from ppc_attitude.nodes.running import StopRequest
 from ppc_attitude.nodes.transport import tune_transport
+from ppc_attitude.processes.leaving import leaving
 
 _REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered
 
@@ -154,6 +156,14 @@ def _topics(names: str) -> list[Topic]:
     return [BY_NAME[name] for name in names.split(",")]
 
 
+def leave(executor: Executor, node: Peer) -> None:
+    """Release a node, within the time in which the middleware lets go or never does."""
+    with leaving(0):
+        executor.remove_node(node)
+        node.destroy_node()
+        rclpy.utilities.try_shutdown()
+
+
 def main() -> None:
     """Run one process of the bare step."""
     stop = StopRequest()
@@ -164,9 +174,7 @@ def main() -> None:
     executor.add_node(node)
     while not (stop.requested or node.finished):
         executor.spin_once(timeout_sec=node.wake())
-    executor.remove_node(node)
-    node.destroy_node()
-    rclpy.utilities.try_shutdown()
+    leave(executor, node)
 
 
 if __name__ == "__main__":

@@ -22,10 +22,9 @@ import sys
 import time
 
 import rclpy
-import rclpy.utilities
 from rclpy.signals import SignalHandlerOptions
 
-from bench.bare_peer import Peer
+from bench.bare_peer import Peer, leave
 from ppc_attitude.contract.cdr import Codec, header_stamp
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -101,9 +100,7 @@ def main() -> None:
         for stamp, sent in probe.sent.items()
     ]
     print(json.dumps(trips), flush=True)
-    executor.remove_node(probe)
-    probe.destroy_node()
-    rclpy.utilities.try_shutdown()
+    leave(executor, probe)
 
 
 if __name__ == "__main__":
