@@ -25,7 +25,7 @@ from estimation_helpers import ROOT
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.filter_health import filter_health
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -78,6 +78,24 @@ def test_false_fixes_that_are_refused_are_no_good_ones() -> None:
     assert health is not None and health.refused == 0.0
     refused = np.square(record["innovation"]).sum(axis=1) > 25.0
     assert refused.sum() > 20
+
+
+def test_the_fix_from_which_a_filter_begins_anew_is_not_refused() -> None:
+    given = {"star_tracker.outlier_probability": 0.3, "star_tracker.outlier_size": 0.3}
+    record = run(spacecraft_plant={"seed": 2, **given})
+    assert rows(record)["refused_fixes"].met is True
+
+
+def test_knowledge_is_judged_without_any_innovation() -> None:
+    blind = {"star_tracker.blinding_times": [0.05], "star_tracker.blinding_durations": [1e8]}
+    found = rows(run(spacecraft_plant={"seed": 3, **blind}))
+    assert found["knowledge_outside"].value is not None
+    assert "nis" not in found
+
+
+def test_innovations_are_not_judged_by_a_gate_that_was_changed() -> None:
+    record = replace(run(), changes=(Change(10**9, "attitude_estimator", "gate", 0.5),))
+    assert not {"nis", "refused_fixes"} & set(rows(record))
 
 
 def test_a_run_without_a_filter_is_not_judged_by_one() -> None:

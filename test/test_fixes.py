@@ -18,7 +18,7 @@ import pytest
 
 from ppc_attitude.runtime.fixes import Fixes
 from ppc_attitude.runtime.stamps import RefusedError
-from ppc_attitude.science.sensors.arrivals import Slots
+from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
 from ppc_attitude.science.sensors.star_tracker import slots as steps_of
 from ppc_attitude.science.stamps import stamp_of
 
@@ -39,24 +39,38 @@ def new(**given: Any) -> Fixes:
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 90.0, 1000.0, 3000.0])
-@pytest.mark.parametrize("latency", [0.0, 0.1, 0.1234])
+@pytest.mark.parametrize("latency", [0.0, 0.0166667, 0.1, 0.1000001, 0.100001, 0.1234])
 @pytest.mark.parametrize("initial", [True, False])
 def test_slots_arrive_where_the_sensors_send_them(
     rate: float, latency: float, initial: bool
 ) -> None:
-    every, delay = steps_of(rate, {"star_tracker.rate": 10.0, "star_tracker.latency": latency})
-    slots, last, found = Slots(10.0, latency, initial), None, {}
-    for k in range(5 * every):
-        stamp = stamp_of(k, rate)
-        valid = slots.due(last, stamp)
-        if valid is not None:
-            found[k] = valid
-        last = stamp
-    expected = {k: stamp_of(k - delay, rate) for k in range(delay, 5 * every, every)}
-    if initial:
-        expected.pop(delay)
-        expected[0] = 0
-    assert found == expected
+    for tracker in (10.0, rate / 3.0, rate / 7.0):
+        given = {"star_tracker.rate": tracker, "star_tracker.latency": latency}
+        every, delay = steps_of(rate, given)
+        slots, last, found = Slots(tracker, latency, initial), None, {}
+        for k in range(10 * every):
+            stamp = stamp_of(k, rate)
+            slot = slots.due(last, stamp)
+            if slot is not None:
+                found[k] = slot
+            last = stamp
+        expected = {k: stamp_of(k - delay, rate) for k in range(delay, 10 * every, every)}
+        if initial:
+            expected.pop(delay, None)
+            expected[0] = 0
+        assert found.keys() == expected.keys()
+        assert all(abs(found[k] - expected[k]) <= TOLERANCE for k in found)
+        assert all(slots.has(valid) for valid in expected.values())
+
+
+def test_slots_of_a_clock_that_counts_from_1970_are_exact() -> None:
+    slots, begin = Slots(20.0, latency=0.02, initial=False), 1_700_000_000 * 10**9
+    found = {}
+    for k in range(1, 40):
+        slot = slots.due(begin + (k - 1) * STEP, begin + k * STEP)
+        if slot is not None:
+            found[k] = slot
+    assert found == {k: begin + (k - 2) * STEP for k in range(2, 40, 5)}
 
 
 def test_a_sample_waits_for_its_fix_and_others_for_that_sample() -> None:
@@ -129,13 +143,20 @@ def test_fixes_of_the_past_and_of_no_slot_are_counted_and_a_repeated_one_is_not(
     events = [("fix", 30 * STEP, 5.0), ("fix", 85 * STEP, 5.0), ("fix", 90 * STEP, 5.0)]
     events += [("sample", k * STEP, float(k)) for k in range(101, 111)]
     assert {fix for *_, fix in joined(fixes, events)} == {0.0}
-    assert fixes.useless == 0  # nobody knows yet that time has not begun again
+    assert fixes.useless == 1  # nobody knows yet that time has not begun again: only of no slot
     assert joined(fixes, [("fix", 100 * STEP, 3.0)]) == [(110 * STEP, 110.0, 3.0)]
     assert fixes.useless == 2
 
 
-def test_a_fix_that_never_comes_is_given_up() -> None:
-    fixes = new(depth=4)
-    events = [("sample", k * STEP, 0.0) for k in range(6)]
-    assert len(joined(fixes, [*events])) == 6
-    assert fixes.lost == 1
+def test_a_fix_that_never_comes_is_given_up_and_nobody_waits_again_until_one_comes() -> None:
+    fixes = new(patience=0.04)
+    events: list[tuple[str, int, float]] = [("sample", k * STEP, 0.0) for k in range(6)]
+    assert [len(joined(fixes, [each])) for each in events] == [0, 0, 0, 0, 0, 6]
+    events = [("sample", k * STEP, 0.0) for k in range(6, 45)]
+    assert [len(joined(fixes, [each])) for each in events] == [1] * 39
+    assert fixes.lost == 4  # of 0, 0.1, 0.2 and 0.3 s
+    assert joined(fixes, [("fix", 40 * STEP, 2.0)]) == []
+    events = [("sample", k * STEP, 0.0) for k in range(45, 51)]
+    assert joined(fixes, events)[-1] == (50 * STEP, 0.0, 2.0)
+    assert joined(fixes, [("sample", k * STEP, 0.0) for k in range(51, 61)])[-1][0] == 59 * STEP
+    assert fixes.waits_for_fix

@@ -177,6 +177,7 @@ def test_a_false_first_fix_is_soon_forgotten(name: str, right_at: int) -> None:
     assert error[right_at - 1] > 0.3
     assert error[right_at:].max() < 0.01
     assert memory["begun_anew"] == 1
+    assert memory["refused"] == 1  # the one that the filter begins anew from is used
 
 
 @pytest.mark.parametrize(("name", "followed_after"), [("smallsat", 100), ("cubesat", 200)])
@@ -219,10 +220,43 @@ def test_a_fix_of_no_remembered_step_is_counted_and_changes_nothing() -> None:
     assert known_now(memory) == before
 
 
+def test_a_fix_after_a_newer_one_and_a_repeated_one_are_counted_and_change_nothing() -> None:
+    settings, rates, truth, *_ = noisy("smallsat", 2.0, 3)
+    memory = new_memory()
+    for k, rate in enumerate(rates[:100].tolist()):
+        take_sample(memory, settings, k * STEP_NS, tuple(rate))
+        if k == 90:  # the filter begins here: nothing is known of the steps before
+            take_fix(memory, settings, 80 * STEP_NS, tuple(truth[80]))
+    before = known_now(memory)
+    for step in (0, 79, 80):
+        _, told = take_fix(memory, settings, step * STEP_NS, tuple(truth[step]))
+        assert not told
+    assert (memory["unmatched"], memory["accepted"]) == (3, 1)
+    assert known_now(memory) == before
+
+
+def test_the_rate_has_the_variance_of_a_sample_by_the_filters_own_numbers() -> None:
+    values = suite("smallsat")
+    part = Part(mekf.COMPONENT, values)
+    fix = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    for k in range(3):  # a gyro that tells no variance
+        part.step(k * STEP_NS, (0.0, 0.0, 0.0, 0.0, *(fix if k == 0 else (0.0,) * 8)))
+    h, estimate = 0.01, part.output("estimate")
+    white = values["gyro.angular_random_walk"] ** 2 / h + values["gyro.resolution"] ** 2 / 12.0
+    assert estimate[13] - part.output("gyro_bias_sigma")[0] ** 2 == pytest.approx(white, rel=1e-6)
+
+
 @pytest.mark.parametrize("name", ["star_tracker.cross_noise", "star_tracker.boresight_noise"])
 def test_a_tracker_without_noise_is_refused(name: str) -> None:
-    with pytest.raises(ConfigurationError, match=rf"{name} = 0.0 rad; allowed: > 0"):
-        filter_record({**suite("smallsat"), name: 0.0})
+    for value in (0.0, 1e-170):
+        with pytest.raises(ConfigurationError, match=rf"{name} = {value} rad; allowed: ≥ 1e-15"):
+            filter_record({**suite("smallsat"), name: value})
+
+
+def test_variances_that_rounding_would_mix_are_refused() -> None:
+    given = {"star_tracker.cross_noise": 1e-8, "star_tracker.boresight_noise": 1e-2}
+    with pytest.raises(ConfigurationError, match=r"boresight_noise are 1e\+06 times apart"):
+        filter_record({**suite("smallsat"), **given})
 
 
 def test_the_filter_says_what_it_thinks_of_itself() -> None:

@@ -68,13 +68,14 @@ def filter_health(record: RunRecord) -> FilterHealth | None:
     record : RunRecord
         The run.
     """
-    if not has(record, _ESTIMATE) or not has(record, _INNOVATION):
+    if not has(record, _ESTIMATE):
         return None
     settings = record.parameters.get(ESTIMATOR, {})
     gate = settings.get("gate")
-    told = np.flatnonzero(is_finite(record, _INNOVATION))
-    if gate is None:
+    changed = {change.name for change in record.changes if change.node == ESTIMATOR}
+    if gate is None or not has(record, _INNOVATION) or changed & {"gate", MOUNTING.name}:
         return FilterHealth(_outside(record), None, None, None, None)
+    told = np.flatnonzero(is_finite(record, _INNOVATION))
     nis = np.square(record[_INNOVATION][told]).sum(axis=1)
     used = nis <= gate
     count = int(used.sum())

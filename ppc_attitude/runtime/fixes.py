@@ -20,12 +20,18 @@ Every slot has one message, with or without a fix, so nobody has to guess whethe
 from collections.abc import Iterator
 
 from ppc_attitude.runtime.stamps import StampGuard, StampKind, Values, out_of_order
-from ppc_attitude.science.sensors.arrivals import Slots
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
+from ppc_attitude.science.stamps import nanoseconds, seconds
+
+_PENDING = 100  # fixes that may be ahead of the samples
 
 
 class Fixes:
     """Join gyro samples and fixes to instants, in the order of the samples.
+
+    In lock-step a sample waits for its fix, since nothing else comes. In a loop that runs by itself
+    the first fix that does not come is waited for; from then on nobody waits for a tracker that is
+    not heard.
 
     Parameters
     ----------
@@ -33,8 +39,8 @@ class Fixes:
         Which fix arrives when.
     width : int
         How many numbers a fix has.
-    depth : int
-        How many samples may wait for a fix; then it counts as lost.
+    patience : float, optional
+        How much later [s] a sample may be than one that waits for its fix; then that is lost.
 
     Attributes
     ----------
@@ -44,10 +50,11 @@ class Fixes:
         Fixes that came too late, or belong to no slot.
     """
 
-    def __init__(self, slots: Slots, width: int, depth: int = 100) -> None:
+    def __init__(self, slots: Slots, width: int, patience: float = 0.1) -> None:
         self._slots = slots
         self._none = (0.0,) * (width + 1)
-        self._depth = depth
+        self._patience = nanoseconds(patience)
+        self._is_heard = True  # the tracker: false after a lost fix, until the next one comes
         self._guard = StampGuard()
         self._last: int | None = None
         self._used: int | None = None  # validity [ns] of the last fix that was joined
@@ -87,9 +94,13 @@ class Fixes:
         newest = self._guard.last
         if newest is not None and valid_ns - newest > StampGuard.LARGEST_STEP:
             raise out_of_order("fix", valid_ns)
+        if not self._slots.has(valid_ns):
+            self.useless += 1
+            return
+        self._is_heard = True
         if valid_ns != self._used:  # the message of a repeated state has been used
             self._fixes[valid_ns] = values
-        while len(self._fixes) > self._depth:
+        while len(self._fixes) > _PENDING:
             self._discard(next(iter(self._fixes)))
         yield from self._complete()
 
@@ -108,16 +119,19 @@ class Fixes:
             if stamp == self._last:
                 yield stamp, self._samples.pop(stamp), self._none
                 continue
-            valid = self._slots.due(self._last, stamp)
+            slot = self._slots.due(self._last, stamp)
             row = self._none
-            if valid is not None and valid in self._fixes:
-                row = (*self._fixes.pop(valid), seconds(stamp - valid))
-                self._used = valid
-                for older in [each for each in self._fixes if each < valid]:
-                    self._discard(older)
-            elif valid is not None:
-                if len(self._samples) <= self._depth:
+            if slot is not None:
+                valid = next((each for each in self._fixes if abs(each - slot) <= TOLERANCE), None)
+                if valid is not None:
+                    row = (*self._fixes.pop(valid), seconds(stamp - valid))
+                    self._used = valid
+                    for older in [each for each in self._fixes if each < valid]:
+                        self._discard(older)
+                elif self._is_heard and next(reversed(self._samples)) - stamp <= self._patience:
                     return
-                self.lost += 1
+                else:
+                    self._is_heard = False
+                    self.lost += 1
             self._last = stamp
             yield stamp, self._samples.pop(stamp), row

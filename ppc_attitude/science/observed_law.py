@@ -48,6 +48,7 @@ def _step_of(law: Component) -> Any:
         q = inputs.attitude
         if q[0] == 0.0 and q[1] == 0.0 and q[2] == 0.0 and q[3] == 0.0:
             store(outputs.torque_command, (0.0, 0.0, 0.0))
+            state.observer.started = 0.0  # its last torque does not act over the gap
             return
         if configuration.observer.frequency == 0.0:
             step(inputs, state.law, configuration.law, outputs)

@@ -14,6 +14,7 @@
 
 """Replay: the recorded inputs of a run through the steps of its components once more."""
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -30,7 +31,7 @@ from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, PLANTS, SENSORS, Kind
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.sensors.arrivals import Slots
+from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
 from ppc_attitude.science.signals import TOLD, TORQUE_COMMAND, TRUTH
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.diagram import play
@@ -237,13 +238,14 @@ def _arrived(rows: Array, record: RunRecord, values: Mapping[str, Any]) -> Array
     """
     slots, last = Slots.of(values), None
     stamps = record.stamps_ns.tolist()
-    places = {stamp: place for place, stamp in enumerate(stamps)}
     found = np.zeros((len(stamps), rows.shape[1] + 1))
     for k, stamp in enumerate(stamps):
-        valid = slots.due(last, stamp)
+        slot = slots.due(last, stamp)
         last = stamp
-        if valid is not None:
-            row = rows[places[valid]] if valid in places else np.nan
+        if slot is not None:
+            place = bisect_left(stamps, slot - TOLERANCE)
+            valid = stamps[place]
+            row = rows[place] if valid <= slot + TOLERANCE else np.nan
             found[k, :-1] = row
             found[k, -1] = seconds(stamp - valid) if np.isfinite(row).all() else np.nan
     return found

@@ -93,7 +93,7 @@ MEMORY = np.dtype(
         ("fix_ns", np.int64),  # validity [ns] of the last accepted fix
         ("fixes", np.int64),  # in all, also refused ones
         ("refused", np.int64),  # by the gate
-        ("unmatched", np.int64),  # older than what is remembered, or of no known stamp
+        ("unmatched", np.int64),  # of no remembered stamp, or not newer than the last accepted one
         ("begun_anew", np.int64),
         ("doubtful", np.float64),  # 1 while the last fix was refused
         ("verdict", np.int64),  # on itself: `mekf`
@@ -174,6 +174,18 @@ def take_sample(memory: Any, settings: Any, stamp_ns: int, rate: Vector) -> None
 
 
 @kernel
+def sample_spread(memory: Any, settings: Any, told: float) -> float:
+    """Variance [rad²/s²] of the last sample by the filter's own numbers; as told of a first one.
+
+    σ_v,eff²/Δt + σ_u² Δt/12 of a mean over Δt, which nobody knows of the first sample.
+    """
+    h = memory.steps[newest(memory), _INTERVAL]
+    if h == 0.0:
+        return told
+    return float(settings.white / h + settings.rounding + settings.walk * h / 12.0)
+
+
+@kernel
 def _steps_since(memory: Any, stamp_ns: int) -> int:
     """How many steps ago a remembered stamp [ns] was; −1 if it is not remembered."""
     for ago in range(min(memory.count, STEPS)):
@@ -212,13 +224,14 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
     innovation : Vector
         S^(−½) z; its square is NIS.
     told : bool
-        True if there is an innovation: not for the fix that a filter begins from, nor for one of
-        no remembered step.
+        True if there is an innovation: not for the fix that a filter begins from, also anew, nor
+        for one of no remembered step, nor for one that comes after a newer one was accepted: only
+        in their order are late fixes exact.
     """
     nothing = (0.0, 0.0, 0.0)
     memory.fixes += 1
     ago = _steps_since(memory, valid_ns)
-    if ago < 0:
+    if ago < 0 or (memory.knows != 0.0 and valid_ns <= memory.fix_ns):
         memory.unmatched += 1
         return nothing, False
     slot = (memory.count - 1 - ago) % STEPS
@@ -238,12 +251,12 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
             memory.accepted += 1
             memory.agreeing = 0
         else:
-            memory.refused += 1
             error = product(attitude, conjugate(before[0]))
             if not _is_convincing(memory, settings, error, valid_ns):
+                memory.refused += 1
                 memory.doubtful = 1.0
                 return whitened, told
-            begins = True
+            begins, told = True, False
             memory.begun_anew += 1
     if begins:
         memory.knows = 1.0

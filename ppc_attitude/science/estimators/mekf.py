@@ -35,6 +35,7 @@ from ppc_attitude.science.estimators.late_fixes import (
     MEMORY,
     newest,
     recalled,
+    sample_spread,
     take_fix,
     take_sample,
 )
@@ -113,6 +114,8 @@ PARAMETERS = (
     ),
 )
 _STALE_SLOTS = 5
+_SHARPEST = 1e-15  # [rad] its square is still far above the smallest float
+_MOST_UNEVEN = 1e4
 _GOOD, _WAITING, _DOUBTFUL, _STALE, _LOST = range(5)
 
 
@@ -129,11 +132,17 @@ def filter_record(values: Mapping[str, Any]) -> Any:
     axes = np.array(rotation_matrix(mounting))  # tracker to body
     variances = np.square(sigmas(values))
     for parameter in (CROSS_NOISE, BORESIGHT_NOISE):
-        if values[parameter.name] <= 0.0:
+        if values[parameter.name] < _SHARPEST:
             raise ConfigurationError(
-                f"{parameter.name} = {values[parameter.name]} rad; allowed: > 0, because the "
-                "filter weighs a fix by its covariance"
+                f"{parameter.name} = {values[parameter.name]} rad; allowed: ≥ {_SHARPEST:g}, "
+                "because the filter weighs a fix by its covariance"
             )
+    low, high = sorted((values[CROSS_NOISE.name], values[BORESIGHT_NOISE.name]))
+    if high > _MOST_UNEVEN * low:
+        raise ConfigurationError(
+            f"{CROSS_NOISE.name} and {BORESIGHT_NOISE.name} are {high / low:.3g} times apart; "
+            f"allowed: up to {_MOST_UNEVEN:g}, beyond which rounding hides the smaller variance"
+        )
     record["white"] = values[ANGULAR_RANDOM_WALK.name] ** 2
     record["rounding"] = values[RESOLUTION.name] ** 2 / 12.0
     record["walk"] = values[RATE_RANDOM_WALK.name] ** 2
@@ -228,11 +237,11 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         outputs.gyro_bias_sigma,
         (math.sqrt(sigma[0]), math.sqrt(sigma[1]), math.sqrt(sigma[2])),
     )
-    # x y z w, P_θθ, rate, its covariance P_bb + σ_v,eff²/Δt I.
+    # x y z w, P_θθ, rate, its covariance P_bb + variance of a sample.
     message = outputs.estimate
     store_quaternion(message, q)
     store(message[10:], estimate)
-    spread = plus_diagonal(bias, inputs.gyro[3])
+    spread = plus_diagonal(bias, sample_spread(state, configuration, inputs.gyro[3]))
     for i in range(6):
         message[4 + i] = theta[i]
         message[13 + i] = spread[i]

@@ -14,15 +14,16 @@
 
 """Which fix arrives with which instant, by the stamps alone, as an estimator must know it."""
 
-import math
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
 from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
-from ppc_attitude.science.sensors.star_tracker import LATENCY, RATE
-from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.science.sensors.star_tracker import LATENCY, RATE, ROUNDING
+from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
 
-_ROUNDING = 1000  # [ns] stamps and latencies are rounded; no step is so short
+TOLERANCE = nanoseconds(ROUNDING)
+"""How far a fix's stamp may be from its slot [ns]."""
 
 
 class Slots:
@@ -39,8 +40,9 @@ class Slots:
     """
 
     def __init__(self, rate: float, latency: float, initial: bool) -> None:
-        self._period = NANOSECONDS / rate
-        self._latency = round(latency * NANOSECONDS) - _ROUNDING
+        # Exactly, as ns for so many slots: the time since 1970 has more digits than a float.
+        self._ns, self._slots = (NANOSECONDS / Fraction(rate)).as_integer_ratio()
+        self._latency = nanoseconds(latency) - TOLERANCE
         self._initial = initial
 
     @classmethod
@@ -62,9 +64,21 @@ class Slots:
         """
         if stamp_ns == 0 and self._initial:
             return 0
-        slot = math.floor((stamp_ns - self._latency) / self._period)
+        slot = self._slot(stamp_ns - self._latency)
         known = slot == 0 and self._initial
         if slot < 0 or known or (last_ns is None and stamp_ns > 0):
             return None
-        came_before = last_ns is not None and slot * self._period + self._latency <= last_ns
-        return None if came_before else round(slot * self._period)
+        came_before = last_ns is not None and self._slot(last_ns - self._latency) >= slot
+        return None if came_before else self._stamp(slot)
+
+    def has(self, valid_ns: int) -> bool:
+        """Whether a stamp of validity [ns] is that of a slot."""
+        slot = self._slot(valid_ns + TOLERANCE)
+        return slot >= 0 and abs(self._stamp(slot) - valid_ns) <= TOLERANCE
+
+    def _slot(self, time_ns: int) -> int:
+        """Return the last slot that is not after a time [ns]."""
+        return time_ns * self._slots // self._ns
+
+    def _stamp(self, slot: int) -> int:
+        return round(Fraction(slot * self._ns, self._slots))

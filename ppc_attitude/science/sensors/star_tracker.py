@@ -85,11 +85,32 @@ PARAMETERS = (
     Parameter(
         "star_tracker.outlier_size", 0.0, "turn of a false fix", "rad", low=0.0, high=math.pi
     ),
-    Parameter("star_tracker.blinding_times", [], "start of each blinding", "s", low=0.0, high=1e8),
+    # At start only: one without the other would be refused, and `ros2 param set` sets one.
     Parameter(
-        "star_tracker.blinding_durations", [], "duration of each blinding", "s", above=0.0, high=1e8
+        "star_tracker.blinding_times",
+        [],
+        "start of each blinding",
+        "s",
+        low=0.0,
+        high=1e8,
+        read_only=True,
+    ),
+    Parameter(
+        "star_tracker.blinding_durations",
+        [],
+        "duration of each blinding",
+        "s",
+        above=0.0,
+        high=1e8,
+        read_only=True,
     ),
 )
+ROUNDING = 7e-7
+"""Stamps are rounded, and latencies are written, with errors below this [s].
+
+A fix may arrive so much before its latency is over. No latency that is written in microseconds is
+this much longer than a whole number of steps: who sends and who waits never disagree.
+"""
 MAX_BLINDINGS = 32
 MAX_DELAY = 1000  # [steps] a late fix finds the state of its validity among so many
 STAR_TRACKER = np.dtype(
@@ -131,12 +152,13 @@ def slots(rate: float, values: Mapping[str, Any]) -> tuple[int, int]:
     """
     tracker, latency = values[RATE.name], values[LATENCY.name]
     every = max(1, round(rate / tracker))
-    if abs(rate / tracker - every) > 1e-9 * every:
+    # By the last digit: who waits for a fix knows this rate alone, and counts for days.
+    if abs(rate / tracker - every) > 1e-14 * every:
         raise ConfigurationError(
             f"{RATE.name} = {tracker} Hz does not divide rate = {rate} Hz; the nearest that does "
-            f"is {rate / every:.12g} Hz"
+            f"is {rate / every!r} Hz"
         )
-    delay = max(0, math.ceil(latency * rate - 1e-9))
+    delay = max(0, math.ceil((latency - ROUNDING) * rate))
     if delay > MAX_DELAY:
         raise ConfigurationError(
             f"{LATENCY.name} = {latency} s is {delay} steps at {rate} Hz; allowed: at most "
