@@ -35,7 +35,14 @@ from test_layers import ROOT
 
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.parameters_doc import page
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER, REFERENCE
+from ppc_attitude.contract.topics import (
+    CONTROLLER,
+    ESTIMATOR,
+    INJECTOR,
+    PLANT,
+    RECORDER,
+    REFERENCE,
+)
 from ppc_attitude.nodes.parameters import _quoted
 from ppc_attitude.science.parameter import unquoted
 from ppc_attitude.science.rate_observer import PARAMETERS as FRONT
@@ -298,3 +305,15 @@ def test_a_node_says_what_it_is_and_which_parameters_it_has(
     assert any(line.startswith(f"usage: ros2 run ppc_attitude {node} ") for line in told)
     assert {f"  {each.name}" for each in PARAMETERS[node]} <= set(told)
     assert max(map(len, told)) <= 80
+
+
+@pytest.mark.parametrize("node", PARAMETERS)
+def test_a_file_for_all_nodes_starts_each(node: str, asker: Node) -> None:
+    """A shipped overlay gives sensors and filter one set of numbers in one section."""
+    files = [ROOT / "config" / name for name in ("paper.yaml", "sensors_smallsat.yaml")]
+    options = [option for path in files for option in ("--params-file", str(path))]
+    with serving(node, "--ros-args", "-r", "__ns:=/every", *options):
+        told = yaml.safe_load(yaml.safe_dump(dumped(asker, f"/every/{node}")))
+    (values,) = (each["ros__parameters"] for each in told.values())
+    latency = values.get("star_tracker", {}).get("latency")
+    assert latency == (0.1 if node in (ESTIMATOR, PLANT) else None)

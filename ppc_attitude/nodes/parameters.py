@@ -70,8 +70,14 @@ class NodeParameters:
         chosen = {
             name: [] if override.type_ == RosParameter.Type.NOT_SET else _plain(override.value)
             for name, override in node._parameter_overrides.items()
-            if not is_of_ros(name)  # the rest of a parameter file's names must be ours
+            if not is_of_ros(name)
         }
+        # A section for all nodes has names of other nodes too; a name that nobody has is a mistake.
+        foreign = chosen.keys() - self._table.keys()
+        foreign = foreign and foreign & _of_any_node()  # loads all nodes' components: if need be
+        if foreign:
+            node.get_logger().info(f"not for this node: {', '.join(sorted(foreign))}")
+            chosen = {name: value for name, value in chosen.items() if name not in foreign}
         self.values = resolved(self._table.values(), chosen, executable)
         check(self.values)
         for parameter in self._table.values():
@@ -139,6 +145,10 @@ class _Services(ParameterService):
                 )
                 response.results.append(SetParametersResult(successful=False, reason=reason))
         return response
+
+
+def _of_any_node() -> set[str]:
+    return {parameter.name for table in PARAMETERS.values() for parameter in table}
 
 
 def _with_numbers(parameters: list[RosParameter]) -> list[RosParameter]:
