@@ -20,11 +20,13 @@ from typing import Any
 
 import pytest
 from test_campaign_distributions import CRAFT, base
+from test_layers import ROOT
 
 from ppc_attitude.campaign.declaration import campaign, load_campaign
 from ppc_attitude.campaign.draw import scenario_of
-from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.topics import ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.scenario import load
 
 
 @pytest.mark.parametrize(
@@ -47,6 +49,15 @@ from ppc_attitude.science.errors import ConfigurationError
 def test_a_number_that_cannot_vary_is_refused_by_name(name: Any, given: Any, message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         campaign({"parameters": {name: given}}, CRAFT, 0)
+
+
+def test_an_estimator_waits_for_fixes_as_late_as_they_were_drawn() -> None:
+    """Else a run that was drawn could not be flown by the nodes."""
+    craft = load([ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_smallsat")])
+    given = {"parameters": {f"{PLANT}.star_tracker.latency": {"uniform": [0.0, 0.3]}}}
+    drawn = scenario_of(campaign(given, craft, 0), 0).parameters
+    latency = drawn[PLANT]["star_tracker.latency"]
+    assert latency == drawn[ESTIMATOR]["star_tracker.latency"] != 0.1
 
 
 def test_one_number_varies_once() -> None:

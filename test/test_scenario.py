@@ -244,3 +244,12 @@ def test_with_values_leaves_the_original_alone_and_checks() -> None:
     assert case.parameters["ppc_controller"]["beta"] == 3.6
     with pytest.raises(ConfigurationError, match="beta = 0"):
         case.with_values("ppc_controller", beta=0.0)
+
+
+def test_plant_and_estimator_agree_on_when_a_fix_comes() -> None:
+    files = [CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml"]
+    message = "attitude_estimator: star_tracker.latency = 0.2; allowed: 0.1, which spacecraft_plant"
+    with pytest.raises(ConfigurationError, match=message):
+        load(files, {"attitude_estimator": {"star_tracker.latency": 0.2}})
+    noise = {"attitude_estimator": {"star_tracker.cross_noise": 1e-4}}  # may be wrong
+    assert load(files, noise).parameters["spacecraft_plant"]["star_tracker.cross_noise"] != 1e-4

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables
 from ppc_attitude.campaign.distributions import random_axes
 from ppc_attitude.campaign.varied import values_of
-from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.topics import ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import REFERENCES
@@ -176,6 +177,8 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
         **weakened(values[PLANT], drawn["actuator_strength"]),
         "seed": drawn["noise_seed"],
     }
+    agreed = {each.name for each in PARAMETERS[ESTIMATOR] if each.agreed} & changed[PLANT].keys()
+    changed.setdefault(ESTIMATOR, {}).update({name: changed[PLANT][name] for name in agreed})
     if drawn["pulse_torque"]:
         pulses, torque = values[INJECTOR], [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
         changed[INJECTOR] = {

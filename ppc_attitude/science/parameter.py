@@ -53,6 +53,8 @@ class Parameter:
         Numbers must be strictly larger than this.
     switch : mapping of bool to str
         Choices that true and false stand for.
+    agreed : bool
+        True if all nodes that use it must have one value, for it says what they exchange.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Parameter:
     read_only: bool = False
     above: float = -math.inf
     switch: Mapping[bool, str] = field(default_factory=dict)
+    agreed: bool = False
 
     @property
     def is_list(self) -> bool:

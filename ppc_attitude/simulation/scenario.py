@@ -178,7 +178,22 @@ def scenario(chosen: Overrides) -> Scenario:
     unknown = sorted(set(chosen) - set(PARAMETERS))
     if unknown:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
-    return Scenario({node: _checked(node, chosen.get(node, {})) for node in PARAMETERS})
+    parameters = {node: _checked(node, chosen.get(node, {})) for node in PARAMETERS}
+    _check_agreement(parameters)
+    return Scenario(parameters)
+
+
+def _check_agreement(parameters: Mapping[str, Mapping[str, Value]]) -> None:
+    """See that nodes that exchange something have one value of what says how."""
+    told: dict[str, tuple[str, Value]] = {}
+    for node, values in parameters.items():
+        for component in components_of(node, values):
+            for name in (each.name for each in component.parameters if each.agreed):
+                first, value = told.setdefault(name, (node, values[name]))
+                if values[name] != value:
+                    raise ConfigurationError(
+                        f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has"
+                    )
 
 
 def _checked(node: str, chosen: Mapping[str, Any]) -> dict[str, Value]:

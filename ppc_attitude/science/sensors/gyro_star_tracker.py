@@ -69,6 +69,7 @@ INITIAL_FIX = Parameter(
     True,
     "the tracker ran before the start: its first fix comes at once",
     read_only=True,
+    agreed=True,
 )
 _SLOTS = 1024  # pending fixes, more than MAX_DELAY
 assert MAX_DELAY < _SLOTS

@@ -54,6 +54,7 @@ RATE = Parameter(
     "Hz",
     above=0.0,
     read_only=True,
+    agreed=True,
 )
 LATENCY = Parameter(
     "star_tracker.latency",
@@ -63,6 +64,7 @@ LATENCY = Parameter(
     low=0.0,
     high=10.0,
     read_only=True,
+    agreed=True,
 )
 PARAMETERS = (
     CROSS_NOISE,
