@@ -54,7 +54,11 @@ def test_a_number_that_cannot_vary_is_refused_by_name(name: Any, given: Any, mes
 def test_an_estimator_waits_for_fixes_as_late_as_they_were_drawn() -> None:
     """Else a run that was drawn could not be flown by the nodes."""
     craft = load([ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_smallsat")])
-    given = {"parameters": {f"{PLANT}.star_tracker.latency": {"uniform": [0.0, 0.3]}}}
+    given = {
+        "parameters": {
+            f"{PLANT}.star_tracker.latency": {"distribution": "uniform", "low": 0.0, "high": 0.3}
+        }
+    }
     drawn = scenario_of(campaign(given, craft, 0), 0).parameters
     latency = drawn[PLANT]["star_tracker.latency"]
     assert latency == drawn[ESTIMATOR]["star_tracker.latency"] != 0.1
