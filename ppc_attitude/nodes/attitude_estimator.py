@@ -15,7 +15,7 @@
 """The estimator: attitude, rate and gyro bias from what the sensors measure."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from ppc_attitude.contract.topics import ESTIMATOR, Topic
@@ -23,10 +23,11 @@ from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.fixes import Fixes
 from ppc_attitude.runtime.health import ERROR, STALE, WARN, Status
-from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.runtime.stamps import Instant, Values
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.sensors.arrivals import Slots
 
-Completed = Iterator[tuple[int, Values, Values]]
+Completed = Iterator[tuple[int, Mapping[str, Values], Values]]
 
 
 class AttitudeEstimator(ComponentNode):
@@ -39,22 +40,31 @@ class AttitudeEstimator(ComponentNode):
         super().__init__()
 
     def _receiver(self, topic: Topic) -> Callable[[int, Values], None]:
-        if not any(each.late for each in self._topics):
+        late = [each for each in self._topics if each.late]
+        if not late:
             return super()._receiver(topic)
         if self._fixes is None:
-            (late,) = (each for each in self._topics if each.late)
-            self._fixes = Fixes(Slots.of(self.parameters.values), late.width)
-        take = self._fixes.fix if topic.late else self._fixes.sample
+            if len(late) > 1:
+                names = ", ".join(each.name for each in late)
+                raise ConfigurationError(f"{names} come late; an estimator waits for one of them")
+            self._fixes = Fixes(Slots.of(self.parameters.values), late[0].width)
+            self._instant = Instant(each.column for each in self._topics if not each.late)
+        fixes, column = self._fixes, topic.column
 
-        def receive(stamp_ns: int, values: Values) -> None:
-            self._answer_all(take(stamp_ns, values, self.now()))
+        def receive_fix(stamp_ns: int, values: Values) -> None:
+            self._answer_all(fixes.fix(stamp_ns, values, self.now()))
 
-        return receive
+        def receive_sample(stamp_ns: int, values: Values) -> None:
+            parts = self._instant.add(column, stamp_ns, values)
+            if parts is not None:
+                self._answer_all(fixes.sample(stamp_ns, parts, self.now()))
+
+        return receive_fix if topic.late else receive_sample
 
     def _answer_all(self, completed: Completed) -> None:
-        sample, fix = sorted(self._topics, key=lambda topic: topic.late)
-        for stamp, measured, row in completed:
-            self._on_instant(stamp, {sample.column: measured, fix.column: row})
+        (late,) = (each.column for each in self._topics if each.late)
+        for stamp, parts, row in completed:
+            self._on_instant(stamp, {**parts, late: row})
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""

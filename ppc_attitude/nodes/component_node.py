@@ -24,6 +24,7 @@ from ppc_attitude.runtime.answers import Answers
 from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import OK, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import Instant, Values
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.scenario import check_components
@@ -35,9 +36,12 @@ class ComponentNode(BaseNode):
     Components that read nothing are functions of time alone: their answers go one instant ahead.
     """
 
+    _exchanges: tuple[set[str], set[str]] | None = None  # columns read and given, once it runs
+
     def __init__(self) -> None:
         super().__init__()
         values = self.parameters.values
+        self._exchanges = self._exchanged(values)
         self.chain = Chain(components_of(self.executable, values), values)
         self._topics = [BY_COLUMN[column.name] for column in self.chain.inputs] or [ATTITUDE]
         self._instant = Instant(topic.column for topic in self._topics)
@@ -51,8 +55,17 @@ class ComponentNode(BaseNode):
             self.listen(topic, self._receiver(topic))
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """See that the selected components can run with the parameters."""
+        """See that the selected components can run with the parameters, and on the same topics."""
         check_components(self.executable, values)
+        if self._exchanges not in (None, self._exchanged(values)):
+            names = ", ".join(each.name for each in components_of(self.executable, values))
+            raise ConfigurationError(f"{names} would read or give other topics: select it at start")
+
+    def _exchanged(self, values: Mapping[str, Value]) -> tuple[set[str], set[str]]:
+        components = components_of(self.executable, values)
+        inner = {column.name for each in components for column in each.outputs}
+        read = {column.name for each in components for column in each.inputs}
+        return read - inner, {column.name for column in columns_of(self.executable, values)}
 
     def apply_parameters(self, stamp_ns: int) -> None:
         """Take over parameters that have changed, from a stamp [ns] on."""

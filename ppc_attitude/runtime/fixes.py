@@ -18,15 +18,17 @@ Every slot has one message, with or without a fix, so nobody has to guess whethe
 """
 
 from collections.abc import Iterator
+from typing import Generic, TypeVar
 
 from ppc_attitude.runtime.stamps import StampGuard, StampKind, Values, out_of_order
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
 from ppc_attitude.science.stamps import nanoseconds, seconds
 
+Sample = TypeVar("Sample")  # what comes with every instant
 _PENDING = 100  # fixes that may be ahead of the samples
 
 
-class Fixes:
+class Fixes(Generic[Sample]):
     """Join gyro samples and fixes to instants, in the order of the samples.
 
     In lock-step a sample waits for its fix, since nothing else comes. In a loop that runs by itself
@@ -58,13 +60,13 @@ class Fixes:
         self._guard = StampGuard()
         self._last: int | None = None
         self._used: int | None = None  # validity [ns] of the last fix that was joined
-        self._samples: dict[int, Values] = {}
+        self._samples: dict[int, Sample] = {}
         self._fixes: dict[int, Values] = {}
         self.lost = self.useless = 0
 
     def sample(
-        self, stamp_ns: int, values: Values, now: float
-    ) -> Iterator[tuple[int, Values, Values]]:
+        self, stamp_ns: int, values: Sample, now: float
+    ) -> Iterator[tuple[int, Sample, Values]]:
         """Take a sample that came at a time [s]; yield what is complete.
 
         Yields
@@ -89,7 +91,7 @@ class Fixes:
 
     def fix(
         self, valid_ns: int, values: Values, now: float
-    ) -> Iterator[tuple[int, Values, Values]]:
+    ) -> Iterator[tuple[int, Sample, Values]]:
         """Take the message of a slot; yields and raises as `sample`."""
         newest = self._guard.last
         if newest is not None and valid_ns - newest > StampGuard.LARGEST_STEP:
@@ -113,7 +115,7 @@ class Fixes:
         """True if a sample waits for its fix."""
         return bool(self._samples)
 
-    def _complete(self) -> Iterator[tuple[int, Values, Values]]:
+    def _complete(self) -> Iterator[tuple[int, Sample, Values]]:
         while self._samples:
             stamp = next(iter(self._samples))
             if stamp == self._last:
