@@ -44,6 +44,22 @@ def test_missing_samples_are_skipped_and_counted(column):
     ]
 
 
+def test_a_reference_of_zeros_is_as_good_as_none():
+    run = normal_run()
+    rows = run["reference_attitude"].copy()
+    rows[-2000:] = 0.0
+    verdict = analyse(with_columns(run, reference_attitude=rows))
+    assert requirement(verdict, "messages missing or not finite").value == 2000
+
+
+def test_what_was_told_of_the_rate_is_no_truth_where_the_truth_is_recorded():
+    run = normal_run()
+    record = with_columns(run, truth_attitude=run["attitude"])
+    verdict = analyse(record)
+    rate = requirement(verdict, "angular rate (norm)")
+    assert (rate.met, rate.reason) == (None, "no topic truth/angular_velocity in the bag")
+
+
 def test_what_comes_with_some_instants_only_lacks_nothing_at_the_others():
     run = normal_run()
     fixes = np.full((12001, 3), np.nan)

@@ -71,7 +71,13 @@ from ppc_attitude.analysis.verdict import (
 )
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, PLANT, TRUE_ATTITUDE
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    ATTITUDE,
+    PLANT,
+    REFERENCE_ATTITUDE,
+    TRUE_ATTITUDE,
+)
 from ppc_attitude.science.kinds import SENSORS
 
 __all__ = ["AnalysisError", "analyse", "names_of", "pulses_of", "verdict_table"]
@@ -82,6 +88,8 @@ WHEEL_RESERVE = 0.99
 """Largest share of its largest speed that a wheel may reach [1]."""
 SUMMATION = 1e-12
 """Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
+_ATTITUDES = (TRUE_ATTITUDE.column, REFERENCE_ATTITUDE.column)
+"""Attitudes that are always known: zeros say as little as NaN. Only an estimate may be unknown."""
 NOISE_EXPLAINS = 8.0
 """Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
 
@@ -387,6 +395,8 @@ def _lost(record: RunRecord) -> int:
     lost = record.missing_messages
     for column, rows in record.columns.items():
         lacks = ~is_finite(record, column)
+        if column in _ATTITUDES:
+            lacks |= ~np.logical_or.reduce(rows.T)
         late = column in BY_COLUMN and BY_COLUMN[column].late
         if late or column in record.held:  # it comes with some instants only
             lacks &= ~np.logical_and.reduce(np.isnan(rows.T))

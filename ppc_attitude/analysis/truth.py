@@ -100,9 +100,9 @@ class Truth:
 @once
 def truth_of(record: RunRecord) -> Truth:
     """Find the truth of a record, or what stands for it."""
+    if has(record, TRUE_ATTITUDE.column):  # then what was told of the rate is no truth either
+        return Truth(TRUE_ATTITUDE.column, TRUE_RATE.column, RECORDED)
     rate = TRUE_RATE if has(record, TRUE_RATE.column) else ANGULAR_VELOCITY
-    if has(record, TRUE_ATTITUDE.column):
-        return Truth(TRUE_ATTITUDE.column, rate.column, RECORDED)
     plant = record.parameters.get(PLANT, {})
     exact = bool(plant) and is_told_the_truth(plant)
     return Truth(ATTITUDE.column, rate.column, EXACT if exact else UNKNOWN)
