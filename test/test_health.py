@@ -243,6 +243,21 @@ def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patien
     assert hit["steps in saturation"] == "1"
 
 
+def test_a_node_whose_component_gives_nan_ends_and_says_which(
+    admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    patient = admit(PpcController)
+    compute = patient.node.compute
+
+    def spoilt(stamp_ns: int, inputs: Any) -> Any:
+        return {**compute(stamp_ns, inputs), "rate_error": (math.nan, 0.0, 0.0)}
+
+    monkeypatch.setattr(patient.node, "compute", spoilt)
+    patient.feed(7)
+    patient.says(ERROR, "at t = 0.070 s ppc gives rate_error = (nan, 0.0, 0.0); allowed: finite")
+    assert patient.node.exit_code == 3
+
+
 def test_an_estimator_that_is_lost_says_so_as_an_error(admit: Callable[..., Patient]) -> None:
     patient = admit(AttitudeEstimator, "lost_sigma:=1.0e-6")
     patient.feed(0)

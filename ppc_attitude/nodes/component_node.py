@@ -15,6 +15,7 @@
 """A node that runs components: it collects their inputs by stamp, steps, publishes the outputs."""
 
 from collections.abc import Callable, Mapping
+from math import isfinite
 from typing import Any
 
 from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of
@@ -96,6 +97,9 @@ class ComponentNode(BaseNode):
     def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         name = self._topics[0].name
         for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
+            if not isfinite(sum(map(sum, map(answer.__getitem__, self._senders)))):
+                self._fail_by(stamp, answer)
+                return
             for column, send in self._senders.items():
                 send(stamp, answer[column])
         self.say_all(self.chain.news())
@@ -106,6 +110,17 @@ class ComponentNode(BaseNode):
             self.apply_parameters(stamp_ns)
         self._steps += 1
         return self.compute(stamp_ns, inputs)
+
+    def _fail_by(self, stamp_ns: int, answer: Mapping[str, Values]) -> None:
+        """End over numbers that every peer would refuse, so that all would wait for them."""
+        part, column = next(
+            (part.component.name, column)
+            for part in self.chain.parts
+            for column in part.places
+            if not isfinite(sum(answer[column]))
+        )
+        told = f"{part} gives {column} = {answer[column]}; allowed: finite numbers"
+        self.fail(stamp_ns, f"at t = {seconds(stamp_ns):.3f} s {told}")
 
     def _begin_again(self, stamp_ns: int) -> None:
         text = f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed"
