@@ -129,3 +129,56 @@ def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: P
     )
     assert "is left out: it is a Parameter, not a Component" in done.stderr
     assert "is left out: share does not give truth_attitude" in done.stderr
+
+
+MISFITS = {
+    "controllers": {
+        "other_column": "left out: another declares the column attitude differently",
+        "other_topic": "left out: its column mine has a topic of others, torque_command",
+        "clock": "left out: its column mine has a topic of others, clock",
+        "illegal": "topic = 'bad topic!'; allowed",
+        "absolute": "topic = '/mine'; allowed",
+        "nameless": "column '' with topic",
+        "twice": "component share: two columns are named torque_use",
+        "of_node": "left out: ppc_controller has another parameter wait_for_recorder than of_node",
+        "of_ros": "left out: ppc_controller has another parameter use_sim_time than of_ros",
+        "selector": "left out: ppc_controller has another parameter controller than selector",
+        "two": "left out: ppc_controller has another parameter z than two",
+        "no_default": "left out: z = None; allowed: finite",
+        "beyond": "left out: z = 3; allowed: an integer, ≤ 1",
+    },
+    "plants": {"first": ""},
+    "sensors": {
+        "second": "left out: another declares the column pair differently",
+        "of_kind": "left out: spacecraft_plant has another parameter max_torque than of_kind",
+    },
+    "actuators": {"no_limit": "it has no parameter nowhere"},
+    "disturbances": {"pulse": "left out: no parameter selects one of the disturbances"},
+}
+
+
+def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    lines = [
+        line
+        for kind, misfits in MISFITS.items()
+        for line in (f"[ppc_attitude.{kind}]", *(f"{name} = misfits:{name}" for name in misfits))
+    ]
+    points.write_text("\n".join(lines))
+    code = (
+        "import sys\nfrom ppc_attitude.command_line.main import main\n"
+        "from ppc_attitude.science.kinds import all_components\n"
+        "code = main(sys.argv[1:])\nprint(*(each.name for each in all_components()))\n"
+        "sys.exit(code)"
+    )
+    done = run_outside("-c", code, "check", *CONFIGS[:2])
+    kept = done.stdout.splitlines()[-1].split()
+    warned = [line for line in done.stderr.splitlines() if "entry point" in line]
+    for kind, misfits in MISFITS.items():
+        for name, problem in misfits.items():
+            assert (name in kept) == (not problem), name
+            of_it = f"{name} = misfits:{name} of ppc_attitude.{kind}"
+            told = [line for line in warned if of_it in line]
+            assert [problem in line for line in told] == [True] * bool(problem), told

@@ -14,7 +14,7 @@
 
 """Every topic and column of the contract: the standard ones, and those that components declare."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ppc_attitude.contract.topics import (
@@ -22,36 +22,65 @@ from ppc_attitude.contract.topics import (
     ESTIMATOR,
     EVENTS,
     HOSTED,
+    INJECTOR,
+    MARKERS_TOPIC,
     NODES,
     PLANT,
+    RECORDED_TOPIC,
     STANDARD,
     Topic,
     topic_of,
 )
 from ppc_attitude.science.component import Column, Component
-from ppc_attitude.science.kinds import CONTROLLERS, SENSORS, all_components
+from ppc_attitude.science.kinds import CONTROLLERS, KINDS, SENSORS, ours_first
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
+_EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
+_OF_ALL = {*_EVENTS, "rosout"}
+"""Topics that no column has. In the root namespace a relative name is as good as an absolute."""
 
-def _all_topics() -> Iterator[Topic]:
-    """Yield the topic of every declared column that goes on record, standard ones first."""
-    yield from STANDARD
-    for node, kinds in HOSTED.items():
-        for component in all_components(kinds):
-            for column in component.outputs:
-                if column != ENVIRONMENT_TORQUE:
-                    yield topic_of(column, node)
+
+def _problem(topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
+    """Say why a component's topics cannot be beside those of others; empty if they can."""
+    columns = {each.name: each.column for each in declared.values()}
+    for topic in topics:
+        known = declared.get(topic.column, topic)
+        if (known.name, known.form, known.frame_id, known.unit, known.width, known.late) != (
+            (topic.name, topic.form, topic.frame_id, topic.unit, topic.width, topic.late)
+        ):
+            return f"another declares the column {topic.column} differently"
+        if topic.name in _OF_ALL or columns.setdefault(topic.name, topic.column) != topic.column:
+            return f"its column {topic.column} has a topic of others, {topic.name}"
+    return ""
 
 
 def _merged() -> dict[str, Topic]:
-    found: dict[str, Topic] = {}
-    for topic in _all_topics():
-        known = found.setdefault(topic.column, topic)
-        same = (known.name, known.form, known.frame_id, known.unit, known.width) == (
-            (topic.name, topic.form, topic.frame_id, topic.unit, topic.width)
-        )
-        if not same:
-            raise AssertionError(f"two components declare the column {topic.column} differently")
+    """Topic of every declared column that goes on record, standard ones first.
+
+    A component of somebody else's whose columns cannot be beside those of others is left out.
+    """
+    unrecorded = topic_of(ENVIRONMENT_TORQUE, INJECTOR)
+    found = {topic.column: topic for topic in (*STANDARD, unrecorded)}
+    nodes = {kind.name: node for node, kinds in HOSTED.items() for kind in kinds}
+    for kind, component in ours_first(kind for kinds in HOSTED.values() for kind in kinds):
+        given = [topic_of(column, nodes[kind.name]) for column in component.outputs]
+        read = [topic_of(column, "") for column in component.inputs if column.name in found]
+        problem = _problem([*given, *read], found)
+        if problem:
+            kind.leave_out(component.name, problem)
+        else:
+            for topic in given:
+                found.setdefault(topic.column, topic)
+    del found[ENVIRONMENT_TORQUE.name]
+    return found
+
+
+def _bounds() -> dict[str, str]:
+    found: dict[str, str] = {}
+    for _, component in ours_first(KINDS):
+        for column in component.outputs:
+            if column.bound:
+                found.setdefault(column.name, column.bound)  # nobody else's law replaces ours
     return found
 
 
@@ -65,12 +94,7 @@ RATE_ERROR = BY_COLUMN["rate_error"]
 RATE_ENVELOPE = BY_COLUMN["rate_envelope"]
 AUXILIARY_STATE = BY_COLUMN["auxiliary_state"]
 UNSATURATED_TORQUE = BY_COLUMN["unsaturated_torque"]
-BOUNDS = {
-    column.name: column.bound
-    for component in all_components()
-    for column in component.outputs
-    if column.bound
-}
+BOUNDS = _bounds()
 """Column to the column that bounds it, where a law has such an envelope."""
 
 

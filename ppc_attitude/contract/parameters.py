@@ -33,7 +33,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import ours_first
 from ppc_attitude.science.parameter import Parameter
 
 WAIT_FOR_RECORDER = Parameter(
@@ -159,19 +159,23 @@ def is_of_ros(name: str) -> bool:
 def _parameters_of(node: str) -> tuple[Parameter, ...]:
     """Every parameter of a node: its own, and those of all components that it could run.
 
-    Raises
-    ------
-    ConfigurationError
-        Two components declare one name differently.
+    A component of somebody else's that declares one of them differently is left out.
     """
-    merged = {parameter.name: parameter for parameter in _OWN[node]}
-    for kind in HOSTED.get(node, ()):
-        for parameter in kind.parameters():
-            if merged.setdefault(parameter.name, parameter) != parameter:
-                raise ConfigurationError(
-                    f"{node}: two components declare the parameter {parameter.name} differently"
-                )
-    return tuple(merged.values())
+    kinds = HOSTED.get(node, ())
+    own = {parameter.name: parameter for parameter in _OWN[node]}
+    taken: dict[str, Parameter | None] = {**own, **dict.fromkeys(kind.selector for kind in kinds)}
+    for kind, component in ours_first(kinds):
+        tried = dict(taken)
+        for parameter in component.parameters:
+            name = parameter.name
+            if is_of_ros(name) or tried.setdefault(name, parameter) != parameter:
+                problem = f"{node} has another parameter {name} than {component.name}"
+                kind.leave_out(component.name, problem)
+                break
+        else:
+            taken = tried
+    of_kinds = {parameter.name: parameter for kind in kinds for parameter in kind.parameters()}
+    return tuple({**own, **of_kinds}.values())
 
 
 class _Tables(Mapping[str, tuple[Parameter, ...]]):

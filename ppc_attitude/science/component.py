@@ -21,6 +21,7 @@ figures take everything from these declarations; none of them lists fields.
 This file and `kinds` import neither kernels nor Numba, so that who only needs names stays light.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,6 +37,7 @@ QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
 GYRO, FIX, MOTION = "gyro", "fix", "motion"
 WHEEL_SPEEDS, WHEEL_TORQUES = "wheel_speeds", "wheel_torques"
 MAX_WHEELS = 8
+_TOPIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _WIDTHS = {
     QUATERNION: (4,),
     VECTOR: (1, 2, 3),
@@ -91,7 +93,12 @@ class Column:
     late: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a form that nobody knows."""
+        """Refuse what no record or no topic can have."""
+        if not self.name.isidentifier() or not _TOPIC.fullmatch(self.topic):
+            raise ValueError(
+                f"column {self.name!r} with topic = {self.topic!r}; allowed: a name of letters, "
+                "digits and _, and a relative topic of such names with / between them"
+            )
         if self.form not in _WIDTHS:
             raise ValueError(
                 f"column {self.name}: form = {self.form!r}; allowed: {', '.join(_WIDTHS)}"
@@ -206,6 +213,22 @@ class Component:
     exact: Callable[[Mapping[str, Any]], bool] = _never
     limits: tuple[str, ...] = ()
     observes: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a declaration that contradicts itself."""
+        for columns in (self.inputs, self.outputs):
+            names = ["stamp_ns", "t", *(column.name for column in columns)]
+            twice = [name for name in names if names.count(name) > 1]
+            if twice:
+                raise ValueError(f"component {self.name}: two columns are named {twice[0]}")
+        for parameter in self.parameters:
+            parameter.checked(parameter.default)
+        unknown = set(self.limits) - set(self.defaults)
+        if unknown:
+            raise ValueError(
+                f"component {self.name}: limits = {self.limits}; it has no parameter "
+                f"{', '.join(sorted(unknown))}"
+            )
 
     @cached_property
     def defaults(self) -> dict[str, Any]:

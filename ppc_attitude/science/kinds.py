@@ -15,7 +15,8 @@
 """The kinds of component, and every component of ours by kind.
 
 A new component is one file and one line here. A package of somebody else's adds one without
-touching ours: an entry point of the group ``ppc_attitude.<kind>`` that leads to a `Component`.
+touching ours: an entry point of the group ``ppc_attitude.<kind>`` that leads to a `Component`, of
+any kind of which a parameter selects one.
 """
 
 import warnings
@@ -27,6 +28,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from ppc_attitude.science.component import Column, Component
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import (
     APPLIED_TORQUE,
@@ -85,14 +87,38 @@ class Kind:
     @cached_property
     def components(self) -> dict[str, Component]:
         """Every component of this kind by its name, ours first."""
-        found: dict[str, Component] = {}
-        for origin, component in self._declared():
-            problem = self._problem(component, found)
-            if problem:
-                warnings.warn(f"{origin} is left out: {problem}", stacklevel=2)
+        ours = [import_module(f"{_SCIENCE}.{self.name}.{each}").COMPONENT for each in self.modules]
+        found = {component.name: self._completed(component) for component in ours}
+        for point in _installed().select(group=f"ppc_attitude.{self.name}"):
+            origin = f"entry point {point.name} = {point.value} of {point.group}"
+            try:
+                component = self._completed(self._fitting(point.load(), found))
+            except ConfigurationError as error:
+                warnings.warn(f"{origin} is left out: {error}", stacklevel=2)
+            except Exception as error:  # a package of somebody else's may fail in any way
+                warnings.warn(f"{origin} cannot be loaded: {error!r}", stacklevel=2)
             else:
-                found[component.name] = self._completed(component)
+                found[component.name] = component
+                self.origins[component.name] = origin
         return found
+
+    @cached_property
+    def origins(self) -> dict[str, str]:
+        """Entry point of each component of somebody else's; empty before they are loaded."""
+        return {}
+
+    def leave_out(self, name: str, problem: str) -> None:
+        """Leave out a component of somebody else's that does not go with the others, and warn.
+
+        Raises
+        ------
+        AssertionError
+            It is one of ours.
+        """
+        if name not in self.origins:
+            raise AssertionError(f"{name}: {problem}")
+        del self.components[name]
+        warnings.warn(f"{self.origins.pop(name)} is left out: {problem}", stacklevel=2)
 
     def _completed(self, component: Component) -> Component:
         """Put what every component of this kind has in common before it."""
@@ -101,32 +127,24 @@ class Kind:
         completed: Component = import_module(self.front).with_front(component)
         return completed
 
-    def _declared(self) -> Iterator[tuple[str, Any]]:
-        for module in self.modules:
-            name = f"{_SCIENCE}.{self.name}.{module}"
-            yield name, import_module(name).COMPONENT
-        for point in _installed().select(group=f"ppc_attitude.{self.name}"):
-            origin = f"entry point {point.name} = {point.value} of {point.group}"
-            try:
-                yield origin, point.load()
-            except Exception as error:  # a package of somebody else's may fail in any way
-                warnings.warn(f"{origin} cannot be loaded: {error!r}", stacklevel=2)
+    def _fitting(self, component: Any, others: Mapping[str, Component]) -> Component:
+        """Return something if it can be a component of this kind.
 
-    def _problem(self, component: Any, others: Mapping[str, Component]) -> str:
-        """Say why something cannot be a component of this kind; empty if it can."""
+        Raises
+        ------
+        ConfigurationError
+            It cannot; says why.
+        """
         if not isinstance(component, Component):
-            return f"it is a {type(component).__name__}, not a Component"
+            raise ConfigurationError(f"it is a {type(component).__name__}, not a Component")
+        if not self.selector:
+            raise ConfigurationError(f"no parameter selects one of the {self.name}")
         if component.name in others or (self.optional and component.name == NONE):
-            return f"the name {component.name} is taken"
+            raise ConfigurationError(f"the name {component.name} is taken")
         absent = [column.name for column in self.gives if column not in component.outputs]
         if absent:
-            return f"{component.name} does not give {', '.join(absent)}"
-        for parameter in component.parameters:
-            for other in others.values():
-                for known in other.parameters:
-                    if known.name == parameter.name and known != parameter:
-                        return f"{other.name} declares the parameter {known.name} differently"
-        return ""
+            raise ConfigurationError(f"{component.name} does not give {', '.join(absent)}")
+        return component
 
     @property
     def default(self) -> str:
@@ -220,6 +238,12 @@ def all_components(kinds: Iterable[Kind] = KINDS) -> Iterator[Component]:
     """Yield every component of some kinds."""
     for kind in kinds:
         yield from kind.components.values()
+
+
+def ours_first(kinds: Iterable[Kind]) -> list[tuple[Kind, Component]]:
+    """Return every component of some kinds with its kind; those of somebody else come last."""
+    found = [(kind, component) for kind in kinds for component in kind.components.values()]
+    return sorted(found, key=lambda each: each[1].name in each[0].origins)
 
 
 def to_select(column: Column) -> str:

@@ -1,0 +1,68 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parts in a package of somebody else's that fit badly or not at all; each is made on demand."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import outside_parts
+
+from ppc_attitude.science.actuators import ideal
+from ppc_attitude.science.component import BODY, VECTOR, Column, Component
+from ppc_attitude.science.disturbances import pulses
+from ppc_attitude.science.parameter import Parameter
+
+LAW, PLANT, SENSORS = outside_parts.LAW, outside_parts.PLANT, outside_parts.SENSORS
+
+
+def with_column(part: Component, **chosen: str) -> Component:
+    """Give a part one more column."""
+    declared = {"name": "mine", "topic": "mine/numbers", "unit": "1", **chosen}
+    column = Column(form=VECTOR, frame=BODY, meaning="x", **declared)
+    return replace(part, outputs=(*part.outputs, column))
+
+
+def with_parameters(part: Component, *parameters: Parameter) -> Component:
+    """Give a part more parameters."""
+    return replace(part, parameters=(*part.parameters, *parameters))
+
+
+MADE: dict[str, Callable[[], Component]] = {
+    "other_column": lambda: with_column(LAW, name="attitude"),
+    "other_topic": lambda: with_column(LAW, topic="torque_command"),
+    "clock": lambda: with_column(LAW, topic="clock"),
+    "first": lambda: with_column(PLANT, name="pair", topic="pair"),
+    "second": lambda: with_column(SENSORS, name="pair", topic="pair", unit="m"),
+    "illegal": lambda: with_column(LAW, topic="bad topic!"),
+    "absolute": lambda: with_column(LAW, topic="/mine"),
+    "nameless": lambda: with_column(LAW, name=""),
+    "twice": lambda: replace(LAW, outputs=(*LAW.outputs, LAW.outputs[-1])),
+    "of_node": lambda: with_parameters(LAW, Parameter("wait_for_recorder", 3, "x")),
+    "of_kind": lambda: with_parameters(SENSORS, Parameter("max_torque", 7.0, "x")),
+    "of_ros": lambda: with_parameters(LAW, Parameter("use_sim_time", False, "x")),
+    "selector": lambda: with_parameters(LAW, Parameter("controller", 3, "x")),
+    "two": lambda: with_parameters(LAW, Parameter("z", 3, "x"), Parameter("z", 4.0, "x")),
+    "no_default": lambda: with_parameters(LAW, Parameter("z", None, "x")),  # type: ignore[arg-type]
+    "beyond": lambda: with_parameters(LAW, Parameter("z", 3, "x", high=1)),
+    "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
+    "pulse": lambda: pulses.COMPONENT,
+}
+
+
+def __getattr__(name: str) -> Component:
+    """Make the part of a name."""
+    if name not in MADE:
+        raise AttributeError(name)
+    return replace(MADE[name](), name=name)
