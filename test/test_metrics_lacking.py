@@ -127,6 +127,22 @@ def test_without_our_plant_the_torque_is_judged_by_what_the_controller_was_told(
         assert requirement(verdict, "applied torque on an axis").limit == limit
 
 
+@pytest.mark.parametrize(
+    ("axes", "each", "limit"),
+    [
+        ([1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0], [0.3], 4 * 0.3 / 3**0.5),
+        ([2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0], [0.1, 0.2, 0.3], 0.3),
+    ],
+)
+def test_with_wheels_the_torque_is_judged_by_what_they_give_together(axes, each, limit):
+    plant = {"max_torque": 0.05, "wheels.axes": axes, "wheels.max_torque": each}
+    for actuator, expected in (("wheels", limit), ("ideal", 0.05)):
+        parameters = {"spacecraft_plant": {**plant, "actuator": actuator}}
+        verdict = analyse(replace(normal_run(), parameters=parameters))
+        judged = requirement(verdict, "applied torque on an axis")
+        assert judged.limit == pytest.approx(expected, rel=1e-12)
+
+
 def test_one_sample_is_a_run():
     run = normal_run(0.0)
     verdict = analyse(run)

@@ -15,6 +15,7 @@
 """The command `sweep`: its hits are in proportion to the craft and to what is asked of it."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,19 @@ def test_hits_scale_with_the_actuator_and_with_the_required_settling_time(
     assert [hit["duration_s"] for hit in told["hits"]] == [0.01, 0.02, 0.05]
     # It is recovered by the own requirement: 90° is never reached.
     assert {hit["recovery_time_s"] for hit in told["hits"]} == {0.0}
+
+
+def test_hits_scale_with_the_selected_actuator(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    strong, asked = tmp_path / "strong.yaml", tmp_path / "asked.yaml"
+    strong.write_text("/**/spacecraft_plant: {ros__parameters: {wheels.max_torque: [0.3]}}\n")
+    asked.write_text("settling_deadline: 1.0\nterminal_window: 1.0\nsettled: 90 deg\n")
+    files = [PAPER, PAPER.with_name("wheels.yaml"), strong]
+    command = ["sweep", *(word for file in files for word in ("--config", str(file))), "--json"]
+    assert main([*command, "--requirements", str(asked), "--pulse-durations", "0.01"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["torque"] == pytest.approx(16.0 * 0.3 * 2.0 / math.sqrt(3.0), rel=1e-5)
 
 
 def test_the_table_says_what_hits_and_gives_the_verdict_of_the_requirements(

@@ -15,7 +15,7 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cached_property
 from typing import Any
@@ -47,11 +47,40 @@ from ppc_attitude.contract.topics import (
     REFERENCE_ATTITUDE,
 )
 from ppc_attitude.science import wheels
+from ppc_attitude.science.actuators import wheels as drive
+from ppc_attitude.science.kinds import ACTUATORS
 
 Mask = NDArray[np.bool_]
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
 _FIELDS = frozenset(each.name for each in fields(Metrics))
+
+
+def most_torque(plant: Mapping[str, Any]) -> float | None:
+    """Largest torque [N·m] on an axis that the selected actuator can give.
+
+    A limit that is one number holds on every axis. The torque of a wheel is not on an axis: wheels
+    give at most Σ τ_i |a_i|, on the axis on which this is largest, when all of them pull along it.
+    Their friction and their gyroscopic torque can come on top and are not in it.
+
+    Parameters
+    ----------
+    plant : mapping
+        Parameters of the plant, as far as somebody knows them.
+
+    Returns
+    -------
+    float or None
+        None if they do not tell.
+    """
+    actuator = ACTUATORS.selected(plant)
+    if actuator is drive.COMPONENT and {wheels.AXES.name, wheels.MAX_TORQUE.name} <= set(plant):
+        axes = np.reshape(plant[wheels.AXES.name], (-1, 3))
+        axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        each = np.resize(plant[wheels.MAX_TORQUE.name], len(axes))  # one is for all
+        return float((each @ np.abs(axes)).max())
+    limits = [plant.get(name) for name in (actuator.limits if actuator else ())]
+    return max((float(each) for each in limits if isinstance(each, int | float)), default=None)
 
 
 def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
@@ -198,8 +227,9 @@ class Measured:
         """Limit on an axis [N·m]: as required, else as configured, else the paper's."""
         # A bag of somebody else's plant says only what the controller was told of the actuator.
         parameters = self.record.parameters
-        told = [parameters.get(node, {}).get("max_torque") for node in (PLANT, CONTROLLER)]
-        limits = (self.required.torque, *told, PAPER_TORQUE_LIMIT)
+        actuator = most_torque(parameters.get(PLANT, {}))
+        told = parameters.get(CONTROLLER, {}).get("max_torque")
+        limits = (self.required.torque, actuator, told, PAPER_TORQUE_LIMIT)
         return next(float(each) for each in limits if isinstance(each, int | float))
 
     @property

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.analysis.measure import most_torque
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators import ideal, wheels
@@ -116,7 +117,7 @@ def _least_turn(
     component, whole = required.settled.bounds
     near = min(component / np.abs(axis).max(), whole, 1.0)
     inertia = inertia_matrix("inertia", scenario.parameters[PLANT]["inertia"])
-    acceleration = _actuator_torque(scenario) / np.abs(inertia @ axis).max()
+    acceleration = actuator_torque(scenario) / np.abs(inertia @ axis).max()
     rate = math.radians(required.rate) if required.rate else math.inf
     turn = max(angle - 2.0 * math.asin(near), 0.0)
     return float(duration(profile(turn, rate, float(acceleration), math.inf)))
@@ -135,7 +136,7 @@ def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
     yield _at_most(
         "slew torque",
         slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration),
-        share * _actuator_torque(scenario),
+        share * actuator_torque(scenario),
         "N·m",
         "max‖J e‖ A + max‖ω × J ω‖ leaves the law its margin (guidance.torque_share)",
     )
@@ -160,14 +161,17 @@ def _rate_of_slew(rate: float, times: Sequence[float], law: Mapping[str, Any]) -
     )
 
 
-def _actuator_torque(scenario: Scenario) -> float:
-    """Torque per axis [N·m] that the selected actuator gives in any direction."""
+def actuator_torque(scenario: Scenario) -> float:
+    """Torque per axis [N·m] that the selected actuator gives in any direction.
+
+    Of one that does not tell it is what the law may ask for.
+    """
     plant: Mapping[str, Any] = scenario.parameters[PLANT]
     if ACTUATORS.selected(plant) is wheels.COMPONENT:
         array = wheel_record(plant)
         count = array["count"]
         return certain_torque(array["axes"][:count], array["max_torque"][:count])
-    return float(plant["max_torque"])
+    return most_torque(plant) or scenario.number(CONTROLLER, "max_torque")
 
 
 def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
@@ -177,7 +181,7 @@ def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
         yield _at_most(
             "max_torque",
             scenario.number(CONTROLLER, "max_torque"),
-            _actuator_torque(scenario),
+            actuator_torque(scenario),
             "N·m",
             "the wheels give what the law may ask for, on all axes at once; friction and "
             "gyroscopic torque take a little of it",
@@ -250,7 +254,7 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
         yield _at_most(
             "noise torque",
             _NOISE_SIGMAS * float(law["K_omega"]) * most * sigmas.rate,
-            _actuator_torque(scenario),
+            actuator_torque(scenario),
             "N·m",
             f"{_NOISE_SIGMAS:g}σ of K_ω J z2: the actuator gives what noise makes the law ask for",
         )
@@ -273,7 +277,7 @@ def _sigmas(scenario: Scenario) -> Sigmas:
 
 def pulse_conditions(scenario: Scenario, required: Requirements) -> Iterator[Condition]:
     """How long the actuator needs at best to take back what each scheduled pulse gives."""
-    torque = _actuator_torque(scenario)
+    torque = actuator_torque(scenario)
     for hit in scheduled_pulses(scenario.parameters[INJECTOR]):
         start, end = (int(hit[each]) / NANOSECONDS for each in ("start_ns", "end_ns"))
         yield _at_most(
