@@ -182,3 +182,11 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
             of_it = f"{name} = misfits:{name} of ppc_attitude.{kind}"
             told = [line for line in warned if of_it in line]
             assert [problem in line for line in told] == [True] * bool(problem), told
+
+
+def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text("[ppc_attitude.controllers]\nblind = misfits:blind\n")
+    command = ["simulate", *CONFIGS[:2], "--controller", "blind", "--duration", "0.1", "--json"]
+    done = run_outside("-m", "ppc_attitude.command_line.main", *command)
+    assert json.loads(done.stdout)["controller"] == "blind"

@@ -38,6 +38,7 @@ from ppc_attitude.science.rate_observer import (
     observe,
     observer_record,
 )
+from ppc_attitude.science.signals import TOLD
 
 
 def _step_of(law: Component) -> Any:
@@ -87,6 +88,7 @@ def with_front(law: Component) -> Component:
         parameters=(*own, *(each for each in law.parameters if each.name not in names)),
         configure=configure,
         configuration=configuration,
+        inputs=(*law.inputs, *(column for column in TOLD if column not in law.inputs)),
         state=np.dtype([("observer", MEMORY), ("law", law.state)], align=True),
         step=_step_of(law),
         advice=lambda state: law.advice(state["law"]),

@@ -16,13 +16,16 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import outside_parts
 
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.component import BODY, VECTOR, Column, Component
 from ppc_attitude.science.disturbances import pulses
+from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TORQUE_COMMAND
 
 LAW, PLANT, SENSORS = outside_parts.LAW, outside_parts.PLANT, outside_parts.SENSORS
 
@@ -37,6 +40,12 @@ def with_column(part: Component, **chosen: str) -> Component:
 def with_parameters(part: Component, *parameters: Parameter) -> Component:
     """Give a part more parameters."""
     return replace(part, parameters=(*part.parameters, *parameters))
+
+
+@kernel
+def step_blind(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Look at nothing but the reference."""
+    outputs.torque_command[0] = 1e-3 * inputs.reference_attitude[0]
 
 
 MADE: dict[str, Callable[[], Component]] = {
@@ -58,6 +67,9 @@ MADE: dict[str, Callable[[], Component]] = {
     "beyond": lambda: with_parameters(LAW, Parameter("z", 3, "x", high=1)),
     "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
     "pulse": lambda: pulses.COMPONENT,
+    "blind": lambda: Component(
+        name="", inputs=(REFERENCE_ATTITUDE,), outputs=(TORQUE_COMMAND,), step=step_blind
+    ),
 }
 
 
