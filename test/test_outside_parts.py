@@ -184,6 +184,10 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
             assert [problem in line for line in told] == [True] * bool(problem), told
 
 
+def test_a_craft_with_an_estimator_from_outside_is_checked(run_outside: Run) -> None:
+    run_outside("-m", "ppc_attitude.command_line.main", "check", *CONFIGS)
+
+
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:
     points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
     points.write_text("[ppc_attitude.controllers]\nblind = misfits:blind\n")

@@ -30,6 +30,7 @@ from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.envelope_plan import least_settling_time
+from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import FLOOR, Sigmas, error_sigmas, noise_floors
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
@@ -261,15 +262,19 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
 
 
 def _sigmas(scenario: Scenario) -> Sigmas:
-    """σ of the errors as the law sees them, on the axis on which it is largest."""
+    """σ of the errors as the law sees them, on the axis on which it is largest.
+
+    Nobody knows those of an estimator or of sensors of somebody else's: zeros.
+    """
     plant: Mapping[str, Any] = scenario.parameters[PLANT]
     estimator: Mapping[str, Any] = scenario.parameters[ESTIMATOR]
     law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
     rate = scenario.number(PLANT, "rate")
-    if ESTIMATORS.selected(estimator) is not None:
+    selected = ESTIMATORS.selected(estimator)
+    if selected is mekf.COMPONENT:
         found = noise_floors(estimator, law, rate)
         return Sigmas(max(found.attitude), max(found.rate))
-    if SENSORS.selected(plant) is direct.COMPONENT:
+    if selected is None and SENSORS.selected(plant) is direct.COMPONENT:
         white = float(plant["rate_noise"]) / math.sqrt(rate)
         return error_sigmas(law, rate, white, float(plant["attitude_noise"]) ** 2, 0.0)
     return Sigmas(0.0, 0.0)
