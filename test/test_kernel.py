@@ -114,3 +114,30 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
     assert source.count(old) == 1
     (copy / file).write_text(source.replace(old, new), encoding="utf-8")
     assert printed() != before
+
+
+@pytest.mark.parametrize("package", ["", "namespace."])
+def test_a_kernel_of_somebody_elses_is_compiled_anew_when_what_it_calls_has_changed(
+    tmp_path: Path, package: str
+) -> None:
+    """A module that lies alone has no package, and a namespace package no file."""
+    folder = tmp_path / package.rstrip(".")
+    folder.mkdir(exist_ok=True)
+    (folder / "absent.py").symlink_to("nowhere")
+    kernels = "from ppc_attitude.science.kernel import kernel\n@kernel\ndef {}():\n    return {}\n"
+    called = folder / "called.py"
+    called.write_text(kernels.format("called", 1.0))
+    (folder / "calling.py").write_text(
+        f"from {package}called import called\n{kernels.format('calling', 'called()')}"
+    )
+    search = os.pathsep.join([str(tmp_path), str(PACKAGE.parent)])
+    environment = {**os.environ, "PYTHONPATH": search, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    code = f"from {package}calling import calling; print(calling())"
+
+    def printed() -> float:
+        command = [sys.executable, "-c", code]
+        return float(subprocess.check_output(command, cwd=tmp_path, env=environment, text=True))
+
+    assert printed() == 1.0
+    called.write_text(kernels.format("called", 2.0))
+    assert printed() == 2.0

@@ -22,7 +22,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
@@ -56,7 +56,8 @@ def _cache_folder(package: str) -> str:
 
     Numba looks for a change only in the file of the kernel itself. Kernels call functions and hold
     constants of other files, so after an edit, or an update of some files, it would run old
-    machine code.
+    machine code. Of a package of somebody else's all files count, be it a namespace without a file
+    of its own; of a module that is in no package, those beside it.
     """
     sources = [
         source
@@ -64,12 +65,15 @@ def _cache_folder(package: str) -> str:
         for source in sorted((_PACKAGE / folder).rglob("*.py"))
     ]
     module = sys.modules.get(package)
-    if package != _PACKAGE.name and module is not None and module.__file__:
-        file = Path(module.__file__)
-        sources += sorted(file.parent.rglob("*.py")) if file.stem == "__init__" else [file]
+    if package != _PACKAGE.name:
+        folders, file = getattr(module, "__path__", ()), getattr(module, "__file__", None)
+        sources += [source for each in folders for source in sorted(Path(each).rglob("*.py"))]
+        if file and not folders:
+            sources += sorted(Path(file).parent.glob("*.py"))
     digest = hashlib.sha256()
     for source in sources:
-        digest.update(source.read_bytes())
+        with suppress(OSError):  # not everything beside a module is for this user to read
+            digest.update(source.read_bytes())
     # Numba's own setting may come from a file in the folder where the user stands: what is loaded
     # from a cache is executed.
     root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent / "__pycache__")
