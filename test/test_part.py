@@ -12,13 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A component as it is run: what it tells of its last step."""
+"""A component as it is run: which step that is, and what it tells of its last one."""
+
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.controllers import quaternion_feedback
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
+from ppc_attitude.science.observed_law import with_front
 from ppc_attitude.science.part import Part
+from ppc_attitude.science.signals import APPLIED_TORQUE, ENVIRONMENT_TORQUE
 from ppc_attitude.simulation.scenario import scenario
 
 ENVELOPES = {"attitude_error": "attitude_envelope", "rate_error": "rate_envelope"}
@@ -35,3 +44,45 @@ def test_a_law_tells_how_much_of_its_own_envelopes_is_filled(law: str) -> None:
             given[error][:3], given[envelope] = (0.5, -3.0, 1.0), 2.0
             expected[envelope] = 1.5
     assert part.normalised_errors() == expected
+
+
+def _giving(number: float) -> Any:
+    @kernel
+    def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+        outputs.environment_torque[0] = number
+
+    return step
+
+
+@kernel
+def _negative(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    outputs.environment_torque[0] = -1.0
+
+
+ONE = Component(name="mine", outputs=(ENVIRONMENT_TORQUE,), step=_giving(1.0))
+
+
+def test_components_of_one_name_and_module_run_their_own_steps() -> None:
+    """A name is unique only within a kind."""
+    assert Part(ONE, {}).step(0) == (1.0, 0.0, 0.0)
+    assert Part(replace(ONE, step=_negative), {}).step(0) == (-1.0, 0.0, 0.0)
+
+
+def test_a_step_fills_the_records_of_the_component_that_reuses_it() -> None:
+    moved = Part(replace(ONE, outputs=(APPLIED_TORQUE, ENVIRONMENT_TORQUE)), {})
+    assert Part(ONE, {}).step(0) == (1.0, 0.0, 0.0)
+    assert moved.step(0) == (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+
+
+def test_components_that_nothing_tells_apart_are_refused() -> None:
+    """Else one would run what is compiled of the other."""
+    Part(ONE, {})
+    with pytest.raises(ConfigurationError, match="components mine and mine have different steps"):
+        Part(replace(ONE, step=_giving(2.0)), {})
+
+
+def test_a_law_may_be_put_behind_the_observer_twice() -> None:
+    law = CONTROLLERS.components["quaternion_feedback"]
+    values = scenario({}).parameters[CONTROLLER]
+    entries = [Part(with_front(quaternion_feedback.COMPONENT), values).addresses[0] for _ in "12"]
+    assert entries == [Part(law, values).addresses[0]] * 2

@@ -19,6 +19,7 @@ four records. So the in-process loop calls any combination of components without
 anew, and nodes, replay and loop run the same machine code.
 """
 
+import hashlib
 import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
@@ -32,6 +33,7 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.extending import overload
 
 from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import OPTIONS, cache_of, carray
 from ppc_attitude.science.stamps import seconds
 
@@ -81,10 +83,40 @@ def _compiled(key: str) -> Any:
 
 
 def entry_point(component: Component) -> Any:
-    """Compiled step of a component; `address` and `ctypes` are the ways to call it."""
-    key = f"{component.step.__module__}.{component.name}"
-    _components[key] = component
+    """Compiled step of a component; `address` and `ctypes` are the ways to call it.
+
+    Raises
+    ------
+    ConfigurationError
+        Nothing tells the component from another one but what its step does.
+    """
+    key = _key_of(component)
+    known = _components.setdefault(key, component)
+    if _function_of(known) != _function_of(component):
+        raise ConfigurationError(
+            f"components {known.name} and {component.name} have different steps, both called "
+            f"{known.step.__module__}.{known.step.__qualname__}; rename one of them"
+        )
     return _compiled(key)
+
+
+def _key_of(component: Component) -> str:
+    """Text that tells a component from every other one, and is the same in all processes.
+
+    Its name is not enough: it may be that of a component of another kind, and the same step may
+    fill other records. Nor is its step's: those behind an observer are all called alike.
+    """
+    step, records = component.step, (component.input_record, component.output_record)
+    layout = repr((*records, component.configuration, component.state))
+    digest = hashlib.sha256(layout.encode()).hexdigest()[:16]
+    return f"{step.__module__}.{step.__qualname__}.{component.name}.{digest}"
+
+
+def _function_of(component: Component) -> tuple[int, ...]:
+    """Identities of what a step is compiled from: its code, and what that encloses."""
+    function = vars(component.step)["py_func"]
+    encloses = (each.cell_contents for each in function.__closure__ or ())
+    return tuple(id(each) for each in (function.__code__, *encloses))
 
 
 class Part:
