@@ -14,6 +14,7 @@
 
 """A component as it is run: which step that is, and what it tells of its last one."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -79,6 +80,20 @@ def test_components_that_nothing_tells_apart_are_refused() -> None:
     Part(ONE, {})
     with pytest.raises(ConfigurationError, match="components mine and mine have different steps"):
         Part(replace(ONE, step=_giving(2.0)), {})
+
+
+@kernel
+def _raising(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    outputs.environment_torque[0] = 1.0
+    if inputs.t > 0.5:
+        raise ValueError("beyond my table")
+
+
+def test_a_step_that_raises_gives_no_numbers() -> None:
+    """Whoever calls machine code by its address hears of no error."""
+    part = Part(replace(ONE, step=_raising), {})
+    assert part.step(0) == (1.0, 0.0, 0.0)
+    assert all(map(math.isnan, part.step(1_000_000_000)))
 
 
 def test_a_law_may_be_put_behind_the_observer_twice() -> None:

@@ -38,6 +38,7 @@ from ppc_attitude.science.kernel import OPTIONS, cache_of, carray
 from ppc_attitude.science.stamps import seconds
 
 _SIGNATURE = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
+_PACKAGE = __name__.partition(".")[0]
 _components: dict[str, Component] = {}
 
 Row: TypeAlias = tuple[float, ...]
@@ -62,7 +63,19 @@ def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any
             carray(outputs, 1, gives)[0],
         )
 
-    return call
+    if step.__module__.partition(".")[0] == _PACKAGE:
+        return call
+    called, count = numba.njit(error_model="numpy")(call), gives.itemsize // 8
+
+    def guarded(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+        # An error that leaves what is called by its address reaches nobody: Numba prints it and
+        # goes on with what the outputs were before. Numbers that are none are noticed by all.
+        try:
+            called(key, inputs, state, configuration, outputs)
+        except Exception:
+            carray(outputs, count, np.float64)[:] = np.nan
+
+    return guarded
 
 
 @cache
