@@ -18,9 +18,10 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers import quaternion_feedback
 from ppc_attitude.science.errors import ConfigurationError
@@ -29,7 +30,7 @@ from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.observed_law import with_front
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.signals import APPLIED_TORQUE, ENVIRONMENT_TORQUE
-from ppc_attitude.simulation.scenario import scenario
+from ppc_attitude.simulation.scenario import check_components, scenario
 
 ENVELOPES = {"attitude_error": "attitude_envelope", "rate_error": "rate_envelope"}
 
@@ -94,6 +95,63 @@ def test_a_step_that_raises_gives_no_numbers() -> None:
     part = Part(replace(ONE, step=_raising), {})
     assert part.step(0) == (1.0, 0.0, 0.0)
     assert all(map(math.isnan, part.step(1_000_000_000)))
+
+
+def _uncompiled(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    outputs.environment_torque[0] = 1.0
+
+
+@kernel
+def _of_two(inputs: Any, outputs: Any) -> None:
+    outputs.environment_torque[0] = 1.0
+
+
+@kernel
+def _elsewhere(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    outputs.nowhere[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("step", "told"),
+    [
+        (_uncompiled, "is no kernel: <function _uncompiled"),
+        (_of_two, "cannot be compiled: TypingError: .*too many positional arguments"),
+        (_elsewhere, "cannot be compiled: KeyError: 'nowhere'"),
+    ],
+)
+def test_a_step_that_cannot_be_compiled_is_told_with_its_component(step: Any, told: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"(?s)^component mine: step {told}"):
+        Part(replace(ONE, step=step), {})
+
+
+def _exits(values: Any) -> None:
+    raise SystemExit(5)
+
+
+def _refuses(values: Any) -> None:
+    raise ConfigurationError("gain = 0; allowed: > 0")
+
+
+@pytest.mark.parametrize(
+    ("configure", "told"),
+    [
+        (lambda values: values["gain"], "component mine: configure raised KeyError: 'gain'"),
+        (_exits, "component mine: configure raised SystemExit: 5"),
+        (lambda values: (), "component mine: configure raised ValueError: not enough values"),
+        (lambda values: None, "component mine: configure made None, which is no record of"),
+        (lambda values: np.zeros(()), r"component mine: configure made array\(0.\), which is no"),
+        (_refuses, "gain = 0; allowed: > 0"),
+    ],
+)
+def test_a_configuration_that_cannot_be_made_is_told_with_its_component(
+    monkeypatch: pytest.MonkeyPatch, configure: Any, told: str
+) -> None:
+    broken = replace(ONE, configure=configure)
+    with pytest.raises(ConfigurationError, match=f"^{told}"):
+        Part(broken, {})
+    monkeypatch.setattr(f"{check_components.__module__}.components_of", lambda *_: (broken,))
+    with pytest.raises(ConfigurationError, match=f"^{INJECTOR}: {told}"):
+        check_components(INJECTOR, {})
 
 
 def test_a_law_may_be_put_behind_the_observer_twice() -> None:

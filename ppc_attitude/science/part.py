@@ -29,6 +29,7 @@ from typing import Any, TypeAlias
 import numba
 import numpy as np
 from numba import types
+from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.extending import overload
 
@@ -50,6 +51,8 @@ def _step(key: str, inputs: Any, state: Any, configuration: Any, outputs: Any) -
 
 @overload(_step, prefer_literal=True)
 def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> Any:
+    if not isinstance(key, types.StringLiteral):
+        return None  # Numba tries that where the literal failed; what it tells then is the failure
     component = _components[key.literal_value]
     step = component.step
     reads, remembers = component.input_record, component.state
@@ -101,16 +104,26 @@ def entry_point(component: Component) -> Any:
     Raises
     ------
     ConfigurationError
-        Nothing tells the component from another one but what its step does.
+        The step is no kernel or cannot be compiled, or nothing tells the component from another
+        one but what its step does.
     """
+    name = component.name
+    if not isinstance(component.step, Dispatcher):
+        raise ConfigurationError(f"component {name}: step is no kernel: {component.step!r}")
     key = _key_of(component)
     known = _components.setdefault(key, component)
     if _function_of(known) != _function_of(component):
         raise ConfigurationError(
-            f"components {known.name} and {component.name} have different steps, both called "
+            f"components {known.name} and {name} have different steps, both called "
             f"{known.step.__module__}.{known.step.__qualname__}; rename one of them"
         )
-    return _compiled(key)
+    try:
+        return _compiled(key)
+    except Exception as error:  # not all that Numba raises is a NumbaError
+        # The innermost reason; around it stands how `_step` has led there.
+        told = f"{type(error).__name__}: {error}".rpartition("raised a specific error:")[2]
+        reason = told.partition("During:")[0].strip()
+        raise ConfigurationError(f"component {name}: step cannot be compiled: {reason}") from error
 
 
 def _key_of(component: Component) -> str:
@@ -130,6 +143,34 @@ def _function_of(component: Component) -> tuple[int, ...]:
     function = vars(component.step)["py_func"]
     encloses = (each.cell_contents for each in function.__closure__ or ())
     return tuple(id(each) for each in (function.__code__, *encloses))
+
+
+def configured(component: Component, values: Mapping[str, Any]) -> tuple[Any, list[Any]]:
+    """Record that a component makes of parameter values, and the arrays that it points to.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is infeasible, or `configure` fails or makes something else.
+    """
+    try:
+        made = component.configure(values)
+        record, *kept = made if isinstance(made, tuple) else (made,)
+    except ConfigurationError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(
+            f"component {component.name}: configure raised {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(record, np.generic | np.ndarray) or (record.dtype, record.shape) != (
+        component.configuration,
+        (),
+    ):
+        raise ConfigurationError(
+            f"component {component.name}: configure made {record!r}, "
+            f"which is no record of {component.configuration}"
+        )
+    return record, kept
 
 
 class Part:
@@ -158,7 +199,7 @@ class Part:
     Raises
     ------
     ConfigurationError
-        A parameter is infeasible.
+        A parameter is infeasible, or the component is none that can run.
     """
 
     def __init__(
@@ -190,10 +231,9 @@ class Part:
         Raises
         ------
         ConfigurationError
-            A parameter is infeasible.
+            A parameter is infeasible, or the component makes no configuration.
         """
-        made = self.component.configure(values)
-        record, *self._kept = made if isinstance(made, tuple) else (made,)
+        record, self._kept = configured(self.component, values)
         self.hold(record)
 
     def hold(self, record: Any) -> None:

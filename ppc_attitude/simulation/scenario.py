@@ -32,6 +32,7 @@ from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
 from ppc_attitude.science.parameter import Value, checked, resolved
+from ppc_attitude.science.part import configured
 
 Overrides = Mapping[str, Mapping[str, Any]]
 
@@ -209,14 +210,14 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
     Raises
     ------
     ConfigurationError
-        A value is infeasible, or does not fit another.
+        A value is infeasible, or does not fit another; or a component cannot be configured.
     """
     chosen = components_of(node, values)
     given = {column for component in chosen for column in component.outputs}
     possible = _given_by(node) - given
     try:
         for component in chosen:
-            component.configure(values)
+            configured(component, values)
             for column in component.inputs:
                 if column in possible:
                     raise ConfigurationError(
