@@ -194,3 +194,29 @@ def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_
     command = ["simulate", *CONFIGS[:2], "--controller", "blind", "--duration", "0.1", "--json"]
     done = run_outside("-m", "ppc_attitude.command_line.main", *command)
     assert json.loads(done.stdout)["controller"] == "blind"
+
+
+RAISING = """
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
+
+@kernel
+def step(inputs, state, configuration, outputs):
+    if inputs.t > 0.1:
+        raise ValueError("beyond my table")
+
+ENVIRONMENT = Component(name="table", outputs=(ENVIRONMENT_TORQUE,), step=step)
+"""
+
+
+def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path: Path) -> None:
+    installed, selection = tmp_path / "installed", tmp_path / "selection.yaml"
+    (installed / "raising.py").write_text(RAISING)
+    points = installed / "outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text("[ppc_attitude.environments]\ntable = raising:ENVIRONMENT\n")
+    selection.write_text("disturbance_injector: {ros__parameters: {environment: table}}\n")
+    command = ["-m", "ppc_attitude.command_line.main", "simulate", "--duration", "0.5"]
+    done = run_outside(*command, "--config", str(selection), code=3)
+    assert "diverged: angular velocity (nan, nan, nan)" in done.stderr
+    assert "at 0.11 s" in done.stderr
