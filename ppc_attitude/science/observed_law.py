@@ -30,6 +30,7 @@ from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import store, vector
+from ppc_attitude.science.part import configured
 from ppc_attitude.science.rate_observer import (
     MEMORY,
     OBSERVER,
@@ -72,8 +73,7 @@ def with_front(law: Component) -> Component:
     configuration = np.dtype([("observer", OBSERVER), ("law", law.configuration)], align=True)
 
     def configure(values: Mapping[str, Any]) -> Any:
-        made = law.configure(values)
-        inner, *kept = made if isinstance(made, tuple) else (made,)
+        inner, kept = configured(law, values)
         record = np.zeros((), configuration)[()]
         if values["rate_observer"] > 0.0 and not law.observes:
             inertia = inertia_matrix("inertia", values["inertia"])

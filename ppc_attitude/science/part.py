@@ -41,6 +41,7 @@ from ppc_attitude.science.stamps import seconds
 _SIGNATURE = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
 _PACKAGE = __name__.partition(".")[0]
 _components: dict[str, Component] = {}
+_entries: dict[int, tuple[Component, Any]] = {}  # by identity: to compare them takes a while
 
 Row: TypeAlias = tuple[float, ...]
 
@@ -108,6 +109,8 @@ def entry_point(component: Component) -> Any:
         one but what its step does.
     """
     name = component.name
+    if id(component) in _entries:
+        return _entries[id(component)][1]
     if not isinstance(component.step, Dispatcher):
         raise ConfigurationError(f"component {name}: step is no kernel: {component.step!r}")
     key = _key_of(component)
@@ -118,12 +121,14 @@ def entry_point(component: Component) -> Any:
             f"{known.step.__module__}.{known.step.__qualname__}; rename one of them"
         )
     try:
-        return _compiled(key)
+        entry = _compiled(key)
     except Exception as error:  # not all that Numba raises is a NumbaError
         # The innermost reason; around it stands how `_step` has led there.
         told = f"{type(error).__name__}: {error}".rpartition("raised a specific error:")[2]
         reason = told.partition("During:")[0].strip()
         raise ConfigurationError(f"component {name}: step cannot be compiled: {reason}") from error
+    _entries[id(component)] = component, entry
+    return entry
 
 
 def _key_of(component: Component) -> str:

@@ -97,5 +97,5 @@ def _see_that_it_is_bounded(record: RunRecord) -> None:
     omega = record.columns.get("truth_angular_velocity", record["angular_velocity"])
     lost = np.flatnonzero(~(np.abs(omega).sum(axis=1) <= LARGEST))  # NaN is not either
     if lost.size:
-        rate, t = tuple(omega[lost[0]].tolist()), record.t[lost[0] - 1]
+        rate, t = tuple(omega[lost[0]].tolist()), record.t[max(lost[0] - 1, 0)]
         raise RunError(f"diverged: angular velocity {rate} rad/s at {t:g} s")
