@@ -253,3 +253,14 @@ def test_plant_and_estimator_agree_on_when_a_fix_comes() -> None:
         load(files, {"attitude_estimator": {"star_tracker.latency": 0.2}})
     noise = {"attitude_estimator": {"star_tracker.cross_noise": 1e-4}}  # may be wrong
     assert load(files, noise).parameters["spacecraft_plant"]["star_tracker.cross_noise"] != 1e-4
+
+
+def test_a_pulse_that_would_never_act_is_refused() -> None:
+    for start, duration in ((0.503, 0.004), (20.1, 0.01), (80.0, 1e-6)):
+        pulse = {"pulse_times": [start], "pulse_durations": [duration], "pulse_torques": [0.1] * 3}
+        if duration != 0.004:
+            assert scenario({"disturbance_injector": pulse})  # the second one fills a whole step
+            continue
+        message = r"pulse of 0.004 s at 0.503 s lies between two instants of 100.0 Hz; allowed"
+        with pytest.raises(ConfigurationError, match=message):
+            scenario({"disturbance_injector": pulse})

@@ -14,6 +14,7 @@
 
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ import yaml
 
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
-from ppc_attitude.contract.topics import CONTROLLER, HOSTED, SOURCES
+from ppc_attitude.contract.topics import CONTROLLER, HOSTED, INJECTOR, PLANT, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
@@ -181,6 +182,7 @@ def scenario(chosen: Overrides) -> Scenario:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
     parameters = {node: _checked(node, chosen.get(node, {})) for node in PARAMETERS}
     _check_agreement(parameters)
+    _check_pulses(parameters[INJECTOR], parameters[PLANT]["rate"])
     return Scenario(parameters)
 
 
@@ -195,6 +197,16 @@ def _check_agreement(parameters: Mapping[str, Mapping[str, Value]]) -> None:
                     raise ConfigurationError(
                         f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has"
                     )
+
+
+def _check_pulses(injector: Mapping[str, Any], rate: Any) -> None:
+    """See that every scheduled pulse acts at some instant."""
+    for start, duration in zip(injector["pulse_times"], injector["pulse_durations"], strict=True):
+        if math.ceil(start * rate - 1e-6) >= (start + duration) * rate:
+            raise ConfigurationError(
+                f"{INJECTOR}: the pulse of {duration} s at {start} s lies between two instants of "
+                f"{rate} Hz; allowed: pulse_durations from {1.0 / rate:g} s on"
+            )
 
 
 def _checked(node: str, chosen: Mapping[str, Any]) -> dict[str, Value]:
