@@ -88,6 +88,9 @@ def mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "steers.yaml": '"\\e[2J": 1\n',
         "month.yaml": "/**/ppc_controller:\n  ros__parameters: {k: 2020-13-01}\n",
         "a_file": "not a bag",
+        "own.html": "<!DOCTYPE html>\n<title>mine</title>",
+        "own.yaml": "/**/spacecraft_plant:\n  ros__parameters: {rate: 50.0}\n",
+        "searched/worst.yaml": "/**/spacecraft_plant: {}\n",
         "taken/metadata.yaml": "rosbag2_bagfile_information: 3\n",
     }
     for name, text in files.items():
@@ -134,6 +137,17 @@ WRONG = [
     ("simulate --bag taken", "taken exists already"),
     ("simulate --export a_file", "a_file exists already"),
     ("simulate --export table.xlsx", ".csv or .parquet"),
+    ("simulate --config own.yaml --report new.yaml", "new.yaml: allowed are files"),
+    ("simulate --config own.yaml --report own.yaml", "own.yaml exists already and was not written"),
+    ("simulate --report own.html", "own.html exists already and was not written by this command"),
+    ("analyse taken --report taken/metadata.yaml", "taken/metadata.yaml exists already and was"),
+    ("simulate --export r.csv --report r.csv", "r.csv: allowed are files that end in .html"),
+    ("simulate --config ''", "argument --config: the path is empty"),
+    ("design --output own.yaml", "own.yaml exists already and was not written by this command"),
+    ("design --output new", "new: allowed are files that end in .yaml"),
+    ("falsify --out searched", "searched/worst.yaml exists already and was not written by this"),
+    ("sweep --figure x.xyz", "x.xyz: allowed are files that end in .png or .svg or .pdf"),
+    ("export taken --csv a.parquet", "a.parquet: allowed are files that end in .csv"),
     *(
         (f"analyse taken --topic {wrong}", "allowed: OURS=THEIRS, as in attitude=/imu/data")
         for wrong in ("attitude", "=/imu", "attitude=")
@@ -319,6 +333,16 @@ def test_simulate_writes_what_run_would(
     assert main([*options[:5]]) == BAD_INPUT  # neither is overwritten
     with pytest.raises(SystemExit):
         main(["simulate", "--export", str(table)])
+
+
+def test_outputs_go_to_new_folders_and_replace_only_what_the_command_wrote(tmp_path: Path) -> None:
+    table, report = tmp_path / "new" / "run.csv", tmp_path / "page" / "run.html"
+    line = ["simulate", "--duration", "1", "--report", str(report)]
+    assert main([*line, "--export", str(table)]) == main(line) == DONE
+    assert table.exists()
+    gains = tmp_path / "gains" / "mine.yaml"
+    design = ["design", "--config", PAPER, "--gains", "1", "15.4", "0.2", "--output", str(gains)]
+    assert main(design) == main(design) == DONE
 
 
 def test_simulate_takes_the_storage_of_the_recorder(tmp_path: Path) -> None:

@@ -45,6 +45,7 @@ from process_helpers import (
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import stack
+from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.processes.child import Child
@@ -109,14 +110,15 @@ main.run()
 def test_an_end_while_the_report_is_written(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
-    (tmp_path / "report.html").write_text("the one before")
+    before = f"<!DOCTYPE html>{REPORT}the one before"
+    (tmp_path / "report.html").write_text(before)
     script = ASKED_AMIDST.format(number=int(signal.Signals[name]))
     options = [*SIMULATE[len(COMMAND) :], "--report", "report.html"]
     process = start_process([sys.executable, "-c", script, *options], cwd=tmp_path)
     _, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, err) == (3, "interrupted\n")
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["report.html"]
-    assert (tmp_path / "report.html").read_text() == "the one before"
+    assert (tmp_path / "report.html").read_text() == before
 
 
 def test_an_end_while_something_is_imported(tmp_path: Path, start_process: StartProcess) -> None:

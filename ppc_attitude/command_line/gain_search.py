@@ -34,6 +34,9 @@ from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
 
+WRITTEN = "`ppc_attitude design` wrote this file."
+"""What the first line of a parameter file says by which a later design may replace it."""
+
 
 def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
     """Search, judge, print and write; `REQUIREMENT_FAILED` if a fresh run misses a requirement."""
@@ -85,7 +88,7 @@ def _told(found: Tuned, law: str) -> list[str]:
 
 def _file(found: Tuned, scenario: Scenario, lines: list[str]) -> str:
     """Overlay with the gains; the comment at its top says how they were judged."""
-    head = [f"# {line}" for line in lines]
+    head = [f"# Gains by search: {WRITTEN}", *(f"# {line}" for line in lines)]
     body = [f"    {name}: {value!r}" for name, value in found.gains.items()]
     law = f"    controller: {scenario.controller.name}"
     return "\n".join([*head, f"/**/{CONTROLLER}:", "  ros__parameters:", law, *body]) + "\n"

@@ -97,8 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import argcomplete
 
         argcomplete.autocomplete(parser)
-    parsed = parser.parse_args(words)
     try:
+        parsed = parser.parse_args(words)
         interrupt()
         return int(parsed.execute(parsed))
     except RunError as error:

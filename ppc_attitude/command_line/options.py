@@ -19,19 +19,20 @@ import json
 import sys
 from collections.abc import Sequence
 from datetime import datetime
-from pathlib import Path
 from typing import TextIO
 
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
-from ppc_attitude.command_line.paths import new_file, new_folder
+from ppc_attitude.command_line.paths import new_file, new_folder, some_path
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.scenario import Overrides, Scenario, load
 
 _EXAMPLE = "attitude=/imu/data"
+REPORT = '<meta name="color-scheme" content="light">\n<title>'
+"""What stands at the beginning of every report."""
 PAPER_DURATION = 120.0  # [s] what a scenario without a duration of its own runs
 
 
@@ -50,7 +51,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
 def _add_files(parser: argparse.ArgumentParser, option: str, description: str) -> None:
     """Add an option that names a file and may be given several times."""
     parser.add_argument(
-        option, metavar="FILE", type=Path, action="append", default=[], help=description
+        option, metavar="FILE", type=some_path, action="append", default=[], help=description
     )
 
 
@@ -72,7 +73,7 @@ def add_stack_options(parser: argparse.ArgumentParser, event: str) -> None:
 def add_reading_options(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     """Add --topic and, for one run, its bag and --namespace."""
     if not several:
-        parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
+        parser.add_argument("bag", metavar="BAG", type=some_path, help="folder of the bag")
         parser.add_argument(
             "--namespace", metavar="NS", help="of the stack, if the bag has several"
         )
@@ -118,7 +119,10 @@ def add_judging_options(parser: argparse.ArgumentParser) -> None:
     """Add --requirements, --report and --mission."""
     add_requirements_option(parser)
     parser.add_argument(
-        "--report", metavar="FILE.html", type=new_file, help="write a self-contained HTML report"
+        "--report",
+        metavar="FILE.html",
+        type=new_file(".html", replaces=REPORT),
+        help="write a self-contained HTML report",
     )
     parser.add_argument("--mission", metavar="NAME", default="", help="title of the report")
 

@@ -16,9 +16,12 @@
 
 import argparse
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from ppc_attitude.science.errors import ConfigurationError
+
+_BEGINNING = 512  # bytes, of which the mark of a file that a command wrote is a part
 
 
 def new_folder(text: str) -> Path:
@@ -29,13 +32,50 @@ def new_folder(text: str) -> Path:
     return path
 
 
-def new_file(text: str) -> Path:
-    """Parse where a file is to be; the folders above it are made."""
-    path = _writable(text)
-    if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
-        what = "a folder" if path.is_dir() else "no plain file"
-        raise argparse.ArgumentTypeError(f"{text} is {what}")  # which the new one would replace
-    return path
+def new_file(*suffixes: str, replaces: str | None = None) -> Callable[[str], Path]:
+    """Give the parser of where a file is to be; the folders above it are made.
+
+    Parameters
+    ----------
+    suffixes : str
+        What its name may end in: two outputs of a command differ in this, and so never meet.
+    replaces : str, optional
+        What stands at the beginning of a file that may be replaced; by default none may.
+    """
+
+    def parsed(text: str) -> Path:
+        path = _writable(text)
+        if os.path.lexists(path):
+            if path.is_symlink() or not path.is_file():
+                what = "a folder" if path.is_dir() else "no plain file"
+                raise argparse.ArgumentTypeError(f"{text} is {what}")  # the new one would replace
+            if replaces is None:
+                raise argparse.ArgumentTypeError(f"{text} exists already, it is not overwritten")
+            see_that_it_may_go(path, replaces)
+        if path.suffix not in suffixes:
+            allowed = " or ".join(suffixes)
+            raise argparse.ArgumentTypeError(f"{text}: allowed are files that end in {allowed}")
+        return path
+
+    return parsed
+
+
+def see_that_it_may_go(path: Path, mark: str) -> None:
+    """See that a file, if it is there, is empty or has the mark of its kind at its beginning.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        It is somebody else's.
+    """
+    if not path.exists():
+        return
+    with path.open("rb") as file:
+        beginning = file.read(_BEGINNING)
+    if beginning and mark.encode() not in beginning:
+        raise argparse.ArgumentTypeError(
+            f"{path} exists already and was not written by this command: it is not overwritten"
+        )
 
 
 def new_bag(path: Path) -> Path:
@@ -51,26 +91,15 @@ def new_bag(path: Path) -> Path:
     return path
 
 
-def absent_file(text: str) -> Path:
-    """Parse where a file is to be that is not there yet; the folders above it are made."""
-    path = _writable(text)
-    if os.path.lexists(path):
-        raise argparse.ArgumentTypeError(f"{text} exists already, it is not overwritten")
-    return path
-
-
-def new_table(text: str) -> Path:
-    """Parse the path of a new table; its suffix says the format, and no such file may exist yet."""
-    path = absent_file(text)
-    if path.suffix not in (".csv", ".parquet"):
-        raise argparse.ArgumentTypeError(f"{text}: allowed are files that end in .csv or .parquet")
-    return path
+def some_path(text: str) -> Path:
+    """Parse a path; of no characters it would be the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the path is empty")
+    return Path(text)
 
 
 def _writable(text: str) -> Path:
-    if not text:
-        raise argparse.ArgumentTypeError("the path is empty")
-    path = Path(text)
+    path = some_path(text)
     home = next(each for each in path.absolute().parents if each.exists())
     if not home.is_dir():
         raise argparse.ArgumentTypeError(f"{text}: {home} is no folder")

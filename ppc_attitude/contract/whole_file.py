@@ -27,8 +27,12 @@ def unfinished_of(path: Path) -> Path:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """File to write, beside its place while it grows; no step follows a link of somebody else's."""
+    """File to write, beside its place while it grows, in a folder that is made if there is none.
+
+    No step follows a link of somebody else's.
+    """
     unfinished = unfinished_of(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
     unfinished.unlink(missing_ok=True)  # a process that was killed may have left it
     try:
         with unfinished.open("xb") as file:

@@ -45,7 +45,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     write_report_of,
 )
-from ppc_attitude.command_line.paths import new_folder
+from ppc_attitude.command_line.paths import new_folder, some_path
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.shipped import shipped_config
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
@@ -65,7 +65,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_scenario_options(parser)
     parser.add_argument(
-        "--campaign", metavar="FILE", type=Path, help="what varies; default config/campaign.yaml"
+        "--campaign",
+        metavar="FILE",
+        type=some_path,
+        help="what varies; default config/campaign.yaml",
     )
     parser.add_argument("--runs", metavar="N", type=int, default=1000, help="default 1000")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="default 0")

@@ -16,7 +16,6 @@
 
 import argparse
 import sys
-from pathlib import Path
 
 from ppc_attitude.analysis.comparison import comparisons_of
 from ppc_attitude.analysis.drawing import save_all
@@ -31,6 +30,7 @@ from ppc_attitude.command_line.options import (
     add_reading_options,
     write_report_of,
 )
+from ppc_attitude.command_line.paths import some_path
 from ppc_attitude.science.errors import ConfigurationError
 
 _MOST = 6
@@ -46,7 +46,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "bags",
         metavar="BAG",
-        type=Path,
+        type=some_path,
         nargs="+",
         help="folders of bags, with two to six runs in all",
     )

@@ -21,11 +21,10 @@ For a law without a guarantee it searches gains over the loop in process (`gain_
 import argparse
 import json
 import math
-from pathlib import Path
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
-from ppc_attitude.command_line.gain_search import search_gains
+from ppc_attitude.command_line.gain_search import WRITTEN, search_gains
 from ppc_attitude.command_line.guarantee_view import certificate_path, promise_lines
 from ppc_attitude.command_line.options import (
     add_requirements_option,
@@ -34,7 +33,7 @@ from ppc_attitude.command_line.options import (
     positive,
     scenario_of,
 )
-from ppc_attitude.command_line.paths import new_file
+from ppc_attitude.command_line.paths import new_file, some_path
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.science.controllers import tube_parameters
@@ -80,7 +79,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_scenario_options(parser)
     add_requirements_option(parser)
     parser.add_argument(
-        "--campaign", metavar="FILE", type=Path, help="what a search varies; default: every start"
+        "--campaign",
+        metavar="FILE",
+        type=some_path,
+        help="what a search varies; default: every start",
     )
     parser.add_argument(
         "--seconds", type=positive, default=40.0, help="how long a search may take; default 40"
@@ -112,7 +114,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--gains", nargs=3, type=positive, metavar=("K", "KAPPA", "ELL"), help="no search: these"
     )
-    parser.add_argument("--output", metavar="FILE.yaml", type=new_file, help="parameter file")
+    output = new_file(".yaml", replaces=WRITTEN)
+    parser.add_argument("--output", metavar="FILE.yaml", type=output, help="parameter file")
 
 
 def _assumption(text: str) -> tuple[str, float]:
@@ -218,7 +221,7 @@ def _tell(found: Design, certificate: Certificate) -> None:
 
 def _file(law: str, values: dict[str, object], certificate: Certificate) -> str:
     """Parameter file; the comment at its top says what it promises."""
-    lines = ["# The momentum-tube law with a certificate: `ppc_attitude design` wrote this file."]
+    lines = [f"# The momentum-tube law with a certificate: {WRITTEN}"]
     lines += [f"# {line}" for line in promise_lines(certificate)]
     lines.append("# `ppc_attitude check` proves it again; a changed number voids the certificate.")
     if law == LAW_AHEAD:

@@ -19,7 +19,7 @@ import argparse
 from ppc_attitude.bags.export import export_csv, export_parquet
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import add_reading_options, record_of
-from ppc_attitude.command_line.paths import absent_file
+from ppc_attitude.command_line.paths import new_file
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -31,8 +31,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_reading_options(parser)
     kind = parser.add_mutually_exclusive_group(required=True)
-    kind.add_argument("--parquet", metavar="FILE", type=absent_file, help="a new Parquet file")
-    kind.add_argument("--csv", metavar="FILE", type=absent_file, help="a new CSV file")
+    for form, name in (("parquet", "Parquet"), ("csv", "CSV")):
+        parsed = new_file(f".{form}")
+        kind.add_argument(f"--{form}", metavar="FILE", type=parsed, help=f"a new {name} file")
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -36,7 +36,7 @@ from ppc_attitude.command_line.options import (
     print_json,
     scenario_of,
 )
-from ppc_attitude.command_line.paths import new_folder
+from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.contract.whole_file import write_whole
@@ -48,6 +48,7 @@ from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.errors import ConfigurationError
 
 WORST = "worst.yaml"
+_HEAD = "# Overlay: the worst case of"
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -90,11 +91,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--out",
         metavar="DIR",
-        type=new_folder,
-        default=Path("falsified"),
+        type=_folder,
+        default="falsified",
         help="folder of the search; default falsified",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _folder(text: str) -> Path:
+    """Parse where the search is to be; a worst case of somebody else's is not overwritten."""
+    folder = new_folder(text)
+    see_that_it_may_go(folder / WORST, _HEAD)
+    return folder
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -160,7 +168,7 @@ def _file(space: Space, goal: str, found: Found) -> str:
     nodes = {
         f"/**/{node}": {"ros__parameters": values} for node, values in space.choice(found.x).items()
     }
-    head = f"# Overlay: the worst case of {found.runs} runs, {goal} = {found.value:.6g}.\n"
+    head = f"{_HEAD} {found.runs} runs, {goal} = {found.value:.6g}.\n"
     return head + yaml.safe_dump(nodes, default_flow_style=None, sort_keys=False)
 
 

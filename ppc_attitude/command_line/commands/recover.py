@@ -15,11 +15,11 @@
 """`ppc_attitude recover`: finish a bag whose recorder was killed."""
 
 import argparse
-from pathlib import Path
 
 from ppc_attitude.bags.errors import printable
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.command_line.errors import DONE
+from ppc_attitude.command_line.paths import some_path
 from ppc_attitude.science.stamps import seconds
 
 
@@ -30,7 +30,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="finish a bag whose recorder was killed",
         description="Writes index and metadata of a cut bag, so that every tool reads it.",
     )
-    parser.add_argument("bag", metavar="BAG", type=Path, help="folder of the bag")
+    parser.add_argument("bag", metavar="BAG", type=some_path, help="folder of the bag")
 
 
 def execute(arguments: argparse.Namespace) -> int:

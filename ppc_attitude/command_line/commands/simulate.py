@@ -36,7 +36,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     write_report_of,
 )
-from ppc_attitude.command_line.paths import new_bag, new_table
+from ppc_attitude.command_line.paths import new_bag, new_file
 from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
@@ -57,7 +57,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--export",
         metavar="FILE",
-        type=new_table,
+        type=new_file(".csv", ".parquet"),
         help="write the samples as a table, .csv or .parquet",
     )
     add_judging_options(parser)

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ppc_attitude.analysis.comparison import sweep_figure
-from ppc_attitude.analysis.drawing import save
+from ppc_attitude.analysis.drawing import FORMATS, save
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_MET, Metrics
@@ -96,7 +96,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=positive,
         help="start [s]; default when the craft must have settled and a terminal window is over",
     )
-    parser.add_argument("--figure", metavar="FILE", type=new_file, help="draw the sweep there")
+    form = new_file(*(f".{each}" for each in FORMATS), replaces="")
+    parser.add_argument("--figure", metavar="FILE", type=form, help="draw the sweep there")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
