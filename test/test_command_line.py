@@ -191,7 +191,17 @@ WRONG = [
     ("inject 1 2 x", "invalid float value: 'x'"),
     ("inject nan 0 0", "nan"),
     ("inject 1 0 0 --duration -1", "-1"),
-    ("inject 1 0 0 --at 1e300", "at = 1e+300 s; allowed: up to 1e+08"),
+    ("inject 1 0 0 --at 1e300", "argument --at: 1e300; allowed: finite numbers from 0 to 1e+08 s"),
+    (
+        "goto --euler 0 0 9 --at 1e30",
+        "argument --at: 1e30; allowed: finite numbers",
+    ),
+    (
+        "goto --euler 0 0 9 --at 3e9",
+        "argument --at: 3e9; allowed: finite numbers from 0",
+    ),
+    ("goto --euler nan 0 0 --at 5", "argument --euler: nan; allowed: finite numbers"),
+    ("goto --quaternion 0 0 inf 1", "argument --quaternion: inf; allowed: finite numbers"),
     ("inject 1 0 0 --namespace a-b", "a-b"),
     ("watch --once --timeout never", "never"),
     ("watch --once --namespace a-b", "error: namespace 'a-b': "),

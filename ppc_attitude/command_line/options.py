@@ -16,8 +16,9 @@
 
 import argparse
 import json
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import TextIO
 
@@ -27,6 +28,7 @@ from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.paths import new_file, new_folder, some_path
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.science.disturbances.pulses import TIMES
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.scenario import Overrides, Scenario, load
 
@@ -64,8 +66,9 @@ def add_namespace_option(parser: argparse.ArgumentParser) -> None:
 
 def add_stack_options(parser: argparse.ArgumentParser, event: str) -> None:
     """Add --at and --namespace, for commands that ask a running stack to do something."""
+    at = number(0.0, TIMES.high, "s")
     parser.add_argument(
-        "--at", metavar="T", type=positive, help=f"simulated time [s] {event}; default now"
+        "--at", metavar="T", type=at, help=f"simulated time [s] {event}; default now"
     )
     add_namespace_option(parser)
 
@@ -155,6 +158,26 @@ def add_bag_option(parser: argparse.ArgumentParser, default: str = "a new, dated
     parser.add_argument(
         "--bag", metavar="DIR", type=new_folder, help=f"folder of the bag; default {default}"
     )
+
+
+def number(
+    low: float = -math.inf, high: float = math.inf, unit: str = "", *, whole: bool = False
+) -> Callable[[str], float]:
+    """Give the parser of finite numbers in a range, both ends included; nothing else is one."""
+    kind = "whole numbers" if whole else "finite numbers"
+    ends = [f"{word} {end:g}" for word, end in (("from", low), ("to", high)) if math.isfinite(end)]
+    allowed = " ".join([kind, *ends, unit]).rstrip()
+
+    def parsed(text: str) -> float:
+        try:
+            value = int(text) if whole else float(text)
+        except ValueError:
+            value = math.nan
+        if not (low <= value <= high and abs(value) < math.inf):
+            raise argparse.ArgumentTypeError(f"{text}; allowed: {allowed}")
+        return value
+
+    return parsed
 
 
 def positive(text: str) -> float:

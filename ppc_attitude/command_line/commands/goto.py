@@ -18,7 +18,7 @@ import argparse
 import math
 
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
-from ppc_attitude.command_line.options import add_stack_options
+from ppc_attitude.command_line.options import add_stack_options, number
 from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.guidance.attitudes import from_euler, from_vectors
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
@@ -38,20 +38,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     attitude = parser.add_mutually_exclusive_group(required=True)
     attitude.add_argument(
-        "--quaternion", metavar=("X", "Y", "Z", "W"), nargs=4, type=float, help="attitude"
+        "--quaternion", metavar=("X", "Y", "Z", "W"), nargs=4, type=number(), help="attitude"
     )
     attitude.add_argument(
         "--euler",
         metavar=("ROLL", "PITCH", "YAW"),
         nargs=3,
-        type=float,
+        type=number(),
         help="turns about the fixed axes x, y, z, in this order [deg]",
     )
     attitude.add_argument(
         "--vectors",
         metavar="N",
         nargs=12,
-        type=float,
+        type=number(),
         help=(
             "a body axis, the direction that it shall point along, a second body axis, and the "
             "direction that it shall be nearest to: three numbers each"
