@@ -144,6 +144,13 @@ def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
     assert told in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("k", ["1e+300", "1e-300"])
+def test_gains_beyond_all_bounds_are_infeasible(k: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["design", "--config", str(CONFIG / "paper.yaml"), "--gains", k, "15", "0.2"]) == 1
+    told = f"nothing can be guaranteed: no floating-point number bounds what gains {k}, 15, 0.2 do"
+    assert told in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("e_S", [0.0, 0.1])
 @pytest.mark.parametrize("products", [0.0, 0.3])  # [kg·m²]
 def test_no_craft_within_the_assumptions_lags_more_than_a_gyro_may(

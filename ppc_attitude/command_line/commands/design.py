@@ -161,6 +161,10 @@ def execute(arguments: argparse.Namespace) -> int:
     except UnwishedError as error:
         print(error)
         return REQUIREMENT_FAILED
+    except ArithmeticError:  # numbers that are so large or small are no gains of any craft
+        gains = ", ".join(f"{each:g}" for each in arguments.gains or ())
+        print(f"nothing can be guaranteed: no floating-point number bounds what gains {gains} do")
+        return REQUIREMENT_FAILED
     values = _values(assumed, found.law)
     certificate = certify(values, wishes.accuracy)
     if not certificate.holds:
