@@ -67,15 +67,17 @@ def test_a_cubesat_meets_its_own_requirements_and_not_the_papers(tmp_path: Path)
 
 
 def test_later_files_win_and_keep_what_they_do_not_name(tmp_path: Path) -> None:
-    first = written(tmp_path, CUBESAT + "limits: {wheel_momentum: 0.02}\n")
-    second = written(tmp_path, "rate: null\nterminal: 5e-4\nlimits: {other: 1}\n", "second.yaml")
+    first = written(tmp_path, CUBESAT + "limits: {wheel_torque: 0.02}\n")
+    second = written(
+        tmp_path, "rate: null\nterminal: 5e-4\nlimits: {torque_command: 1}\n", "second.yaml"
+    )
     own = load_requirements([first, second])
     assert own == Requirements(
         settled=Accuracy(0.1, "deg"),
         settling_deadline=90.0,
         terminal=Accuracy(5e-4),
         rate=None,
-        limits={"wheel_momentum": 0.02, "other": 1.0},
+        limits={"wheel_torque": 0.02, "torque_command": 1.0},
     )
     assert "angular rate (norm)" not in [
         each.name for each in analyse(cubesat_run(), own).requirements
@@ -83,13 +85,13 @@ def test_later_files_win_and_keep_what_they_do_not_name(tmp_path: Path) -> None:
 
 
 def test_a_limit_on_any_column_and_on_the_torque(tmp_path: Path) -> None:
-    own = load_requirements([written(tmp_path, "limits: {wheel_momentum: 0.02}\ntorque: 0.01\n")])
+    own = load_requirements([written(tmp_path, "limits: {wheel_torque: 0.02}\ntorque: 0.01\n")])
     verdict = analyse(normal_run(), own)
     assert requirement(verdict, "applied torque on an axis").met is False
-    row = requirement(verdict, "wheel momentum")
-    assert (row.met, row.reason) == (None, "no topic wheel/momentum in the bag")
+    row = requirement(verdict, "wheel torque")
+    assert (row.met, row.reason) == (None, "no topic wheels/torque in the bag")
     wheels = np.full((12001, 3), -0.03)
-    row = requirement(analyse(with_columns(normal_run(), wheel_momentum=wheels), own), row.name)
+    row = requirement(analyse(with_columns(normal_run(), wheel_torque=wheels), own), row.name)
     assert (row.met, row.value) == (False, 0.03)
 
 
@@ -105,7 +107,9 @@ def test_a_limit_on_any_column_and_on_the_torque(tmp_path: Path) -> None:
         ("rate: .nan", "rate = nan"),
         ("recovery: []", r"recovery = \[\]"),
         ("limits: 3", "limits = 3; allowed: a mapping"),
-        ("limits: {a: no}", "limits: a = False"),
+        ("limits: {wheel_torque: no}", "limits: wheel_torque = False"),
+        ("limits: {attitude_eror: 0.1}", "no column attitude_eror; did you mean attitude_error"),
+        ("limits: {foo: 1.0}", "there is no column foo; allowed: attitude, "),
         ("[1, 2]", "must be `name: value` lines"),
         ("a: [", "is not YAML"),
         (f"rate: {900 * '9'}", "number of 900 characters, allowed are 250"),

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.errors import ConfigurationError
@@ -91,7 +92,7 @@ class Requirements:
     knowledge : Accuracy or None
         How far what the controller is told may be from the truth.
     limits : mapping of str to float
-        Column of the record (``wheel_momentum``) to what each of its numbers may reach.
+        Column of the record (``wheel_torque``) to what each of its numbers may reach.
     """
 
     settled: Accuracy = Accuracy(5e-3)
@@ -148,10 +149,7 @@ def load_requirements(paths: Iterable[Path]) -> Requirements:
 
 
 def _checked(name: Any, value: Any) -> Any:
-    if name not in _NAMES:
-        close = get_close_matches(str(name), _NAMES, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"allowed: {', '.join(_NAMES)}"
-        raise ConfigurationError(f"there is no requirement {name}; {hint}")
+    _known(name, _NAMES, "requirement")
     if value is None and name in _OPTIONAL:
         return None
     if name == "torque" and value == ACTUATOR:
@@ -159,10 +157,23 @@ def _checked(name: Any, value: Any) -> Any:
     if name == "limits":
         if not isinstance(value, Mapping):
             raise ConfigurationError(f"limits = {value!r}; allowed: a mapping of column to number")
-        return {str(column): _positive(f"limits: {column}", each) for column, each in value.items()}
+        return {
+            _known(column, BY_COLUMN, "column"): _positive(f"limits: {column}", each)
+            for column, each in value.items()
+        }
     if name in _ACCURACIES:
         return _accuracy(name, value)
     return _positive(name, value)
+
+
+def _known(name: Any, names: Iterable[str], what: str) -> str:
+    """Name of a requirement, or of a column: whatever is installed declares all that can be."""
+    known = tuple(names)
+    if name not in known:
+        close = get_close_matches(str(name), known, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"allowed: {', '.join(known)}"
+        raise ConfigurationError(f"there is no {what} {name}; {hint}")
+    return str(name)
 
 
 def _accuracy(name: str, value: Any) -> Accuracy:
