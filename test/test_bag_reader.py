@@ -76,6 +76,8 @@ def test_a_run_in_a_namespace_has_the_parameters_of_its_own_nodes(tmp_path: Path
     bag = write_messages(tmp_path / "bag", list(messages(run)), namespaces=("/a", "/b/c"), run=run)
     with pytest.raises(BagError, match=r"holds 2 runs; choose a namespace: /a, /b/c"):
         read_run(bag)
+    with pytest.raises(BagError, match=r"has no run in the namespace /foo; it has: /a, /b/c"):
+        read_run(bag, namespace="foo")
     assert read_run(bag, namespace="/a").controller == "log_barrier"
     read = read_run(bag, namespace="b/c/")
     assert_same(read, run)

@@ -217,6 +217,9 @@ def test_what_is_asked_for_and_missing_is_an_error(tmp_path: Path) -> None:
     bag = write_typed(tmp_path / "bag", [("/imu", s, imu(s, q, (0, 0, 0))) for s, q in attitude])
     with pytest.raises(BagError, match=r"has no topic /imuu for attitude; it holds /imu \(sensor"):
         read_run(bag, topics={"attitude": "imuu"})
+    ours = write_messages(tmp_path / "ours", list(messages(RUN)))
+    with pytest.raises(BagError, match=r"has no topic /imuu for attitude; it holds /angular"):
+        read_run(ours, topics={"attitude": "imuu"})  # the own attitude is not what was asked for
     with pytest.raises(BagError, match="there is no topic altitude of a run to be read; allowed: "):
         read_run(bag, topics={"altitude": "/imu"})
     with pytest.raises(BagError, match=r"/imu cannot be torque_command: it is sensor_msgs/msg/Imu"):
@@ -273,6 +276,9 @@ def test_the_commands_take_bags_of_hardware(
         said.err
     )
     assert "Pointing errors" in compared.read_text()
+    assert main(["analyse", bag, *TOLD, "--topic=attitude=/goal"]) == BAD_INPUT
+    told = "error: --topic attitude is given as /imu/data and as /goal\n"
+    assert capsys.readouterr().err == told
     assert main(["replay", bag, *TOLD]) == BAD_INPUT
     assert "controller 'unknown'" in capsys.readouterr().err
 

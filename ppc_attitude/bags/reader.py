@@ -80,6 +80,9 @@ def read_run(
     collected = _collect(bag, home, names)
     if home is None:
         home = _only_namespace(bag, names)
+    elif not names and home not in (found := _by_namespace(bag)):
+        known = ", ".join(each or "/" for each in _run_namespaces(bag) or sorted(found))
+        raise BagError(f"{bag.path} has no run in the namespace {home or '/'}; it has: {known}")
     return _record(bag, collected, home, whole=whole)
 
 
@@ -93,7 +96,7 @@ def read_runs(path: Path | str, topics: Mapping[str, str] | None = None) -> list
     """
     names = _checked(topics or {})
     bag = Bag(path)
-    collected = _collect(bag, None, names)
+    collected = _collect(bag, None, names, or_ours=True)  # of several bags some may have ours
     homes = [] if names else _run_namespaces(bag)
     return [_record(bag, collected, home) for home in homes or [_only_namespace(bag, names)]]
 
@@ -110,7 +113,9 @@ def _checked(topics: Mapping[str, str]) -> dict[Topic, str]:
     return names
 
 
-def _collect(bag: Bag, home: str | None, names: Mapping[Topic, str]) -> Collected:
+def _collect(
+    bag: Bag, home: str | None, names: Mapping[Topic, str], *, or_ours: bool = False
+) -> Collected:
     collected = Collected(home, names)
     for channels, block in bag.blocks():
         collected.add(channels, block)
@@ -118,7 +123,8 @@ def _collect(bag: Bag, home: str | None, names: Mapping[Topic, str]) -> Collecte
         raise BagError(f"{bag.path} holds no messages{_flaws(bag)}")
     for topic, name in names.items():
         msgtype = bag.topics.get(name)
-        if msgtype is None and not any(topic in found for found in _by_namespace(bag).values()):
+        ours = or_ours and any(topic in found for found in _by_namespace(bag).values())
+        if msgtype is None and not ours:
             raise BagError(
                 f"{bag.path} has no topic {name} for {topic.name}; it holds {_held(bag)}"
             )

@@ -29,6 +29,7 @@ from ppc_attitude.command_line.paths import new_file, new_folder, some_path
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.disturbances.pulses import TIMES
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.scenario import Overrides, Scenario, load
 
@@ -106,10 +107,25 @@ def record_of(arguments: argparse.Namespace) -> RunRecord:
     BagError
         It cannot be read, or lacks what was asked for.
     """
-    record = read_run(arguments.bag, arguments.namespace, topics=dict(arguments.topic))
+    record = read_run(arguments.bag, arguments.namespace, topics=topics_of(arguments))
     for warning in record.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     return record
+
+
+def topics_of(arguments: argparse.Namespace) -> dict[str, str]:
+    """Topic of a run to the one of the bag that carries it.
+
+    Raises
+    ------
+    ConfigurationError
+        A topic of a run is to be carried by two.
+    """
+    told: dict[str, str] = {}
+    for ours, theirs in arguments.topic:
+        if told.setdefault(ours, theirs) != theirs:
+            raise ConfigurationError(f"--topic {ours} is given as {told[ours]} and as {theirs}")
+    return told
 
 
 def add_requirements_option(parser: argparse.ArgumentParser) -> None:

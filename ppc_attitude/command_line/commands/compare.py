@@ -28,6 +28,7 @@ from ppc_attitude.command_line.options import (
     add_figures_options,
     add_judging_options,
     add_reading_options,
+    topics_of,
     write_report_of,
 )
 from ppc_attitude.command_line.paths import some_path
@@ -58,7 +59,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Read all, print every verdict, draw."""
     required = load_requirements(arguments.requirements)
-    names = dict(arguments.topic)
+    names = topics_of(arguments)
     records = [record for bag in arguments.bags for record in read_runs(bag, names)]
     if not 2 <= len(records) <= _MOST:
         raise ConfigurationError(f"{len(records)} runs given; allowed: 2 to {_MOST}")
