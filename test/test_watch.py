@@ -15,17 +15,19 @@
 """`ppc_attitude watch` shows what a stack says, and says so when there is none."""
 
 import io
+from typing import cast
 
 import pytest
 from rich.console import Console
 
-from ppc_attitude.command_line.errors import BROKEN
+from ppc_attitude.command_line.commands.watch import _show_once
+from ppc_attitude.command_line.errors import BROKEN, RunError
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
 from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE
-from ppc_attitude.nodes.onlooker import Health, Snapshot
+from ppc_attitude.nodes.onlooker import Health, Onlooker, Snapshot
 
 
 def lines(snapshot: Snapshot, silent: float = 0.0, width: int = 80) -> list[str]:
@@ -87,6 +89,16 @@ def test_nothing_yet() -> None:
 
 def test_it_fits_a_narrow_terminal() -> None:
     assert max(map(len, lines(SNAPSHOT, silent=100.0))) <= 80
+
+
+def test_an_empty_domain_is_told_as_ros_reads_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Blind:
+        def look(self, _: float) -> Snapshot:
+            return Snapshot()
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+    with pytest.raises(RunError, match="no state within 0 s in ROS domain 0;"):
+        _show_once(cast(Onlooker, Blind()), 0.0, "")
 
 
 def test_no_stack_is_an_error(capfd: pytest.CaptureFixture[str], ros_domain: int) -> None:

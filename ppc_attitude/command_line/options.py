@@ -22,6 +22,7 @@ from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import TextIO
 
+from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
@@ -128,6 +129,33 @@ def topics_of(arguments: argparse.Namespace) -> dict[str, str]:
     return told
 
 
+def see_that_none_is_idle(
+    arguments: argparse.Namespace, applies: object, purpose: str, *options: str
+) -> None:
+    """See that options are given only where they do something.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        What was given.
+    applies : object
+        True where the options do something.
+    purpose : str
+        What they are for.
+    options : str
+        Their names, without dashes at the beginning; none has a default.
+
+    Raises
+    ------
+    ConfigurationError
+        One would be ignored.
+    """
+    for option in () if applies else options:
+        value = getattr(arguments, option.replace("-", "_"))
+        if value is not None and value is not False and value not in ([], ""):
+            raise ConfigurationError(f"--{option} is for {purpose}")
+
+
 def add_requirements_option(parser: argparse.ArgumentParser) -> None:
     """Add --requirements."""
     text = "what the run is judged by, over config/requirements.yaml; later files win"
@@ -144,6 +172,18 @@ def add_judging_options(parser: argparse.ArgumentParser) -> None:
         help="write a self-contained HTML report",
     )
     parser.add_argument("--mission", metavar="NAME", default="", help="title of the report")
+
+
+def requirements_of(arguments: argparse.Namespace) -> Requirements:
+    """Read what a run is judged by, before any work; of a report there is a title only with one.
+
+    Raises
+    ------
+    ConfigurationError
+        A file or an option is wrong.
+    """
+    see_that_none_is_idle(arguments, arguments.report, "a report: --report FILE.html", "mission")
+    return load_requirements(arguments.requirements)
 
 
 def write_report_of(
@@ -194,6 +234,10 @@ def number(
         return value
 
     return parsed
+
+
+ACCURACY = number(1e-9, 1.0)
+"""Parser of what a component of a unit quaternion is to be below."""
 
 
 def positive(text: str) -> float:

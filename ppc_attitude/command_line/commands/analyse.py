@@ -18,7 +18,6 @@ import argparse
 import sys
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.command_line.options import (
     add_figures_options,
     add_judging_options,
@@ -26,6 +25,8 @@ from ppc_attitude.command_line.options import (
     exit_code,
     print_json,
     record_of,
+    requirements_of,
+    see_that_none_is_idle,
     write_report_of,
 )
 
@@ -45,7 +46,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Read, judge, print, draw."""
-    required = load_requirements(arguments.requirements)
+    see_that_none_is_idle(arguments, arguments.figures, "figures: --figures DIR", "figure-format")
+    required = requirements_of(arguments)
     record = record_of(arguments)
     verdict = analyse(record, required)
     if arguments.json:

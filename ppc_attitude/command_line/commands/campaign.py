@@ -25,7 +25,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
@@ -42,7 +41,9 @@ from ppc_attitude.command_line.options import (
     add_scenario_options,
     exit_code,
     print_json,
+    requirements_of,
     scenario_of,
+    see_that_none_is_idle,
     write_report_of,
 )
 from ppc_attitude.command_line.paths import new_folder, some_path
@@ -50,7 +51,8 @@ from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.shipped import shipped_config
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.science.errors import ConfigurationError
+
+RUNS = 1000
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -70,7 +72,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=some_path,
         help="what varies; default config/campaign.yaml",
     )
-    parser.add_argument("--runs", metavar="N", type=int, default=1000, help="default 1000")
+    parser.add_argument("--runs", metavar="N", type=int, help=f"default {RUNS}")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="default 0")
     parser.add_argument(
         "--workers", metavar="N", type=int, help="processes on this machine; default one a core"
@@ -95,17 +97,17 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run the campaign, or one run of it."""
-    if arguments.only is None and (arguments.record or arguments.bag):
-        raise ConfigurationError("--record and --bag are for one run: --only INDEX")
+    alone = arguments.only is not None
+    see_that_none_is_idle(arguments, alone, "one run: --only INDEX", "record", "bag")
+    several = "several runs, without --only"
+    see_that_none_is_idle(arguments, not alone, several, "runs", "workers", "scheduler", "out")
+    runs = RUNS if arguments.runs is None else arguments.runs
     file = arguments.campaign or shipped_config("campaign.yaml")
     campaign = replace(
         load_campaign(file, scenario_of(arguments), arguments.seed),
-        required=load_requirements(arguments.requirements),
+        required=requirements_of(arguments),
     )
-    alone = arguments.only is not None
-    check_memory(
-        campaign.scenario, 1 if alone else min(arguments.workers or cores(), arguments.runs)
-    )
+    check_memory(campaign.scenario, 1 if alone else min(arguments.workers or cores(), runs))
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
@@ -118,7 +120,7 @@ def execute(arguments: argparse.Namespace) -> int:
         try:
             finished = run_campaign(
                 campaign,
-                arguments.runs,
+                runs,
                 arguments.out or _dated_folder(),
                 workers=arguments.workers,
                 scheduler=arguments.scheduler,

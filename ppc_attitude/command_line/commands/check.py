@@ -33,6 +33,7 @@ from ppc_attitude.command_line.options import (
     positive,
     print_json,
     scenario_of,
+    see_that_none_is_idle,
 )
 from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.command_line.proportions import (
@@ -54,6 +55,7 @@ from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Told, goals_told
 from ppc_attitude.simulation.scenario import Scenario
 
+_CERTIFIED = f"a law with a certificate: {' or '.join(LAWS)}"
 _KNOWN_RATES = (0.0, 1.0)  # [deg/s] at the start
 
 
@@ -90,9 +92,9 @@ def execute(arguments: argparse.Namespace) -> int:
     """Check and print."""
     scenario = scenario_of(arguments)
     required = load_requirements(arguments.requirements)
-    guarantee = None
-    if scenario.controller.name in LAWS:
-        guarantee = Judgement(scenario, arguments.config)
+    certified = scenario.controller.name in LAWS
+    see_that_none_is_idle(arguments, certified, _CERTIFIED, "hit", "known-reference")
+    guarantee = Judgement(scenario, arguments.config) if certified else None
     parts = first_instant(scenario)
     law = parts[CONTROLLERS.name]
     q_e = law.outputs[0]["attitude_error"].tolist()

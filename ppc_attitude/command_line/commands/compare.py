@@ -21,13 +21,14 @@ from ppc_attitude.analysis.comparison import comparisons_of
 from ppc_attitude.analysis.drawing import save_all
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.report import run_labels
-from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import (
     add_figures_options,
     add_judging_options,
     add_reading_options,
+    requirements_of,
+    see_that_none_is_idle,
     topics_of,
     write_report_of,
 )
@@ -58,7 +59,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Read all, print every verdict, draw."""
-    required = load_requirements(arguments.requirements)
+    see_that_none_is_idle(arguments, arguments.figures, "figures: --figures DIR", "figure-format")
+    required = requirements_of(arguments)
     names = topics_of(arguments)
     records = [record for bag in arguments.bags for record in read_runs(bag, names)]
     if not 2 <= len(records) <= _MOST:

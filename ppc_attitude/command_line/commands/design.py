@@ -23,15 +23,19 @@ import json
 import math
 
 from ppc_attitude.analysis.guarantee import nodes_around
+from ppc_attitude.campaign.tuning import GAINS
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.gain_search import WRITTEN, search_gains
 from ppc_attitude.command_line.guarantee_view import certificate_path, promise_lines
 from ppc_attitude.command_line.options import (
+    ACCURACY,
     add_requirements_option,
     add_scenario_options,
     not_negative,
+    number,
     positive,
     scenario_of,
+    see_that_none_is_idle,
 )
 from ppc_attitude.command_line.paths import new_file, some_path
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
@@ -61,6 +65,23 @@ from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.references import paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
 
+_SEARCH = f"a search: --controller {' or '.join(GAINS)}"
+_OF_THE_TUBE = (
+    "gains",
+    "assume",
+    "accuracy",
+    "time",
+    "torque-noise",
+    "attitude-noise",
+    "rate-noise",
+)
+_DEFAULTS = {
+    "seconds": 40.0,
+    "accuracy": 5e-3,
+    "rate": 1.0,
+    "time": math.inf,
+    "torque_noise": math.inf,
+}
 _ASSUMED = (*ASSUMED, "e_A", "lead")
 _TABLE = {each.name: each for each in tube_parameters.PARAMETERS}
 _UNITS = {"max_torque": "N·m", "Omega": "rad/s", "d": "N·m", "W": "rad/s", "dead_band": "N·m"}
@@ -85,7 +106,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="what a search varies; default: every start",
     )
     parser.add_argument(
-        "--seconds", type=positive, default=40.0, help="how long a search may take; default 40"
+        "--seconds", type=positive, help="how long a search may take [s]; default 40"
     )
     parser.add_argument(
         "--assume",
@@ -96,17 +117,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help=f"an assumption in place of the configuration's: {', '.join(_ASSUMED)}",
     )
     parser.add_argument(
-        "--accuracy", type=positive, default=5e-3, help="settled means every |q_ev,i| is below this"
+        "--accuracy",
+        type=ACCURACY,
+        help="settled means every |q_ev,i| is below this; default 0.005",
     )
     parser.add_argument(
         "--rate",
         type=not_negative,
-        default=1.0,
-        help="rate at the start for which to be fast [deg/s]",
+        help="rate at the start for which to be fast [deg/s]; default 1",
     )
-    parser.add_argument("--time", type=positive, default=math.inf, help="longest settling time [s]")
+    parser.add_argument("--time", type=positive, help="longest settling time [s]; default any")
     parser.add_argument(
-        "--torque-noise", type=positive, default=math.inf, help="largest RMS torque noise [N·m]"
+        "--torque-noise", type=positive, help="largest RMS torque noise [N·m]; default any"
     )
     for name, unit in (("attitude", "rad"), ("rate", "rad/s")):
         told = f"deviation of what is measured [{unit}]; default: as the sensors say"
@@ -124,13 +146,20 @@ def _assumption(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError(
             f"{text}: allowed is NAME=VALUE with a NAME of {', '.join(_ASSUMED)}"
         )
-    return name, float(value)
+    return name, number()(value)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Search, prove, write and print."""
+    certified, without = arguments.controller in (None, *LAWS), not arguments.campaign
+    see_that_none_is_idle(arguments, not certified, _SEARCH, "requirements", "campaign", "seconds")
+    see_that_none_is_idle(arguments, certified, "momentum_tube", *_OF_THE_TUBE)
+    see_that_none_is_idle(arguments, certified or without, "a search without --campaign", "rate")
+    for name, value in _DEFAULTS.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
     scenario = scenario_of(arguments)
-    if arguments.controller not in (None, *LAWS):
+    if not certified:
         return search_gains(arguments, scenario)
     assumed = _assumptions(scenario, dict(arguments.assume))
     for name, value in zip(("k", "kappa", "ell"), arguments.gains or (), strict=False):

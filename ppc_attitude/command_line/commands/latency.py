@@ -30,6 +30,7 @@ from ppc_attitude.command_line.options import (
     add_scenario_options,
     positive,
     scenario_of,
+    see_that_none_is_idle,
 )
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stack import private_environment
@@ -63,9 +64,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Measure and print."""
+    ours, live = "a stack of its own, without --live", arguments.live
+    see_that_none_is_idle(arguments, not live, ours, "config", "controller", "rate", "bag")
+    see_that_none_is_idle(arguments, live, "a stack that runs: --live", "namespace")
     from ppc_attitude.nodes.latency_probe import measure  # before a run: it takes its time
 
-    if arguments.live:
+    if live:
         _print(measure(_live(arguments.duration or PAPER_DURATION), arguments.namespace))
         return DONE
     overrides: Overrides = {PLANT: {"rate": arguments.rate}} if arguments.rate else {}

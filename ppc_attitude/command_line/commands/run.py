@@ -18,12 +18,12 @@ import argparse
 import sys
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_judging_options,
     add_scenario_options,
+    requirements_of,
     scenario_of,
     write_report_of,
 )
@@ -60,7 +60,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run, record, judge."""
-    required = load_requirements(arguments.requirements)
+    required = requirements_of(arguments)
     recording = Recording(arguments.bag, arguments.secure)
     record = recording.run(scenario_of(arguments), lockstep=not arguments.realtime)
     try:

@@ -22,7 +22,6 @@ from dataclasses import replace
 import numpy as np
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.errors import RunError
@@ -33,6 +32,7 @@ from ppc_attitude.command_line.options import (
     add_scenario_options,
     exit_code,
     print_json,
+    requirements_of,
     scenario_of,
     write_report_of,
 )
@@ -68,7 +68,7 @@ def execute(arguments: argparse.Namespace) -> int:
     """Simulate, judge, write, print."""
     if arguments.bag:
         new_bag(arguments.bag)
-    scenario, required = scenario_of(arguments), load_requirements(arguments.requirements)
+    scenario, required = scenario_of(arguments), requirements_of(arguments)
     check_memory(scenario)
     record = simulate(scenario, scenario.number(PLANT, "duration"))
     _see_that_it_is_bounded(record)

@@ -22,12 +22,14 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from ppc_attitude.command_line.errors import DONE, RunError
-from ppc_attitude.command_line.options import add_namespace_option, positive
+from ppc_attitude.command_line.options import add_namespace_option, positive, see_that_none_is_idle
 from ppc_attitude.contract.topics import ATTITUDE
+from ppc_attitude.nodes.discovery import DOMAIN
 
 if TYPE_CHECKING:
     from ppc_attitude.nodes.onlooker import Onlooker
 
+_TIMEOUT = 10.0  # [s] until the first state, for one picture
 _PERIOD = 0.1  # [s] between two pictures
 _SETTLE = 3.0  # [s] after the first state in which all other topics come, if they exist
 
@@ -48,18 +50,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--timeout",
         metavar="S",
         type=positive,
-        default=10.0,
-        help="with --once: how long to wait for a state [s]; default %(default)g",
+        help=f"with --once: how long to wait for a state [s]; default {_TIMEOUT:g}",
     )
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Show one picture, or many."""
+    see_that_none_is_idle(arguments, arguments.once, "one picture: --once", "timeout")
     from ppc_attitude.nodes.onlooker import looking_on
 
     with looking_on(arguments.namespace) as onlooker:
         if arguments.once:
-            _show_once(onlooker, arguments.timeout, arguments.namespace)
+            _show_once(onlooker, arguments.timeout or _TIMEOUT, arguments.namespace)
         else:
             _show(onlooker)
     return DONE
@@ -74,10 +76,10 @@ def _show_once(onlooker: "Onlooker", timeout: float, namespace: str) -> None:
     snapshot = onlooker.look(_PERIOD)
     while ATTITUDE.name not in snapshot.samples:
         if time.monotonic() > end:
+            domain = os.environ.get(DOMAIN) or "0"  # an empty one is none, as ROS reads it
             raise RunError(
                 f"no state{f' in {namespace}' if namespace else ''} within {timeout:g} s "
-                f"in ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}; `ppc_attitude run` prints "
-                "the domain that it uses"
+                f"in ROS domain {domain}; `ppc_attitude run` prints the domain that it uses"
             )
         snapshot = onlooker.look(_PERIOD)
     end = time.monotonic() + _SETTLE
