@@ -17,14 +17,17 @@
 
 import json
 import math
-import threading
+import signal
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 import pytest
 
+from ppc_attitude.command_line.errors import BROKEN
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.falsify.goals import Goal, goal_of
@@ -56,7 +59,7 @@ def space_of(**changes: Any) -> Space:
 def search(space: Space, folder: Path, runs: int, goal: Goal | None = None) -> Found:
     adversary = Search(space, goal or Goal("terminal"), folder, seed=1)
     with ThreadPoolExecutor(2) as threads:
-        *_, last = adversary.run(runs, 60.0, threads, threading.Event())
+        *_, last = adversary.run(runs, 60.0, threads, Event())
     return last
 
 
@@ -95,6 +98,35 @@ def test_a_folder_of_another_search_is_refused(tmp_path: Path) -> None:
     search(space_of(duration=2.0), tmp_path, 20)
     with pytest.raises(ConfigurationError, match="belongs to another search"):
         search(space_of(duration=3.0), tmp_path, 20)
+
+
+def test_two_searches_at_once_in_a_folder_are_refused(tmp_path: Path) -> None:
+    space = space_of(duration=2.0)
+    one, other = (Search(space, Goal("terminal"), tmp_path, seed=1) for _ in range(2))
+    with ThreadPoolExecutor(2) as threads, closing(one.run(99, 9.0, threads, Event())) as running:
+        next(running)
+        with pytest.raises(ConfigurationError, match=f"another search uses {tmp_path}"):
+            next(other.run(99, 9.0, threads, Event()))
+        with pytest.raises(ConfigurationError, match=f"another search uses {tmp_path}"):
+            search(space, tmp_path, 20)
+
+
+def test_an_interrupted_search_says_so_and_what_has_not_settled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = []
+
+    def simulated(*given: Any) -> float:
+        if not told:
+            told.append(signal.raise_signal(signal.SIGINT))
+        return 5.97
+
+    monkeypatch.setattr("ppc_attitude.falsify.search.evaluated", simulated)
+    assert main(["falsify", "--duration=5", "--pieces=3", f"--out={tmp_path}"]) == BROKEN
+    said = capsys.readouterr()
+    assert " runs: not settled at 5 s (error 0.97)\n" in said.out
+    assert "error: interrupted after " in said.err and "of 1000 runs; the same command" in said.err
+    assert "settling: not settled at 5 s" in (tmp_path / "worst.yaml").read_text()
 
 
 def test_the_worst_case_is_a_configuration_that_gives_the_value(

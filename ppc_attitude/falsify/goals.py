@@ -54,6 +54,12 @@ class Goal:
         """Unit of the value."""
         return {"settling": "s", "terminal": "", "rate": "deg/s"}.get(self.name, "of its bound")
 
+    def text(self, value: float, duration: float) -> str:
+        """Value of a run of so long [s] for a reader."""
+        if self.name == "settling" and value > duration:
+            return f"not settled at {duration:g} s (error {value - duration:.3g})"
+        return f"{value:.6g} {self.unit}".rstrip()
+
     @property
     def limit(self) -> float:
         """The limit that no run should pass; infinite where there is none."""

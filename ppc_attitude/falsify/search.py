@@ -15,16 +15,18 @@
 
 """The search: CMA-ES asks, runs in process answer, and a file of the answers can be continued."""
 
+import fcntl
 import hashlib
 import json
 import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +83,7 @@ class Search:
     Raises
     ------
     ConfigurationError
-        `cma` is not installed, or the folder holds another search.
+        `cma` is not installed, or the folder holds another search or is in use.
     """
 
     def __init__(self, space: Space, goal: Goal, folder: Path, seed: int) -> None:
@@ -97,14 +99,26 @@ class Search:
         folder.mkdir(parents=True, exist_ok=True)
         identity = json.dumps([space.to_json(), asdict(goal), seed], sort_keys=True)
         self._digest = hashlib.sha256(identity.encode()).hexdigest()
-        self._answers = self._read()
+        with self._locked():
+            self._read()  # a folder of another search is refused at once
+
+    @contextmanager
+    def _locked(self) -> Iterator[IO[str]]:
+        """File of the answers, to append to; two searches at once would mix theirs."""
+        with self._file.open("a", encoding="utf-8") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ConfigurationError(f"another search uses {self._file.parent}") from None
+            yield file
 
     def _read(self) -> list[list[float]]:
         """Answers of earlier sessions; of a last line that was cut, none."""
-        if not self._file.exists():
+        text = self._file.read_text(encoding="utf-8")
+        if not text:
             self._file.write_text(json.dumps({"search": self._digest}) + "\n", encoding="utf-8")
             return []
-        whole, _, _ = self._file.read_text(encoding="utf-8").rpartition("\n")
+        whole, _, _ = text.rpartition("\n")
         lines = whole.split("\n")
         try:
             known = parsed_json(lines[0])["search"]
@@ -134,12 +148,17 @@ class Search:
             Who computes.
         stop : threading.Event
             Ends the search after the present generation.
+
+        Raises
+        ------
+        ConfigurationError
+            Another search uses the folder, or its file has been changed.
         """
         end = time.monotonic() + seconds
         best = Found(0, -np.inf, np.zeros(self._space.size))
         value = partial(evaluated, self._space, self._goal)
-        answers = iter(self._answers)
-        with self._file.open("a", encoding="utf-8") as file:
+        with self._locked() as file:
+            answers = iter(self._read())
             for questions, tell in self._generations():
                 values = next(answers, None)
                 if values is None:

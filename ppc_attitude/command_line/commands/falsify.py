@@ -27,11 +27,13 @@ import yaml
 from tqdm import tqdm
 
 from ppc_attitude.campaign.pools import connected, cores
-from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
+from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
+    ACCURACY,
     add_scenario_options,
     not_negative,
+    number,
     positive,
     print_json,
     scenario_of,
@@ -40,7 +42,7 @@ from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.contract.whole_file import write_whole
-from ppc_attitude.falsify.goals import RATE, goal_of
+from ppc_attitude.falsify.goals import RATE, Goal, goal_of
 from ppc_attitude.falsify.search import Found, Search
 from ppc_attitude.falsify.space import Space
 from ppc_attitude.science.controllers.tube_parameters import PREFIX
@@ -67,26 +69,28 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="what to make large: settling, terminal, rate, or a column that has a bound, such as "
         "attitude_error or momentum_error; default settling",
     )
-    parser.add_argument("--accuracy", type=positive, default=5e-3, help="settled: below this")
+    parser.add_argument("--accuracy", type=ACCURACY, default=5e-3, help="settled: below this")
     parser.add_argument(
         "--after", type=not_negative, default=0.0, help="judge bounds and rate from here on [s]"
     )
-    parser.add_argument("--start-rate", type=float, default=1.0, help="largest ‖ω_s‖ [deg/s]")
-    parser.add_argument(
-        "--disturbance", type=float, default=ENVIRONMENT_BOUND, help="bound per axis [N·m]"
-    )
-    parser.add_argument(
-        "--pieces", type=int, default=40, help="pieces of the disturbance; 0: as configured"
-    )
-    parser.add_argument("--inertia-error", type=float, default=0.0, help="e_S, e.g. 0.1")
-    parser.add_argument("--strength", type=float, default=1.0, help="least actuator share η")
-    parser.add_argument(
-        "--begin", type=float, default=0.0, help="latest instant of the reference at t = 0 [s]"
-    )
+    for option, allowed, default, told in (
+        ("--start-rate", number(0.0, 5000.0, "deg/s"), 1.0, "largest ‖ω_s‖ [deg/s]"),
+        ("--disturbance", number(0.0, unit="N·m"), ENVIRONMENT_BOUND, "bound per axis [N·m]"),
+        ("--pieces", number(0, 1e4, whole=True), 40, "of the disturbance; 0: as configured"),
+        ("--inertia-error", number(0.0, 0.5), 0.0, "e_S, e.g. 0.1"),
+        ("--strength", number(1e-3, 1.0), 1.0, "least actuator share η"),
+        ("--begin", number(0.0, 1e9, "s"), 0.0, "latest instant of the reference at t = 0 [s]"),
+    ):
+        parser.add_argument(option, type=allowed, default=default, help=told)
     parser.add_argument("--late", action="store_true", help="a command may act one sample late")
-    parser.add_argument("--runs", type=int, default=1000, help="runs in all; default 1000")
+    parser.add_argument(
+        "--runs",
+        type=number(1, 1e9, whole=True),
+        default=1000,
+        help="runs in all, those of earlier sessions and the last generation whole; default 1000",
+    )
     parser.add_argument("--seconds", type=positive, default=math.inf, help="time for this session")
-    parser.add_argument("--seed", type=int, default=0, help="default 0")
+    parser.add_argument("--seed", type=number(0, 1e15, whole=True), default=0, help="default 0")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on this Dask cluster")
     parser.add_argument(
         "--out",
@@ -109,6 +113,11 @@ def execute(arguments: argparse.Namespace) -> int:
     """Search, write the worst case, and print."""
     scenario = scenario_of(arguments)
     check_memory(scenario, cores())
+    duration = scenario.number(PLANT, "duration")
+    if arguments.after >= duration:
+        raise ConfigurationError(
+            f"--after {arguments.after:g} s; allowed: less than the run of {duration:g} s"
+        )
     space = Space(
         base=scenario,
         rate=math.radians(arguments.start_rate),
@@ -116,7 +125,7 @@ def execute(arguments: argparse.Namespace) -> int:
         pieces=arguments.pieces,
         e_S=arguments.inertia_error,
         eta=arguments.strength,
-        duration=scenario.number(PLANT, "duration"),
+        duration=duration,
         begin=arguments.begin,
         late=arguments.late,
     )
@@ -138,11 +147,13 @@ def execute(arguments: argparse.Namespace) -> int:
     ):
         for found in search.run(arguments.runs, arguments.seconds, executor, stop):
             bar.update(found.runs - bar.n)
-            bar.set_postfix_str(f"{found.value:.5g} {goal.unit}")
+            bar.set_postfix_str(goal.text(found.value, duration))
+    if found is None and stop.is_set():
+        raise RunError("interrupted before the first generation had flown")
     if found is None:
         raise ConfigurationError("runs and seconds leave no time for one generation")
     worst = arguments.out / WORST
-    write_whole(worst, _file(space, goal.name, found))
+    write_whole(worst, _file(space, goal, found))
     broken = found.value > goal.limit
     if arguments.json:
         print_json(
@@ -158,17 +169,23 @@ def execute(arguments: argparse.Namespace) -> int:
         )
     else:
         limit = f", limit {goal.limit:g}" if math.isfinite(goal.limit) else ""
-        print(f"largest {goal.name} of {found.runs} runs: {found.value:.6g} {goal.unit}{limit}")
+        text = goal.text(found.value, duration)
+        print(f"largest {goal.name} of {found.runs} runs: {text}{limit}")
         print(f"worst case: {worst}")
+    if stop.is_set() and found.runs < arguments.runs:
+        raise RunError(
+            f"interrupted after {found.runs} of {arguments.runs} runs; the same command goes on"
+        )
     return REQUIREMENT_FAILED if broken else DONE
 
 
-def _file(space: Space, goal: str, found: Found) -> str:
+def _file(space: Space, goal: Goal, found: Found) -> str:
     """Overlay of the worst case."""
     nodes = {
         f"/**/{node}": {"ros__parameters": values} for node, values in space.choice(found.x).items()
     }
-    head = f"{_HEAD} {found.runs} runs, {goal} = {found.value:.6g}.\n"
+    text = goal.text(found.value, space.duration)
+    head = f"{_HEAD} {found.runs} runs, {goal.name}: {text}.\n"
     return head + yaml.safe_dump(nodes, default_flow_style=None, sort_keys=False)
 
 
