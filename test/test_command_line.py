@@ -19,6 +19,7 @@ import os
 import shlex
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE
 from ppc_attitude.command_line.examples import EXAMPLES
 from ppc_attitude.command_line.main import COMMANDS, build_parser, command_parsers, main
+from ppc_attitude.command_line.recording import _progress
 
 PAPER = str(ROOT / "config" / "paper.yaml")
 
@@ -145,6 +147,17 @@ WRONG = [
     ("simulate --config ''", "argument --config: the path is empty"),
     ("design --output own.yaml", "own.yaml exists already and was not written by this command"),
     ("design --output new", "new: allowed are files that end in .yaml"),
+    ("falsify --seed -1", "argument --seed: -1; allowed: whole numbers from 0"),
+    ("falsify --runs -5", "argument --runs: -5; allowed: whole numbers from 1"),
+    (
+        "falsify --start-rate -1",
+        "argument --start-rate: -1; allowed: finite numbers from 0 to 5000",
+    ),
+    (
+        "falsify --disturbance nan",
+        "argument --disturbance: nan; allowed: finite numbers from 0",
+    ),
+    ("falsify --duration 5 --after 5", "--after 5 s; allowed: less than the run of 5 s"),
     ("falsify --out searched", "searched/worst.yaml exists already and was not written by this"),
     ("sweep --figure x.xyz", "x.xyz: allowed are files that end in .png or .svg or .pdf"),
     ("export taken --csv a.parquet", "a.parquet: allowed are files that end in .csv"),
@@ -176,6 +189,12 @@ WRONG = [
     ("compare taken empty --figures here", "taken"),
     ("sweep --at soon", "soon"),
     ("sweep --config none.yaml", "none.yaml"),
+    (
+        "sweep --at 100 --duration 50",
+        "--duration 50 s; allowed: longer than a hit of 1 s from",
+    ),
+    ("sweep --at 1 --duration 2 --pulse-durations 0.1 1", "longer than a hit of 1 s from 1 s on"),
+    ("design --controller ppc --duration 50", "duration = 50 s; allowed: from the settling deadli"),
     ("campaign --campaign none.yaml --runs 1", "none.yaml"),
     ("campaign --campaign deep.yaml --runs 1", "nested too deeply"),
     ("campaign --out a_file/out", "a_file is no folder"),
@@ -347,6 +366,15 @@ def test_the_line_of_the_reference_switches_completion_on() -> None:
 def test_completion_is_announced_to_the_shell() -> None:
     source = (ROOT / "ppc_attitude" / "command_line" / "main.py").read_text(encoding="utf-8")
     assert "PYTHON_ARGCOMPLETE_OK" in source[:1024]  # where argcomplete's global hook looks
+
+
+def test_the_bar_of_a_run_ends_at_its_end(capsys: pytest.CaptureFixture[str]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # as the bar's own, of what is beyond its end
+        with _progress(0.3) as show:
+            for t in (0.1, 0.2, 0.1, 0.3 + 1e-12):
+                show(t)
+    assert "100%" in capsys.readouterr().err
 
 
 @pytest.mark.ros

@@ -31,6 +31,7 @@ from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.whole_file import write_whole
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -42,6 +43,11 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
     """Search, judge, print and write; `REQUIREMENT_FAILED` if a fresh run misses a requirement."""
     check_memory(scenario, cores())
     varied = _campaign(arguments, scenario)
+    if varied.duration < varied.required.settling_deadline:
+        raise ConfigurationError(
+            f"duration = {varied.duration:g} s; allowed: from the settling deadline of "
+            f"{varied.required.settling_deadline:g} s on, without which nothing is judged"
+        )
     warm_up(scenario)
     with ThreadPoolExecutor(cores()) as threads, tqdm(unit=" candidates", file=sys.stderr) as bar:
 

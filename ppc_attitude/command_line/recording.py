@@ -183,4 +183,9 @@ def _progress(duration: float) -> Iterator[Any]:
     """Progress bar over simulated time; gives the function that moves it."""
     form = "{l_bar}{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}, {rate_fmt}{postfix}]"
     with tqdm(total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr) as bar:
-        yield lambda t: bar.update(max(t - bar.n, 0.0))
+
+        def show(t: float) -> None:
+            bar.n = min(max(t, bar.n), duration)  # sums of differences pass the end by rounding
+            bar.refresh()
+
+        yield show

@@ -36,6 +36,7 @@ from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.proportions import actuator_torque
 from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -105,6 +106,11 @@ def execute(arguments: argparse.Namespace) -> int:
     """Simulate every duration, print a table, draw."""
     scenario, required = scenario_of(arguments), load_requirements(arguments.requirements)
     hits = _hits(arguments, scenario, required)
+    if hits.at + hits.durations[-1] >= hits.length:
+        raise ConfigurationError(
+            f"--duration {hits.length:g} s; allowed: longer than a hit of {hits.durations[-1]:g} s "
+            f"from {hits.at:g} s on"
+        )
     check_memory(scenario.with_values(PLANT, duration=hits.length))
     rows = [(duration, _metrics(scenario, required, hits, duration)) for duration in hits.durations]
     if arguments.json:
