@@ -12,12 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every command helps, completes, and tells a user's mistake in one line."""
+"""Every command helps, and tells a user's mistake in one line."""
 
 import json
 import os
 import shlex
-import subprocess
 import sys
 import warnings
 from pathlib import Path
@@ -227,7 +226,7 @@ WRONG = [
         "design --controller ppc --campaign own.yaml --rate 0",
         "--rate is for a search",
     ),
-    ("design --assume eta=abc", "argument --assume: abc; allowed: finite numbers"),
+    ("design --assume eta=abc", "argument --assume: eta = abc; allowed: finite numbers"),
     ("design --accuracy 5", "argument --accuracy: 5; allowed: finite numbers from 1e-09 to 1"),
     ("latency --live --config own.yaml", "--config is for a stack of its own, without --live"),
     ("latency --live --controller ppc", "--controller is for a stack of its own, without --live"),
@@ -317,55 +316,6 @@ def test_without_ros_one_line_says_what_is_missing_and_what_to_do(
     assert told.startswith("error: this needs rclpy, which is not installed: source ROS 2 Jazzy")
     assert told.count("\n") == 1
     assert sorted(mistakes.rglob("*")) == before
-
-
-def completions(line: str, tmp_path: Path) -> list[str]:
-    """What the shell is offered at the end of a command line."""
-    answer = tmp_path / "completions"
-    environment = {
-        **os.environ,
-        "_ARGCOMPLETE": "1",
-        "_ARGCOMPLETE_IFS": "\n",
-        "_ARGCOMPLETE_SUPPRESS_SPACE": "1",
-        "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
-        "COMP_LINE": line,
-        "COMP_POINT": str(len(line)),
-        "COMP_TYPE": "9",
-    }
-    command = [sys.executable, "-m", "ppc_attitude.command_line.main"]
-    subprocess.run(command, env=environment, check=True, capture_output=True)
-    return answer.read_text().split("\n")
-
-
-@pytest.mark.parametrize(
-    ("line", "offered"),
-    [
-        ("ppc_attitude sim", ["simulate"]),
-        ("ppc_attitude run --real", ["--realtime"]),
-        ("ppc_attitude run --controller log", ["log_barrier"]),
-    ],
-)
-def test_completion(line: str, offered: list[str], tmp_path: Path) -> None:
-    assert [word.strip() for word in completions(line, tmp_path)] == offered
-
-
-def test_the_line_of_the_reference_switches_completion_on() -> None:
-    page = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
-    line = next(part for part in page.split("`") if "register-python-argcomplete" in part)
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    done = subprocess.run(
-        ["bash", "-c", f"{line} && complete -p ppc_attitude"],
-        env={**os.environ, "PATH": path},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert "_python_argcomplete" in done.stdout
-
-
-def test_completion_is_announced_to_the_shell() -> None:
-    source = (ROOT / "ppc_attitude" / "command_line" / "main.py").read_text(encoding="utf-8")
-    assert "PYTHON_ARGCOMPLETE_OK" in source[:1024]  # where argcomplete's global hook looks
 
 
 def test_the_bar_of_a_run_ends_at_its_end(capsys: pytest.CaptureFixture[str]) -> None:

@@ -137,6 +137,7 @@ def test_the_worst_case_is_a_configuration_that_gives_the_value(
     code = main(["falsify", *overlays, *bounds, "--json"])
     told = json.loads(capsys.readouterr().out)
     assert code == (1 if told["passes_limit"] else 0)
+    assert told["told"] == f"{told['largest']:.6g}"
     main(["simulate", *overlays, f"--config={told['worst']}", "--json"])
     verdict = json.loads(capsys.readouterr().out)
     assert verdict["metrics"]["terminal_error"] == pytest.approx(told["largest"], rel=1e-12)

@@ -146,7 +146,10 @@ def _assumption(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError(
             f"{text}: allowed is NAME=VALUE with a NAME of {', '.join(_ASSUMED)}"
         )
-    return name, number()(value)
+    try:
+        return name, number()(value)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{name} = {error}") from None
 
 
 def execute(arguments: argparse.Namespace) -> int:

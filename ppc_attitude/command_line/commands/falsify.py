@@ -155,6 +155,7 @@ def execute(arguments: argparse.Namespace) -> int:
     worst = arguments.out / WORST
     write_whole(worst, _file(space, goal, found))
     broken = found.value > goal.limit
+    text = goal.text(found.value, duration)
     if arguments.json:
         print_json(
             {
@@ -162,6 +163,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "goal": goal.name,
                 "runs": found.runs,
                 "largest": found.value if math.isfinite(found.value) else None,
+                "told": text,
                 "limit": goal.limit if math.isfinite(goal.limit) else None,
                 "passes_limit": broken,
                 "worst": str(worst),
@@ -169,7 +171,6 @@ def execute(arguments: argparse.Namespace) -> int:
         )
     else:
         limit = f", limit {goal.limit:g}" if math.isfinite(goal.limit) else ""
-        text = goal.text(found.value, duration)
         print(f"largest {goal.name} of {found.runs} runs: {text}{limit}")
         print(f"worst case: {worst}")
     if stop.is_set() and found.runs < arguments.runs:

@@ -1,0 +1,72 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The shell completes commands, options and their values."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_layers import ROOT
+
+
+def completions(line: str, tmp_path: Path) -> list[str]:
+    """What the shell is offered at the end of a command line."""
+    answer = tmp_path / "completions"
+    environment = {
+        **os.environ,
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_SUPPRESS_SPACE": "1",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+        "COMP_TYPE": "9",
+    }
+    command = [sys.executable, "-m", "ppc_attitude.command_line.main"]
+    subprocess.run(command, env=environment, check=True, capture_output=True)
+    return answer.read_text().split("\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("ppc_attitude sim", ["simulate"]),
+        ("ppc_attitude run --real", ["--realtime"]),
+        ("ppc_attitude run --controller log", ["log_barrier"]),
+    ],
+)
+def test_completion(line: str, offered: list[str], tmp_path: Path) -> None:
+    assert [word.strip() for word in completions(line, tmp_path)] == offered
+
+
+def test_the_line_of_the_reference_switches_completion_on() -> None:
+    page = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    line = next(part for part in page.split("`") if "register-python-argcomplete" in part)
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        ["bash", "-c", f"{line} && complete -p ppc_attitude"],
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "_python_argcomplete" in done.stdout
+
+
+def test_completion_is_announced_to_the_shell() -> None:
+    source = (ROOT / "ppc_attitude" / "command_line" / "main.py").read_text(encoding="utf-8")
+    assert "PYTHON_ARGCOMPLETE_OK" in source[:1024]  # where argcomplete's global hook looks
