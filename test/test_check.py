@@ -185,3 +185,14 @@ def test_the_page_fits_a_terminal_and_holds_no_rounding_of_zero(
     page = capsys.readouterr().out
     assert max(map(len, page.splitlines())) <= 80
     assert "e-3" not in page.replace("1e-3", "")  # such as 4.94e-324
+
+
+def test_a_start_without_a_fix_is_checked_by_the_truth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "late.yaml").write_text("/**:\n  ros__parameters: {initial_fix: false}\n")
+    files = [CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml", tmp_path / "late.yaml"]
+    assert main(["check", *(word for file in files for word in ("--config", str(file)))]) == 0
+    page = capsys.readouterr().out
+    assert "attitude error x y z w: -0.22952, 0.25933, -0.11266, -0.93133" in page
+    assert "attitude error 42.71°" in page

@@ -307,7 +307,6 @@ def save(figure: Figure, path: Path) -> Path:
     form = path.suffix.removeprefix(".")
     if form not in FORMATS:
         raise AnalysisError(f"figure {path}: its name must end in .{', .'.join(FORMATS)}")
-    path.parent.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context({"svg.hashsalt": "ppc_attitude"}), whole_file(path) as file:
         figure.savefig(file, format=form, dpi=300, metadata=_UNDATED[form])
     return path

@@ -102,7 +102,6 @@ def write_page(path: Path, title: str, body: Sequence[str]) -> None:
         + "\n".join(body)
         + f"\n{script()}\n</body>\n</html>\n"
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, page)
 
 

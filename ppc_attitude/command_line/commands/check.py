@@ -45,11 +45,20 @@ from ppc_attitude.command_line.proportions import (
     settling_conditions,
     slew_conditions,
 )
-from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.controllers.tube_parameters import LAWS
-from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, ENVIRONMENTS, REFERENCES, SENSORS
+from ppc_attitude.science.kinds import (
+    ACTUATORS,
+    CONTROLLERS,
+    ENVIRONMENTS,
+    ESTIMATORS,
+    NONE,
+    REFERENCES,
+    SENSORS,
+)
+from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Told, goals_told
@@ -95,7 +104,7 @@ def execute(arguments: argparse.Namespace) -> int:
     certified = scenario.controller.name in LAWS
     see_that_none_is_idle(arguments, certified, _CERTIFIED, "hit", "known-reference")
     guarantee = Judgement(scenario, arguments.config) if certified else None
-    parts = first_instant(scenario)
+    parts = _at_start(scenario)
     law = parts[CONTROLLERS.name]
     q_e = law.outputs[0]["attitude_error"].tolist()
     environment = environment_torque(scenario, parts[ENVIRONMENTS.name])
@@ -179,6 +188,15 @@ def _print(
     for advice in advices:
         if advice.text:
             print(paragraph(f"{'warning: ' if advice.warning else ''}{advice.text}"))
+
+
+def _at_start(scenario: Scenario) -> dict[str, Part]:
+    """Every part after its first step; without an estimate by then, as if told the truth."""
+    parts = first_instant(scenario)
+    if parts[CONTROLLERS.name].outputs[0]["attitude_error"].any():
+        return parts
+    exact = {PLANT: {SENSORS.selector: "direct"}, ESTIMATOR: {ESTIMATORS.selector: NONE}}
+    return first_instant(scenario.overlaid(exact))
 
 
 def _verdict(condition: Condition) -> str:
