@@ -13,6 +13,7 @@
 # limitations under the License.
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,14 @@ import numpy as np
 import pytest
 
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
+from ppc_attitude.science.environments import paper as paper_torque
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import ENVIRONMENTS
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.sensors import direct
-from ppc_attitude.simulation.scenario import load, read_files, scenario
+from ppc_attitude.science.signals import TRUE_ATTITUDE
+from ppc_attitude.simulation.scenario import Scenario, load, read_files, scenario
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -264,3 +268,15 @@ def test_a_pulse_that_would_never_act_is_refused() -> None:
         message = r"pulse of 0.004 s at 0.503 s lies between two instants of 100.0 Hz; allowed"
         with pytest.raises(ConfigurationError, match=message):
             scenario({"disturbance_injector": pulse})
+
+
+def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sensing is exact, so the plant does not send the truth beside it."""
+    gradient = replace(paper_torque.COMPONENT, name="gradient", inputs=(TRUE_ATTITUDE,))
+    monkeypatch.setitem(ENVIRONMENTS.components, "gradient", gradient)
+    base = load([CONFIG / "paper.yaml"])
+    base.awaiting_recorder()
+    injector = {**base.parameters["disturbance_injector"], "environment": "gradient"}
+    case = Scenario({**base.parameters, "disturbance_injector": injector})
+    with pytest.raises(ConfigurationError, match="gradient reads truth_attitude, which no node"):
+        case.awaiting_recorder()

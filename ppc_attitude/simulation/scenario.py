@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ppc_attitude.contract.declared import components_of
+from ppc_attitude.contract.declared import columns_of, components_of
 from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
 from ppc_attitude.contract.topics import CONTROLLER, HOSTED, INJECTOR, PLANT, SOURCES
 from ppc_attitude.contract.yaml_file import read
@@ -88,7 +88,23 @@ class Scenario:
         return result
 
     def awaiting_recorder(self) -> "Scenario":
-        """Return the scenario of a run that is recorded from its first message on."""
+        """Return the scenario of a run that is recorded from its first message on.
+
+        Raises
+        ------
+        ConfigurationError
+            A component reads what no topic carries, so that its node would wait for ever.
+        """
+        sent = {column for node in HOSTED for column in columns_of(node, self.parameters[node])}
+        for node in HOSTED:
+            components = components_of(node, self.parameters[node])
+            own = {column for component in components for column in component.outputs}
+            for component in components:
+                for column in set(component.inputs) - sent - own:
+                    raise ConfigurationError(
+                        f"{node}: {component.name} reads {column.name}, which no node sends (the "
+                        "truth is sent where sensors or noise differ from it); simulate can run it"
+                    )
         result = self
         for node in SOURCES:
             result = result.with_values(node, wait_for_recorder=True)
