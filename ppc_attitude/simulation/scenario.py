@@ -93,8 +93,10 @@ class Scenario:
         Raises
         ------
         ConfigurationError
-            A component reads what no topic carries, so that its node would wait for ever.
+            A node would wait for ever: a component reads what no topic carries, or two nodes have
+            not one value of what says how they exchange something.
         """
+        _check_agreement(self.parameters)
         sent = {column for node in HOSTED for column in columns_of(node, self.parameters[node])}
         for node in HOSTED:
             components = components_of(node, self.parameters[node])
@@ -197,7 +199,6 @@ def scenario(chosen: Overrides) -> Scenario:
     if unknown:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
     parameters = {node: _checked(node, chosen.get(node, {})) for node in PARAMETERS}
-    _check_agreement(parameters)
     _check_pulses(parameters[INJECTOR], parameters[PLANT]["rate"])
     return Scenario(parameters)
 
