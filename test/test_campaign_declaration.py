@@ -62,6 +62,11 @@ def test_an_estimator_waits_for_fixes_as_late_as_they_were_drawn() -> None:
     drawn = scenario_of(campaign(given, craft, 0), 0).parameters
     latency = drawn[PLANT]["star_tracker.latency"]
     assert latency == drawn[ESTIMATOR]["star_tracker.latency"] != 0.1
+    given["parameters"][f"{ESTIMATOR}.star_tracker.latency"] = 0.2  # what a mismatch does
+    assert (
+        scenario_of(campaign(given, craft, 0), 0).parameters[ESTIMATOR]["star_tracker.latency"]
+        == 0.2
+    )
 
 
 def test_one_number_varies_once() -> None:

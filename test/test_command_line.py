@@ -89,6 +89,7 @@ def mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "steers.yaml": '"\\e[2J": 1\n',
         "month.yaml": "/**/ppc_controller:\n  ros__parameters: {k: 2020-13-01}\n",
         "a_file": "not a bag",
+        "own.png": "a letter",
         "own.html": "<!DOCTYPE html>\n<title>mine</title>",
         "own.yaml": "/**/spacecraft_plant:\n  ros__parameters: {rate: 50.0}\n",
         "searched/worst.yaml": "/**/spacecraft_plant: {}\n",
@@ -139,12 +140,21 @@ WRONG = [
     ("simulate --export a_file", "a_file exists already"),
     ("simulate --export table.xlsx", ".csv or .parquet"),
     ("simulate --config own.yaml --report new.yaml", "new.yaml: allowed are files"),
-    ("simulate --config own.yaml --report own.yaml", "own.yaml exists already and was not written"),
-    ("simulate --report own.html", "own.html exists already and was not written by this command"),
-    ("analyse taken --report taken/metadata.yaml", "taken/metadata.yaml exists already and was"),
+    ("simulate --config own.yaml --report own.yaml", "own.yaml exists already and does not say"),
+    (
+        "simulate --report own.html",
+        "own.html exists already and does not say",
+    ),
+    (
+        "analyse taken --report taken/metadata.yaml",
+        "taken/metadata.yaml exists already",
+    ),
     ("simulate --export r.csv --report r.csv", "r.csv: allowed are files that end in .html"),
     ("simulate --config ''", "argument --config: the path is empty"),
-    ("design --output own.yaml", "own.yaml exists already and was not written by this command"),
+    (
+        "design --output own.yaml",
+        "own.yaml exists already and does not say",
+    ),
     ("design --output new", "new: allowed are files that end in .yaml"),
     ("falsify --seed -1", "argument --seed: -1; allowed: whole numbers from 0"),
     ("falsify --runs -5", "argument --runs: -5; allowed: whole numbers from 1"),
@@ -157,9 +167,9 @@ WRONG = [
         "argument --disturbance: nan; allowed: finite numbers from 0",
     ),
     ("falsify --duration 5 --after 5", "--after 5 s; allowed: less than the run of 5 s"),
-    ("falsify --out searched", "searched/worst.yaml exists already and was not written by this"),
+    ("falsify --out searched", "searched/worst.yaml exists already and does not say"),
     ("sweep --figure x.xyz", "x.xyz: allowed are files that end in .png or .svg or .pdf"),
-    ("export taken --csv a.parquet", "a.parquet: allowed are files that end in .csv"),
+    ("sweep --figure own.png", "own.png exists already and does not say"),
     *(
         (f"analyse taken --topic {wrong}", "allowed: OURS=THEIRS, as in attitude=/imu/data")
         for wrong in ("attitude", "=/imu", "attitude=")

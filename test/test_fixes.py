@@ -160,3 +160,21 @@ def test_a_fix_that_never_comes_is_given_up_and_nobody_waits_again_until_one_com
     assert joined(fixes, events)[-1] == (50 * STEP, 0.0, 2.0)
     assert joined(fixes, [("sample", k * STEP, 0.0) for k in range(51, 61)])[-1][0] == 59 * STEP
     assert fixes.waits_for_fix
+
+
+def test_a_new_beginning_waits_for_its_first_fix_whatever_was_lost_before() -> None:
+    fixes = new(patience=0.0)
+    joined(fixes, [("sample", k * STEP, 0.0) for k in range(30)])
+    assert fixes.lost == 2
+    assert joined(fixes, [("sample", 0, 0.0)]) == []
+    assert joined(fixes, [("fix", 0, 3.0)]) == [(0, 0.0, 3.0)]
+
+
+def test_nobody_waits_for_a_tracker_that_is_always_later_than_it_says() -> None:
+    fixes = new()
+    done = 0
+    for k in range(200):
+        done += len(joined(fixes, [("sample", k * STEP, 0.0)]))
+        if k >= 50 and k % 10 == 0:  # the fix of 0.5 s ago, which was due 0.1 s after it
+            joined(fixes, [("fix", (k - 50) * STEP, 1.0)])
+        assert k < 11 or done == k + 1

@@ -194,6 +194,8 @@ def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_
     command = ["simulate", *CONFIGS[:2], "--controller", "blind", "--duration", "0.1", "--json"]
     done = run_outside("-m", "ppc_attitude.command_line.main", *command)
     assert json.loads(done.stdout)["controller"] == "blind"
+    checked = run_outside("-m", "ppc_attitude.command_line.main", "check", *command[1:-3])
+    assert "initial attitude error x y z w: -0.22952, 0.25933" in checked.stdout, checked.stderr
 
 
 RAISING = """

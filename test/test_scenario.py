@@ -27,7 +27,7 @@ from ppc_attitude.science.kinds import ENVIRONMENTS
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.sensors import direct
-from ppc_attitude.science.signals import TRUE_ATTITUDE
+from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TRUE_ATTITUDE
 from ppc_attitude.simulation.scenario import Scenario, load, read_files, scenario
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -280,3 +280,8 @@ def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPa
     case = Scenario({**base.parameters, "disturbance_injector": injector})
     with pytest.raises(ConfigurationError, match="gradient reads truth_attitude, which no node"):
         case.awaiting_recorder()
+    other_words = replace(REFERENCE_ATTITUDE, meaning="where to point")
+    monkeypatch.setitem(
+        ENVIRONMENTS.components, "gradient", replace(gradient, inputs=(other_words,))
+    )
+    case.awaiting_recorder()

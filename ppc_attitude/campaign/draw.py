@@ -178,7 +178,8 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
         "seed": drawn["noise_seed"],
     }
     agreed = {each.name for each in PARAMETERS[ESTIMATOR] if each.agreed} & changed[PLANT].keys()
-    changed.setdefault(ESTIMATOR, {}).update({name: changed[PLANT][name] for name in agreed})
+    told = {name: changed[PLANT][name] for name in agreed}
+    changed[ESTIMATOR] = {**told, **changed.get(ESTIMATOR, {})}  # unless it was drawn by itself
     if drawn["pulse_torque"]:
         pulses, torque = values[INJECTOR], [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
         changed[INJECTOR] = {

@@ -143,7 +143,7 @@ def see_that_none_is_idle(
     purpose : str
         What they are for.
     options : str
-        Their names, without dashes at the beginning; none has a default.
+        Their names, without dashes at the beginning; by default each is nothing, or empty.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def see_that_none_is_idle(
     for option in () if applies else options:
         value = getattr(arguments, option.replace("-", "_"))
         if value is not None and value is not False and value not in ([], ""):
-            raise ConfigurationError(f"--{option} is for {purpose}")
+            raise ConfigurationError(f"--{option} is for {purpose}; here it would do nothing")
 
 
 def add_requirements_option(parser: argparse.ArgumentParser) -> None:
@@ -168,7 +168,7 @@ def add_judging_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--report",
         metavar="FILE.html",
-        type=new_file(".html", replaces=REPORT),
+        type=new_file(".html", ".htm", replaces=REPORT),
         help="write a self-contained HTML report",
     )
     parser.add_argument("--mission", metavar="NAME", default="", help="title of the report")

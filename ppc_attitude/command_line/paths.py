@@ -16,7 +16,7 @@
 
 import argparse
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -32,15 +32,19 @@ def new_folder(text: str) -> Path:
     return path
 
 
-def new_file(*suffixes: str, replaces: str | None = None) -> Callable[[str], Path]:
+def new_file(
+    *suffixes: str, replaces: str | Mapping[str, str] | None = None
+) -> Callable[[str], Path]:
     """Give the parser of where a file is to be; the folders above it are made.
 
     Parameters
     ----------
     suffixes : str
-        What its name may end in: two outputs of a command differ in this, and so never meet.
-    replaces : str, optional
-        What stands at the beginning of a file that may be replaced; by default none may.
+        What its name may end in, if not in anything: two outputs of a command differ in this, and
+        so never meet.
+    replaces : str or mapping of str to str, optional
+        What stands at the beginning of a file that may be replaced, or that by suffix; by default
+        none may.
     """
 
     def parsed(text: str) -> Path:
@@ -51,8 +55,9 @@ def new_file(*suffixes: str, replaces: str | None = None) -> Callable[[str], Pat
                 raise argparse.ArgumentTypeError(f"{text} is {what}")  # the new one would replace
             if replaces is None:
                 raise argparse.ArgumentTypeError(f"{text} exists already, it is not overwritten")
-            see_that_it_may_go(path, replaces)
-        if path.suffix not in suffixes:
+            mark = replaces if isinstance(replaces, str) else replaces.get(path.suffix, "")
+            see_that_it_may_go(path, mark)
+        if suffixes and path.suffix not in suffixes:
             allowed = " or ".join(suffixes)
             raise argparse.ArgumentTypeError(f"{text}: allowed are files that end in {allowed}")
         return path
@@ -74,7 +79,8 @@ def see_that_it_may_go(path: Path, mark: str) -> None:
         beginning = file.read(_BEGINNING)
     if beginning and mark.encode() not in beginning:
         raise argparse.ArgumentTypeError(
-            f"{path} exists already and was not written by this command: it is not overwritten"
+            f"{path} exists already and does not say that this command wrote it: it is not "
+            "overwritten"
         )
 
 

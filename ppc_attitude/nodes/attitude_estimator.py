@@ -44,9 +44,12 @@ class AttitudeEstimator(ComponentNode):
         if not late:
             return super()._receiver(topic)
         if self._fixes is None:
-            if len(late) > 1:
-                names = ", ".join(each.name for each in late)
-                raise ConfigurationError(f"{names} come late; an estimator waits for one of them")
+            if not len(late) == 1 < len(self._topics):
+                names = ", ".join(each.name for each in self._topics)
+                raise ConfigurationError(
+                    f"the estimator reads {names}; allowed: one that comes late, such as fixes, "
+                    "beside what comes with every instant"
+                )
             self._fixes = Fixes(Slots.of(self.parameters.values), late[0].width)
             self._instant = Instant(each.column for each in self._topics if not each.late)
         fixes, column = self._fixes, topic.column

@@ -76,7 +76,9 @@ class NodeParameters:
         foreign = chosen.keys() - self._table.keys()
         foreign = foreign and foreign & _of_any_node()  # loads all nodes' components: if need be
         if foreign:
-            node.get_logger().info(f"not for this node: {', '.join(sorted(foreign))}")
+            node.get_logger().warning(
+                f"of other nodes, not used here: {', '.join(sorted(foreign))}"
+            )
             chosen = {name: value for name, value in chosen.items() if name not in foreign}
         self.values = resolved(self._table.values(), chosen, executable)
         check(self.values)

@@ -86,6 +86,7 @@ class Fixes(Generic[Sample]):
             self._samples.clear()
             self._fixes = {valid: fix for valid, fix in self._fixes.items() if valid <= stamp_ns}
             self._last = self._used = None
+            self._is_heard = True
         self._samples[stamp_ns] = values
         yield from self._complete()
 
@@ -99,7 +100,9 @@ class Fixes(Generic[Sample]):
         if not self._slots.has(valid_ns):
             self.useless += 1
             return
-        self._is_heard = True
+        # One that is always later than its slot allows is not worth the wait.
+        if self._last is None or not self._slots.arrived(valid_ns, self._last):
+            self._is_heard = True
         if valid_ns != self._used:  # the message of a repeated state has been used
             self._fixes[valid_ns] = values
         while len(self._fixes) > _PENDING:

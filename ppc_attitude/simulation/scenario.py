@@ -97,14 +97,14 @@ class Scenario:
             not one value of what says how they exchange something.
         """
         _check_agreement(self.parameters)
-        sent = {column for node in HOSTED for column in columns_of(node, self.parameters[node])}
+        sent = {each.name for node in HOSTED for each in columns_of(node, self.parameters[node])}
         for node in HOSTED:
             components = components_of(node, self.parameters[node])
-            own = {column for component in components for column in component.outputs}
+            own = {column.name for component in components for column in component.outputs}
             for component in components:
-                for column in set(component.inputs) - sent - own:
+                for name in {column.name for column in component.inputs} - sent - own:
                     raise ConfigurationError(
-                        f"{node}: {component.name} reads {column.name}, which no node sends (the "
+                        f"{node}: {component.name} reads {name}, which no node sends (the "
                         "truth is sent where sensors or noise differ from it); simulate can run it"
                     )
         result = self

@@ -45,10 +45,20 @@ from ppc_attitude.command_line.proportions import (
     settling_conditions,
     slew_conditions,
 )
-from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    CONTROLLER,
+    ESTIMATOR,
+    PLANT,
+    REFERENCE,
+    REFERENCE_ATTITUDE,
+)
+from ppc_attitude.science.attitude import attitude_error
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.controllers.tube_parameters import LAWS
+from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import (
     ACTUATORS,
     CONTROLLERS,
@@ -106,11 +116,12 @@ def execute(arguments: argparse.Namespace) -> int:
     guarantee = Judgement(scenario, arguments.config) if certified else None
     parts = _at_start(scenario)
     law = parts[CONTROLLERS.name]
-    q_e = law.outputs[0]["attitude_error"].tolist()
+    told, desired = (_given(parts, each) for each in (ATTITUDE.column, REFERENCE_ATTITUDE.column))
+    q_e = attitude_error(tuple(told.tolist()), tuple(desired.tolist()))
     environment = environment_torque(scenario, parts[ENVIRONMENTS.name])
     conditions = (
         *(() if guarantee else _law_conditions(scenario, q_e[3], environment)),
-        *settling_conditions(scenario, required, tuple(q_e)),
+        *settling_conditions(scenario, required, q_e),
         *slew_conditions(scenario),
         *actuator_conditions(scenario),
         *sampling_conditions(scenario),
@@ -159,7 +170,7 @@ def _law_conditions(scenario: Scenario, q_e0: float, environment: float) -> tupl
 def _json(
     scenario: Scenario,
     conditions: tuple[Condition, ...],
-    q_e: list[float],
+    q_e: Quaternion,
     start: Advice,
     goals: list[Told],
 ) -> dict[str, Any]:
@@ -175,7 +186,10 @@ def _json(
 
 
 def _print(
-    scenario: Scenario, conditions: tuple[Condition, ...], q_e: list[float], advices: list[Advice]
+    scenario: Scenario,
+    conditions: tuple[Condition, ...],
+    q_e: Quaternion,
+    advices: list[Advice],
 ) -> None:
     rate = scenario.number(PLANT, "rate")
     print(f"controller {scenario.controller.name}, {rate:g} Hz")
@@ -193,10 +207,16 @@ def _print(
 def _at_start(scenario: Scenario) -> dict[str, Part]:
     """Every part after its first step; without an estimate by then, as if told the truth."""
     parts = first_instant(scenario)
-    if parts[CONTROLLERS.name].outputs[0]["attitude_error"].any():
+    if _given(parts, ATTITUDE.column).any():
         return parts
     exact = {PLANT: {SENSORS.selector: "direct"}, ESTIMATOR: {ESTIMATORS.selector: NONE}}
     return first_instant(scenario.overlaid(exact))
+
+
+def _given(parts: Mapping[str, Part], column: str) -> Array:
+    """Column that one of the parts gave."""
+    found: Array = next(each for each in parts.values() if column in each.places).outputs[0][column]
+    return found
 
 
 def _verdict(condition: Condition) -> str:

@@ -136,7 +136,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--gains", nargs=3, type=positive, metavar=("K", "KAPPA", "ELL"), help="no search: these"
     )
-    output = new_file(".yaml", replaces=WRITTEN)
+    output = new_file(".yaml", ".yml", replaces=WRITTEN)
     parser.add_argument("--output", metavar="FILE.yaml", type=output, help="parameter file")
 
 
@@ -194,7 +194,9 @@ def execute(arguments: argparse.Namespace) -> int:
         print(error)
         return REQUIREMENT_FAILED
     except ArithmeticError:  # numbers that are so large or small are no gains of any craft
-        gains = ", ".join(f"{each:g}" for each in arguments.gains or ())
+        if not arguments.gains:
+            raise
+        gains = ", ".join(f"{each:g}" for each in arguments.gains)
         print(f"nothing can be guaranteed: no floating-point number bounds what gains {gains} do")
         return REQUIREMENT_FAILED
     values = _values(assumed, found.law)

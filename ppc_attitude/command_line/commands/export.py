@@ -32,8 +32,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_reading_options(parser)
     kind = parser.add_mutually_exclusive_group(required=True)
     for form, name in (("parquet", "Parquet"), ("csv", "CSV")):
-        parsed = new_file(f".{form}")
-        kind.add_argument(f"--{form}", metavar="FILE", type=parsed, help=f"a new {name} file")
+        kind.add_argument(f"--{form}", metavar="FILE", type=new_file(), help=f"a new {name} file")
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -76,7 +76,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     for option, allowed, default, told in (
         ("--start-rate", number(0.0, 5000.0, "deg/s"), 1.0, "largest ‖ω_s‖ [deg/s]"),
         ("--disturbance", number(0.0, unit="N·m"), ENVIRONMENT_BOUND, "bound per axis [N·m]"),
-        ("--pieces", number(0, 1e4, whole=True), 40, "of the disturbance; 0: as configured"),
+        ("--pieces", number(0, 1e4, whole=True), 40, "pieces of the disturbance; 0: as configured"),
         ("--inertia-error", number(0.0, 0.5), 0.0, "e_S, e.g. 0.1"),
         ("--strength", number(1e-3, 1.0), 1.0, "least actuator share η"),
         ("--begin", number(0.0, 1e9, "s"), 0.0, "latest instant of the reference at t = 0 [s]"),

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ppc_attitude.analysis.comparison import sweep_figure
-from ppc_attitude.analysis.drawing import FORMATS, save
+from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_MET, Metrics
@@ -42,6 +42,7 @@ from ppc_attitude.simulation.scenario import Scenario
 
 # What nobody names is in proportion to the craft and to what is asked of it. In the paper's case
 # these are hits of 0.8 N·m at 80 s for 0.05 s to 1 s, and 300 s to recover.
+_PICTURES = {".png": "PNG", ".svg": "<!DOCTYPE svg", ".pdf": "%PDF"}  # with how each begins
 _STRENGTH = 16.0  # times what the actuator gives
 _SHARES = (1 / 1200, 1 / 600, 1 / 300, 1 / 120, 1 / 60)  # of the settling deadline
 _AFTER = 5.0  # settling deadlines after the hit
@@ -97,8 +98,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=positive,
         help="start [s]; default when the craft must have settled and a terminal window is over",
     )
-    form = new_file(*(f".{each}" for each in FORMATS), replaces="")
-    parser.add_argument("--figure", metavar="FILE", type=form, help="draw the sweep there")
+    picture = new_file(*_PICTURES, replaces=_PICTURES)
+    parser.add_argument("--figure", metavar="FILE", type=picture, help="draw the sweep there")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

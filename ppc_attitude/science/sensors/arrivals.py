@@ -76,6 +76,10 @@ class Slots:
         slot = self._slot(valid_ns + TOLERANCE)
         return slot >= 0 and abs(self._stamp(slot) - valid_ns) <= TOLERANCE
 
+    def arrived(self, valid_ns: int, stamp_ns: int) -> bool:
+        """Whether the fix of a stamp of validity [ns] should have come with a stamp [ns] before."""
+        return self._slot(stamp_ns - self._latency) >= self._slot(valid_ns + TOLERANCE)
+
     def _slot(self, time_ns: int) -> int:
         """Return the last slot that is not after a time [ns]."""
         return time_ns * self._slots // self._ns
