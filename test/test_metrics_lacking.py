@@ -132,6 +132,10 @@ def test_without_our_plant_the_torque_is_judged_by_what_the_controller_was_told(
     [
         ([1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0], [0.3], 4 * 0.3 / 3**0.5),
         ([2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0], [0.1, 0.2, 0.3], 0.3),
+        ([1.0] * 7, [0.3], 0.05),  # what nobody can read is not believed
+        ([0.0] * 9, [0.3], 0.05),
+        ("none", [0.3], 0.05),
+        ([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], [0.1, 0.2], 0.05),
     ],
 )
 def test_with_wheels_the_torque_is_judged_by_what_they_give_together(axes, each, limit):

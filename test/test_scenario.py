@@ -28,7 +28,7 @@ from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TRUE_ATTITUDE
-from ppc_attitude.simulation.scenario import Scenario, load, read_files, scenario
+from ppc_attitude.simulation.scenario import check_exchange, load, read_files, scenario
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -253,21 +253,28 @@ def test_with_values_leaves_the_original_alone_and_checks() -> None:
 def test_nodes_agree_on_when_a_fix_comes() -> None:
     files = [CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml"]
     message = "attitude_estimator: star_tracker.latency = 0.2; allowed: 0.1, which spacecraft_plant"
+    given = load(files, {"attitude_estimator": {"star_tracker.latency": 0.2}})
     with pytest.raises(ConfigurationError, match=message):
-        load(files, {"attitude_estimator": {"star_tracker.latency": 0.2}}).awaiting_recorder()
+        check_exchange(given.parameters)
     noise = {"attitude_estimator": {"star_tracker.cross_noise": 1e-4}}  # may be wrong
-    assert load(files, noise).awaiting_recorder().controller.name == "ppc"
+    check_exchange(load(files, noise).parameters)
 
 
-def test_a_pulse_that_would_never_act_is_refused() -> None:
-    for start, duration in ((0.503, 0.004), (20.1, 0.01), (80.0, 1e-6)):
-        pulse = {"pulse_times": [start], "pulse_durations": [duration], "pulse_torques": [0.1] * 3}
-        if duration != 0.004:
-            assert scenario({"disturbance_injector": pulse})  # the second one fills a whole step
-            continue
-        message = r"pulse of 0.004 s at 0.503 s lies between two instants of 100.0 Hz; allowed"
-        with pytest.raises(ConfigurationError, match=message):
-            scenario({"disturbance_injector": pulse})
+@pytest.mark.parametrize(("start", "duration"), [(20.1, 0.01), (80.0, 1e-6), (0.507, 0.004)])
+def test_a_pulse_that_acts_at_one_instant_is_allowed(start: float, duration: float) -> None:
+    assert scenario(one_pulse(start, duration))
+
+
+@pytest.mark.parametrize(("start", "duration"), [(0.503, 0.004), (20.1001, 0.0098)])
+def test_a_pulse_that_would_never_act_is_refused(start: float, duration: float) -> None:
+    message = rf"pulse from {start} to .* s lies between two instants of 100.0 Hz; allowed"
+    with pytest.raises(ConfigurationError, match=message):
+        scenario(one_pulse(start, duration))
+
+
+def one_pulse(start: float, duration: float) -> dict[str, dict[str, list[float]]]:
+    times = {"pulse_times": [start], "pulse_durations": [duration]}
+    return {"disturbance_injector": {**times, "pulse_torques": [0.1] * 3}}
 
 
 def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,13 +282,13 @@ def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPa
     gradient = replace(paper_torque.COMPONENT, name="gradient", inputs=(TRUE_ATTITUDE,))
     monkeypatch.setitem(ENVIRONMENTS.components, "gradient", gradient)
     base = load([CONFIG / "paper.yaml"])
-    base.awaiting_recorder()
+    check_exchange(base.parameters)
     injector = {**base.parameters["disturbance_injector"], "environment": "gradient"}
-    case = Scenario({**base.parameters, "disturbance_injector": injector})
-    with pytest.raises(ConfigurationError, match="gradient reads truth_attitude, which no node"):
-        case.awaiting_recorder()
+    case = {**base.parameters, "disturbance_injector": injector}
+    with pytest.raises(ConfigurationError, match="read truth_attitude, which no node sends"):
+        check_exchange(case)
     other_words = replace(REFERENCE_ATTITUDE, meaning="where to point")
     monkeypatch.setitem(
         ENVIRONMENTS.components, "gradient", replace(gradient, inputs=(other_words,))
     )
-    case.awaiting_recorder()
+    check_exchange(case)

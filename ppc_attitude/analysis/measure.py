@@ -15,7 +15,8 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, fields
 from functools import cached_property
 from typing import Any
@@ -26,7 +27,15 @@ from numpy.typing import NDArray
 from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, beyond, envelopes_of
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
 from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
-from ppc_attitude.analysis.series import AnalysisError, elapsed, has, step, topic_of, vectors
+from ppc_attitude.analysis.series import (
+    AnalysisError,
+    elapsed,
+    has,
+    is_finite,
+    step,
+    topic_of,
+    vectors,
+)
 from ppc_attitude.analysis.truth import (
     EXACT,
     Errors,
@@ -36,7 +45,7 @@ from ppc_attitude.analysis.truth import (
     truth_of,
 )
 from ppc_attitude.analysis.verdict import Disturbance, ErrorSize, Metrics, Span
-from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE
+from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
@@ -45,42 +54,17 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     PLANT,
     REFERENCE_ATTITUDE,
+    TRUE_ATTITUDE,
 )
 from ppc_attitude.science import wheels
-from ppc_attitude.science.actuators import wheels as drive
 from ppc_attitude.science.kinds import ACTUATORS
 
 Mask = NDArray[np.bool_]
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
+_ATTITUDES = (TRUE_ATTITUDE.column, REFERENCE_ATTITUDE.column)
+"""Attitudes that are always known: zeros say as little as NaN. Only an estimate may be unknown."""
 _FIELDS = frozenset(each.name for each in fields(Metrics))
-
-
-def most_torque(plant: Mapping[str, Any]) -> float | None:
-    """Largest torque [N·m] on an axis that the selected actuator can give.
-
-    A limit that is one number holds on every axis. The torque of a wheel is not on an axis: wheels
-    give at most Σ τ_i |a_i|, on the axis on which this is largest, when all of them pull along it.
-    Their friction and their gyroscopic torque can come on top and are not in it.
-
-    Parameters
-    ----------
-    plant : mapping
-        Parameters of the plant, as far as somebody knows them.
-
-    Returns
-    -------
-    float or None
-        None if they do not tell.
-    """
-    actuator = ACTUATORS.selected(plant)
-    if actuator is drive.COMPONENT and {wheels.AXES.name, wheels.MAX_TORQUE.name} <= set(plant):
-        axes = np.reshape(plant[wheels.AXES.name], (-1, 3))
-        axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-        each = np.resize(plant[wheels.MAX_TORQUE.name], len(axes))  # one is for all
-        return float((each @ np.abs(axes)).max())
-    limits = [plant.get(name) for name in (actuator.limits if actuator else ())]
-    return max((float(each) for each in limits if isinstance(each, int | float)), default=None)
 
 
 def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
@@ -227,10 +211,19 @@ class Measured:
         """Limit on an axis [N·m]: as required, else as configured, else the paper's."""
         # A bag of somebody else's plant says only what the controller was told of the actuator.
         parameters = self.record.parameters
-        actuator = most_torque(parameters.get(PLANT, {}))
         told = parameters.get(CONTROLLER, {}).get("max_torque")
-        limits = (self.required.torque, actuator, told, PAPER_TORQUE_LIMIT)
+        limits = (self.required.torque, self._actuator_torque, told, PAPER_TORQUE_LIMIT)
         return next(float(each) for each in limits if isinstance(each, int | float))
+
+    @property
+    def _actuator_torque(self) -> float | None:
+        """Largest torque on an axis [N·m] that the actuator can give, if the record tells."""
+        plant = self.record.parameters.get(PLANT, {})
+        actuator = ACTUATORS.selected(plant)
+        with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
+            torques = actuator.torques(plant) if actuator else None
+            return torques and torques[1]
+        return None
 
     @property
     def fastest_wheel(self) -> float | None:
@@ -305,3 +298,17 @@ def largest(values: Array | None, where: Mask | slice = slice(None)) -> float | 
         return float(most)
     finite = picked[np.isfinite(picked)]
     return float(finite.max()) if finite.size else None
+
+
+def lost(record: RunRecord) -> int:
+    """Messages that are missing, and samples that are there but not finite."""
+    count = record.missing_messages
+    for column, rows in record.columns.items():
+        lacks = ~is_finite(record, column)
+        if column in _ATTITUDES:
+            lacks |= ~np.logical_or.reduce(rows.T)
+        late = column in BY_COLUMN and BY_COLUMN[column].late
+        if late or column in record.held:  # it comes with some instants only
+            lacks &= ~np.logical_and.reduce(np.isnan(rows.T))
+        count += max(int(np.count_nonzero(lacks)) - record.missing.get(topic_of(column), 0), 0)
+    return count

@@ -42,8 +42,8 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   limit that the requirements set, or within what the configured noise explains.
 - *Filter*: the share of knowledge errors outside the filter's own 3σ, the mean of its squared
   innovations, and the good fixes it refused (`filter_health`).
-- *Messages missing or not finite*: those missing and those that carry a NaN or an infinity. Such
-  samples are skipped everywhere else.
+- *Messages missing or not finite*: those missing, those that carry a NaN or an infinity, and a true
+  or desired attitude of zeros. Such samples are skipped everywhere else.
 """
 
 from collections.abc import Iterator
@@ -55,9 +55,9 @@ from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
-from ppc_attitude.analysis.measure import Measured, known, largest, pulses_of, window
+from ppc_attitude.analysis.measure import Measured, known, largest, lost, pulses_of, window
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements
-from ppc_attitude.analysis.series import AnalysisError, has, is_finite, topic_of
+from ppc_attitude.analysis.series import AnalysisError, has
 from ppc_attitude.analysis.truth import EXACT, RECORDED, knowledge_errors, truth_of
 from ppc_attitude.analysis.verdict import (
     Disturbance,
@@ -75,7 +75,6 @@ from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
     PLANT,
-    REFERENCE_ATTITUDE,
     TRUE_ATTITUDE,
 )
 from ppc_attitude.science.kinds import SENSORS
@@ -88,8 +87,6 @@ WHEEL_RESERVE = 0.99
 """Largest share of its largest speed that a wheel may reach [1]."""
 SUMMATION = 1e-12
 """Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
-_ATTITUDES = (TRUE_ATTITUDE.column, REFERENCE_ATTITUDE.column)
-"""Attitudes that are always known: zeros say as little as NaN. Only an estimate may be unknown."""
 NOISE_EXPLAINS = 8.0
 """Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
 
@@ -197,7 +194,7 @@ class Judge(Measured):
         yield from self._reported()
         yield from self._knowledge()
         yield from self._filter()
-        yield self._row("lost_messages", float(_lost(self.record)), 0.0, "", self.whole)
+        yield self._row("lost_messages", float(lost(self.record)), 0.0, "", self.whole)
 
     def _row(
         self,
@@ -388,17 +385,3 @@ class Judge(Measured):
             why = self.lacks(TRUE_ATTITUDE.column)
             refused = found.refused
             yield self._row("refused_fixes", refused, found.refused_limit, "", self.whole, why)
-
-
-def _lost(record: RunRecord) -> int:
-    """Messages that are missing, and samples that are there but not finite."""
-    lost = record.missing_messages
-    for column, rows in record.columns.items():
-        lacks = ~is_finite(record, column)
-        if column in _ATTITUDES:
-            lacks |= ~np.logical_or.reduce(rows.T)
-        late = column in BY_COLUMN and BY_COLUMN[column].late
-        if late or column in record.held:  # it comes with some instants only
-            lacks &= ~np.logical_and.reduce(np.isnan(rows.T))
-        lost += max(int(np.count_nonzero(lacks)) - record.missing.get(topic_of(column), 0), 0)
-    return lost

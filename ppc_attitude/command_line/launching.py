@@ -32,7 +32,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import warm_up
-from ppc_attitude.simulation.scenario import Scenario, load
+from ppc_attitude.simulation.scenario import Scenario, check_exchange, load
 
 _YES_NO = ("true", "false")
 
@@ -131,6 +131,8 @@ class Request:
         if self["bag"]:
             overrides[RECORDER] = {"bag": self["bag"]}
         scenario = load([*files, *overlay], overrides)
+        if not self.words("without"):  # of a node of the user's nobody knows what it sends
+            check_exchange(scenario.parameters)
         warm_up(scenario)  # once here, instead of in several processes at a time
         return scenario
 

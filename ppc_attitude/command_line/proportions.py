@@ -20,11 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.analysis.measure import most_torque
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators import ideal, wheels
-from ppc_attitude.science.allocation import certain_torque
 from ppc_attitude.science.certificate import RATE_LIMIT, Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
@@ -43,7 +41,6 @@ from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 from ppc_attitude.science.stamps import NANOSECONDS
-from ppc_attitude.science.wheels import wheel_record
 from ppc_attitude.simulation.scenario import Scenario
 
 _SAMPLES = 1000  # times at which an environment is looked at
@@ -168,11 +165,9 @@ def actuator_torque(scenario: Scenario) -> float:
     Of one that does not tell it is what the law may ask for.
     """
     plant: Mapping[str, Any] = scenario.parameters[PLANT]
-    if ACTUATORS.selected(plant) is wheels.COMPONENT:
-        array = wheel_record(plant)
-        count = array["count"]
-        return certain_torque(array["axes"][:count], array["max_torque"][:count])
-    return most_torque(plant) or scenario.number(CONTROLLER, "max_torque")
+    actuator = ACTUATORS.selected(plant)
+    torques = actuator.torques(plant) if actuator else None
+    return torques[0] if torques else scenario.number(CONTROLLER, "max_torque")
 
 
 def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:

@@ -41,7 +41,7 @@ from ppc_attitude.nodes.discovery import DOMAIN, reach
 from ppc_attitude.processes.telling import BAG
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
-from ppc_attitude.simulation.scenario import Scenario
+from ppc_attitude.simulation.scenario import Scenario, check_exchange
 
 Watch: TypeAlias = Callable[[Callable[[], bool]], None]
 """Works as long as the function that it is given returns true; it calls it again and again."""
@@ -97,6 +97,7 @@ class Recording:
         environment = private_environment(domain_of(self._keys) if self._keys else "")
         if self._keys:
             environment = secured(environment, self._keys)
+        check_exchange(scenario.parameters)
         scenario = scenario.awaiting_recorder().with_values(PLANT, lockstep=lockstep)
         scenario = scenario.with_values(RECORDER, bag=str(self.bag))
         check_memory(scenario)  # the verdict is taken from the whole bag

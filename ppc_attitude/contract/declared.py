@@ -40,14 +40,16 @@ _OF_ALL = {*_EVENTS, "rosout"}
 """Topics that no column has. In the root namespace a relative name is as good as an absolute."""
 
 
+def _content(topic: Topic) -> tuple[Any, ...]:
+    """What two declarations of a column must have in common."""
+    return topic.name, topic.form, topic.frame_id, topic.unit, topic.width, topic.late
+
+
 def _problem(topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
     """Say why a component's topics cannot be beside those of others; empty if they can."""
     columns = {each.name: each.column for each in declared.values()}
     for topic in topics:
-        known = declared.get(topic.column, topic)
-        if (known.name, known.form, known.frame_id, known.unit, known.width, known.late) != (
-            (topic.name, topic.form, topic.frame_id, topic.unit, topic.width, topic.late)
-        ):
+        if _content(declared.get(topic.column, topic)) != _content(topic):
             return f"another declares the column {topic.column} differently"
         if topic.name in _OF_ALL or columns.setdefault(topic.name, topic.column) != topic.column:
             return f"its column {topic.column} has a topic of others, {topic.name}"

@@ -52,22 +52,21 @@ class AttitudeEstimator(ComponentNode):
                 )
             self._fixes = Fixes(Slots.of(self.parameters.values), late[0].width)
             self._instant = Instant(each.column for each in self._topics if not each.late)
-        fixes, column = self._fixes, topic.column
+        fixes, column, fix = self._fixes, topic.column, late[0].column
+
+        def answer(completed: Completed) -> None:
+            for stamp, parts, row in completed:
+                self._on_instant(stamp, {**parts, fix: row})
 
         def receive_fix(stamp_ns: int, values: Values) -> None:
-            self._answer_all(fixes.fix(stamp_ns, values, self.now()))
+            answer(fixes.fix(stamp_ns, values, self.now()))
 
         def receive_sample(stamp_ns: int, values: Values) -> None:
             parts = self._instant.add(column, stamp_ns, values)
             if parts is not None:
-                self._answer_all(fixes.sample(stamp_ns, parts, self.now()))
+                answer(fixes.sample(stamp_ns, parts, self.now()))
 
         return receive_fix if topic.late else receive_sample
-
-    def _answer_all(self, completed: Completed) -> None:
-        (late,) = (each.column for each in self._topics if each.late)
-        for stamp, parts, row in completed:
-            self._on_instant(stamp, {**parts, late: row})
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""

@@ -25,6 +25,7 @@ from ppc_attitude.runtime.answers import Answers
 from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import OK, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import Instant, Values
+from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.stamps import seconds
@@ -63,10 +64,9 @@ class ComponentNode(BaseNode):
             raise ConfigurationError(f"{names} would read or give other topics: select it at start")
 
     def _exchanged(self, values: Mapping[str, Value]) -> tuple[set[str], set[str]]:
-        components = components_of(self.executable, values)
-        inner = {column.name for each in components for column in each.outputs}
-        read = {column.name for each in components for column in each.inputs}
-        return read - inner, {column.name for column in columns_of(self.executable, values)}
+        read = read_from_elsewhere(components_of(self.executable, values))
+        given = columns_of(self.executable, values)
+        return {column.name for column in read}, {column.name for column in given}
 
     def apply_parameters(self, stamp_ns: int) -> None:
         """Take over parameters that have changed, from a stamp [ns] on."""

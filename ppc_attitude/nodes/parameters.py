@@ -72,14 +72,13 @@ class NodeParameters:
             for name, override in node._parameter_overrides.items()
             if not is_of_ros(name)
         }
-        # A section for all nodes has names of other nodes too; a name that nobody has is a mistake.
-        foreign = chosen.keys() - self._table.keys()
-        foreign = foreign and foreign & _of_any_node()  # loads all nodes' components: if need be
-        if foreign:
-            node.get_logger().warning(
-                f"of other nodes, not used here: {', '.join(sorted(foreign))}"
-            )
-            chosen = {name: value for name, value in chosen.items() if name not in foreign}
+        strange = chosen.keys() - self._table.keys()
+        if strange:  # only then: this loads the components of all nodes
+            # A section for all nodes has names of others too; one that nobody has is a mistake.
+            others = sorted(strange & _of_any_node())
+            if others:
+                node.get_logger().warning(f"of other nodes, not used here: {', '.join(others)}")
+            chosen = {name: value for name, value in chosen.items() if name not in others}
         self.values = resolved(self._table.values(), chosen, executable)
         check(self.values)
         for parameter in self._table.values():

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ppc_attitude.runtime.stamps import Values
-from ppc_attitude.science.component import Advice, Column, Component
+from ppc_attitude.science.component import Advice, Component, read_from_elsewhere
 from ppc_attitude.science.part import Part
 
 
@@ -67,11 +67,7 @@ class Chain:
         self._reads = [
             (part, [column.name for column in part.component.inputs]) for part in self.parts
         ]
-        output = [column for part in self.parts for column in part.component.outputs]
-        needed = [column for part in self.parts for column in part.component.inputs]
-        self.inputs: tuple[Column, ...] = tuple(
-            column for column in dict.fromkeys(needed) if column not in output
-        )
+        self.inputs = read_from_elsewhere(components)
 
     def forget(self) -> None:
         """Begin anew, as at the first step."""

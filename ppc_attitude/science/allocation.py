@@ -144,3 +144,12 @@ def certain_torque(axes: NDArray[np.float64], limits: NDArray[np.float64]) -> fl
         for normal in normals
         if np.linalg.norm(normal) > _PARALLEL
     )
+
+
+def largest_torque(axes: NDArray[np.float64], limits: NDArray[np.float64]) -> float:
+    """Largest torque on an axis [N·m] that wheels can give: max_j Σ_i τ_i |a_ij|.
+
+    All pull along the axis on which this is largest. Friction and gyroscopic torque can come on
+    top. Parameters as of `certain_torque`.
+    """
+    return float((limits @ np.abs(axes)).max())

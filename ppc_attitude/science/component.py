@@ -22,7 +22,7 @@ This file and `kinds` import neither kernels nor Numba, so that who only needs n
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -196,6 +196,8 @@ class Component:
         Of sensors: from the parameter values to True if what they give is the truth itself.
     limits : tuple of str
         Of actuators: the parameters that limit its torque, all of which a weaker one has smaller.
+    torque : callable, optional
+        Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
     observes : bool
         Of laws: True if it has a rate observer of its own, so that none is put before it.
     """
@@ -212,6 +214,7 @@ class Component:
     advices: Callable[[Any], int] = _no_advices
     exact: Callable[[Mapping[str, Any]], bool] = _never
     limits: tuple[str, ...] = ()
+    torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
     observes: bool = False
 
     def __post_init__(self) -> None:
@@ -229,6 +232,17 @@ class Component:
                 f"component {self.name}: limits = {self.limits}; it has no parameter "
                 f"{', '.join(sorted(unknown))}"
             )
+
+    def torques(self, values: Mapping[str, Any]) -> tuple[float, float] | None:
+        """Torque on an axis [N·m] that an actuator gives in any direction, and at most.
+
+        None if the parameter values do not tell.
+        """
+        if self.torque is not None:
+            return self.torque(values)
+        told = [values.get(name) for name in self.limits]
+        limits = [float(each) for each in told if isinstance(each, int | float)]
+        return (min(limits), max(limits)) if limits else None
 
     @cached_property
     def defaults(self) -> dict[str, Any]:
@@ -253,3 +267,11 @@ class Component:
     def output_record(self) -> np.dtype[Any]:
         """Record that the step fills."""
         return output_record(self.outputs)
+
+
+def read_from_elsewhere(components: Iterable[Component]) -> tuple[Column, ...]:
+    """Columns that components read and that none of them gives, each once."""
+    chosen = tuple(components)
+    given = {column.name for component in chosen for column in component.outputs}
+    needed = {column.name: column for component in chosen for column in component.inputs}
+    return tuple(column for name, column in needed.items() if name not in given)

@@ -142,7 +142,7 @@ def wheel_record(values: Mapping[str, Any]) -> Any:
         the largest, or friction that a step cannot follow or a motor cannot overcome.
     """
     record = np.zeros((), WHEELS)[()]
-    axes = _axes(values[AXES.name])
+    axes = axes_of(values)
     count = len(axes)
     record["count"] = count
     record["axes"][:count] = axes
@@ -159,7 +159,15 @@ def wheel_record(values: Mapping[str, Any]) -> Any:
     return record
 
 
-def _axes(numbers: list[float]) -> NDArray[np.float64]:
+def axes_of(values: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Unit axes of the wheels, shape (n, 3).
+
+    Raises
+    ------
+    ConfigurationError
+        Too many wheels, or axes that do not span space.
+    """
+    numbers = values[AXES.name]
     axes = np.reshape(np.array(numbers, np.float64), (-1, 3))
     lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     if len(axes) > MAX_WHEELS or not (lengths > 1e-6).all():

@@ -14,7 +14,6 @@
 
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,11 +28,13 @@ from ppc_attitude.contract.declared import columns_of, components_of
 from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
 from ppc_attitude.contract.topics import CONTROLLER, HOSTED, INJECTOR, PLANT, SOURCES
 from ppc_attitude.contract.yaml_file import read
-from ppc_attitude.science.component import Column, Component
+from ppc_attitude.science.component import Column, Component, read_from_elsewhere
+from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
 from ppc_attitude.science.parameter import Value, checked, resolved
 from ppc_attitude.science.part import configured
+from ppc_attitude.science.stamps import seconds, stamp_of, step_of
 
 Overrides = Mapping[str, Mapping[str, Any]]
 
@@ -88,25 +89,7 @@ class Scenario:
         return result
 
     def awaiting_recorder(self) -> "Scenario":
-        """Return the scenario of a run that is recorded from its first message on.
-
-        Raises
-        ------
-        ConfigurationError
-            A node would wait for ever: a component reads what no topic carries, or two nodes have
-            not one value of what says how they exchange something.
-        """
-        _check_agreement(self.parameters)
-        sent = {each.name for node in HOSTED for each in columns_of(node, self.parameters[node])}
-        for node in HOSTED:
-            components = components_of(node, self.parameters[node])
-            own = {column.name for component in components for column in component.outputs}
-            for component in components:
-                for name in {column.name for column in component.inputs} - sent - own:
-                    raise ConfigurationError(
-                        f"{node}: {component.name} reads {name}, which no node sends (the "
-                        "truth is sent where sensors or noise differ from it); simulate can run it"
-                    )
+        """Return the scenario of a run that is recorded from its first message on."""
         result = self
         for node in SOURCES:
             result = result.with_values(node, wait_for_recorder=True)
@@ -198,31 +181,47 @@ def scenario(chosen: Overrides) -> Scenario:
     unknown = sorted(set(chosen) - set(PARAMETERS))
     if unknown:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
-    parameters = {node: _checked(node, chosen.get(node, {})) for node in PARAMETERS}
-    _check_pulses(parameters[INJECTOR], parameters[PLANT]["rate"])
-    return Scenario(parameters)
+    found = Scenario({node: _checked(node, chosen.get(node, {})) for node in PARAMETERS})
+    _check_pulses(found.parameters[INJECTOR], found.number(PLANT, "rate"))
+    return found
 
 
-def _check_agreement(parameters: Mapping[str, Mapping[str, Value]]) -> None:
-    """See that nodes that exchange something have one value of what says how."""
+def check_exchange(parameters: Overrides) -> None:
+    """See that no node would wait for ever: in process nobody waits.
+
+    Raises
+    ------
+    ConfigurationError
+        A component reads what no node sends, or two nodes have not one value of what says how they
+        exchange something.
+    """
+    sent = {column.name for node in HOSTED for column in columns_of(node, parameters[node])}
     told: dict[str, tuple[str, Value]] = {}
-    for node, values in parameters.items():
-        for component in components_of(node, values):
-            for name in (each.name for each in component.parameters if each.agreed):
-                first, value = told.setdefault(name, (node, values[name]))
-                if values[name] != value:
-                    raise ConfigurationError(
-                        f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has"
-                    )
+    for node in HOSTED:
+        components, values = components_of(node, parameters[node]), parameters[node]
+        for column in read_from_elsewhere(components):
+            if column.name not in sent:
+                raise ConfigurationError(
+                    f"{node}: its components read {column.name}, which no node sends (the truth is "
+                    "sent where sensors or noise differ from it); simulate can run it"
+                )
+        for name in (p.name for each in components for p in each.parameters if p.agreed):
+            first, value = told.setdefault(name, (node, values[name]))
+            if values[name] != value:
+                raise ConfigurationError(
+                    f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has"
+                )
 
 
-def _check_pulses(injector: Mapping[str, Any], rate: Any) -> None:
+def _check_pulses(injector: Mapping[str, Any], rate: float) -> None:
     """See that every scheduled pulse acts at some instant."""
-    for start, duration in zip(injector["pulse_times"], injector["pulse_durations"], strict=True):
-        if math.ceil(start * rate - 1e-6) >= (start + duration) * rate:
+    for hit in scheduled_pulses(injector):
+        start, end = int(hit["start_ns"]), int(hit["end_ns"])
+        near = step_of(start, rate)
+        if not any(start <= stamp_of(step, rate) < end for step in (near, near + 1)):
             raise ConfigurationError(
-                f"{INJECTOR}: the pulse of {duration} s at {start} s lies between two instants of "
-                f"{rate} Hz; allowed: pulse_durations from {1.0 / rate:g} s on"
+                f"{INJECTOR}: the pulse from {seconds(start)} to {seconds(end)} s lies between two "
+                f"instants of {rate} Hz; allowed: pulse_durations from {1.0 / rate:g} s on"
             )
 
 

@@ -75,7 +75,7 @@ _OF_THE_TUBE = (
     "attitude-noise",
     "rate-noise",
 )
-_DEFAULTS = {
+_DEFAULTS = {  # filled in late: an option that was not given is none that does nothing
     "seconds": 40.0,
     "accuracy": 5e-3,
     "rate": 1.0,
@@ -106,7 +106,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="what a search varies; default: every start",
     )
     parser.add_argument(
-        "--seconds", type=positive, help="how long a search may take [s]; default 40"
+        "--seconds",
+        type=positive,
+        help=f"how long a search may take [s]; default {_DEFAULTS['seconds']:g}",
     )
     parser.add_argument(
         "--assume",
@@ -119,12 +121,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--accuracy",
         type=ACCURACY,
-        help="settled means every |q_ev,i| is below this; default 0.005",
+        help=f"settled means every |q_ev,i| is below this; default {_DEFAULTS['accuracy']:g}",
     )
     parser.add_argument(
         "--rate",
         type=not_negative,
-        help="rate at the start for which to be fast [deg/s]; default 1",
+        help=f"rate at the start for which to be fast [deg/s]; default {_DEFAULTS['rate']:g}",
     )
     parser.add_argument("--time", type=positive, help="longest settling time [s]; default any")
     parser.add_argument(

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science import wheels
-from ppc_attitude.science.allocation import WheelArray, allocate
+from ppc_attitude.science.allocation import WheelArray, allocate, certain_torque, largest_torque
 from ppc_attitude.science.component import MAX_WHEELS, Advice, Component
 from ppc_attitude.science.kernel import add, cross, kernel, scale, store, subtract, vector
 from ppc_attitude.science.parameter import Parameter
@@ -210,6 +210,13 @@ def advice(state: Any) -> Advice:
     )
 
 
+def torques(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Torque on an axis [N·m] that the wheels give in any direction, and at most."""
+    axes = wheels.axes_of(values)
+    limits = np.broadcast_to(values[wheels.MAX_TORQUE.name], len(axes))  # one is for all
+    return certain_torque(axes, limits), largest_torque(axes, limits)
+
+
 COMPONENT = Component(
     name="wheels",
     parameters=(*wheels.PARAMETERS, NULL_SPEED, NULL_GAIN, KNOWLEDGE, COMPENSATION, OVERLOAD),
@@ -222,4 +229,5 @@ COMPONENT = Component(
     advice=advice,
     advices=lambda state: int(state["full"] > 0),
     limits=(wheels.MAX_TORQUE.name,),
+    torque=torques,
 )

@@ -120,6 +120,12 @@ def newest(memory: Any) -> int:
 
 
 @kernel
+def last_interval(memory: Any) -> float:
+    """Interval [s] of the last step's gyro sample; 0 of the first one, of which nobody knows it."""
+    return float(memory.steps[newest(memory), _INTERVAL])
+
+
+@kernel
 def recalled(memory: Any, slot: int) -> Knowledge:
     """The estimate at the end of a remembered step."""
     row = memory.steps[slot]
@@ -174,18 +180,6 @@ def take_sample(memory: Any, settings: Any, stamp_ns: int, rate: Vector) -> None
 
 
 @kernel
-def sample_spread(memory: Any, settings: Any, told: float) -> float:
-    """Variance [rad²/s²] of the last sample by the filter's own numbers; as told of a first one.
-
-    σ_v,eff²/Δt + σ_u² Δt/12 of a mean over Δt, which nobody knows of the first sample.
-    """
-    h = memory.steps[newest(memory), _INTERVAL]
-    if h == 0.0:
-        return told
-    return float(settings.white / h + settings.rounding + settings.walk * h / 12.0)
-
-
-@kernel
 def _steps_since(memory: Any, stamp_ns: int) -> int:
     """How many steps ago a remembered stamp [ns] was; −1 if it is not remembered."""
     for ago in range(min(memory.count, STEPS)):
@@ -199,8 +193,7 @@ def _agrees(memory: Any, settings: Any, error: Quaternion, valid_ns: int) -> boo
     """Whether a refused fix says the same as the refused one before it."""
     t = seconds(valid_ns - memory.refused_ns)
     turn = logarithm(product(error, conjugate(quaternion(memory.refused_error))))
-    last = memory.steps[newest(memory)]
-    white = settings.white + settings.rounding * last[_INTERVAL]
+    white = settings.white + settings.rounding * last_interval(memory)
     spread = 2.0 * settings.fix_variance + white * t + settings.bias_variance * t * t
     return bool(dot(turn, turn) <= settings.gate * spread)
 

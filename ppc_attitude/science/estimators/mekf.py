@@ -33,9 +33,9 @@ from ppc_attitude.science.estimators.late_fixes import (
     FILTER,
     INNOVATIONS,
     MEMORY,
+    last_interval,
     newest,
     recalled,
-    sample_spread,
     take_fix,
     take_sample,
 )
@@ -53,6 +53,7 @@ from ppc_attitude.science.sensors.gyro import (
     INITIAL_BIAS_SIGMA,
     RATE_RANDOM_WALK,
     RESOLUTION,
+    sample_variance,
 )
 from ppc_attitude.science.sensors.gyro_star_tracker import GYRO_SAMPLE, INITIAL_FIX, STAR_FIX
 from ppc_attitude.science.sensors.star_tracker import (
@@ -241,7 +242,11 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     message = outputs.estimate
     store_quaternion(message, q)
     store(message[10:], estimate)
-    spread = plus_diagonal(bias, sample_spread(state, configuration, inputs.gyro[3]))
+    variance, h = inputs.gyro[3], last_interval(state)
+    if h > 0.0:  # by its own numbers, as soon as it can
+        white, rounding, walk = configuration.white, configuration.rounding, configuration.walk
+        variance = sample_variance(white, rounding, walk, h)
+    spread = plus_diagonal(bias, variance)
     for i in range(6):
         message[4 + i] = theta[i]
         message[13 + i] = spread[i]

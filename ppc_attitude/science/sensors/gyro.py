@@ -211,10 +211,12 @@ def _read_axis(rate: float, resolution: float, full_scale: float) -> float:
 
 
 @kernel
-def sample_variance(gyro: Any, h: float) -> float:
-    """Variance [rad²/s²] of a sample of h [s], rounding included: σ_v,eff²/h + σ_u² h/12."""
-    rounding = gyro.resolution * gyro.resolution / 12.0
-    return float(gyro.white * gyro.white / h + rounding + gyro.walk * gyro.walk * h / 12.0)
+def sample_variance(white: float, rounding: float, walk: float, h: float) -> float:
+    """Variance [rad²/s²] of a sample of h [s], rounding included: σ_v,eff²/h + σ_u² h/12.
+
+    From σ_v² [rad²/s], LSB²/12 [rad²/s²] and σ_u² [rad²/s³].
+    """
+    return white / h + rounding + walk * h / 12.0
 
 
 @inlined
@@ -224,7 +226,7 @@ def gyro_sample(gyro: Any, rate: Vector, bias: Vector, step: int, h: float) -> V
     ω_k = (I + M) ω̄ + b + √(σ_v²/h + σ_u² h/12) n, clipped to the full scale, rounded to the LSB;
     `rate` is the true mean rate ω̄, `bias` the mean of the interval's first and last bias.
     """
-    noise = math.sqrt(gyro.white * gyro.white / h + gyro.walk * gyro.walk * h / 12.0)
+    noise = math.sqrt(sample_variance(gyro.white * gyro.white, 0.0, gyro.walk * gyro.walk, h))
     measured = add(
         add(apply(matrix(gyro.response), rate), bias),
         scale(noise, normal_vector(gyro.seed, step, _WHITE)),

@@ -131,7 +131,8 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         bias = walked_bias(settings, before, step, h)
         middle = scale(0.5, add(before, bias))
     store(outputs.gyro, gyro_sample(settings, rate, middle, step, h))
-    outputs.gyro[3] = gyro.sample_variance(settings, h)
+    white, lsb, walk = settings.white, settings.resolution, settings.walk
+    outputs.gyro[3] = gyro.sample_variance(white * white, lsb * lsb / 12.0, walk * walk, h)
     store(state.bias, bias)
     store_quaternion(state.attitude, q)
 
