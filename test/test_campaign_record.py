@@ -35,6 +35,7 @@ from ppc_attitude.simulation.scenario import load
 RUN = 7
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_a_run_through_the_nodes_is_the_run_in_process(
     tmp_path: Path, start_process: StartProcess

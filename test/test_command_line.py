@@ -29,7 +29,10 @@ import ppc_attitude
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE
 from ppc_attitude.command_line.examples import EXAMPLES
+from ppc_attitude.command_line.gain_search import WRITTEN
 from ppc_attitude.command_line.main import COMMANDS, build_parser, command_parsers, main
+from ppc_attitude.command_line.options import REPORT
+from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.recording import _progress
 
 PAPER = str(ROOT / "config" / "paper.yaml")
@@ -368,12 +371,20 @@ def test_simulate_writes_what_run_would(
 
 def test_outputs_go_to_new_folders_and_replace_only_what_the_command_wrote(tmp_path: Path) -> None:
     table, report = tmp_path / "new" / "run.csv", tmp_path / "page" / "run.html"
-    line = ["simulate", "--duration", "1", "--report", str(report)]
-    assert main([*line, "--export", str(table)]) == main(line) == DONE
+    report.parent.mkdir()
+    report.write_text(f"<!DOCTYPE html>{REPORT} the one before")
+    line = ["simulate", "--duration", "1", "--report", str(report), "--export", str(table)]
+    assert main(line) == DONE
     assert table.exists()
+    assert "the one before" not in report.read_text()
     gains = tmp_path / "gains" / "mine.yaml"
     design = ["design", "--config", PAPER, "--gains", "1", "15.4", "0.2", "--output", str(gains)]
-    assert main(design) == main(design) == DONE
+    assert main(design) == DONE
+    assert new_file(".yaml", replaces=WRITTEN)(str(gains)) == gains
+    gains.with_suffix(".certificate.json").write_text("{}")  # of somebody else
+    with pytest.raises(SystemExit):
+        main(design)
+    assert gains.with_suffix(".certificate.json").read_text() == "{}"
 
 
 def test_simulate_takes_the_storage_of_the_recorder(tmp_path: Path) -> None:

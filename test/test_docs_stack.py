@@ -36,7 +36,7 @@ from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 
 def lines(*words: str) -> list[Command]:

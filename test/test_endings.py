@@ -184,7 +184,9 @@ def test_a_run_that_is_interrupted_before_time_begins_leaves_no_bag(
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("name", ["SIGHUP", "SIGKILL", pytest.param("SIGQUIT", marks=long)])
+@pytest.mark.parametrize(
+    "name", ["SIGKILL", *(pytest.param(each, marks=long) for each in ("SIGHUP", "SIGQUIT"))]
+)
 def test_a_run_leaves_nothing_but_its_bag(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:

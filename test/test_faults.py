@@ -228,6 +228,7 @@ def test_lockstep_waits_for_a_recorder_that_is_slow(
     assert record.stamps_ns.size == 6001
 
 
+@long
 def test_a_file_that_cannot_grow_is_named_and_what_was_written_can_be_read(
     tmp_path: Path, start_process: StartProcess
 ) -> None:

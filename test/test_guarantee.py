@@ -256,7 +256,7 @@ def test_inertia_error_is_the_one_of_the_definition() -> None:
     assert inertia_error(known.ravel(), true.ravel()) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize("scale", [1e-2, 1.0, 1e2])
+@pytest.mark.parametrize("scale", [1e-2, 1e2])
 def test_design_scales_with_the_craft(standard: tuple[Assumptions, Law], scale: float) -> None:
     """The same craft in other units of mass: the same gains, momenta scaled, the same times."""
     assumed, law = standard  # its tube stands still to 2e-5, where the iteration ended

@@ -116,7 +116,7 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
     assert printed() != before
 
 
-@pytest.mark.parametrize("package", ["", "namespace."])
+@pytest.mark.parametrize("package", [pytest.param("", marks=pytest.mark.long), "namespace."])
 def test_a_kernel_of_somebody_elses_is_compiled_anew_when_what_it_calls_has_changed(
     tmp_path: Path, package: str
 ) -> None:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_helpers import assert_same
 from conftest import StartProcess
 from estimation_helpers import ROOT, STEP_NS, Array
 from process_helpers import PAPER, Run
@@ -115,11 +116,12 @@ def test_four_wheels_go_to_their_null_speed_without_a_torque() -> None:
 
 
 @pytest.mark.ros
-def test_nodes_with_wheels_and_modes_give_the_bits_of_the_loop(
+def test_nodes_with_wheels_modes_and_sensors_give_the_bits_of_the_loop(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
+    """Six processes in lock-step."""
     overlays = [
-        *(CONFIG / f"{name}.yaml" for name in ("flexible", "wheels")),
+        *(CONFIG / f"{name}.yaml" for name in ("flexible", "wheels", "sensors_smallsat")),
         tmp_path / "spun.yaml",
     ]
     overlays[-1].write_text(
@@ -131,9 +133,7 @@ def test_nodes_with_wheels_and_modes_give_the_bits_of_the_loop(
     assert "wheel 0 has reached its largest speed" in run.err
     record, expected = read_run(run.bag), simulate(load([PAPER, *overlays]), 3.0)
     assert not record.missing_messages
-    assert record.columns.keys() == expected.columns.keys()
-    for name, column in expected.columns.items():
-        assert np.array_equal(record[name], column), name
+    assert_same(record, expected)
     again = replay(record)
     assert {each.largest for each in (again.law, *again.others)} == {0.0}
 

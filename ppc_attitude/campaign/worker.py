@@ -16,6 +16,7 @@
 """A process of a campaign: it runs the chunks that are asked for through a pipe."""
 
 import contextlib
+import gc
 import sys
 from multiprocessing.connection import Connection
 
@@ -24,6 +25,8 @@ from ppc_attitude.campaign.rows import Outcome, run_chunk
 
 def serve(connection: Connection) -> None:
     """Take the campaign, then compute chunks until the other end is closed."""
+    gc.freeze()  # what has been imported stays
+    gc.enable()
     with contextlib.suppress(EOFError, OSError):
         campaign = connection.recv()
         while True:

@@ -136,8 +136,8 @@ def _spin(node: BaseNode, stop: StopRequest) -> None:
     executor = node.new_executor()
     executor.add_node(node)
     # What exists now stays: a collection that walks through all of it would cost milliseconds.
-    gc.collect()
     gc.freeze()
+    gc.enable()
     try:
         while not (stop.requested or node.finished):
             now = time.monotonic()

@@ -134,9 +134,11 @@ class Child:
         return False
 
     def says_where(self) -> None:
-        """Pass on what it prints of where it hangs."""
+        """Pass on what it prints of where it hangs, which may come in pieces."""
         self.process.send_signal(SAY_WHERE)
-        self.listen(_SPEAKS_WITHIN)
+        late = time.monotonic() + _SPEAKS_WITHIN
+        while (left := late - time.monotonic()) > 0.0 and self._readers:
+            self.listen(left)
 
     def kill(self) -> None:
         """Kill it and all that it has started."""

@@ -22,6 +22,7 @@ path: a `yaml.py` there would be executed. Python has an option for this from 3.
 
 import ctypes
 import faulthandler
+import gc
 import os
 import runpy
 import signal
@@ -57,6 +58,7 @@ def _main() -> None:
     telling.tell_through(int(pipe))
     faulthandler.register(child.SAY_WHERE)
     child.end_at_once()
+    gc.disable()  # what is imported stays; to look through it again and again took 60 ms
     try:
         runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
     except Exception as error:

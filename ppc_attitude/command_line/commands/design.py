@@ -21,6 +21,7 @@ For a law without a guarantee it searches gains over the loop in process (`gain_
 import argparse
 import json
 import math
+from pathlib import Path
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.campaign.tuning import GAINS
@@ -37,7 +38,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     see_that_none_is_idle,
 )
-from ppc_attitude.command_line.paths import new_file, some_path
+from ppc_attitude.command_line.paths import new_file, see_that_it_may_go, some_path
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.science.controllers import tube_parameters
@@ -138,8 +139,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--gains", nargs=3, type=positive, metavar=("K", "KAPPA", "ELL"), help="no search: these"
     )
-    output = new_file(".yaml", ".yml", replaces=WRITTEN)
-    parser.add_argument("--output", metavar="FILE.yaml", type=output, help="parameter file")
+    parser.add_argument("--output", metavar="FILE.yaml", type=_output, help="parameter file")
+
+
+def _output(text: str) -> Path:
+    path = new_file(".yaml", ".yml", replaces=WRITTEN)(text)
+    see_that_it_may_go(certificate_path(path), '"digest"')
+    return path
 
 
 def _assumption(text: str) -> tuple[str, float]:
