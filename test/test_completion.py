@@ -45,6 +45,7 @@ def completions(line: str, tmp_path: Path) -> list[str]:
     ("line", "offered"),
     [
         ("ppc_attitude sim", ["simulate"]),
+        ("ppc_attitude c", ["compare", "check", "campaign"]),
         ("ppc_attitude run --real", ["--realtime"]),
         ("ppc_attitude run --controller log", ["log_barrier"]),
     ],

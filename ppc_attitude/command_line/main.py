@@ -63,15 +63,32 @@ def build_parser(only: str = "") -> argparse.ArgumentParser:
     return _parsers((only,) if only in COMMANDS else COMMANDS)[0]
 
 
+def _complete() -> None:
+    """Tell the shell how its command line may go on, and end.
+
+    Raises
+    ------
+    SystemExit
+        Always.
+    """
+    import argcomplete
+
+    name = next(iter(os.environ.get("COMP_LINE", "").split()[1:2]), "")
+    parser, commands = _parsers((name,) if name in COMMANDS else ())
+    for other in COMMANDS if not commands.choices else ():
+        commands.add_parser(other)
+    argcomplete.autocomplete(parser)
+
+
 def command_parsers() -> dict[str, argparse.ArgumentParser]:
     """Build the parser of each command, by the command's name."""
-    return _parsers(COMMANDS)[1]
+    return dict(_parsers(COMMANDS)[1].choices)
 
 
 def _parsers(
     names: Sequence[str],
-) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    """Parser of the executable, and those of its commands by name."""
+) -> "tuple[Parser, argparse._SubParsersAction[Parser]]":
+    """Parser of the executable, and what holds those of its commands."""
     parser = Parser(
         prog="ppc_attitude",
         description="Prescribed-performance attitude control: run, record, judge.",
@@ -86,17 +103,15 @@ def _parsers(
         subparsers.choices[name].set_defaults(execute=command.execute)
         subparsers.choices[name].epilog = epilog(name)
         subparsers.choices[name].formatter_class = _Formatter
-    return parser, dict(subparsers.choices)
+    return parser, subparsers
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if "_ARGCOMPLETE" in os.environ:
+        _complete()
     parser = build_parser(words[0] if words else "")
-    if "_ARGCOMPLETE" in os.environ:  # the shell asks how to complete a command line
-        import argcomplete
-
-        argcomplete.autocomplete(parser)
     try:
         parsed = parser.parse_args(words)
         interrupt()
