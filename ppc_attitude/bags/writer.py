@@ -225,17 +225,13 @@ class BagWriter:
             return
         self._closed.set()
         self._clock.join()
-        with self._lock:
-            try:
-                if self._refusal:
-                    raise BagError(self._refusal)
+        try:
+            with self._writing():
                 self._writer.close()
                 (self.path / UNFINISHED).unlink()
                 self._refusal = f"bag {self.path} is closed"
-            except (OSError, sqlite3.Error) as error:
-                raise self._fail(error) from error
-            finally:
-                os.close(self._claim)
+        finally:
+            os.close(self._claim)
 
     def __enter__(self) -> "BagWriter":
         """Return self; unlike rosbags' writer it keeps the bag when an exception passes."""
