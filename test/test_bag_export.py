@@ -30,6 +30,8 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
 
 
 @pytest.fixture
@@ -75,6 +77,20 @@ def test_csv_reads_back_to_the_last_bit(bag: Path, tmp_path: Path) -> None:
         numbers = [float(cell) if cell else np.nan for cell in cells]
         np.testing.assert_array_equal(numbers, columns[name], err_msg=name)
     assert rows[7][names.index("torque_command_x")] == ""
+
+
+def test_a_run_and_its_bag_have_one_table_with_every_number(tmp_path: Path) -> None:
+    config = Path(__file__).parent.parent / "config"
+    files = [config / f"{name}.yaml" for name in ("paper", "sensors_smallsat", "wheels")]
+    run = simulate(load(files), 0.5)
+    write_run(run, tmp_path / "bag")
+    export_csv(run, tmp_path / "run.csv")
+    export_csv(read_run(tmp_path / "bag"), tmp_path / "bag.csv")
+    table = (tmp_path / "run.csv").read_text()
+    assert table == (tmp_path / "bag.csv").read_text()
+    names = table.partition("\n")[0].split(",")
+    assert len(names) == 2 + sum(samples.shape[1] for samples in run.columns.values())
+    assert {"estimate_0", "estimate_18", "star_fix_6"} <= set(names)
 
 
 @pytest.mark.parametrize("export", [export_csv, export_parquet])

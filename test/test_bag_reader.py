@@ -39,7 +39,7 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import MSGTYPES, TORQUE_COMMAND, Topic
+from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, TORQUE_COMMAND, Topic
 from ppc_attitude.science.component import QUATERNION, VECTOR
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
@@ -86,6 +86,13 @@ def test_a_run_in_a_namespace_has_the_parameters_of_its_own_nodes(tmp_path: Path
         "ppc_controller": {"controller": "quaternion_feedback"},
         "spacecraft_plant": {"rate": 100.0},
     }
+
+
+def test_an_attitude_of_an_unknown_part_makes_no_run_of_its_own(tmp_path: Path) -> None:
+    coarse = replace(ATTITUDE, name="coarse/attitude")
+    parts = [(coarse, stamp, data) for topic, stamp, data in messages(RUN) if topic == ATTITUDE]
+    bag = write_messages(tmp_path / "bag", [*messages(RUN), *parts], run=RUN)
+    assert_same(read_run(bag), RUN)
 
 
 @pytest.mark.parametrize("namespace", ["", "/reference", "/x/control"])

@@ -136,7 +136,7 @@ def test_one_number_varies_once() -> None:
         ),
         (
             {"disturbance": {"time": 1, "duration": 0, "torque": 1}},
-            "disturbance.duration can become 0; allowed: > 0",
+            "disturbance.duration can become 0; allowed: ≥ 0.0",
         ),
         ({"disturbance": {"time": 1, "duration": 1}}, "disturbance.torque = None; allowed"),
     ],

@@ -223,10 +223,21 @@ def test_every_number_of_what_runs_can_be_a_variable() -> None:
                     given |= {f"{node}.{each.name}[{k}]": x for k, x in enumerate(value)}
                 elif each.is_real:
                     given[f"{node}.{each.name}"] = value
+    for mirrored in (3, 6, 7):  # the same number of the craft as one above the diagonal
+        del given[f"{PLANT}.inertia[{mirrored}]"]
     assert {f"{PLANT}.gyro.initial_bias[2]", f"{REFERENCE}.goals.attitudes[3]"} <= set(given)
     assert f"{ESTIMATOR}.star_tracker.cross_noise" in given
     of, none = campaign({"parameters": given}, CRAFT, 3), campaign({}, CRAFT, 3)
     assert scenario_of(of, 1) == scenario_of(none, 1)
+
+
+def test_a_product_of_inertia_acts_whichever_of_its_two_places_is_named() -> None:
+    above, below = (
+        run_one(campaign({"parameters": {f"{PLANT}.inertia[{k}]": UNIFORM}}, CRAFT, 3), 1).row
+        for k in (2, 6)
+    )
+    assert above["inertia_xz"] == above[f"{PLANT}.inertia[2]"] != 0.0
+    assert below["inertia_xz"] == below[f"{PLANT}.inertia[6]"] != 0.0
 
 
 def test_sensor_numbers_and_a_goal_that_vary_are_in_run_and_row() -> None:

@@ -208,6 +208,17 @@ def test_a_plant_of_others_may_tell_little_of_itself(plant: dict[str, Any], reas
     assert bool(held.reason) == bool(reason)
 
 
+def test_without_what_the_law_was_told_its_knowledge_is_not_judged() -> None:
+    record = record_of("guaranteed")
+    true = {
+        "truth_attitude": record["attitude"],
+        "truth_angular_velocity": record["angular_velocity"],
+    }
+    columns = {name: each for name, each in record.columns.items() if name != "angular_velocity"}
+    held = held_by(replace(record, columns={**columns, **true}))
+    assert not held.outside.any()
+
+
 def test_a_broken_promise_is_found() -> None:
     record = record_of("guaranteed")
     turn = record["turn"].copy()

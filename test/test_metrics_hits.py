@@ -15,6 +15,7 @@
 """The judgement of synthetic runs with sudden disturbances."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,6 +24,12 @@ from test_metrics import constant_error, names, requirement
 
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.verdict import disturbance_text
+from ppc_attitude.contract.run_record import Change
+from ppc_attitude.contract.topics import PLANT, REFERENCE
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+
+CONFIG = Path(__file__).parent.parent / "config"
 
 
 def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
@@ -169,3 +176,39 @@ def test_a_hit_from_the_first_sample_leaves_no_undisturbed_rate():
     assert verdict.metrics.settling_time_s is None
     row = requirement(verdict, "angular rate (norm)")
     assert (row.met, row.reason) == (None, "a sudden disturbance acts from the first instant on")
+
+
+def test_of_a_hit_just_before_the_end_nothing_is_known():
+    """The error has not yet grown."""
+    row = requirement(
+        analyse(hit_with_error(0.0, start=99.9, end=100.0)), "recovery from a sudden disturbance"
+    )
+    assert row.met is None
+    assert "the run ends at 100 s" in row.reason
+
+
+def test_who_is_unsettled_when_a_hit_comes_at_the_deadline_has_not_settled():
+    run = hit_with_error(60.0, start=60.0, end=120.0)
+    t = run.stamps_ns / 1e9
+    unsettled = constant_error(run, np.where(t < 60.0, 0.01, 1e-5))
+    row = requirement(analyse(unsettled), "settling time")
+    assert row.met is None
+    assert "still not settled" in row.reason
+
+
+@pytest.mark.parametrize(
+    ("name", "overlays", "parameter", "value"),
+    [
+        ("applied torque on an axis", [], "max_torque", 0.2),
+        ("speed of a wheel, share of its largest", ["wheels"], "wheels.max_speed", [900.0]),
+        ("angle inside a keep-out cone", ["mission"], "keep_out.half_angles", [1.0, 1.2]),
+    ],
+)
+def test_a_limit_that_was_changed_in_flight_is_not_judged(name, overlays, parameter, value):
+    files = [CONFIG / f"{each}.yaml" for each in ("paper", *overlays)]
+    run = simulate(load(files), 1.0)
+    assert requirement(analyse(run), name).met is not None
+    node = REFERENCE if parameter.startswith("keep_out") else PLANT
+    changed = replace(run, changes=(Change(500_000_000, node, parameter, value),))
+    row = requirement(analyse(changed), name)
+    assert (row.met, row.reason) == (None, f"{parameter} was changed in flight")

@@ -68,6 +68,7 @@ def test_the_environment_has_none(rate):
         [(0.0, 1.0, HIT), (29.5, 0.51, (0.1, 0.0, 0.0))],
         [(5.0, 0.1, (0.02, 0.0, 0.0))],  # weak, on one axis
         [(5.0, 0.1, (0.0, -0.02, 0.0))],
+        [(5.0, 25.01, (0.002, 0.002, 0.002))],  # so weak and so long as a leak
         [(5.0, 0.2, HIT), (5.1, 0.3, (0.0, -0.3, 0.1))],  # overlapping
         [(5.0, 0.2, HIT), (5.1, 0.2, HIT)],  # overlapping and equal
         [(5.0, 1.0, HIT), (5.2, 0.1, (0.3, 0.0, 0.0))],  # one within the other

@@ -29,6 +29,7 @@ from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
+    ATTITUDE,
     CONTROLLER,
     DISTURBANCE,
     ESTIMATOR,
@@ -145,7 +146,8 @@ def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
         attitude, rate = (each(record).max(axis=1) for each in (attitude_sigmas, rate_sigmas))
         known = (DEVIATIONS * attitude <= e_A) & (DEVIATIONS * rate <= e_W)
         found["no estimate, or one whose covariance is beyond the assumed errors"] = ~known
-    if has(record, TRUE_RATE.column) and has(record, TRUE_ATTITUDE.column):
+    columns = (TRUE_RATE, TRUE_ATTITUDE, ANGULAR_VELOCITY, ATTITUDE)
+    if all(has(record, each.column) for each in columns):
         off = np.linalg.norm(record[ANGULAR_VELOCITY.column] - record[TRUE_RATE.column], axis=1)
         known = (knowledge_errors(record).angles <= e_A) & (off <= e_W)
         found["an estimate that was worse than assumed"] = ~known

@@ -216,6 +216,13 @@ class Measured:
         return next(float(each) for each in limits if isinstance(each, int | float))
 
     @property
+    def configured_limits(self) -> tuple[str, ...]:
+        """Parameters of the plant that `torque_limit` depends on; none if one is required."""
+        actuator = ACTUATORS.selected(self.record.parameters.get(PLANT, {}))
+        required = isinstance(self.required.torque, int | float)
+        return () if required or actuator is None else (ACTUATORS.selector, *actuator.limits)
+
+    @property
     def _actuator_torque(self) -> float | None:
         """Largest torque on an axis [N·m] that the actuator can give, if the record tells."""
         plant = self.record.parameters.get(PLANT, {})
@@ -232,8 +239,10 @@ class Measured:
         if limits is None or not has(self.record, wheels.SPEED.name):
             return None
         speeds = np.abs(self.record[wheels.SPEED.name])
-        each = np.pad(limits, (0, speeds.shape[1] - len(limits)), mode="edge")  # one is for all
-        return largest(speeds / each)
+        with suppress(TypeError, ValueError):  # what somebody wrote into a bag
+            each = np.pad(limits, (0, speeds.shape[1] - len(limits)), mode="edge")  # one is for all
+            return largest(speeds / each)
+        return None
 
     def _time_outside(self, envelope: Envelope) -> float | None:
         has_both = envelope in envelopes_of(self.record)

@@ -75,8 +75,11 @@ from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
     PLANT,
+    REFERENCE,
     TRUE_ATTITUDE,
 )
+from ppc_attitude.science import wheels
+from ppc_attitude.science.guidance.cones import CONE_PARAMETERS
 from ppc_attitude.science.kinds import SENSORS
 
 __all__ = ["AnalysisError", "analyse", "names_of", "pulses_of", "verdict_table"]
@@ -180,7 +183,8 @@ class Judge(Measured):
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
             yield self._row("rate", rate, required.rate, "deg/s", self.calm_span, why, note=note)
         if required.torque is not None:
-            yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit)
+            why = self._changed(PLANT, *self.configured_limits)
+            yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit, why)
         for envelope in envelopes_of(self.record):
             yield from self._inside(envelope)
         late = [hit for hit in self.hits if hit.start_s >= required.settling_deadline]
@@ -245,6 +249,8 @@ class Judge(Measured):
         if self.metrics.settled is False:
             note = f"still not settled at {until:g} s"
         value = self.metrics.settling_time_s
+        if not why and note and (value or 0.0) < deadline:
+            why = f"a sudden disturbance came when it was {note}"
         key, span = "settling_time", self.calm_span
         return self._row(key, value, deadline, "s", span, why, strict=True, note=note)
 
@@ -280,11 +286,17 @@ class Judge(Measured):
             strict=True,
         )
 
-    def _column(self, key: str, column: str, limit: float) -> Requirement:
-        """Judge the largest number of a column over the whole run."""
+    def _column(self, key: str, column: str, limit: float, why: str = "") -> Requirement:
+        """Judge the largest number of a column over the whole run, unless a reason is given."""
         unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
-        value, why = self.largest_of(column), self.lacks(column)
+        value, why = self.largest_of(column), self.lacks(column) or why
         return self._row(key, value, limit, unit, self.whole, why)
+
+    def _changed(self, node: str, *names: str) -> str:
+        """Why no one limit holds for the whole run: the parameter that was changed in flight."""
+        changed = {change.name for change in self.record.changes if change.node == node}
+        found = changed.intersection(names)
+        return f"{min(found)} was changed in flight" if found else ""
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
@@ -306,9 +318,12 @@ class Judge(Measured):
         slowest, why, never = None, self.lacks_attitude, ""
         for hit, following in zip(hits, [*hits[1:], None], strict=True):
             stop = self.end if following is None else following.start_s
-            if hit.recovery_time_s is not None:
+            time = round(stop - hit.start_s, 9)
+            # Before the end the error of a hit that has just come may still grow.
+            cut = following is None and time < limit
+            if hit.recovery_time_s is not None and not cut:
                 slowest = max(hit.recovery_time_s, slowest or 0.0)
-            elif round(stop - hit.start_s, 9) > limit:
+            elif time > limit:
                 never = f"not recovered from the sudden disturbance at {hit.start_s:g} s"
             elif following is None and not never and (slowest or 0.0) <= limit:
                 after = f"after the sudden disturbance at {hit.start_s:g} s are over"
@@ -326,7 +341,9 @@ class Judge(Measured):
         worst = max(approaches, key=lambda each: each.half_angle - each.angle)
         angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
         note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
-        yield self._row("keep_out", float(half_angle - angle), 0.0, "deg", self.whole, note=note)
+        why = self._changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
+        value = float(half_angle - angle)
+        yield self._row("keep_out", value, 0.0, "deg", self.whole, why, note=note)
 
     def _certificate(self) -> Iterator[Requirement]:
         """Judge how long the run broke its certificate's promise while the assumptions held."""
@@ -339,7 +356,8 @@ class Judge(Measured):
         """Judge whether the wheels could take up the momentum; one at its limit gives no torque."""
         share = self.fastest_wheel
         if share is not None:
-            yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole)
+            why = self._changed(PLANT, wheels.MAX_SPEED.name)
+            yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole, why)
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""

@@ -120,7 +120,8 @@ def _steps(t: Array, torque: Array) -> tuple[NDArray[np.intp], Array]:
 def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Array:
     """Extra torque at the first sample, shape (3,): zero unless the record starts in a pulse.
 
-    Rest is the level held longest among those small enough for an environment.
+    Rest is the first level if it is small enough for an environment, else the one of those that is
+    held longest.
     """
     levels = np.vstack([np.zeros(3), np.cumsum(heights, axis=0)])
     stretches = np.split(torque, at)
@@ -128,6 +129,8 @@ def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Arra
     quiet = np.flatnonzero([_is_quiet(stretch) for stretch in stretches])
     if quiet.size == 0:
         return np.asarray(np.median(stretches[0], axis=0), dtype=np.float64)
+    if quiet[0] == 0:
+        return np.zeros(3)
     together = [held[quiet][_same(levels[quiet], levels[k])].sum() for k in quiet]
     return np.asarray(-levels[quiet[int(np.argmax(together))]], dtype=np.float64)
 

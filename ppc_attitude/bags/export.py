@@ -32,6 +32,7 @@ import numpy as np
 
 from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.whole_file import whole_file
 
@@ -114,9 +115,12 @@ def _new_file(target: Path) -> Iterator[BinaryIO]:
 
 def _numbers(record: RunRecord) -> Iterator[tuple[str, Array]]:
     """Name and numbers of each column of the table, without the time."""
-    for name, samples in record.columns.items():
-        for axis, numbers in zip(_AXES, samples.T, strict=False):
-            yield f"{name}_{axis}", numbers
+    order = {name: place for place, name in enumerate(BY_COLUMN)}
+    for name in sorted(record.columns, key=lambda each: order.get(each, len(order))):
+        numbers = record[name].T
+        axes = _AXES if len(numbers) <= len(_AXES) else map(str, range(len(numbers)))
+        for axis, samples in zip(axes, numbers, strict=False):
+            yield f"{name}_{axis}", samples
 
 
 def _changed(record: RunRecord) -> dict[str, list[Any]]:

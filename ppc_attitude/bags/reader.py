@@ -182,15 +182,14 @@ def _by_namespace(bag: Bag) -> dict[str, set[Topic]]:
 
 
 def _run_namespaces(bag: Bag) -> list[str]:
-    """Namespaces with all that a plant sends, or with an attitude that can be nothing else."""
+    """Namespaces with all that a plant sends; if none has, with what can only be an attitude."""
     # `reference/attitude` looks like a run of its own, with the topics of the reference only.
     plant = {ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE}
     plain = [name for name, msgtype in bag.topics.items() if len([*readings(name, msgtype)]) == 1]
-    return sorted(
-        home
-        for home, found in _by_namespace(bag).items()
-        if plant <= found or (ATTITUDE in found and f"{home}/{ATTITUDE.name}" in plain)
-    )
+    topics = _by_namespace(bag)
+    whole = [home for home, found in topics.items() if plant <= found]
+    alone = [home for home, found in topics.items() if ATTITUDE in found]
+    return sorted(whole or [home for home in alone if f"{home}/{ATTITUDE.name}" in plain])
 
 
 def _only_namespace(bag: Bag, names: Mapping[Topic, str]) -> str:

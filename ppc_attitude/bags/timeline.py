@@ -33,6 +33,8 @@ Integers = NDArray[np.int64]
 # A message that comes late is followed within so many by one that is newer than all before;
 # the stamps of a plant that was reset stay behind for longer.
 _LONGEST_DELAY = 3
+# Each costs a look at all stamps that follow; who leaps more often has no rhythm to go on with.
+_MOST_LEAPS = 100
 # A sensor of others' has gaps only if three in four of its steps are as near as this to the median.
 _STEADY = 0.2
 # A killed recorder leaves the last instants without some of their messages: it takes what has
@@ -101,6 +103,8 @@ def align(
         end, may lack the answers to its last state without any loss.
     """
     warnings: list[str] = []
+    for topic in series:
+        series[topic] = _without_leaps(topic, series[topic], warnings)
     master = _master(series)
     _keep_last_epoch(series, master, warnings)
     for topic in series:
@@ -184,17 +188,44 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
 def _last_reset(stamps: Integers) -> tuple[int, int]:
     """Index of the first message after the last backward jump, and the number of jumps."""
     start = resets = 0
-    while True:
-        rest = stamps[start:]
-        newest = np.maximum.accumulate(rest)
-        late = np.concatenate([[False], rest[1:] < newest[:-1], [False]])
-        borders = np.flatnonzero(np.diff(late.astype(np.int8)))
-        first, last = borders[::2] + 1, borders[1::2] + 1
-        jumps = first[last - first > _LONGEST_DELAY]
-        if len(jumps) == 0:
-            return start, resets
-        start += int(jumps[0])
+    while jump := _first_jump(stamps[start:]):
+        start += jump
         resets += 1
+    return start, resets
+
+
+def _first_jump(stamps: Integers) -> int:
+    """Index of the first message after the first backward jump; 0 if there is none."""
+    newest = np.maximum.accumulate(stamps)
+    late = np.concatenate([[False], stamps[1:] < newest[:-1], [False]])
+    borders = np.flatnonzero(np.diff(late.astype(np.int8)))
+    first, last = borders[::2] + 1, borders[1::2] + 1
+    jumps = first[last - first > _LONGEST_DELAY]
+    return int(jumps[0]) if len(jumps) else 0
+
+
+def _without_leaps(topic: Topic, messages: Series, warnings: list[str]) -> Series:
+    """Leave out a few messages whose stamps leap ahead, if those that follow go on as before.
+
+    What follows a reset begins before what came last; what follows a wrong stamp does not.
+    """
+    kept, start = np.arange(len(messages.stamps)), 0
+    for _ in range(_MOST_LEAPS):
+        jump = _first_jump(messages.stamps[kept[start:]])
+        if not jump:
+            break
+        start += jump
+        before = messages.stamps[kept[max(start - _LONGEST_DELAY - 1, 0) : start]]
+        ahead = before > messages.stamps[kept[start]]
+        leaps = int(np.count_nonzero(ahead))
+        if leaps < len(before) and ahead[len(before) - leaps :].all():
+            kept = np.delete(kept, np.s_[start - leaps : start])
+            start = 0
+    left_out = len(messages.stamps) - len(kept)
+    if not left_out:
+        return messages
+    warnings.append(f"{left_out} messages of {topic.name} have stamps that leap ahead: left out")
+    return Series(messages.stamps[kept], messages.values[kept], messages.arrival[kept])
 
 
 def _in_order(topic: Topic, messages: Series, warnings: list[str]) -> Series:

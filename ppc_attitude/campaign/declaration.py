@@ -186,7 +186,7 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
         initial_attitude=_optional(declared, "initial_attitude", attitudes),
         initial_rate=_optional(declared, "initial_rate", _rate),
         inertia_error=_optional(declared, "inertia_error", number, _INERTIA),
-        disturbance=_optional(declared, "disturbance", _pulse, base.number(PLANT, "duration")),
+        disturbance=_optional(declared, "disturbance", _pulse, base),
         actuator_strength=_optional(declared, "actuator_strength", number, _STRENGTH),
         parameters=varied(declared, base),
     )
@@ -206,10 +206,11 @@ def _rate(name: str, declared: Any) -> tuple[Number, Direction]:
     )
 
 
-def _pulse(name: str, declared: Any, length: float) -> Pulse:
+def _pulse(name: str, declared: Any, base: Scenario) -> Pulse:
+    length, step = base.number(PLANT, "duration"), 1.0 / base.number(PLANT, "rate")
     parts = keys(name, declared, ("time", "duration", "torque", "direction"))
     within = Range(0.0, length, "s (the length of a run)")
-    lasting = Range(0.0, length, "s (the length of a run)", open_low=True)
+    lasting = Range(step, length, "s (the least that acts, the length of a run)")
     return Pulse(
         time=number(f"{name}.time", parts.get("time"), within),
         duration=number(f"{name}.duration", parts.get("duration"), lasting),

@@ -34,10 +34,12 @@ from ppc_attitude.contract.topics import PLANT, SOURCES
 from ppc_attitude.science.attitude import normalised
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.simulation.scenario import Scenario
 
 SHORT = {name: f"{PLANT}.{name}" for name in ("attitude_noise", "rate_noise")}
 """Parameters that are variables under names of their own, whatever sensors the craft has."""
+_MIRRORED = {3: 1, 6: 2, 7: 5}  # an inertia has each number beside its diagonal twice
 _NAME = re.compile(r"(\w+)\.([\w.]+)(?:\[(\d+)\])?")
 
 
@@ -147,6 +149,8 @@ def _read(
     above = math.isfinite(declared.above) and declared.above >= declared.low
     allowed = Range(max(declared.low, declared.above), declared.high, declared.unit, above)
     places = () if place is None else (int(place),)
+    if (node, parameter) == (PLANT, INERTIA.name):
+        places = tuple(_MIRRORED.get(each, each) for each in places)
     return Varied(node, parameter, places, declared.unit, number(name, distribution, allowed))
 
 

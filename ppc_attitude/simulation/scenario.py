@@ -80,7 +80,10 @@ class Scenario:
             node: {**self.parameters[node], **checked(PARAMETERS[node], values, node)}
             for node, values in chosen.items()
         }
-        return Scenario({**self.parameters, **changed})
+        result = Scenario({**self.parameters, **changed})
+        if INJECTOR in changed:
+            _check_pulses(result.parameters[INJECTOR], result.number(PLANT, "rate"))
+        return result
 
     def with_values(self, node: str, **values: Any) -> "Scenario":
         """Return a copy with some parameters of one node replaced, and that node checked again."""
