@@ -15,8 +15,9 @@
 """A run as one wide table, for pandas and spreadsheets.
 
 Columns: ``stamp_ns``, ``t`` [s], then every number of every sample: ``attitude_x``, …,
-``torque_command_z``. Missing samples are NaN in Parquet and empty in CSV. A parameter that was
-changed in flight has a column ``node.name`` with its value at each instant.
+``torque_command_z``; the numbers of a column with more than four are counted: ``estimate_0``.
+Missing samples are NaN in Parquet and empty in CSV. A parameter that was changed in flight has a
+column ``node.name`` with its value at each instant.
 """
 
 import contextlib
