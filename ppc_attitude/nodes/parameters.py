@@ -26,6 +26,7 @@ from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
+    ParameterValue,
     SetParametersResult,
 )
 from rcl_interfaces.srv import SetParameters
@@ -39,6 +40,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter, Value, resolved
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+_TYPES = {each.value: each.name for each in RosParameter.Type}
 
 Check = Callable[[Mapping[str, Value]], None]
 
@@ -146,6 +148,11 @@ class _Services(ParameterService):
                 )
                 response.results.append(SetParametersResult(successful=False, reason=reason))
         return response
+
+
+def type_name(value: ParameterValue) -> str:
+    """Name of a value's type as rclpy has it; its number if no type of ROS has it."""
+    return _TYPES.get(value.type, str(value.type))
 
 
 def _of_any_node() -> set[str]:
