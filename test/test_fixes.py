@@ -178,3 +178,23 @@ def test_nobody_waits_for_a_tracker_that_is_always_later_than_it_says() -> None:
         if k >= 50 and k % 10 == 0:  # the fix of 0.5 s ago, which was due 0.1 s after it
             joined(fixes, [("fix", (k - 50) * STEP, 1.0)])
         assert k < 11 or done == k + 1
+
+
+@pytest.mark.parametrize(("late", "lost"), [(0, 2), (3, 2), (5, 19)])
+def test_after_a_lost_fix_a_tracker_is_waited_for_that_comes_within_the_patience(
+    late: int, lost: int
+) -> None:
+    """Every fix comes so many steps after the sample that it is due with; that of 0.4 s does not.
+
+    That of 0.5 s is lost too: with it the tracker is heard again, if that is in time.
+    """
+    fixes = new(patience=0.04)
+    found = joined(fixes, [("fix", 0, 1.0)])
+    for k in range(206):
+        found += joined(fixes, [("sample", k * STEP, 0.0)])
+        valid = k - 10 - late
+        if valid % 10 == 0 and valid > 0 and valid != 40:
+            found += joined(fixes, [("fix", valid * STEP, 1.0)])
+        assert k < 60 or lost == 2 or len(found) == k + 1  # whoever is too late holds nobody up
+    assert len(found) == 206
+    assert fixes.lost == lost

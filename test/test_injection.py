@@ -16,7 +16,9 @@
 
 import numpy as np
 import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 
+from ppc_attitude.nodes.disturbance_injector import _asked
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.disturbances.pulses import pulse, with_pulses
@@ -107,3 +109,38 @@ def test_too_much_is_refused_with_what_is_allowed_and_changes_nothing() -> None:
     injector.runs(200)
     injector.accept(3.0, 0.05)
     assert injector.injections.pending == 1
+
+
+def asked(name: str, type_: int, **value: object) -> Parameter:
+    return Parameter(name=name, value=ParameterValue(type=type_, **value))
+
+
+GOOD = asked("torque", ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=TORQUE)
+ARRAYS = "DOUBLE_ARRAY or INTEGER_ARRAY"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "reason"),
+    [
+        ([], r"torque = \(\); allowed: three numbers"),
+        ([GOOD, GOOD], "torque is given twice; allowed: once"),
+        ([GOOD, asked("end", 77)], "end is unknown; allowed: torque, start, duration"),
+        ([asked("torque", 77)], f"torque is of type 77; allowed: {ARRAYS}"),
+        ([asked("torque", 9)], f"torque is of type STRING_ARRAY; allowed: {ARRAYS}"),
+        ([asked("torque", 6)], f"torque is of type BOOL_ARRAY; allowed: {ARRAYS}"),
+        ([asked("torque", 5)], f"torque is of type BYTE_ARRAY; allowed: {ARRAYS}"),
+        ([GOOD, asked("start", 1)], "start is of type BOOL; allowed: DOUBLE or INTEGER"),
+        ([GOOD, asked("duration", 77)], "duration is of type 77; allowed: DOUBLE or INTEGER"),
+    ],
+)
+def test_a_request_of_other_types_is_refused_by_name(
+    parameters: list[Parameter], reason: str
+) -> None:
+    with pytest.raises(RefusedError, match=reason):
+        _asked(parameters)
+
+
+def test_a_request_may_have_integers() -> None:
+    torque = asked("torque", ParameterType.PARAMETER_INTEGER_ARRAY, integer_array_value=[1, 0, 0])
+    start = asked("start", ParameterType.PARAMETER_INTEGER, integer_value=2)
+    assert _asked([torque, start]) == ((1.0, 0.0, 0.0), 2.0, None)

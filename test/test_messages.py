@@ -69,13 +69,15 @@ def test_other_frames_are_refused_and_named(topic):
 
 def test_impossible_variances_of_sensors_are_refused():
     gyro, fix = BY_COLUMN["gyro"], BY_COLUMN["star_fix"]
-    read(gyro, 0, (0.1, 0.2, 0.3, 0.0))
-    for variance in (-1.0, -1e-9, math.nan):
+    for variance in (0.0, 1e4):
+        read(gyro, 0, (0.1, 0.2, 0.3, variance))
+    for variance in (-1.0, -1e-9, 1.1e5, 1e6, math.nan):
         with pytest.raises(RefusedError, match="imu/data_raw"):
             read(gyro, 0, (0.1, 0.2, 0.3, variance))
     read(fix, 0, (*UNIT, 1e-10, 1e-10, 1e-8))
     assert read(fix, 0, (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)).values[4] == -1.0  # no fix
-    for variances in ((-1.0, 0.0, 0.0), (1e-10, 0.0, 1e-8), (1e-10, 1e-10, -1e-8), (math.nan,) * 3):
+    impossible = ((-1.0, 0.0, 0.0), (1e-10, 0.0, 1e-8), (1e-10, 1e-10, -1e-8), (math.nan,) * 3)
+    for variances in (*impossible, (1e-10, 1e-10, 9.9), (1e300,) * 3):
         with pytest.raises(RefusedError, match="star_tracker/attitude"):
             read(fix, 0, (*UNIT, *variances))
 

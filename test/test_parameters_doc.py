@@ -23,7 +23,14 @@ import pytest
 import rclpy
 import yaml
 from process_helpers import PATIENCE, node_here, serving
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import (
@@ -285,6 +292,21 @@ def test_param_load_takes_what_yaml_takes_for_text(asker: Node, tmp_path: Path) 
         assert loaded(asker, INJECTOR, file) == {}
         content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
     assert content["injection_duration"] == 3e-5
+
+
+@pytest.mark.ros
+def test_a_value_of_a_type_that_ros_does_not_have_is_refused_by_name(asker: Node) -> None:
+    """rclpy raises for it, which would end the node."""
+    strange = [Parameter(name="rate", value=ParameterValue(type=77))]
+    with serving(PLANT):
+        one_by_one = SetParameters.Request(parameters=strange)
+        (each,) = call(asker, f"/{PLANT}", SetParameters, "set_parameters", one_by_one).results
+        at_once = SetParametersAtomically.Request(parameters=strange)
+        name = "set_parameters_atomically"
+        whole = call(asker, f"/{PLANT}", SetParametersAtomically, name, at_once).result
+    for told in (each, whole):
+        assert not told.successful
+        assert told.reason.startswith("rate is of type 77; allowed: 0 (NOT_SET), 1 (BOOL), ")
 
 
 @pytest.mark.parametrize("node", [INJECTOR, PLANT])

@@ -175,6 +175,9 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("disturbance_injector", {"environment": 1}, "environment = 1; allowed: one of paper, none, t"),
     ("ppc_controller", {"rate_envelope.exponential_terminal": 1e-6}, "rate_envelope is infeasible"),
     ("ppc_controller", {"attitude_envelope.settling_time": 5}, "attitude_envelope is infeasible"),
+    ("ppc_controller", {"C_omega": 1e300}, r"C_omega = 1e\+300 1/s; .*≤ 1e\+06"),  # these give NaN
+    ("ppc_controller", {"rate_envelope.initial": 1e200}, r"initial = 1e\+200 rad/s; .*≤ 1e\+06"),
+    ("ppc_controller", {"momentum_tube.a_most": 1e20}, r"a_most = 1e\+20 rad/s²; .*≤ 1e\+06"),
     ("thruster", {"a": 1}, "unknown node thruster"),
 ]
 

@@ -21,11 +21,13 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 
 from ppc_attitude.contract.cdr import finite
 from ppc_attitude.contract.topics import INJECT, INJECTOR
 from ppc_attitude.nodes.component_node import ComponentNode
+from ppc_attitude.nodes.parameters import type_name
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError, Values
@@ -38,6 +40,13 @@ from ppc_attitude.science.disturbances.pulses import (
 from ppc_attitude.science.stamps import nanoseconds
 
 _LATEST = 1e8  # [s] as for a scheduled pulse; no stamp is far beyond
+_NUMBER = (RosParameter.Type.DOUBLE.name, RosParameter.Type.INTEGER.name)
+_TYPES = {
+    "torque": (RosParameter.Type.DOUBLE_ARRAY.name, RosParameter.Type.INTEGER_ARRAY.name),
+    "start": _NUMBER,
+    "duration": _NUMBER,
+}
+"""What a request may hold, and of which types."""
 
 
 class DisturbanceInjector(ComponentNode):
@@ -113,25 +122,29 @@ class DisturbanceInjector(ComponentNode):
 
 def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None]:
     """Torque [N·m], start [s] and duration [s] of a request; the last one may be left out."""
-    fields = {each.name: parameter_value_to_python(each.value) for each in parameters}
-    unknown = sorted(set(fields) - {"torque", "start", "duration"})
-    if unknown:
-        raise RefusedError(f"{unknown[0]} is unknown; allowed: torque, start, duration")
-    torque = fields.get("torque")
-    if torque is None or isinstance(torque, str | int | float) or len(torque) != 3:
+    fields: dict[str, Any] = {}
+    for each in parameters:
+        if each.name not in _TYPES:
+            raise RefusedError(f"{each.name} is unknown; allowed: {', '.join(_TYPES)}")
+        if each.name in fields:
+            raise RefusedError(f"{each.name} is given twice; allowed: once")
+        given = type_name(each.value)
+        if given not in _TYPES[each.name]:
+            allowed = " or ".join(_TYPES[each.name])
+            raise RefusedError(f"{each.name} is of type {given}; allowed: {allowed}")
+        fields[each.name] = parameter_value_to_python(each.value)
+    torque = tuple(map(float, fields.get("torque", ())))
+    if len(torque) != 3:
         raise RefusedError(f"torque = {torque}; allowed: three numbers [N·m]")
-    numbers = tuple(map(float, torque))
-    if not finite(numbers):
-        raise RefusedError(f"torque = {numbers} N·m must be finite")
+    if not finite(torque):
+        raise RefusedError(f"torque = {torque} N·m must be finite")
     start = _seconds("start", fields.get("start", 0.0), lowest=0.0)
     if "duration" not in fields:
-        return numbers, start, None
-    return numbers, start, _seconds("duration", fields["duration"], lowest=1e-9)
+        return torque, start, None
+    return torque, start, _seconds("duration", fields["duration"], lowest=1e-9)
 
 
-def _seconds(name: str, value: Any, lowest: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise RefusedError(f"{name} = {value!r}; allowed: a number [s]")
+def _seconds(name: str, value: float, lowest: float) -> float:
     if not lowest <= value <= _LATEST:
         raise RefusedError(f"{name} = {value:g} s; allowed: {lowest:g} to {_LATEST:g}")
     return float(value)

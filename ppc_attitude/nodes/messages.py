@@ -33,6 +33,8 @@ from ppc_attitude.science.stamps import NANOSECONDS
 
 _UNIT_TOLERANCE = 1e-3
 _OWN_TOLERANCE = 1e-12
+_FIX_VARIANCE = math.pi**2  # [rad²] no attitude is further from another than π
+_GYRO_VARIANCE = 1e5  # [rad²/s²] the noisiest gyro that can be configured, at 10 kHz, has 1e4
 
 
 def message_class(msgtype: str) -> Any:
@@ -94,7 +96,7 @@ class Inbox:
             return abs(x * x + y * y + z * z + w * w - 1.0) <= _OWN_TOLERANCE
         if self._is_fix:
             return False
-        if self._is_rate and values[3] < 0.0:
+        if self._is_rate and not 0.0 <= values[3] <= _GYRO_VARIANCE:
             return False
         return sum(map(abs, values)) <= LARGEST
 
@@ -113,14 +115,17 @@ class Inbox:
         if self._is_attitude:
             return Sample(stamp_ns, frame_id, self._unit(values))
         if self._is_fix and any(values[:4]):
-            if min(values[4:]) <= 0.0:
+            if min(values[4:]) <= 0.0 or max(values[4:]) > _FIX_VARIANCE:
                 raise RefusedError(
-                    f"{self._topic.name}: variances {values[4:]} rad²; allowed: > 0 of a fix"
+                    f"{self._topic.name}: variances {values[4:]} rad²; allowed: > 0 and "
+                    "≤ π² of a fix"
                 )
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
-        if self._is_rate and values[3] < 0.0:  # REP 145: −1 says that there is no rate
+        # REP 145: −1 says that there is no rate.
+        if self._is_rate and not 0.0 <= values[3] <= _GYRO_VARIANCE:
             raise RefusedError(
-                f"{self._topic.name}: variance {values[3]} (rad/s)²; allowed: ≥ 0 of a rate"
+                f"{self._topic.name}: variance {values[3]} (rad/s)²; allowed: ≥ 0 and "
+                f"≤ {_GYRO_VARIANCE:g} of a rate"
             )
         if max(map(abs, values)) > LARGEST:
             raise RefusedError(

@@ -26,8 +26,10 @@ from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
+    ParameterValue,
     SetParametersResult,
 )
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -39,6 +41,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter, Value, resolved
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+_TYPES = {each.value: each.name for each in RosParameter.Type}
 
 Check = Callable[[Mapping[str, Value]], None]
 
@@ -137,15 +140,38 @@ class _Services(ParameterService):
         node = self._get_node()
         ours = all(node.has_parameter(each.name) for each in request.parameters)
         for each in request.parameters:
-            if ours or each.name not in self._shared:
+            reason = _of_no_type(each)
+            if not reason and (ours or each.name not in self._shared):
                 super()._set_parameters_callback(SetParameters.Request(parameters=[each]), response)
-            else:
-                reason = (
-                    f"{each.name}: the file is of several nodes, and does not tell which of their "
-                    "values comes here; load one that holds this node's parameters alone"
-                )
-                response.results.append(SetParametersResult(successful=False, reason=reason))
+                continue
+            reason = reason or (
+                f"{each.name}: the file is of several nodes, and does not tell which of their "
+                "values comes here; load one that holds this node's parameters alone"
+            )
+            response.results.append(SetParametersResult(successful=False, reason=reason))
         return response
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        reason = next(filter(None, map(_of_no_type, request.parameters)), "")
+        if not reason:
+            return super()._set_parameters_atomically_callback(request, response)
+        response.result = SetParametersResult(successful=False, reason=reason)
+        return response
+
+
+def _of_no_type(asked: ParameterMessage) -> str:
+    """Why a value cannot be taken whose type ROS does not have, for which rclpy raises."""
+    if asked.value.type in _TYPES:
+        return ""
+    return (
+        f"{asked.name} is of type {asked.value.type}; allowed: "
+        f"{', '.join(f'{number} ({name})' for number, name in _TYPES.items())}"
+    )
+
+
+def type_name(value: ParameterValue) -> str:
+    """Name of a value's type as rclpy has it; its number if no type of ROS has it."""
+    return _TYPES.get(value.type, str(value.type))
 
 
 def _of_any_node() -> set[str]:

@@ -32,8 +32,8 @@ class Fixes(Generic[Sample]):
     """Join gyro samples and fixes to instants, in the order of the samples.
 
     In lock-step a sample waits for its fix, since nothing else comes. In a loop that runs by itself
-    the first fix that does not come is waited for; from then on nobody waits for a tracker that is
-    not heard.
+    the first fix that does not come is waited for; from then on nobody waits, until the tracker is
+    heard again: until a fix comes that would not have been given up.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Fixes(Generic[Sample]):
         self._slots = slots
         self._none = (0.0,) * (width + 1)
         self._patience = nanoseconds(patience)
-        self._is_heard = True  # the tracker: false after a lost fix, until the next one comes
+        self._is_heard = True  # the tracker: false after a lost fix, until one comes in time
         self._guard = StampGuard()
         self._last: int | None = None
         self._used: int | None = None  # validity [ns] of the last fix that was joined
@@ -100,8 +100,8 @@ class Fixes(Generic[Sample]):
         if not self._slots.has(valid_ns):
             self.useless += 1
             return
-        # One that is always later than its slot allows is not worth the wait.
-        if self._last is None or not self._slots.arrived(valid_ns, self._last):
+        # One for which a sample would still have waited is worth the wait; a later one never is.
+        if self._last is None or not self._slots.arrived(valid_ns, self._last - self._patience):
             self._is_heard = True
         if valid_ns != self._used:  # the message of a repeated state has been used
             self._fixes[valid_ns] = values

@@ -39,7 +39,9 @@ MU = Parameter("mu", 0.703, "width μ of the tanh in the disturbance estimate", 
 def envelope_parameters(prefix: str, what: str, unit: str, table: EnvelopeTable) -> list[Parameter]:
     """Parameters of one nominal envelope; its tables are the paper's."""
     return [
-        Parameter(f"{prefix}.initial", table.initial, f"ρ_e0 of the {what}", unit, above=0.0),
+        Parameter(
+            f"{prefix}.initial", table.initial, f"ρ_e0 of the {what}", unit, above=0.0, high=1e6
+        ),
         Parameter(
             f"{prefix}.exponential_terminal",
             table.exponential_terminal,

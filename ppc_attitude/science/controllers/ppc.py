@@ -84,7 +84,9 @@ GAINS = (
     Parameter("K_a", 3.81, "decay K_a of the auxiliary state", "1/s", low=0.0),
     Parameter("K_b", 3.09, "saturation-driven decay K_b of the auxiliary state", low=0.0),
     Parameter("C_q", 0.975, "decay C_q of the attitude envelope's widening", "1/s", low=0.0),
-    Parameter("C_omega", 0.898, "decay C_ω of the rate envelope's widening", "1/s", low=0.0),
+    Parameter(
+        "C_omega", 0.898, "decay C_ω of the rate envelope's widening", "1/s", low=0.0, high=1e6
+    ),
     Parameter("C_tau", 0.00998, "gain C_τ of the attitude envelope's widening", low=0.0),
     Parameter("B_tau", 0.0418, "gain B_τ of the rate envelope's widening", low=0.0),
     Parameter("F1", 1.0, "scale F1 of the attitude barrier", above=0.0),

@@ -50,7 +50,9 @@ _OWN = (
         length=3,
         above=0.0,
     ),
-    Parameter("a_most", 0.0174501876, "largest deceleration of the brake", "rad/s²", above=0.0),
+    Parameter(
+        "a_most", 0.0174501876, "largest deceleration of the brake", "rad/s²", above=0.0, high=1e6
+    ),
     Parameter("a_rate", 0.00125756416, "largest |a'| where the brake acts", "rad/s³", low=0.0),
     Parameter("Omega_e", 0.0514731821, "Ω_e: largest commanded rate ‖ω_s‖", "rad/s", above=0.0),
     Parameter(
