@@ -16,6 +16,7 @@
 
 import gc
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,9 @@ from process_helpers import COMMAND, PAPER, PATIENCE, Run, node_here
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, NODES, PLANT, RECORDER
+from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.kinds import ESTIMATORS
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load
@@ -119,6 +122,15 @@ def test_a_node_tells_wrong_arguments_and_leaves_nothing(case, node, tmp_path):
     assert told in err.splitlines()[-1]
     assert "Traceback" not in err
     assert list(tmp_path.glob("bags/*")) == []
+
+
+def test_an_estimator_that_does_not_say_when_its_fixes_come_does_not_begin(node, monkeypatch):
+    monkeypatch.setitem(ESTIMATORS.components, "mekf", replace(mekf.COMPONENT, parameters=()))
+    noise = ("star_tracker.cross_noise:=1.0e-5", "star_tracker.boresight_noise:=1.0e-5")
+    options = [word for each in ("estimator:=mekf", *noise) for word in ("-p", each)]
+    code, err = node(ESTIMATOR, "--ros-args", *options)
+    assert code == 2, err
+    assert "mekf reads star_fix, which comes late, and has no parameter star_tracker.rate" in err
 
 
 def test_a_recorder_overwrites_no_bag(node, tmp_path):

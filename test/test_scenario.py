@@ -23,7 +23,8 @@ import pytest
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.environments import paper as paper_torque
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kinds import ENVIRONMENTS
+from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.kinds import ENVIRONMENTS, ESTIMATORS
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.sensors import direct
@@ -295,3 +296,14 @@ def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPa
         ENVIRONMENTS.components, "gradient", replace(gradient, inputs=(other_words,))
     )
     check_exchange(case)
+
+
+def test_nodes_refuse_an_estimator_that_does_not_say_when_its_fixes_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The node would take the slots from parameters of another estimator, and wait for ever."""
+    case = load([CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml"])
+    monkeypatch.setitem(ESTIMATORS.components, "mekf", replace(mekf.COMPONENT, parameters=()))
+    message = "mekf reads star_fix, which comes late, and has no parameter star_tracker.rate, .*all"
+    with pytest.raises(ConfigurationError, match=message):
+        check_exchange(case.parameters)

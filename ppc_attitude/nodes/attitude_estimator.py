@@ -18,6 +18,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.topics import ESTIMATOR, Topic
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
@@ -25,7 +26,7 @@ from ppc_attitude.runtime.fixes import Fixes
 from ppc_attitude.runtime.health import ERROR, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import Instant, Values
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.sensors.arrivals import Slots
+from ppc_attitude.science.sensors.arrivals import Slots, check_slots
 
 Completed = Iterator[tuple[int, Mapping[str, Values], Values]]
 
@@ -50,6 +51,8 @@ class AttitudeEstimator(ComponentNode):
                     f"the estimator reads {names}; allowed: one that comes late, such as fixes, "
                     "beside what comes with every instant"
                 )
+            for component in components_of(self.executable, self.parameters.values):
+                check_slots(component)
             self._fixes = Fixes(Slots.of(self.parameters.values), late[0].width)
             self._instant = Instant(each.column for each in self._topics if not each.late)
         fixes, column, fix = self._fixes, topic.column, late[0].column

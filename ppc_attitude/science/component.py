@@ -79,7 +79,8 @@ class Column:
     late : bool
         True if it comes with some instants only and belongs to an earlier one: then one number more
         is its age [s], its message has the stamp to which it belongs, and a row of zeros is no
-        message.
+        message. Between nodes only an estimator may read it, and one that has the parameters
+        ``star_tracker.rate``, ``star_tracker.latency`` and ``initial_fix``: they say when it comes.
     """
 
     name: str

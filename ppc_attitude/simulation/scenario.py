@@ -26,7 +26,7 @@ import yaml
 
 from ppc_attitude.contract.declared import columns_of, components_of
 from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
-from ppc_attitude.contract.topics import CONTROLLER, HOSTED, INJECTOR, PLANT, SOURCES
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, HOSTED, INJECTOR, PLANT, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component, read_from_elsewhere
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
@@ -34,6 +34,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
 from ppc_attitude.science.parameter import Value, checked, resolved
 from ppc_attitude.science.part import configured
+from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import seconds, stamp_of, step_of
 
 Overrides = Mapping[str, Mapping[str, Any]]
@@ -195,11 +196,13 @@ def check_exchange(parameters: Overrides) -> None:
     Raises
     ------
     ConfigurationError
-        A component reads what no node sends, or two nodes have not one value of what says how they
-        exchange something.
+        A component reads what no node sends, or what comes late without saying when, or two nodes
+        have not one value of what says how they exchange something.
     """
     sent = {column.name for node in HOSTED for column in columns_of(node, parameters[node])}
     told: dict[str, tuple[str, Value]] = {}
+    for component in components_of(ESTIMATOR, parameters[ESTIMATOR]):
+        check_slots(component)
     for node in HOSTED:
         components, values = components_of(node, parameters[node]), parameters[node]
         for column in read_from_elsewhere(components):

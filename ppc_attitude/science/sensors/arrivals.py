@@ -18,12 +18,35 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
 from ppc_attitude.science.sensors.star_tracker import LATENCY, RATE, ROUNDING
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
 
 TOLERANCE = nanoseconds(ROUNDING)
 """How far a fix's stamp may be from its slot [ns]."""
+
+_SAY_WHEN = (RATE, LATENCY, INITIAL_FIX)
+
+
+def check_slots(component: Component) -> None:
+    """See that a component that reads what comes late says itself when it comes.
+
+    Raises
+    ------
+    ConfigurationError
+        It reads a late column and has not all parameters of which `Slots` are made.
+    """
+    lacking = [each.name for each in _SAY_WHEN if each.name not in component.defaults]
+    for column in component.inputs:
+        if column.late and lacking:
+            raise ConfigurationError(
+                f"{component.name} reads {column.name}, which comes late, and has no parameter "
+                f"{', '.join(lacking)}; allowed between nodes: what comes late as "
+                f"{', '.join(each.name for each in _SAY_WHEN)} of the estimator say; simulate can "
+                "run it"
+            )
 
 
 class Slots:
