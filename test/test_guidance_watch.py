@@ -271,8 +271,10 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
             8853.0,
             "allowed: 69 characters",
         ),
+        (with_checksums(LINES.replace("51.6416", "       ")), 8853.0, "has inclination"),
+        (with_checksums(LINES.replace("2 25544", "2 25545")), 8853.0, "'25544' and '25545'"),
     ],
-    ids=["old", "checksum", "one line", "no element set"],
+    ids=["old", "checksum", "one line", "no element set", "no number", "two craft"],
 )
 def test_bad_two_line_elements_are_refused(lines: str, days: float, reason: str) -> None:
     pytest.importorskip("sgp4.api")

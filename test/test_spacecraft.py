@@ -13,6 +13,7 @@
 # limitations under the License.
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -198,3 +199,13 @@ def test_bodies_that_exist(inertia: Array) -> None:
 def test_bodies_that_do_not_exist(values: list[float], complaint: str) -> None:
     with pytest.raises(ConfigurationError, match=f"plant inertia.*{complaint}"):
         inertia_matrix("plant inertia", values)
+
+
+def test_a_body_that_turns_too_far_in_a_step_is_refused() -> None:
+    def with_rate(rate: float) -> dict[str, Any]:
+        given = {"initial_angular_velocity": [0.0, rate, 0.0]}
+        return {**rigid_body.COMPONENT.defaults, "rate": 100.0, **given}
+
+    rigid_body.configure(with_rate(29.9))
+    with pytest.raises(ConfigurationError, match=r"turns by 0\.301 rad in a step of rate = 100 Hz"):
+        rigid_body.configure(with_rate(30.1))

@@ -106,6 +106,18 @@ def test_what_is_clipped_leaves_the_other_axes_alone() -> None:
     assert given[:3] == pytest.approx([0.0, 0.02, -0.01], abs=1e-9)
 
 
+@pytest.mark.parametrize("knowledge", [1.05, 1.5, 2.0])
+def test_a_drive_that_believes_in_too_much_friction_keeps_the_limits(knowledge: float) -> None:
+    given: dict[str, Any] = {"wheels__friction_knowledge": knowledge, "wheels__max_torque": [0.003]}
+    part, speeds = actuator_of(wheels__axes=np.eye(3).ravel().tolist(), **given), np.zeros(8)
+    speeds[0] = 620.0
+    for k in range(3000):
+        motors = np.array(part.step(k * STEP_NS, [-0.05] + [0.0] * 5 + [*speeds]))[3:]
+        assert np.abs(motors).max() <= 0.003 * (1.0 + 1e-8)
+        speeds[:4] += 0.01 / 8e-4 * (motors[:4] - frictions(speeds))
+    assert 628.0 < speeds[0] < 628.3 * (1.0 + 1e-5)
+
+
 def test_four_wheels_go_to_their_null_speed_without_a_torque() -> None:
     part, speeds = actuator_of(), np.zeros(8)
     for k in range(60_000):

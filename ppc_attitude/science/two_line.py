@@ -19,6 +19,7 @@ nutation, less than 0.006°.
 """
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,21 @@ from ppc_attitude.science.orbit import EARTH_RADIUS, ORBIT
 
 J2000 = 2451545.0  # Julian date
 OLDEST = 30.0  # [d] SGP4 is off by tens of kilometres beyond
+_HIGHEST = 1e9  # [m] the Earth holds nothing that far away
 _LENGTH = 69
+_CRAFT = slice(2, 7)
+_NUMBERS = {
+    1: {"epoch": slice(18, 32)},
+    2: {
+        "inclination": slice(8, 16),
+        "right ascension": slice(17, 25),
+        "eccentricity": slice(26, 33),
+        "argument of perigee": slice(34, 42),
+        "mean anomaly": slice(43, 51),
+        "mean motion": slice(52, 63),
+    },
+}
+"""Where the numbers of each line are that an orbit cannot be without."""
 
 
 def orbit_by_lines(name: str, text: str, days: float) -> Any:
@@ -68,8 +83,10 @@ def orbit_by_lines(name: str, text: str, days: float) -> Any:
     record["position"] = 1e3 * np.array(position)
     record["velocity"] = 1e3 * np.array(velocity)
     height = float(np.linalg.norm(record["position"])) - EARTH_RADIUS
-    if height <= 0.0:
-        raise ConfigurationError(f"{name} gives a height of {height:.6g} m; allowed: > 0")
+    if not 0.0 < height <= _HIGHEST:
+        raise ConfigurationError(
+            f"{name} gives a height of {height:.6g} m; allowed: > 0 and ≤ {_HIGHEST:g}"
+        )
     return record
 
 
@@ -90,5 +107,15 @@ def _lines(name: str, text: str) -> tuple[str, str]:
             raise ConfigurationError(
                 f"line {number} of {name} ends in {line[-1]!r}; allowed: its checksum, {total}"
             )
+        for what, columns in _NUMBERS[number].items():
+            point = "" if what == "eccentricity" else r"\."  # of which only decimals are written
+            if not re.fullmatch(rf"\d*{point}\d+", line[columns].replace(" ", "")):
+                raise ConfigurationError(
+                    f"line {number} of {name} has {what} {line[columns]!r}; allowed: a number"
+                )
     first, second = lines
+    if first[_CRAFT] != second[_CRAFT]:
+        raise ConfigurationError(
+            f"{name} has lines of craft {first[_CRAFT]!r} and {second[_CRAFT]!r}; allowed: of one"
+        )
     return first, second

@@ -120,16 +120,41 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 
 @kernel
+def _room(speed: float, i: int, configuration: Any) -> tuple[float, float]:
+    """Torques [N·m] that bring a wheel to its largest speed in a step, backwards and forwards."""
+    craft = configuration.wheels
+    faster = craft.inertia[i] * (craft.max_speed[i] - speed) / configuration.h
+    slower = craft.inertia[i] * (craft.max_speed[i] + speed) / configuration.h
+    return slower, faster
+
+
+@kernel
+def _taken_away(resistance: float, speed: float, i: int, configuration: Any) -> float:
+    """Torque [N·m] of the drive against the friction that it knows of.
+
+    Who believes in more friction than there is speeds the wheel up; not beyond its limits.
+    """
+    slower, faster = _room(speed, i, configuration)
+    most, limit = resistance + max(faster, 0.0), configuration.wheels.max_torque[i]
+    least = resistance - max(slower, 0.0)
+    known = min(max(configuration.knowledge * resistance, least), most)
+    return float(min(max(known, -limit), limit))
+
+
+@kernel
 def _limits(speeds: Any, configuration: Any, state: Any) -> None:
     """Net torque that each wheel can give: by its motor, and by the speed that is left to it."""
     craft = configuration.wheels
     for i in range(craft.count):
-        known = configuration.knowledge * friction(craft, i, speeds[i])
-        faster = craft.inertia[i] * (craft.max_speed[i] - speeds[i]) / configuration.h
-        slower = craft.inertia[i] * (craft.max_speed[i] + speeds[i]) / configuration.h
+        resistance = friction(craft, i, speeds[i])
+        slower, faster = _room(speeds[i], i, configuration)
+        known = _taken_away(resistance, speeds[i], i, configuration)
+        driven = known - resistance
         trace = _TRACE * craft.max_torque[i]
-        state.high[i] = max(min(craft.max_torque[i] - known, faster), trace)
-        state.low[i] = min(max(-craft.max_torque[i] - known, -slower), -trace)
+        most = min(craft.max_torque[i] - known, faster - max(driven, 0.0))
+        least = max(-craft.max_torque[i] - known, -slower - min(driven, 0.0))
+        state.high[i] = max(most, trace)
+        state.low[i] = min(least, -trace)
 
 
 @kernel
@@ -190,7 +215,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     applied = scale(-1.0, gyroscopic)
     for i in range(craft.count):
         resistance = friction(craft, i, speeds[i])
-        motor = state.net[i] + configuration.knowledge * resistance
+        motor = state.net[i] + _taken_away(resistance, speeds[i], i, configuration)
         outputs.wheel_torque[i] = motor
         applied = subtract(applied, scale(motor - resistance, vector(craft.axes[i])))
     store(outputs.applied_torque, applied)

@@ -27,6 +27,7 @@ from ppc_attitude.science.attitude import (
 )
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Matrix,
@@ -72,6 +73,7 @@ INITIAL_RATE = Parameter(
     high=100.0,
     read_only=True,
 )
+_MOST_TURN = 0.3  # [rad] in a step; there Runge-Kutta is off by 1e-4 rad after a second
 CONFIGURATION = np.dtype(
     [
         ("inertia", np.float64, (3, 3)),  # [kg·m²]
@@ -98,14 +100,21 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        Inertia or initial attitude is impossible.
+        Inertia or initial attitude is impossible, or the body turns too far in a step.
     """
     record = np.zeros((), CONFIGURATION)[()]
     inertia = inertia_matrix("inertia", values["inertia"])
     record["inertia"] = inertia
     record["inertia_inverse"] = np.linalg.inv(inertia)
     record["initial_attitude"] = unit_quaternion("initial_attitude", values["initial_attitude"])
-    record["initial_rate"] = values["initial_angular_velocity"]
+    record["initial_rate"] = values[INITIAL_RATE.name]
+    # Who steps a body by itself need not say how fast.
+    turn = float(np.linalg.norm(record["initial_rate"])) / values.get("rate", np.inf)
+    if turn > _MOST_TURN:
+        raise ConfigurationError(
+            f"{INITIAL_RATE.name} = {values[INITIAL_RATE.name]} rad/s turns by {turn:.3g} rad in a "
+            f"step of rate = {values['rate']:g} Hz; allowed: at most {_MOST_TURN:g} rad"
+        )
     return record
 
 
