@@ -109,6 +109,14 @@ def test_a_design_knows_the_errors_of_its_sensors(designed_for_sensors: Path) ->
     assert 0.3 < off.max() / values["momentum_tube.assumed.e_W"] < 1.0
 
 
+def test_a_gyro_that_cannot_measure_the_promised_rates_voids_the_promise(
+    designed_for_sensors: Path,
+) -> None:
+    files = ("sensors_flagship", str(designed_for_sensors.with_suffix("")))
+    held = held_by(record_of(*files, spacecraft_plant={"gyro.full_scale": 0.03}))
+    assert held.reason.startswith("gyro.full_scale = 0.03 rad/s; promised are starts with up to")
+
+
 def test_a_design_knows_the_torque_noise_that_its_sensors_make(
     designed_for_sensors: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -41,6 +41,9 @@ def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
     assert torque.holds
     assert not needed(guidance__max_acceleration=math.radians(0.7))["slew torque"].holds
     assert not needed(guidance__torque_share=0.4)["slew torque"].holds
+    spin = {"goals__frames": ["spin"], "spin__rate": 0.03}
+    crossed = 2.8 * math.radians(2.0) * 0.03
+    assert needed(**spin)["slew torque"].value == pytest.approx(torque.value + crossed, rel=1e-9)
     late, early, settled = (
         needed(goals__times=times, goals__attitudes=STRAIGHT * len(times))["slew rate"]
         for times in ([70.0], [5.0, 70.0], [])

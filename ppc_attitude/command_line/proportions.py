@@ -30,7 +30,7 @@ from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.envelope_plan import least_settling_time
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import FLOOR, Sigmas, error_sigmas, noise_floors
-from ppc_attitude.science.guidance.orders import GOAL_TIMES
+from ppc_attitude.science.guidance.orders import GOAL_FRAMES, GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.inertia import inertia_matrix
@@ -131,12 +131,16 @@ def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
         float(reference[each.name])
         for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
     )
+    spins = "spin" in reference[GOAL_FRAMES.name]
+    # A slew in a frame that turns by ω_f is accelerated by ω × ω_f too; the others hardly turn.
+    crossed = rate * abs(float(reference[goal.SPIN_RATE.name])) if spins else 0.0
     yield _at_most(
         "slew torque",
-        slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration),
+        slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration + crossed),
         share * actuator_torque(scenario),
         "N·m",
-        "max‖J e‖ A + max‖ω × J ω‖ leaves the law its margin (guidance.torque_share)",
+        f"max‖J e‖ {'(A + V |spin.rate|)' if spins else 'A'} + max‖ω × J ω‖ leaves the law its "
+        "margin (guidance.torque_share)",
     )
     law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
     if scenario.controller.name == ppc.COMPONENT.name:

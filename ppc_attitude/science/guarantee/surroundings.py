@@ -173,6 +173,12 @@ def broken_assumptions(
             yield f"{found}: whether it keeps the assumed bounds is not known"
     if nodes.estimated:
         yield from _unseen(plant, nodes.estimator)
+        fastest = TUMBLING[0] * assumed.Omega
+        if plant["gyro.full_scale"] < fastest:
+            yield (
+                f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; promised are starts with "
+                f"up to {fastest:.4g} rad/s"
+            )
     if nodes.unknown(REFERENCES):
         return
     for name, value in zip(("W", "W1", "W2"), reference_bounds(reference, duration), strict=True):
