@@ -331,6 +331,18 @@ def test_timed_profile_that_cannot_be_flown_is_refused() -> None:
         assert_refused(outcome, expected, 10.0, configuration, state)
 
 
+def test_wait_for_a_timed_profile_keeps_clear_of_cones_that_move() -> None:
+    cursor = np.zeros(1, begun(STRAIGHT)["look"]["now"].dtype)[0]
+    r = np.array(orbit_at(700.0, guidance()["sky"]["orbit"], cursor)[0])
+    axis = tuple(-r / np.linalg.norm(r))  # looks at Earth at 700 s
+    configuration = with_cones([(axis, TO_EARTH, (0.0, 0.0, 0.0), 0.35)])
+    for first, expected in ((200.0, ACCEPTED), (1400.0, CROSSES)):
+        state = begun(STRAIGHT)
+        profile = points([first, first + 9.0], [STRAIGHT, STRAIGHT], [None] * 2, [None] * 2)
+        assert follow(10.0, profile, configuration, state) == expected
+    assert 300.0 < state["measured"] < 450.0  # [s] of the crossing
+
+
 @pytest.mark.parametrize(
     ("times", "attitudes", "rates", "message"),
     [
