@@ -162,6 +162,16 @@ def test_brake_that_has_to_be_lengthened() -> None:
         fly([(0.0, INERTIAL, DESIRED), (t, INERTIAL, OTHER)], configuration, 150.0)
 
 
+def test_brake_with_little_jerk_keeps_the_rate() -> None:
+    configuration, state = guidance(), begun(STRAIGHT)
+    configuration["limits"]["max_jerk"] = 0.01 * DEGREE
+    goals = [(0.0, (0.0, 0.0, 1.0, 0.0)), (30.0, STRAIGHT), (34.0, STRAIGHT)]
+    for (t, goal), until in zip(goals, (30.0, 34.0, 200.0), strict=True):
+        assert pursue(t, INERTIAL, goal, configuration, state) == ACCEPTED
+        samples = [motion(s, configuration, state) for s in np.linspace(t, until, 400)]
+        assert np.linalg.norm(np.array(samples)[:, 4:7], axis=1).max() < 1.01 * V
+
+
 def test_random_switches_keep_the_limits() -> None:
     configuration, random = guidance(), np.random.default_rng(11)
     for attitudes in Rotation.random(200, random_state=4).as_quat().reshape(50, 4, 4):
