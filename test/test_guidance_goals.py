@@ -162,6 +162,16 @@ def test_brake_that_has_to_be_lengthened() -> None:
         fly([(0.0, INERTIAL, DESIRED), (t, INERTIAL, OTHER)], configuration, 150.0)
 
 
+def test_brake_with_little_jerk_keeps_the_rate() -> None:
+    configuration, state = guidance(), begun(STRAIGHT)
+    configuration["limits"]["max_jerk"] = 0.01 * DEGREE
+    goals = [(0.0, (0.0, 0.0, 1.0, 0.0)), (30.0, STRAIGHT), (34.0, STRAIGHT)]
+    for (t, goal), until in zip(goals, (30.0, 34.0, 200.0), strict=True):
+        assert pursue(t, INERTIAL, goal, configuration, state) == ACCEPTED
+        samples = [motion(s, configuration, state) for s in np.linspace(t, until, 400)]
+        assert np.linalg.norm(np.array(samples)[:, 4:7], axis=1).max() < 1.01 * V
+
+
 def test_random_switches_keep_the_limits() -> None:
     configuration, random = guidance(), np.random.default_rng(11)
     for attitudes in Rotation.random(200, random_state=4).as_quat().reshape(50, 4, 4):
@@ -329,6 +339,18 @@ def test_timed_profile_that_cannot_be_flown_is_refused() -> None:
             1.0, points(times, attitudes, [None] * 2, [None] * 2), configuration, state
         )
         assert_refused(outcome, expected, 10.0, configuration, state)
+
+
+def test_wait_for_a_timed_profile_keeps_clear_of_cones_that_move() -> None:
+    cursor = np.zeros(1, begun(STRAIGHT)["look"]["now"].dtype)[0]
+    r = np.array(orbit_at(700.0, guidance()["sky"]["orbit"], cursor)[0])
+    axis = tuple(-r / np.linalg.norm(r))  # looks at Earth at 700 s
+    configuration = with_cones([(axis, TO_EARTH, (0.0, 0.0, 0.0), 0.35)])
+    for first, expected in ((200.0, ACCEPTED), (1400.0, CROSSES)):
+        state = begun(STRAIGHT)
+        profile = points([first, first + 9.0], [STRAIGHT, STRAIGHT], [None] * 2, [None] * 2)
+        assert follow(10.0, profile, configuration, state) == expected
+    assert 300.0 < state["measured"] < 450.0  # [s] of the crossing
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,21 @@ def test_attitude_that_begins_inside_a_cone_is_warned_of_at_once() -> None:
     assert [(text, warning) for _, text, warning in rest] == [("what was warned of is over", False)]
 
 
+def test_hold_that_brakes_into_a_cone_is_followed_with_a_warning() -> None:
+    part = part_of(
+        keep_out__axes=[1.0, 0.0, 0.0],
+        keep_out__directions=["-0.5 0.8 0"],  # x comes there by 122° of a spin at 1°/s
+        keep_out__half_angles=[4.0 * DEGREE],
+        goals__times=[1.0, 118.0],
+        goals__frames=["spin", "hold"],
+        goals__attitudes=STRAIGHT * 2,
+    )
+    *_, (when, text, warning) = said(part, np.arange(0.0, 200.0, 0.25))
+    assert (when, warning) == (118.0, True)
+    assert "order 2 is followed" in text
+    assert "; the desired motion enters keep-out cone 0 at t = 119" in text
+
+
 def test_ground_point_below_the_horizon_is_followed_with_a_warning() -> None:
     # Greenwich is 100.9° east of the ascending node at the epoch, so the point is behind Earth.
     part = part_of(

@@ -41,6 +41,7 @@ from ppc_attitude.science.kernel import Quaternion, Vector, add, kernel, norm, s
 MOST_ATTEMPTS = 40
 _SAMPLES = 64  # intervals
 _ROUNDING = 1.0 + 1e-9
+_FASTER = 1.01  # times V that a brake with 2 |α|/K may reach
 NO_TURN = 1e-12  # [rad]
 _NOTHING: Vector = (0.0, 0.0, 0.0)
 
@@ -56,27 +57,37 @@ def brake_coefficients(
 
 
 @kernel
+def _peaks(omega: Vector, alpha: Vector, length: float) -> tuple[float, float]:
+    """Largest rate [rad/s] and acceleration [rad/s²] of 65 even samples of a brake."""
+    coefficients = brake_coefficients(omega, alpha, length)
+    rate, acceleration = 0.0, 0.0
+    for i in range(_SAMPLES + 1):
+        moved = exponential_motion(*polynomial(coefficients, length * i / _SAMPLES))
+        rate = max(rate, norm(moved[1]))
+        acceleration = max(acceleration, norm(moved[2]))
+    return rate, acceleration
+
+
+@kernel
 def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
     """Duration [s] of a brake from relative rate ω and acceleration α; negative: none found.
 
     The first of max(1.5 |ω|/A, 2 |α|/K, 1 s) · 1.1ᵏ whose 65 even samples keep A, or the present
-    acceleration if that is larger.
+    acceleration if that is larger. If it passes V, or the present rate if larger, by more than 1 %,
+    the search begins anew without 2 |α|/K: with a small K the rate would go far beyond.
     """
     allowed = max(limits.max_acceleration, norm(alpha)) * _ROUNDING
-    length = max(
-        1.5 * norm(omega) / limits.max_acceleration, 2.0 * norm(alpha) / limits.max_jerk, 1.0
-    )
-    for _ in range(MOST_ATTEMPTS):
-        coefficients = brake_coefficients(omega, alpha, length)
-        kept = True
-        for i in range(_SAMPLES + 1):
-            phi = polynomial(coefficients, length * i / _SAMPLES)
-            if norm(exponential_motion(*phi)[2]) > allowed:
-                kept = False
-                break
-        if kept:
-            return float(length)
-        length *= 1.1
+    fastest = max(limits.max_rate, norm(omega)) * _FASTER
+    shortest = max(1.5 * norm(omega) / limits.max_acceleration, 1.0)
+    for smooth in (True, False):
+        length = max(shortest, 2.0 * norm(alpha) / limits.max_jerk) if smooth else shortest
+        for _ in range(MOST_ATTEMPTS):
+            rate, acceleration = _peaks(omega, alpha, length)
+            if acceleration <= allowed:
+                if smooth and rate > fastest:
+                    break
+                return float(length)
+            length *= 1.1
     return -1.0
 
 

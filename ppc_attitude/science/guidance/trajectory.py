@@ -193,15 +193,16 @@ def _plan_through(t: float, points: Any, guidance: Any, state: Any) -> int:
         return refused(TOO_LATE, trial.end, points.time[0], state)
     if trial.count + points.count > MOST_LEGS:
         return NO_SLEW
-    if trial.end < points.time[0]:
-        wait = points.time[0] - trial.end
-        append_polynomial(trial, INERTIAL, trial.end, wait, start, np.zeros((5, 3)))
+    approached = trial.end  # the cones are checked until here
+    if approached < points.time[0]:
+        wait = points.time[0] - approached
+        append_polynomial(trial, INERTIAL, approached, wait, start, np.zeros((5, 3)))
     for i in range(points.count - 1):
         share = _segment(trial, i, points, guidance.limits)
         if share > _ROUNDING:
             return refused(TOO_FAST, share, 1.0, state)
     store_quaternion(trial.attitude, quaternion(points.attitude[points.count - 1]))
-    return kept_clear(trial, t, points.time[0], EVERY_CONE, guidance, state)
+    return kept_clear(trial, t, approached, EVERY_CONE, guidance, state)
 
 
 @kernel
