@@ -114,7 +114,7 @@ def test_a_gyro_that_cannot_measure_the_promised_rates_voids_the_promise(
 ) -> None:
     files = ("sensors_flagship", str(designed_for_sensors.with_suffix("")))
     held = held_by(record_of(*files, spacecraft_plant={"gyro.full_scale": 0.03}))
-    assert held.reason.startswith("gyro.full_scale = 0.03 rad/s; promised are starts with up to")
+    assert held.reason.startswith("gyro.full_scale = 0.03 rad/s; with what is promised")
 
 
 def test_a_design_knows_the_torque_noise_that_its_sensors_make(

@@ -235,6 +235,21 @@ def test_a_fix_after_a_newer_one_and_a_repeated_one_are_counted_and_change_nothi
     assert known_now(memory) == before
 
 
+def test_a_refused_fix_that_comes_again_does_not_agree_with_itself() -> None:
+    settings, rates, truth, *_ = noisy("smallsat", 2.0, 3)
+    memory = new_memory()
+    for k, rate in enumerate(rates[:100].tolist()):
+        take_sample(memory, settings, k * STEP_NS, tuple(rate))
+        if k == 0:
+            take_fix(memory, settings, 0, tuple(truth[0]))
+    before = known_now(memory)
+    false = Rotation.from_quat(truth[50]) * Rotation.from_rotvec([1.0, 0.0, 0.0])
+    for _ in range(12):
+        take_fix(memory, settings, 50 * STEP_NS, tuple(false.as_quat()))
+    assert (memory["refused"], memory["unmatched"], memory["begun_anew"]) == (1, 11, 0)
+    assert known_now(memory) == before
+
+
 def test_the_rate_has_the_variance_of_a_sample_by_the_filters_own_numbers() -> None:
     values = suite("smallsat")
     part = Part(mekf.COMPONENT, values)

@@ -93,7 +93,7 @@ MEMORY = np.dtype(
         ("fix_ns", np.int64),  # validity [ns] of the last accepted fix
         ("fixes", np.int64),  # in all, also refused ones
         ("refused", np.int64),  # by the gate
-        ("unmatched", np.int64),  # of no remembered stamp, or not newer than the last accepted one
+        ("unmatched", np.int64),  # of no remembered stamp, or not newer than the last used one
         ("begun_anew", np.int64),
         ("doubtful", np.float64),  # 1 while the last fix was refused
         ("verdict", np.int64),  # on itself: `mekf`
@@ -224,7 +224,8 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
     nothing = (0.0, 0.0, 0.0)
     memory.fixes += 1
     ago = _steps_since(memory, valid_ns)
-    if ago < 0 or (memory.knows != 0.0 and valid_ns <= memory.fix_ns):
+    repeated = memory.agreeing > 0 and valid_ns == memory.refused_ns  # it would agree with itself
+    if ago < 0 or repeated or (memory.knows != 0.0 and valid_ns <= memory.fix_ns):
         memory.unmatched += 1
         return nothing, False
     slot = (memory.count - 1 - ago) % STEPS

@@ -173,11 +173,12 @@ def broken_assumptions(
             yield f"{found}: whether it keeps the assumed bounds is not known"
     if nodes.estimated:
         yield from _unseen(plant, nodes.estimator)
-        fastest = TUMBLING[0] * assumed.Omega
+        sigma, bias = plant["gyro.initial_bias_sigma"], np.abs(plant["gyro.initial_bias"])
+        fastest = TUMBLING[0] * assumed.Omega + assumed.W + float(bias.max()) + DEVIATIONS * sigma
         if plant["gyro.full_scale"] < fastest:
             yield (
-                f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; promised are starts with "
-                f"up to {fastest:.4g} rad/s"
+                f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; with what is promised, and "
+                f"its bias, it may have to measure {fastest:.4g} rad/s"
             )
     if nodes.unknown(REFERENCES):
         return
