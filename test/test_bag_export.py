@@ -28,6 +28,8 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.export import export, export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.command_line.errors import DONE
+from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.simulation.closed_loop import simulate
@@ -133,3 +135,17 @@ def test_missing_pyarrow_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(BagError, match=r"Parquet needs pyarrow.*pip install pyarrow"):
         export_parquet(normal_run(duration=0.1), tmp_path / "out")
+
+
+@pytest.mark.ros
+def test_a_recorded_run_is_exported(
+    recorded_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "run.csv"
+    assert main(["export", str(recorded_bag), "--csv", str(table)]) == DONE
+    assert capsys.readouterr().out == f"table: {table}\n"
+    head, *rows = table.read_text().splitlines()
+    assert head.startswith("stamp_ns,t,attitude_x,")
+    assert len(rows) == 201
+    assert main(["analyse", str(recorded_bag), "--json"]) in (DONE, 1)
+    assert json.loads(capsys.readouterr().out)["steps"] == len(rows)

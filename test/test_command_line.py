@@ -393,17 +393,3 @@ def test_simulate_takes_the_storage_of_the_recorder(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     main(["simulate", "--config", str(file), "--duration", "0.1", "--bag", str(bag)])
     assert [each.suffix for each in bag.iterdir() if each.suffix != ".yaml"] == [".db3"]
-
-
-@pytest.mark.ros
-def test_a_recorded_run_is_exported(
-    recorded_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    table = tmp_path / "run.csv"
-    assert main(["export", str(recorded_bag), "--csv", str(table)]) == DONE
-    assert capsys.readouterr().out == f"table: {table}\n"
-    head, *rows = table.read_text().splitlines()
-    assert head.startswith("stamp_ns,t,attitude_x,")
-    assert len(rows) == 201
-    assert main(["analyse", str(recorded_bag), "--json"]) in (DONE, 1)
-    assert json.loads(capsys.readouterr().out)["steps"] == len(rows)

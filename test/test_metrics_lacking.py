@@ -152,3 +152,12 @@ def test_one_sample_is_a_run():
     verdict = analyse(run)
     assert (verdict.steps, verdict.duration_s) == (1, 0.0)
     json.dumps(verdict.to_json(), allow_nan=False)
+
+
+@pytest.mark.parametrize("limits", [[], "fast", [628.3] * 9])
+def test_wheels_whose_limits_nobody_can_read_are_not_judged(limits):
+    speeds = np.full((normal_run().stamps_ns.size, 4), 600.0)
+    run = with_columns(normal_run(), wheel_speed=speeds)
+    told = replace(run, parameters={"spacecraft_plant": {"wheels.max_speed": limits}})
+    verdict = analyse(told)
+    assert "wheel_speed" not in {each.key for each in verdict.requirements}

@@ -136,6 +136,12 @@ class Measured:
         lacking = [topic_of(each) for each in columns if not has(self.record, each)]
         return f"no topic {' and no topic '.join(lacking)} in the bag" if lacking else ""
 
+    def changed(self, node: str, *names: str) -> str:
+        """Why no one limit holds for the whole run: the parameter that was changed in flight."""
+        changed = {change.name for change in self.record.changes if change.node == node}
+        found = changed.intersection(names)
+        return f"{min(found)} was changed in flight" if found else ""
+
     def size(self, accuracy: Accuracy) -> Array:
         """Pointing error in the unit of a limit, shape (n,); NaN where it is not known."""
         if self.pointing is None:

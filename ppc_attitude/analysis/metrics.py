@@ -183,7 +183,7 @@ class Judge(Measured):
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
             yield self._row("rate", rate, required.rate, "deg/s", self.calm_span, why, note=note)
         if required.torque is not None:
-            why = self._changed(PLANT, *self.configured_limits)
+            why = self.changed(PLANT, *self.configured_limits)
             yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit, why)
         for envelope in envelopes_of(self.record):
             yield from self._inside(envelope)
@@ -249,7 +249,7 @@ class Judge(Measured):
         if self.metrics.settled is False:
             note = f"still not settled at {until:g} s"
         value = self.metrics.settling_time_s
-        if not why and note and (value or 0.0) < deadline:
+        if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when it was {note}"
         key, span = "settling_time", self.calm_span
         return self._row(key, value, deadline, "s", span, why, strict=True, note=note)
@@ -291,12 +291,6 @@ class Judge(Measured):
         unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
         value, why = self.largest_of(column), self.lacks(column) or why
         return self._row(key, value, limit, unit, self.whole, why)
-
-    def _changed(self, node: str, *names: str) -> str:
-        """Why no one limit holds for the whole run: the parameter that was changed in flight."""
-        changed = {change.name for change in self.record.changes if change.node == node}
-        found = changed.intersection(names)
-        return f"{min(found)} was changed in flight" if found else ""
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
@@ -341,7 +335,7 @@ class Judge(Measured):
         worst = max(approaches, key=lambda each: each.half_angle - each.angle)
         angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
         note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
-        why = self._changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
+        why = self.changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
         value = float(half_angle - angle)
         yield self._row("keep_out", value, 0.0, "deg", self.whole, why, note=note)
 
@@ -356,7 +350,7 @@ class Judge(Measured):
         """Judge whether the wheels could take up the momentum; one at its limit gives no torque."""
         share = self.fastest_wheel
         if share is not None:
-            why = self._changed(PLANT, wheels.MAX_SPEED.name)
+            why = self.changed(PLANT, wheels.MAX_SPEED.name)
             yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole, why)
 
     def _reported(self) -> Iterator[Requirement]:

@@ -132,7 +132,8 @@ def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
         for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
     )
     spins = "spin" in reference[GOAL_FRAMES.name]
-    # A slew in a frame that turns by ω_f is accelerated by ω × ω_f too; the others hardly turn.
+    # In a frame that turns by ω_f a slew is accelerated by ω × ω_f too; a spin may be nearly as
+    # fast as V.
     crossed = rate * abs(float(reference[goal.SPIN_RATE.name])) if spins else 0.0
     yield _at_most(
         "slew torque",

@@ -361,8 +361,7 @@ def _offered(topic: Topic) -> Any:
 
 def _tidy(namespace: str) -> str:
     """Prefix of the topics of a namespace; empty for the recorder's own."""
-    bare = namespace.rstrip("/")
-    return f"{bare}/" if namespace else ""
+    return f"{namespace.rstrip('/')}/" if namespace else ""
 
 
 def _run_info(text: str) -> dict[str, Any]:
