@@ -15,6 +15,7 @@
 
 """Processes execute nothing from the folder where the user stands, and tell why they break off."""
 
+import json
 import os
 import signal
 import sys
@@ -167,6 +168,80 @@ def ended(child: Child) -> tuple[int, dict[str, Any]]:
     code = child.process.wait(PATIENCE)
     child.listen()
     return code, child.told
+
+
+STARTER = """
+import json, os, sys, threading
+import becoming
+from ppc_attitude.processes.child import Child
+
+becoming.is_copy = True
+end = threading.Event()
+if sys.argv[1] == "threads":
+    threading.Thread(target=end.wait).start()
+print("not yet written", end="")  # a copy must not write it too
+hidden = os.open(os.devnull, os.O_RDONLY)
+for each in ("3", "raise", "kill"):
+    environment = {**os.environ, "DONE_BY": each}
+    child = Child("becoming", each, environment=environment, inherited=[2], copy=True)
+    assert child.ends(60.0)
+    child.listen()
+    told = {**child.told, "code": child.process.poll(), "pid": child.process.pid, "hidden": hidden}
+    print("\\n" + json.dumps(told), end="")
+end.set()
+"""
+BECOMING = """
+import os, signal, sys
+from pathlib import Path
+from ppc_attitude.processes.telling import tell
+
+is_copy = False
+
+def main():
+    open_files = [int(file.name) for file in Path("/proc/self/fd").iterdir()]
+    tell("is_copy", is_copy)
+    tell("arguments", sys.argv[1:])
+    tell("environment", os.environ["DONE_BY"])
+    tell("leads", os.getsid(0))
+    tell("listed", Path("/proc/self/cmdline").read_text())
+    tell("input", os.read(0, 1).decode())
+    tell("files", open_files)
+    print("written")
+    if sys.argv[1] == "raise":
+        raise ValueError("wrong")
+    if sys.argv[1] == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return int(sys.argv[1])
+
+if __name__ == "__main__":
+    sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("threads", ["alone", "threads"])
+def test_a_copy_is_a_process_like_any_other(
+    threads: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    """Who has a thread cannot be copied, and starts another Python, to the same effect."""
+    (tmp_path / "becoming.py").write_text(BECOMING)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    process = start_process([sys.executable, "-c", STARTER, threads], env=environment)
+    out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, err
+    assert err.count("ValueError: wrong") == 1
+    assert out.count("not yet written") == 1
+    lines = [line for line in out.splitlines() if line.startswith("{")]
+    for each, code, line in zip(("3", "raise", "kill"), (3, 1, -9), lines, strict=True):
+        told = json.loads(line)
+        assert told["code"] == code
+        assert told["is_copy"] == (threads == "alone")
+        assert told["arguments"] == [each]
+        assert told["environment"] == each
+        assert told["leads"] == told["pid"]
+        assert "becoming" in told["listed"]
+        assert told["input"] == ""
+        assert told["hidden"] not in told["files"]
+        assert told.get(BROKEN) == ("ValueError: wrong" if each == "raise" else None)
 
 
 def test_a_process_that_does_not_end_is_given_up() -> None:

@@ -183,6 +183,7 @@ class Recording:
 def _progress(duration: float) -> Iterator[Any]:
     """Progress bar over simulated time; gives the function that moves it."""
     form = "{l_bar}{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}, {rate_fmt}{postfix}]"
+    tqdm.monitor_interval = 0  # no thread of its own: who has one cannot be copied
     with tqdm(total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr) as bar:
 
         def show(t: float) -> None:

@@ -23,7 +23,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,8 @@ def private_environment(domain: str = "") -> dict[str, str]:
     ModuleNotFoundError
         ROS is not installed, so that no process of a run could begin.
     """
-    import_module("rclpy")
+    if find_spec("rclpy") is None:  # not imported: a process in which tracing has begun a thread
+        raise ModuleNotFoundError("No module named 'rclpy'", name="rclpy")  # cannot be copied
     environment = dict(os.environ)
     environment[RANGE] = environment.get(RANGE) or "LOCALHOST"
     environment[DOMAIN] = environment.get(DOMAIN) or domain or str(choose_domain())
@@ -143,6 +144,7 @@ class Stack:
                     inherited=[file.fileno()],
                     stdout=2,  # ours is for results
                     hear=_pass_on,
+                    copy=True,
                 )
 
     def wait(self, stop: threading.Event) -> None:

@@ -16,6 +16,9 @@
 """A process of our own: a module of this package, run by this Python, gone with its starter."""
 
 import contextlib
+import ctypes
+import faulthandler
+import gc
 import json
 import os
 import select
@@ -25,10 +28,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from ppc_attitude.processes.copied import Copy, can_copy
 from ppc_attitude.processes.imports import prepare_imports
+from ppc_attitude.processes.telling import tell_broken, tell_through
 
 _START = str(Path(__file__).resolve().with_name("start.py"))
 # An empty entry of these means the current folder: for programs, modules and libraries.
@@ -36,6 +43,8 @@ _SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 _KILLED_AFTER = 5.0  # [s] how long a process may take to end when it was killed
 _SPEAKS_WITHIN = 0.5  # [s] a process says where it hangs
 _GLANCE = 0.02  # [s] between two looks at a process that is to end
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_Done = TypeVar("_Done")
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) + (
     # To who was started by nohup, a terminal that closes is nothing.
     (signal.SIGHUP,) if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN else ()
@@ -67,6 +76,9 @@ class Child:
         File descriptor to which it prints; default that of this process.
     hear : callable, optional
         Called by `listen` with each line of its standard error; default that of this process.
+    copy : bool, optional
+        True to copy this process, if it can be copied, and have the `main` of the module called
+        there: then what is imported here need not be imported again.
     """
 
     def __init__(
@@ -77,6 +89,7 @@ class Child:
         inherited: Sequence[int] = (),
         stdout: int | None = None,
         hear: Callable[[str], None] | None = None,
+        copy: bool = False,
     ) -> None:
         self.told: dict[str, Any] = {}
         """Facts that it has told, by name (see `telling`): the latest of each."""
@@ -84,17 +97,25 @@ class Child:
         self._readers: dict[int, _Lines] = {}
         theirs = self._new_pipe(self._take)
         errors = self._new_pipe(hear) if hear else None
+        kept, safe = (*inherited, theirs), without_empty_entries(environment)
+        self.process: subprocess.Popen[bytes] | Copy
         try:
             with _signals_held():
-                self.process = subprocess.Popen(
-                    [sys.executable, _START, str(os.getpid()), str(theirs), module, *arguments],
-                    env=without_empty_entries(environment),
-                    stdin=subprocess.DEVNULL,
-                    stdout=stdout,
-                    stderr=errors,
-                    pass_fds=(*inherited, theirs),
-                    start_new_session=True,
-                )
+                if copy and can_copy():
+                    streams = (1 if stdout is None else stdout, 2 if errors is None else errors)
+                    run = partial(_main_of, module, *arguments)
+                    work = partial(begin, os.getpid(), theirs, run)
+                    self.process = Copy(work, module, streams, kept, safe)
+                else:
+                    self.process = subprocess.Popen(
+                        [sys.executable, _START, str(os.getpid()), str(theirs), module, *arguments],
+                        env=safe,
+                        stdin=subprocess.DEVNULL,
+                        stdout=stdout,
+                        stderr=errors,
+                        pass_fds=kept,
+                        start_new_session=True,
+                    )
         finally:
             for pipe in (theirs, errors):
                 if pipe is not None:
@@ -168,6 +189,40 @@ class _Lines:
         for line in lines:
             self._take(line.decode(errors="replace"))
         return bool(data)
+
+
+def begin(parent: int, pipe: int, run: Callable[[], _Done]) -> _Done:
+    """Run something as the child of a process, from its first line on.
+
+    Parameters
+    ----------
+    parent : int
+        Process id of the starter. The kernel sends SIGTERM when it ends, however that happens.
+    pipe : int
+        File descriptor through which the starter is told (see `telling`).
+    run : callable
+        What is run.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it ended before the kernel knew
+        os._exit(1)
+    tell_through(pipe)
+    faulthandler.register(SAY_WHERE)
+    end_at_once()
+    gc.disable()  # what is imported stays; to look through it again and again took 60 ms
+    try:
+        return run()
+    except Exception as error:
+        tell_broken(f"{type(error).__name__}: {error}")
+        raise
+
+
+def _main_of(module: str, *arguments: str) -> int:
+    """Run the `main` of a module in this process, as if it had been started so."""
+    sys.argv[:] = [module, *arguments]
+    code: int = import_module(module).main()
+    return code
 
 
 def starved(pid: int) -> float:

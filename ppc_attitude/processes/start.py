@@ -20,50 +20,27 @@ path: a `yaml.py` there would be executed. Python has an option for this from 3.
 3.10 has, would drop the PYTHONPATH too, and ROS needs that.
 """
 
-import ctypes
-import faulthandler
-import gc
-import os
 import runpy
-import signal
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
-
-
-def _end_with(parent: int) -> None:
-    """Let the kernel send this process SIGTERM when its starter ends, however that happens."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:  # it ended before the kernel knew
-        os._exit(1)
 
 
 def _main() -> None:
     parent, pipe, *sys.argv[:] = sys.argv[1:]
-    _end_with(int(parent))
     # Python has put the folder of this script first on the path, unless it was told not to.
     here = Path(__file__).resolve().parent
     sys.path[:] = [folder for folder in sys.path if folder != str(here)]
     # The package that this script belongs to, whatever else is installed or on the path.
     root = str(here.parent.parent)
     sys.path.insert(0, root)
-    telling = import_module("ppc_attitude.processes.telling")
     child = import_module("ppc_attitude.processes.child")
     imports = import_module("ppc_attitude.processes.imports")
     sys.path.remove(root)
     imports.prepare_imports()
-    telling.tell_through(int(pipe))
-    faulthandler.register(child.SAY_WHERE)
-    child.end_at_once()
-    gc.disable()  # what is imported stays; to look through it again and again took 60 ms
-    try:
-        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
-    except Exception as error:
-        telling.tell_broken(f"{type(error).__name__}: {error}")
-        raise
+    run = partial(runpy.run_module, sys.argv[0], run_name="__main__", alter_sys=True)
+    child.begin(int(parent), int(pipe), run)
 
 
 if __name__ == "__main__":
