@@ -123,7 +123,7 @@ def test_an_end_while_the_report_is_written(
 
 def test_an_end_while_something_is_imported(tmp_path: Path, start_process: StartProcess) -> None:
     """A library that is loaded bears no exception: what came of one was a traceback."""
-    (tmp_path / "rclpy.py").write_text(
+    (tmp_path / "tqdm.py").write_text(
         "import os, signal\n"
         "try:\n    os.kill(os.getpid(), signal.SIGTERM)\n"
         "except BaseException:\n    raise ImportError('initialization failed') from None\n"
