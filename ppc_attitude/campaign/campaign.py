@@ -108,7 +108,7 @@ def run_campaign(
         if scheduler:
             pool = ClusterPool(campaign, scheduler)
         else:
-            pool = LocalPool(campaign, workers or cores())
+            pool = LocalPool(campaign, min(workers or cores(), runs))
     with closing(pool), closing(Results(folder, campaign, finished.bands)) as results:
         for outcome in outcomes(campaign, runs, pool, stop or threading.Event()):
             results.add(outcome.row)

@@ -22,7 +22,7 @@ import contextlib
 import os
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from multiprocessing import Pipe
-from queue import LifoQueue
+from queue import SimpleQueue
 from typing import Any, Protocol
 
 from ppc_attitude.campaign import worker
@@ -70,7 +70,7 @@ class _Worker:
         self._connection, other = Pipe()
         with other:
             pipe = other.fileno()
-            self.child = Child(worker.__name__, str(pipe), inherited=[pipe])
+            self.child = Child(worker.__name__, str(pipe), inherited=[pipe], copy=True)
         self._campaign: Campaign | None = campaign  # until it has been told
 
     def ask(self, start: int, stop: int) -> list[Outcome]:
@@ -108,9 +108,9 @@ class LocalPool:
         self.slots = workers
         self._campaign = campaign
         self._closed = False
-        self._workers: list[_Worker | None] = [None] * workers  # each begins with its first chunk
-        self._idle: LifoQueue[int] = LifoQueue()  # who has begun goes on first
-        for place in reversed(range(workers)):
+        self._workers: list[_Worker | None] = [_Worker(campaign) for _ in range(workers)]
+        self._idle: SimpleQueue[int] = SimpleQueue()
+        for place in range(workers):
             self._idle.put(place)
         self._threads = ThreadPoolExecutor(workers)
 

@@ -39,5 +39,11 @@ def serve(connection: Connection) -> None:
             connection.send(answer)
 
 
-if __name__ == "__main__":
+def main() -> int:
+    """Serve through the pipe of the file descriptor on the command line."""
     serve(Connection(int(sys.argv[1])))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -111,6 +111,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
+    tqdm.monitor_interval = 0  # no thread of its own: who has one cannot be copied
     with tqdm(desc="campaign", unit=" runs", file=sys.stderr) as bar, stop_on_signals() as stop:
 
         def show(done: int, total: int) -> None:
