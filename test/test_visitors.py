@@ -36,7 +36,6 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
     ATTITUDE,
     CLOCK_TOPIC,
-    CONTROLLER,
     PLANT,
     RECORDER,
     REFERENCE,
@@ -185,6 +184,7 @@ def test_a_goal_for_one_craft_moves_no_other(
             start_process,
             tmp_path,
             name,
+            "wait_for_recorder:=true",
             *(("lockstep:=true",) if name == PLANT else ()),
             mark=home.strip("/"),
             file=overlay,
@@ -196,8 +196,8 @@ def test_a_goal_for_one_craft_moves_no_other(
     for node in crafts:
         node.says("ready")
     for home in homes:
-        recorder.says(f"the parameters of {home}/{CONTROLLER} are on record")
-        recorder.says(f"the parameters of {home}/{PLANT} are on record")
+        for name in LOOP:
+            recorder.says(f"the parameters of {home}/{name} are on record")
     assert main(["goto", "--euler", "0", "0", "30", "--namespace", homes[0]]) == 0
     assert "order 1 is followed" in capfd.readouterr().out
     turning = f"{homes[0]}/{REFERENCE_ACCELERATION.name}"
