@@ -17,7 +17,9 @@
 import re
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -43,7 +45,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
-from ppc_attitude.nodes import visiting
+from ppc_attitude.nodes import inject, visiting
 from ppc_attitude.nodes.messages import message_class
 
 pytestmark = pytest.mark.ros
@@ -166,6 +168,29 @@ def test_nobody_to_visit_is_said(monkeypatch: pytest.MonkeyPatch, capfd: Shown) 
     monkeypatch.setattr(visiting, "_PATIENCE", 0.5)
     assert main(["inject", "0.1", "0.1", "0.1"]) == errors.BROKEN
     assert "nobody offers /disturbance_injector/inject" in capfd.readouterr().err
+
+
+def test_a_request_whose_answer_is_lost_is_sent_again_by_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sent: list[dict[str, Any]] = []
+
+    def call_async(request: Any) -> Any:
+        sent.append({each.name: each.value for each in request.parameters})
+        answer = SimpleNamespace(successful=True, reason="acts")
+        response = SimpleNamespace(result=answer)
+        came = len(sent) >= 3
+        return SimpleNamespace(done=lambda: came, result=lambda: response)
+
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=call_async)
+    node = SimpleNamespace(
+        create_client=lambda *given: client, resolve_service_name=lambda name: f"/{name}"
+    )
+    monkeypatch.setattr(inject, "visiting", lambda *given: nullcontext(node))
+    monkeypatch.setattr(inject, "_AGAIN", 0.0)
+    monkeypatch.setattr(inject, "await_answer", lambda node, done, text: until(done, text))
+    assert [inject.inject(TORQUE, 0.0, None, "") for _ in range(2)] == ["acts", "acts"]
+    assert sent[0] == sent[1] == sent[2] != sent[3]
 
 
 @long
