@@ -61,6 +61,7 @@ class SpacecraftPlant(BaseNode):
 
         clock = self.create_publisher(Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC))
         self._publish_clock = clock.handle.publish_raw
+        self._watch.add_shared(clock.topic_name)
         self._senders: dict[str, Callable[[int, Values], None]] = {}
         self._select_columns()
         rate, duration = float(values["rate"]), values["duration"]
