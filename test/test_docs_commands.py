@@ -41,7 +41,7 @@ from ppc_attitude.command_line.main import COMMANDS, build_parser, main
 from ppc_attitude.command_line.options import scenario_of
 from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import INJECTOR, PLANT, RECORDER, REFERENCE
+from ppc_attitude.contract.topics import INJECTOR, PLANT, RECORDER
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
 
@@ -261,18 +261,16 @@ def test_a_run_started_by_hand_is_recorded_from_its_first_instant(
 ) -> None:
     (block,) = (b for b in blocks(ROOT / "docs/how-to.md", "bash") if "wait_for_recorder" in b)
     lines = {words[2].rpartition(".")[2]: words for words in map(shlex.split, block.splitlines())}
-    assert set(lines) == {RECORDER, REFERENCE, INJECTOR, PLANT}
+    assert set(lines) == {RECORDER, INJECTOR, PLANT}
     (tmp_path / "config").symlink_to(ROOT / "config")
 
     def start(command: list[str]) -> subprocess.Popen[str]:
         return start_process([sys.executable, *command], cwd=tmp_path)
 
     recorder = start(lines[RECORDER][1:])
-    peers = [start(lines[node][1:]) for node in (REFERENCE, INJECTOR)]
-    peers.append(start([str(EXAMPLES / "own_controller.py")]))
-    # The example's controller reads no reference, so nobody else waits for that node.
-    assert peers[0].stderr is not None
-    assert any("ready" in line for line in peers[0].stderr)
+    peers = [start(lines[INJECTOR][1:]), start([str(EXAMPLES / "own_controller.py")])]
+    assert recorder.stderr is not None
+    assert any("parameters of /rate_damper are on record" in line for line in recorder.stderr)
     plant = start([*lines[PLANT][1:], "-p", "duration:=2.0"])
     assert plant.wait(timeout=PATIENCE) == 0
     for process in (*peers, recorder):

@@ -143,4 +143,21 @@ def test_a_request_of_other_types_is_refused_by_name(
 def test_a_request_may_have_integers() -> None:
     torque = asked("torque", ParameterType.PARAMETER_INTEGER_ARRAY, integer_array_value=[1, 0, 0])
     start = asked("start", ParameterType.PARAMETER_INTEGER, integer_value=2)
-    assert _asked([torque, start]) == ((1.0, 0.0, 0.0), 2.0, None)
+    assert _asked([torque, start]) == ((1.0, 0.0, 0.0), 2.0, None, "")
+
+
+def test_a_request_that_comes_again_by_its_name_acts_once_and_gets_the_same_answer() -> None:
+    injector = Injector()
+
+    def ask(name: str) -> str:
+        now = stamp_of(injector.step, 100.0)
+        return injector.injections.accept(TORQUE, 0, 0.02, LIMIT, now, name)
+
+    injector.runs(7)
+    first = ask("mine")
+    injector.runs(15)
+    assert ask("mine") == first
+    assert ask("another") != first
+    injector.runs(30)
+    assert injector.steps() == [7, 8, 15, 16]
+    assert injector.injections.accepted == 2

@@ -221,4 +221,4 @@ def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path:
     command = ["-m", "ppc_attitude.command_line.main", "simulate", "--duration", "0.5"]
     done = run_outside(*command, "--config", str(selection), code=3)
     assert "diverged: angular velocity (nan, nan, nan)" in done.stderr
-    assert "at 0.11 s" in done.stderr
+    assert "at 0.11 s; the step of component table raised ValueError: beyond my" in done.stderr

@@ -28,7 +28,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.observed_law import with_front
-from ppc_attitude.science.part import Part
+from ppc_attitude.science.part import Part, first_raised
 from ppc_attitude.science.signals import APPLIED_TORQUE, ENVIRONMENT_TORQUE
 from ppc_attitude.simulation.scenario import check_components, scenario
 
@@ -90,11 +90,14 @@ def _raising(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         raise ValueError("beyond my table")
 
 
-def test_a_step_that_raises_gives_no_numbers() -> None:
+def test_a_step_that_raises_gives_no_numbers_and_says_why_when_it_is_asked() -> None:
     """Whoever calls machine code by its address hears of no error."""
     part = Part(replace(ONE, step=_raising), {})
     assert part.step(0) == (1.0, 0.0, 0.0)
+    assert part.raised() == first_raised([part]) == ""
     assert all(map(math.isnan, part.step(1_000_000_000)))
+    assert part.raised() == "ValueError: beyond my table"
+    assert first_raised([part]).endswith("component mine raised ValueError: beyond my table")
 
 
 def _uncompiled(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:

@@ -18,6 +18,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -42,6 +43,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.publisher_watch import PublisherWatch
 from ppc_attitude.processes.telling import LINGERS
 from ppc_attitude.simulation.scenario import load
 
@@ -137,6 +139,41 @@ def test_who_is_not_of_the_run_is_waited_for_until_its_recorder_goes(
     assert time[0] == pytest.approx(waited, abs=0.11)
     assert (LINGERS in told) == lingers
     assert warnings == [f"{named} did not take all of /attitude: not waited for"]
+
+
+def test_who_shares_a_clock_or_a_record_is_named_once_and_nobody_who_was_killed() -> None:
+    warnings: list[str] = []
+    names = [PLANT, PLANT]
+
+    def publishers(topic: str) -> list[SimpleNamespace]:
+        return [
+            SimpleNamespace(endpoint_gid=[k], node_namespace=f"/{k}", node_name=name)
+            for k, name in enumerate(names)
+        ]
+
+    node: Any = SimpleNamespace(
+        count_publishers=lambda topic: len(names),
+        get_publishers_info_by_topic=publishers,
+        get_logger=lambda: SimpleNamespace(warning=warnings.append),
+    )
+    watch = PublisherWatch(node)
+    watch.add_shared("/clock")
+    begin = time.monotonic()
+
+    def look(*seconds: int) -> None:
+        for each in seconds:
+            watch.look(begin + each)
+
+    look(2, 20)
+    names[:] = [PLANT]
+    look(25)
+    names[:] = [PLANT, PLANT]
+    look(30, 50)
+    assert not warnings
+    look(61, 70, 120)
+    told = "several nodes publish /clock, and who reads it hears all"
+    assert warnings == [f"{told}: /0/{PLANT}, /1/{PLANT}"]
+    assert not watch.found
 
 
 @ros

@@ -17,7 +17,9 @@
 import re
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -36,7 +38,6 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
     ATTITUDE,
     CLOCK_TOPIC,
-    CONTROLLER,
     PLANT,
     RECORDER,
     REFERENCE,
@@ -44,7 +45,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
-from ppc_attitude.nodes import visiting
+from ppc_attitude.nodes import inject, visiting
 from ppc_attitude.nodes.messages import message_class
 
 pytestmark = pytest.mark.ros
@@ -169,6 +170,29 @@ def test_nobody_to_visit_is_said(monkeypatch: pytest.MonkeyPatch, capfd: Shown) 
     assert "nobody offers /disturbance_injector/inject" in capfd.readouterr().err
 
 
+def test_a_request_whose_answer_is_lost_is_sent_again_by_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sent: list[dict[str, Any]] = []
+
+    def call_async(request: Any) -> Any:
+        sent.append({each.name: each.value for each in request.parameters})
+        answer = SimpleNamespace(successful=True, reason="acts")
+        response = SimpleNamespace(result=answer)
+        came = len(sent) >= 3
+        return SimpleNamespace(done=lambda: came, result=lambda: response)
+
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=call_async)
+    node = SimpleNamespace(
+        create_client=lambda *given: client, resolve_service_name=lambda name: f"/{name}"
+    )
+    monkeypatch.setattr(inject, "visiting", lambda *given: nullcontext(node))
+    monkeypatch.setattr(inject, "_AGAIN", 0.0)
+    monkeypatch.setattr(inject, "await_answer", lambda node, done, text: until(done, text))
+    assert [inject.inject(TORQUE, 0.0, None, "") for _ in range(2)] == ["acts", "acts"]
+    assert sent[0] == sent[1] == sent[2] != sent[3]
+
+
 @long
 def test_a_goal_for_one_craft_moves_no_other(
     stranger: rclpy.node.Node, tmp_path: Path, start_process: StartProcess, capfd: Shown
@@ -185,6 +209,7 @@ def test_a_goal_for_one_craft_moves_no_other(
             start_process,
             tmp_path,
             name,
+            "wait_for_recorder:=true",
             *(("lockstep:=true",) if name == PLANT else ()),
             mark=home.strip("/"),
             file=overlay,
@@ -196,8 +221,8 @@ def test_a_goal_for_one_craft_moves_no_other(
     for node in crafts:
         node.says("ready")
     for home in homes:
-        recorder.says(f"the parameters of {home}/{CONTROLLER} are on record")
-        recorder.says(f"the parameters of {home}/{PLANT} are on record")
+        for name in LOOP:
+            recorder.says(f"the parameters of {home}/{name} are on record")
     assert main(["goto", "--euler", "0", "0", "30", "--namespace", homes[0]]) == 0
     assert "order 1 is followed" in capfd.readouterr().out
     turning = f"{homes[0]}/{REFERENCE_ACCELERATION.name}"

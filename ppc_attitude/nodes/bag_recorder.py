@@ -136,9 +136,9 @@ class BagRecorder(BaseNode):
         if home in self._recordings:
             return
         self._recordings[home] = Recording(partial(self._write, home))
-        self._progress[home] = self.create_publisher(
-            Clock, f"{home}/{RECORDED_TOPIC.name}", published(RECORDED_TOPIC)
-        )
+        name = f"{home}/{RECORDED_TOPIC.name}"
+        self._progress[home] = self.create_publisher(Clock, name, published(RECORDED_TOPIC))
+        self._watch.add_shared(self._progress[home].topic_name)
         for topic in (*STANDARD, *EVENTS):
             self._record_topic(home, topic)
 

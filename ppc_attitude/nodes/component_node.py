@@ -28,6 +28,7 @@ from ppc_attitude.runtime.stamps import Instant, Values
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.part import first_raised
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.scenario import check_components
 
@@ -114,13 +115,14 @@ class ComponentNode(BaseNode):
     def _fail_by(self, stamp_ns: int, answer: Mapping[str, Values]) -> None:
         """End over numbers that every peer would refuse, so that all would wait for them."""
         part, column = next(
-            (part.component.name, column)
+            (part, column)
             for part in self.chain.parts
             for column in part.places
             if not isfinite(sum(answer[column]))
         )
-        told = f"{part} gives {column} = {answer[column]}; allowed: finite numbers"
-        self.fail(stamp_ns, f"at t = {seconds(stamp_ns):.3f} s {told}")
+        told = f"{part.component.name} gives {column} = {answer[column]}; allowed: finite numbers"
+        why = first_raised(self.chain.parts)
+        self.fail(stamp_ns, f"at t = {seconds(stamp_ns):.3f} s {told}{why}")
 
     def _begin_again(self, stamp_ns: int) -> None:
         text = f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed"

@@ -45,6 +45,7 @@ _TYPES = {
     "torque": (RosParameter.Type.DOUBLE_ARRAY.name, RosParameter.Type.INTEGER_ARRAY.name),
     "start": _NUMBER,
     "duration": _NUMBER,
+    "request": (RosParameter.Type.STRING.name,),
 }
 """What a request may hold, and of which types."""
 
@@ -86,10 +87,10 @@ class DisturbanceInjector(ComponentNode):
         super().arm()
         self._injections.begin_again()
 
-    def _inject(self, torque: Values, start_ns: int, duration: float) -> str:
+    def _inject(self, torque: Values, start_ns: int, duration: float, request: str = "") -> str:
         limit = self.parameters["max_injected_torque"]
         now = self.answers.next_ns
-        text = self._injections.accept(torque, start_ns, duration, limit, now)
+        text = self._injections.accept(torque, start_ns, duration, limit, now, request)
         self.mention(INJECT.name, f"injected torque {text}")
         return text
 
@@ -102,9 +103,9 @@ class DisturbanceInjector(ComponentNode):
     def _on_request(self, request: Any, response: Any) -> Any:
         """Answer the service: say from when to when the torque acts, or why it is refused."""
         try:
-            torque, start, duration = _asked(request.parameters)
+            torque, start, duration, name = _asked(request.parameters)
             duration = self.parameters["injection_duration"] if duration is None else duration
-            response.result.reason = self._inject(torque, nanoseconds(start), duration)
+            response.result.reason = self._inject(torque, nanoseconds(start), duration, name)
             response.result.successful = True
         except RefusedError as reason:
             self.refuse("~/inject", f"~/inject: {reason}")
@@ -120,8 +121,8 @@ class DisturbanceInjector(ComponentNode):
         }
 
 
-def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None]:
-    """Torque [N·m], start [s] and duration [s] of a request; the last one may be left out."""
+def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None, str]:
+    """Torque [N·m], start [s], duration [s] and name of a request; the last two may be left out."""
     fields: dict[str, Any] = {}
     for each in parameters:
         if each.name not in _TYPES:
@@ -139,9 +140,10 @@ def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None
     if not finite(torque):
         raise RefusedError(f"torque = {torque} N·m must be finite")
     start = _seconds("start", fields.get("start", 0.0), lowest=0.0)
+    name = fields.get("request", "")
     if "duration" not in fields:
-        return torque, start, None
-    return torque, start, _seconds("duration", fields["duration"], lowest=1e-9)
+        return torque, start, None, name
+    return torque, start, _seconds("duration", fields["duration"], lowest=1e-9), name
 
 
 def _seconds(name: str, value: float, lowest: float) -> float:

@@ -14,6 +14,10 @@
 
 """One injection: a short-lived node that asks the injector, and hears what it answers."""
 
+import time
+from typing import Any
+from uuid import uuid4
+
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -23,6 +27,8 @@ from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.disturbances.pulses import TIMES
 from ppc_attitude.science.errors import ConfigurationError
+
+_AGAIN = 2.0  # [s] after which a request whose answer does not come is sent again
 
 
 def inject(torque: tuple[float, ...], at: float, duration: float | None, namespace: str) -> str:
@@ -56,7 +62,9 @@ def inject(torque: tuple[float, ...], at: float, duration: float | None, namespa
     if at > (latest := TIMES.high):
         raise ConfigurationError(f"at = {at:g} s; allowed: up to {latest:g}")
     with visiting("inject", namespace) as node:
-        return _ask(node, {"torque": list(torque), "start": at, "duration": duration})
+        wishes = {"torque": list(torque), "start": at, "duration": duration}
+        # By its name the injector knows a request that is sent again, and adds the torque once.
+        return _ask(node, {**wishes, "request": uuid4().hex})
 
 
 def _ask(node: Node, wishes: dict[str, object]) -> str:
@@ -69,9 +77,20 @@ def _ask(node: Node, wishes: dict[str, object]) -> str:
         for key, value in wishes.items()
         if value is not None
     ]
-    future = client.call_async(SetParametersAtomically.Request(parameters=parameters))
-    await_answer(node, future.done, f"{name} did not answer")
-    result = future.result().result
+    request = SetParametersAtomically.Request(parameters=parameters)
+    calls: list[Any] = []
+    sent_at = 0.0
+
+    def answered() -> bool:
+        nonlocal sent_at
+        if not calls or time.monotonic() - sent_at > _AGAIN:
+            calls.append(client.call_async(request))
+            sent_at = time.monotonic()
+        return any(each.done() for each in calls)
+
+    unknown = "whether the torque acts is not known; disturbance/torque shows it"
+    await_answer(node, answered, f"{name} did not answer: {unknown}")
+    result = next(each for each in calls if each.done()).result().result
     if not result.successful:
         raise ConfigurationError(result.reason)
     return str(result.reason)

@@ -27,6 +27,7 @@ from ppc_attitude.runtime.publishers import Publishers
 from ppc_attitude.runtime.stamps import RefusedError
 
 _LOOK_EVERY = 1.0  # [s]
+_LASTS = 30.0  # [s] after which none of several in the graph is one that was killed before
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")  # what rmw says meanwhile
 
 
@@ -65,16 +66,25 @@ class PublisherWatch:
         self._heard: dict[str, tuple[Any, Inbox, Publishers]] = {}
         self.found = ""
         self.gives_way = False
+        self._shared: dict[str, float | None] = {}  # since when [s] several are in the graph
 
     def add(self, topic: Topic, name: str) -> None:
         """Watch a topic, given with its full name."""
         self._topics[name] = topic
+
+    def add_shared(self, name: str) -> None:
+        """Warn once if others publish a topic, given with its full name, that is no craft's own.
+
+        Its messages prove nothing: they are few, or another craft sends them with good reason.
+        """
+        self._shared[name] = None
 
     def look(self, now: float) -> None:
         """Look if it is time."""
         if now - self._looked < _LOOK_EVERY:
             return
         self._looked = now
+        self._look_for_company(now)
         for name, topic in self._topics.items():
             if name not in self._heard and self._node.count_publishers(name) > 1:
                 self._listen(name, topic)
@@ -86,6 +96,18 @@ class PublisherWatch:
                 found = f"another node publishes {self._topics[name].name}: {publishers.nodes}"
                 self.found = self.found or found
                 self.gives_way |= publishers.gives_way(self._since, now)
+
+    def _look_for_company(self, now: float) -> None:
+        for name, since in tuple(self._shared.items()):
+            if self._node.count_publishers(name) < 2:
+                self._shared[name] = None
+            elif since is None:
+                self._shared[name] = now
+            elif now - since >= _LASTS:
+                nodes = ", ".join(sorted(publishing_nodes(self._node, name).values()))
+                text = f"several nodes publish {name}, and who reads it hears all: {nodes}"
+                self._node.get_logger().warning(text)
+                del self._shared[name]
 
     def _listen(self, name: str, topic: Topic) -> None:
         if self._ear is None:

@@ -35,6 +35,7 @@ from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
 from ppc_attitude.runtime.stamps import Values
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.part import first_raised
 from ppc_attitude.science.stamps import nanoseconds, seconds
 from ppc_attitude.simulation.scenario import check_components
 
@@ -60,6 +61,7 @@ class SpacecraftPlant(BaseNode):
 
         clock = self.create_publisher(Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC))
         self._publish_clock = clock.handle.publish_raw
+        self._watch.add_shared(clock.topic_name)
         self._senders: dict[str, Callable[[int, Values], None]] = {}
         self._select_columns()
         rate, duration = float(values["rate"]), values["duration"]
@@ -133,7 +135,8 @@ class SpacecraftPlant(BaseNode):
         self._stamp = stamp_ns
         rate = self._state[TRUE_RATE.column]
         if not sum(map(abs, rate)) <= LARGEST:  # NaN is not either
-            raise _DivergedError(f"angular velocity {rate} rad/s at {seconds(stamp_ns)} s")
+            why = first_raised((*self._acting.parts, *self._motion.parts))
+            raise _DivergedError(f"angular velocity {rate} rad/s at {seconds(stamp_ns)} s{why}")
         if self.parameters.changed:
             self._apply_parameters()
 

@@ -21,6 +21,7 @@ from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.stamps import seconds
 
 _MOST = 1000  # pulses that may be pending or active at a time
+_REMEMBERED = 100  # requests whose answers are kept for who asks again
 
 Pulse = Any  # array of one record with `start_ns` and `end_ns` [ns]
 
@@ -41,6 +42,7 @@ class Injections:
         self._beginning: list[tuple[tuple[float, ...], float]] = []
         self._changed = False
         self._stamp = -1  # the latest instant [ns] that was asked for
+        self._answers: dict[str, str] = {}  # to requests that have a name
         self.accepted = 0
 
     def accept(
@@ -50,6 +52,7 @@ class Injections:
         duration: float,
         limit: float,
         next_ns: int | None,
+        request: str = "",
     ) -> str:
         """Take a torque.
 
@@ -65,6 +68,8 @@ class Injections:
             Largest torque that is allowed, per axis [N·m].
         next_ns : int or None
             First stamp [ns] whose torque has not been sent, as far as that is known: "now".
+        request : str
+            Name of the request; who asks again by the same one gets its answer, and no torque more.
 
         Returns
         -------
@@ -76,6 +81,8 @@ class Injections:
         RefusedError
             The torque is too large, or too many pulses are pending.
         """
+        if request in self._answers:
+            return self._answers[request]
         if max(map(abs, torque)) > limit:
             allowed = f"up to {limit} N·m per axis (max_injected_torque)"
             raise RefusedError(f"torque = {torque} N·m; allowed: {allowed}")
@@ -90,10 +97,15 @@ class Injections:
             self._changed = True
         else:
             self._beginning.append((torque, duration))
-        if begin is None:
-            return f"{torque} N·m acts from the next state on for {duration:g} s"
-        end = seconds(begin) + duration
-        return f"{torque} N·m acts from t = {seconds(begin):.6f} s to {end:.6f} s"
+        text = f"{torque} N·m acts from the next state on for {duration:g} s"
+        if begin is not None:
+            end = seconds(begin) + duration
+            text = f"{torque} N·m acts from t = {seconds(begin):.6f} s to {end:.6f} s"
+        if request:
+            self._answers[request] = text
+            if len(self._answers) > _REMEMBERED:
+                del self._answers[next(iter(self._answers))]
+        return text
 
     def at(self, stamp_ns: int) -> list[Pulse] | None:
         """Begin the pulses that wait for the next instant [ns]; return all if they have changed."""

@@ -23,6 +23,7 @@ import hashlib
 import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
+from math import isnan
 from struct import Struct
 from typing import Any, TypeAlias
 
@@ -30,7 +31,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core.dispatcher import Dispatcher
-from numba.core.errors import NumbaExperimentalFeatureWarning
+from numba.core.errors import NumbaError, NumbaExperimentalFeatureWarning
 from numba.extending import overload
 
 from ppc_attitude.science.component import Advice, Component
@@ -67,7 +68,7 @@ def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any
             carray(outputs, 1, gives)[0],
         )
 
-    if step.__module__.partition(".")[0] == _PACKAGE:
+    if _is_ours(component):
         return call
     called, count = numba.njit(error_model="numpy")(call), gives.itemsize // 8
 
@@ -80,6 +81,10 @@ def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any
             carray(outputs, count, np.float64)[:] = np.nan
 
     return guarded
+
+
+def _is_ours(component: Component) -> bool:
+    return str(component.step.__module__).partition(".")[0] == _PACKAGE
 
 
 @cache
@@ -292,6 +297,23 @@ class Part:
         """The component's advice after the last step."""
         return self.component.advice(self.state[0])
 
+    def raised(self) -> str:
+        """What a step that has raised says when it is taken again; empty if it says nothing.
+
+        Where it runs by its address its words are lost (`_step_of`).
+        """
+        given = self._given.unpack_from(self._memory, self._given_at)
+        if _is_ours(self.component) or not all(map(isnan, given)):
+            return ""
+        records = (self.inputs, self.state, self.configuration, self.outputs)
+        try:
+            self.component.step(*(each.copy()[0] for each in records))
+        except NumbaError:  # it could not be compiled for such a call, which is no word of its own
+            return ""
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+        return ""
+
     def normalised_errors(self) -> dict[str, float]:
         """Largest |column|/bound of each column whose bound it gives; above 1 it is outside."""
         record = self.outputs[0]
@@ -303,6 +325,18 @@ class Part:
             for name, bound in pairs
             if np.all(record[bound] > 0.0)
         }
+
+
+def first_raised(parts: Iterable[Part]) -> str:
+    """The end of a sentence about numbers that are none: which step has raised, if one has."""
+    return next(
+        (
+            f"; the step of component {part.component.name} raised {error}"
+            for part in parts
+            if (error := part.raised())
+        ),
+        "",
+    )
 
 
 def signals_of(component: Component) -> int:

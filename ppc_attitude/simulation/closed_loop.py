@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import PLANT
-from ppc_attitude.science.part import Part
+from ppc_attitude.science.part import Part, first_raised
 from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
 from ppc_attitude.simulation.diagram import Diagram, recorded_columns, selected
 from ppc_attitude.simulation.scenario import Scenario
@@ -154,3 +154,13 @@ def first_instant(scenario: Scenario) -> dict[str, Part]:
     diagram = Diagram(scenario.parameters)
     diagram.run(np.zeros(1, np.int64), new_samples(scenario, 1))
     return diagram.parts
+
+
+def raised_until(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> str:
+    """Say which step raised, if one did, at the last of the stamps [ns] or at the one before."""
+    for stamps in (stamps_ns[:-1], stamps_ns):  # a plant that raises does so an instant later
+        diagram = Diagram(scenario.parameters)
+        diagram.run(stamps, new_samples(scenario, stamps.size))
+        if told := first_raised(diagram.parts.values()):
+            return told
+    return ""

@@ -41,8 +41,9 @@ from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.versions import versions
-from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.closed_loop import raised_until, simulate
 from ppc_attitude.simulation.flight_plan import goals_told
+from ppc_attitude.simulation.scenario import Scenario
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -71,7 +72,7 @@ def execute(arguments: argparse.Namespace) -> int:
     scenario, required = scenario_of(arguments), requirements_of(arguments)
     check_memory(scenario)
     record = simulate(scenario, scenario.number(PLANT, "duration"))
-    _see_that_it_is_bounded(record)
+    _see_that_it_is_bounded(scenario, record)
     record = replace(record, metadata={**versions(), "command": shlex.join(sys.argv)})
     verdict = analyse(record, required)
     for told in goals_told(scenario):
@@ -92,10 +93,11 @@ def execute(arguments: argparse.Namespace) -> int:
     return exit_code(verdict)
 
 
-def _see_that_it_is_bounded(record: RunRecord) -> None:
+def _see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
     """Raise RunError if a rate is larger than a craft can have, where the plant of `run` ends."""
     omega = record.columns.get("truth_angular_velocity", record["angular_velocity"])
     lost = np.flatnonzero(~(np.abs(omega).sum(axis=1) <= LARGEST))  # NaN is not either
     if lost.size:
         rate, t = tuple(omega[lost[0]].tolist()), record.t[max(lost[0] - 1, 0)]
-        raise RunError(f"diverged: angular velocity {rate} rad/s at {t:g} s")
+        why = raised_until(scenario, record.stamps_ns[: lost[0] + 1])
+        raise RunError(f"diverged: angular velocity {rate} rad/s at {t:g} s{why}")
