@@ -338,3 +338,12 @@ def test_nodes_refuse_an_estimator_that_does_not_say_when_its_fixes_come(
     message = "mekf reads star_fix, which comes late, and has no parameter star_tracker.rate, .*all"
     with pytest.raises(ConfigurationError, match=message):
         check_exchange(case.parameters)
+
+
+def test_nodes_refuse_a_law_that_reads_what_comes_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The estimator alone knows when a fix is due: a law would wait for one at every instant."""
+    law = replace(CONTROLLERS.components["ppc"], inputs=mekf.COMPONENT.inputs)
+    monkeypatch.setitem(CONTROLLERS.components, "ppc", law)
+    case = load([CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml"])
+    with pytest.raises(ConfigurationError, match=r"controller: .* read star_fix, which comes l"):
+        check_exchange(case.parameters)
