@@ -117,6 +117,24 @@ def test_a_gyro_that_cannot_measure_the_promised_rates_voids_the_promise(
     assert held.reason.startswith("gyro.full_scale = 0.03 rad/s; with what is promised")
 
 
+def test_check_says_that_a_promise_needs_fixes(
+    designed_for_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blind = tmp_path / "blind.yaml"
+    tracker = "{blinding_times: [30.0], blinding_durations: [5.0], dropout_probability: 1.0}"
+    blind.write_text(f"spacecraft_plant: {{ros__parameters: {{star_tracker: {tracker}}}}}")
+    files = [CONFIG / "paper.yaml", CONFIG / "sensors_flagship.yaml", designed_for_sensors, blind]
+    assert main(["check", *(f"--config={file}" for file in files)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "guaranteed: |q_ev,i| < " in told
+    for found in (
+        "max_rate = 0.06981 rad/s is below the promised 0.1",
+        "blinding_times = [30.0] takes",
+        "dropout_probability = 1.0 takes",
+    ):
+        assert f"warning: the promise holds while fixes come: star_tracker.{found}" in told
+
+
 def test_a_design_knows_the_torque_noise_that_its_sensors_make(
     designed_for_sensors: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -137,7 +155,7 @@ def test_a_design_knows_the_torque_noise_that_its_sensors_make(
     [
         ("--rate=-1", "argument --rate: -1 must be finite and not negative"),
         ("--rate-noise=nan", "argument --rate-noise: nan must be finite and not negative"),
-        ("--gains 1 1 2", "momentum_tube.ell = 2.0; allowed: finite, > 0, ≤ 1"),
+        ("--gains 1 1 2", "momentum_tube.ell = 2.0; allowed: finite, ≥ 1e-09, ≤ 1"),
         ("--assume=eta=2", "momentum_tube.assumed.eta = 2.0; allowed: finite, > 0, ≤ 1"),
     ],
 )

@@ -126,3 +126,18 @@ def test_a_law_that_nobody_knows_is_named() -> None:
     record = replace(simulate(scenario({}), 0.1), controller="theirs")
     with pytest.raises(ConfigurationError, match="controller 'theirs' is not one of ppc"):
         replay(record)
+
+
+def test_what_is_installed_is_replayed_beside_what_is_not() -> None:
+    record = simulate(scenario({}), 0.5)
+    theirs = {"plant": "theirs", "theirs.spin": 1.0}
+    parameters = {
+        **record.parameters,
+        PLANT: {**record.parameters[PLANT], **theirs},
+        CONTROLLER: {**record.parameters[CONTROLLER], "their_law.gain": 3.0},
+    }
+    found = replay(replace(record, parameters=parameters))
+    names = [each.component for each in (found.law, *found.others)]
+    assert names == ["ppc", "direct", "ideal", "paper"]
+    assert all(each.largest == 0.0 for each in (found.law, *found.others))
+    assert set(found.missing) == {"plant = theirs", "theirs.spin", "their_law.gain"}

@@ -13,6 +13,7 @@
 # limitations under the License.
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,14 +25,16 @@ from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.environments import paper as paper_torque
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
-from ppc_attitude.science.kinds import ENVIRONMENTS, ESTIMATORS
+from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, ESTIMATORS
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TRUE_ATTITUDE
+from ppc_attitude.simulation.closed_loop import run_samples, stamps_of
 from ppc_attitude.simulation.scenario import check_exchange, load, read_files, scenario
 
 CONFIG = Path(__file__).parent.parent / "config"
+STAMPS = stamps_of(100.0, 0.3)
 
 
 def written(folder: Path, text: str, name: str = "case.yaml") -> Path:
@@ -179,6 +182,12 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("ppc_controller", {"C_omega": 1e300}, r"C_omega = 1e\+300 1/s; .*≤ 1e\+06"),  # these give NaN
     ("ppc_controller", {"rate_envelope.initial": 1e200}, r"initial = 1e\+200 rad/s; .*≤ 1e\+06"),
     ("ppc_controller", {"momentum_tube.a_most": 1e20}, r"a_most = 1e\+20 rad/s²; .*≤ 1e\+06"),
+    ("ppc_controller", {"M_omega": 1e300}, r"M_omega = 1e\+300 rad/s; .*≤ 1e\+06"),
+    ("ppc_controller", {"momentum_tube.brake": [1e-50] * 3}, r"brake = 1e-50 N·m; .*≥ 1e-09"),
+    ("reference_generator", {"period_constant": [5e-324] * 3}, r"constant = 5e-324 s; .*≥ 1e-06"),
+    ("reference_generator", {"guidance.max_rate": 1e-9}, r"rate = 1e-09 rad/s; .*≥ 1e-05"),  # hangs
+    ("reference_generator", {"guidance.max_acceleration": 1e-9}, r"1e-09 rad/s²; .*≥ 1e-07"),
+    ("reference_generator", {"guidance.max_jerk": 1e-20}, r"jerk = 1e-20 rad/s³; .*≥ 1e-12"),
     ("thruster", {"a": 1}, "unknown node thruster"),
 ]
 
@@ -190,6 +199,28 @@ def test_bad_values_are_refused_with_one_clear_sentence(
     with pytest.raises(ConfigurationError, match=complaint) as raised:
         scenario({node: values})
     assert "\n" not in str(raised.value)
+
+
+AT_REST = {
+    "spacecraft_plant": {"initial_attitude": [0.2, -0.5, -0.5, -0.6782]},
+    "reference_generator": {"amplitude": [0.0] * 3},
+    "disturbance_injector": {"environment": False},
+}
+
+
+@pytest.mark.parametrize("start", [{}, AT_REST], ids=["moving", "at_rest"])
+@pytest.mark.parametrize("law", ["ppc", "log_barrier", "quaternion_feedback", "momentum_tube"])
+def test_no_allowed_gain_makes_a_law_give_nan(law: str, start: dict[str, dict[str, Any]]) -> None:
+    found = []
+    for each in CONTROLLERS.components[law].parameters:
+        least = math.nextafter(each.above, math.inf) if math.isfinite(each.above) else each.low
+        most = each.high if math.isfinite(each.high) else 1e300
+        for value in (least, most) if each.is_real and math.isfinite(least) else ():
+            chosen = {"controller": law, each.name: [value] * each.length or value}
+            with suppress(ConfigurationError):
+                samples = run_samples(scenario({**start, "ppc_controller": chosen}), STAMPS)
+                found += [(each.name, value)] * bool(np.isnan(samples).any())
+    assert not found
 
 
 def test_only_the_selected_component_must_be_feasible() -> None:
@@ -306,4 +337,13 @@ def test_nodes_refuse_an_estimator_that_does_not_say_when_its_fixes_come(
     monkeypatch.setitem(ESTIMATORS.components, "mekf", replace(mekf.COMPONENT, parameters=()))
     message = "mekf reads star_fix, which comes late, and has no parameter star_tracker.rate, .*all"
     with pytest.raises(ConfigurationError, match=message):
+        check_exchange(case.parameters)
+
+
+def test_nodes_refuse_a_law_that_reads_what_comes_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The estimator alone knows when a fix is due: a law would wait for one at every instant."""
+    law = replace(CONTROLLERS.components["ppc"], inputs=mekf.COMPONENT.inputs)
+    monkeypatch.setitem(CONTROLLERS.components, "ppc", law)
+    case = load([CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml"])
+    with pytest.raises(ConfigurationError, match=r"controller: .* read star_fix, which comes l"):
         check_exchange(case.parameters)

@@ -37,7 +37,7 @@ from ppc_attitude.science.guarantee.certificate import ACCURACY, Certificate, ce
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.inequalities import Inequality
 from ppc_attitude.science.guarantee.known_reference import KnownReference
-from ppc_attitude.science.guarantee.surroundings import broken_assumptions
+from ppc_attitude.science.guarantee.surroundings import broken_assumptions, lost_fixes
 from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -112,14 +112,10 @@ class Judgement:
         accuracy = stored["accuracy"] if stored else ACCURACY
         self.certificate = certify(values, accuracy)
         self._assumed, self._law = assumptions_of(values), law_of(values)
-        self.broken = list(
-            broken_assumptions(
-                self._assumed,
-                self._law.h,
-                nodes_around(scenario.parameters),
-                scenario.number(PLANT, "duration"),
-            )
-        )
+        nodes = nodes_around(scenario.parameters)
+        duration = scenario.number(PLANT, "duration")
+        self.broken = list(broken_assumptions(self._assumed, self._law.h, nodes, duration))
+        self.lost_fixes = list(lost_fixes(self._assumed, nodes))
         self.doubts = differences(stored, self.certificate) if stored else []
         digest = values[CERTIFICATE.name]
         if digest and digest != self.certificate.digest:
@@ -195,6 +191,7 @@ class Judgement:
         told = ["nothing is guaranteed:", *(f"  {each}" for each in reasons)]
         if not reasons:
             told = promise_lines(self.certificate)
+            told += [f"warning: the promise holds while fixes come: {x}" for x in self.lost_fixes]
         return [*lines, "", *map(paragraph, told)]
 
 

@@ -15,7 +15,7 @@
 """Replay: the recorded inputs of a run through the steps of its components once more."""
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
@@ -25,17 +25,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import BY_COLUMN, is_told_the_truth
+from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, HOSTED, PLANT
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, PLANTS, SENSORS, Kind
+from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, NONE, PLANTS, SENSORS, Kind
+from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
 from ppc_attitude.science.signals import TOLD, TORQUE_COMMAND, TRUTH
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.diagram import play
-from ppc_attitude.simulation.scenario import scenario
 
 
 @dataclass(frozen=True)
@@ -81,10 +82,13 @@ class Replay:
         Of the control law, in its torque command.
     others : tuple of Difference
         Of every other component whose inputs and outputs are on record.
+    missing : tuple of str
+        Selections and parameters on record that nothing installed knows.
     """
 
     law: Difference
     others: tuple[Difference, ...]
+    missing: tuple[str, ...]
 
 
 def replay(record: RunRecord) -> Replay:
@@ -112,7 +116,27 @@ def replay(record: RunRecord) -> Replay:
             _replayed(record, node, kind, component, component.outputs)
             for node, kind, component in _replayable(record)
         ),
+        tuple(_missing(record)),
     )
+
+
+def _missing(record: RunRecord) -> Iterator[str]:
+    """Yield what the parameters of a record name that is not installed."""
+    for node, kinds in HOSTED.items():
+        values = record.parameters.get(node, {})
+        for kind in kinds:
+            name = values.get(kind.selector, NONE)
+            if name != NONE and kind.selected(values) is None:
+                yield f"{kind.selector} = {name}"
+        yield from sorted(values.keys() - {each.name for each in PARAMETERS[node]})
+
+
+def _installed(node: str, values: Mapping[str, Any]) -> dict[str, Value]:
+    """Complete parameters of a node, without those of what is not installed."""
+    absent = {kind.selector for kind in HOSTED[node] if kind.selected(values) is None}
+    known = {each.name for each in PARAMETERS[node]} - absent
+    chosen = {name: value for name, value in values.items() if name in known}
+    return resolved(PARAMETERS[node], chosen, node)
 
 
 def _replayable(record: RunRecord) -> list[tuple[str, Kind, Component]]:
@@ -192,7 +216,7 @@ def _computed(
 ) -> Array:
     """Run a component over the stamps, with the parameters that it had at each."""
     values = dict(record.parameters[node])
-    part = Part(component, scenario({node: values}).parameters[node])
+    part = Part(component, _installed(node, values))
     # The state of an instant comes from before it: the motion takes a change over at the next.
     side: Literal["left", "right"] = "right" if kind in (PLANTS, SENSORS) else "left"
     own = [change for change in record.changes if change.node == node]
@@ -203,7 +227,7 @@ def _computed(
         pieces.append(play(part, stamps[begin:start], read[:, begin:start], compared))
         begin = start
         values.update({change.name: change.value for _, change in group})
-        part.configure(scenario({node: values}).parameters[node])
+        part.configure(_installed(node, values))
     pieces.append(play(part, stamps[begin:], read[:, begin:], compared))
     return np.concatenate(pieces, axis=1)
 

@@ -206,6 +206,11 @@ def check_exchange(parameters: Overrides) -> None:
     for node in HOSTED:
         components, values = components_of(node, parameters[node]), parameters[node]
         for column in read_from_elsewhere(components):
+            if column.late and node != ESTIMATOR:
+                raise ConfigurationError(
+                    f"{node}: its components read {column.name}, which comes late; allowed between "
+                    "nodes: an estimator that reads it; simulate can run it"
+                )
             if column.name not in sent:
                 raise ConfigurationError(
                     f"{node}: its components read {column.name}, which no node sends (the truth is "

@@ -27,7 +27,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "replay",
         help="feed a bag's recorded inputs to the components once more",
-        description="Reports the largest difference of each; exit code 0 if there is none.",
+        description="Reports the largest difference of each, and what is not installed; exit code "
+        "0 if there is no difference.",
     )
     add_reading_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -47,6 +48,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "largest_difference": law["largest"],
                 "at": law["at"],
                 "components": [asdict(each) for each in found],
+                "missing": result.missing,
             }
         )
     else:
@@ -56,4 +58,6 @@ def execute(arguments: argparse.Namespace) -> int:
                 f"{each.component}: {each.steps} steps replayed, {each.skipped} skipped, largest "
                 f"difference of {each.column} {each.largest:.3g}{unit} at t = {each.at:.3f} s"
             )
+        for name in result.missing:
+            print(f"not installed, so not replayed: {name}")
     return REQUIREMENT_FAILED if any(each.largest for each in found) else DONE

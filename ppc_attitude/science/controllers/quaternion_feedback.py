@@ -56,11 +56,12 @@ _OWN = (
         0.5,
         "natural frequency of the loop",
         "rad/s",
-        above=0.0,
+        low=1e-9,
+        high=1e6,
     ),
-    Parameter("quaternion_feedback.damping", 1.0, "damping ratio of the loop", above=0.0),
+    Parameter("quaternion_feedback.damping", 1.0, "damping ratio of the loop", above=0.0, high=1e6),
     Parameter(
-        "quaternion_feedback.integral_time", 10.0, "time constant T of the integral", "s", above=0.0
+        "quaternion_feedback.integral_time", 10.0, "time constant T of the integral", "s", low=1e-9
     ),
     Parameter(
         "quaternion_feedback.max_rate", 0.03, "limit of the slew rate error", "rad/s", above=0.0

@@ -31,15 +31,16 @@ PREFIX = "momentum_tube."
 LAW, LAW_AHEAD = "momentum_tube", "momentum_tube_ahead"
 LAWS = (LAW, LAW_AHEAD)
 # The certified numbers of config/guaranteed.yaml: the paper's craft at 100 Hz.
+# The least values are far below what a spacecraft has: the law's quotients and powers are finite.
 _OWN = (
-    Parameter("h", 0.01, "sample time: the largest gap between two samples", "s", above=0.0),
+    Parameter("h", 0.01, "sample time: the largest gap between two samples", "s", low=1e-9),
     Parameter("k", 1.0, "rate at which a small error falls", "1/s", above=0.0),
     Parameter("kappa", 15.4, "κ: rate at which the momentum error falls", "1/s", above=0.0),
     Parameter(
         "ell",
         0.2,
         "ℓ: gain of the momentum observer; 1 switches it off",
-        above=0.0,
+        low=1e-9,
         high=1.0,
     ),
     Parameter(
@@ -48,10 +49,10 @@ _OWN = (
         "T: torque that the brake may use, per axis",
         "N·m",
         length=3,
-        above=0.0,
+        low=1e-9,
     ),
     Parameter(
-        "a_most", 0.0174501876, "largest deceleration of the brake", "rad/s²", above=0.0, high=1e6
+        "a_most", 0.0174501876, "largest deceleration of the brake", "rad/s²", low=1e-9, high=1e6
     ),
     Parameter("a_rate", 0.00125756416, "largest |a'| where the brake acts", "rad/s³", low=0.0),
     Parameter("Omega_e", 0.0514731821, "Ω_e: largest commanded rate ‖ω_s‖", "rad/s", above=0.0),
@@ -84,7 +85,7 @@ _OWN = (
         "far", 0.564661399, "error from which the craft cruises", "rad", above=0.0, high=math.pi
     ),
     Parameter("w_far", 0.0354752803, "rate up to which the craft cruises", "rad/s", above=0.0),
-    Parameter("omega0", 0.10472, "rate error from which it is tumbling", "rad/s", above=0.0),
+    Parameter("omega0", 0.10472, "rate error from which it is tumbling", "rad/s", low=1e-9),
     Parameter("d_max", 0.0045927, "bound of the disturbance estimate", "N·m", low=0.0),
     Parameter(
         "N", [0.0] * 3, "error of y from estimation errors, per axis", "N·m·s", length=3, low=0.0

@@ -174,7 +174,7 @@ def broken_assumptions(
     if nodes.estimated:
         yield from _unseen(plant, nodes.estimator)
         sigma, bias = plant["gyro.initial_bias_sigma"], np.abs(plant["gyro.initial_bias"])
-        fastest = TUMBLING[0] * assumed.Omega + assumed.W + float(bias.max()) + DEVIATIONS * sigma
+        fastest = _fastest(assumed) + float(bias.max()) + DEVIATIONS * sigma
         if plant["gyro.full_scale"] < fastest:
             yield (
                 f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; with what is promised, and "
@@ -188,6 +188,31 @@ def broken_assumptions(
     acts = _selected(ENVIRONMENTS, injector) == environment.COMPONENT.name
     if acts and assumed.d < ENVIRONMENT_BOUND:
         yield f"the environment reaches {ENVIRONMENT_BOUND:g} N·m; assumed: d = {assumed.d:g}"
+
+
+def lost_fixes(assumed: Assumptions, nodes: Nodes) -> Iterator[str]:
+    """Yield when the star tracker gives no fix; parameters as of `broken_assumptions`.
+
+    The filter's covariance then grows, and suspends the promise in flight once it is beyond the
+    assumed errors.
+    """
+    plant = nodes.plant
+    if not nodes.estimated:
+        return
+    most = plant["star_tracker.max_rate"]
+    if most < _fastest(assumed):
+        yield (
+            f"star_tracker.max_rate = {most:.4g} rad/s is below the promised "
+            f"{_fastest(assumed):.4g} rad/s"
+        )
+    for name in ("blinding_times", "dropout_probability"):
+        if plant[f"star_tracker.{name}"]:
+            yield f"star_tracker.{name} = {plant[f'star_tracker.{name}']} takes some away"
+
+
+def _fastest(assumed: Assumptions) -> float:
+    """Largest ‖ω_s‖ [rad/s] of a start that is promised anything."""
+    return TUMBLING[0] * assumed.Omega + assumed.W
 
 
 def _deviations(nodes: Nodes) -> tuple[float, float]:

@@ -66,19 +66,20 @@ from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import ATTITUDE, DESIRED_MOTION
 from ppc_attitude.science.sky import earth_angle
 
+# A slew at the least of these takes days, and the search for cones steps along the whole of it.
 MAX_RATE = Parameter(
-    "guidance.max_rate", math.radians(2.0), "V, rate of a slew", "rad/s", above=0.0, high=10.0
+    "guidance.max_rate", math.radians(2.0), "V, rate of a slew", "rad/s", low=1e-5, high=10.0
 )
 MAX_ACCELERATION = Parameter(
     "guidance.max_acceleration",
     math.radians(0.4),
     "A, acceleration of a slew",
     "rad/s²",
-    above=0.0,
+    low=1e-7,
     high=10.0,
 )
 MAX_JERK = Parameter(
-    "guidance.max_jerk", math.radians(0.2), "K, jerk of a slew", "rad/s³", above=0.0, high=100.0
+    "guidance.max_jerk", math.radians(0.2), "K, jerk of a slew", "rad/s³", low=1e-12, high=100.0
 )
 TORQUE_SHARE = Parameter(
     "guidance.torque_share",

@@ -58,7 +58,7 @@ AMPLITUDE = Parameter(
     high=10.0,
 )
 PERIOD_CONSTANT = Parameter(
-    "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, above=0.0
+    "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, low=1e-6
 )
 BEGIN = Parameter("begin", 0.0, "instant of ω_d at which a run begins", "s", low=0.0, high=1e9)
 REFERENCE = np.dtype(
