@@ -77,9 +77,7 @@ from ppc_attitude.science.virtual_control import virtual_control
 
 GAINS = (
     Parameter("k", 3.0, "gain k of the virtual control", above=0.0),
-    Parameter(
-        "M_omega", 0.017, "speed scale M_ω of the virtual control", "rad/s", above=0.0, high=1e6
-    ),
+    Parameter("M_omega", 0.017, "speed scale M_ω of virtual control", "rad/s", above=0.0, high=1e6),
     Parameter("beta", 3.6, "steepness β of the virtual control", above=0.0),
     Parameter("K_omega", 2.3, "gain K_ω on the rate error z2", "1/s", low=0.0),
     Parameter("K_u", 0.171, "gain K_u on the auxiliary state θ", low=0.0),
