@@ -65,7 +65,11 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.analysis": ["web/*"], f"{NAME}.nodes": ["*.xml"]},
+    package_data={
+        f"{NAME}.analysis": ["web/*"],
+        f"{NAME}.nodes": ["*.xml"],
+        f"{NAME}.science": ["*.csv"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -54,6 +54,7 @@ CONFIGURATIONS = [
     if "ros__parameters" in path.read_text(encoding="utf-8")
 ]
 LINE = re.compile(r"^(?P<indent> *)(?P<name>[\w/*]+):(?P<value>[^#]*)(?:# (?P<comment>.*))?$")
+LIST = re.compile(r"\[[^]#]*\]")  # may go over several lines
 UNIT = re.compile(r"^\[(.+?)\]")
 
 
@@ -83,7 +84,8 @@ def test_every_parameter_is_described() -> None:
 def commented(path: Path) -> Iterator[tuple[str, str, str | None]]:
     """Node, parameter name and the unit in its comment, of every value in a parameter file."""
     parents: list[tuple[int, str]] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    text = path.read_text(encoding="utf-8")
+    for line in LIST.sub(lambda found: found[0].replace("\n", " "), text).splitlines():
         match = LINE.match(line)
         if match is None:
             assert not line.strip() or line.lstrip().startswith("#"), f"{path.name}: {line}"

@@ -92,7 +92,10 @@ CASES = {
         )
         for law in CONTROLLERS.components
     },
-    "sensors": load([ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_cubesat")]),
+    **{
+        name: load([ROOT / "config" / "paper.yaml", ROOT / "config" / f"{name}.yaml"])
+        for name in ("sensors_cubesat", "orbit")
+    },
 }
 
 

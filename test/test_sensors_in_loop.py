@@ -109,8 +109,9 @@ def test_the_record_has_what_was_measured_and_the_truth() -> None:
 
 
 def test_no_torque_until_the_first_estimate() -> None:
-    given = scenario("smallsat", initial_fix=False)
-    record = simulate(given, 0.5)
+    files = [ROOT / "config" / f"{file}.yaml" for file in ("paper", "sensors_smallsat")]
+    late = {node: {"initial_fix": False} for node in (PLANT, "attitude_estimator")}
+    record = simulate(load(files, late), 0.5)
     columns = record.columns
     assert not columns["attitude"][:10].any()
     assert not columns["torque_command"][:10].any()

@@ -16,14 +16,16 @@ import math
 
 import numpy as np
 import pytest
-from truth_tables import rows
+from truth_tables import columns, rows, table
 
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.sky import (
     DAY,
     EARTH_RATE,
     days_of,
     earth_angle,
+    lit_fraction,
     sun_direction,
     sun_distance,
 )
@@ -77,3 +79,14 @@ def test_greenwich_turns_at_earths_rate() -> None:
 def test_no_date_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"orbit\.epoch = 'tomorrow'; allowed: a date"):
         days_of("orbit.epoch", "tomorrow")
+
+
+def test_earths_shadow_is_the_truths() -> None:
+    """The truth's own rounding is 5.4e-9, as computed once more with 40 digits."""
+    truth = table("eclipse")
+    craft, suns = columns(truth, "rx", "ry", "rz"), columns(truth, "sx", "sy", "sz")
+    lit = [
+        lit_fraction(tuple(r), tuple(sun), EARTH_RADIUS) for r, sun in zip(craft, suns, strict=True)
+    ]
+    assert np.abs(lit - truth["lit"]).max() < 6e-9
+    assert {0.0, 1.0} < set(lit)  # all of it, none of it, and parts

@@ -29,13 +29,12 @@ from numpy.typing import NDArray
 from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables
 from ppc_attitude.campaign.distributions import random_axes
 from ppc_attitude.campaign.varied import values_of
-from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.references import goal
-from ppc_attitude.simulation.scenario import Scenario, check_components, weakened
+from ppc_attitude.simulation.scenario import Scenario, agreed, check_components, weakened
 
 _LARGEST_NOISE_SEED = 2**53
 _ELEMENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
@@ -177,9 +176,10 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
         **weakened(values[PLANT], drawn["actuator_strength"]),
         "seed": drawn["noise_seed"],
     }
-    agreed = {each.name for each in PARAMETERS[ESTIMATOR] if each.agreed} & changed[PLANT].keys()
-    told = {name: changed[PLANT][name] for name in agreed}
-    changed[ESTIMATOR] = {**told, **changed.get(ESTIMATOR, {})}  # unless it was drawn by itself
+    for node in (ESTIMATOR, INJECTOR):
+        told = {name: changed[PLANT].get(name) for name in agreed(node, values[node])}
+        known = {name: value for name, value in told.items() if value is not None}
+        changed[node] = {**known, **changed.get(node, {})}  # unless it was drawn by itself
     if drawn["pulse_torque"]:
         pulses, torque = values[INJECTOR], [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
         changed[INJECTOR] = {

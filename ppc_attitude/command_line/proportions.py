@@ -56,11 +56,14 @@ def _at_most(name: str, value: float, limit: float, unit: str, meaning: str) -> 
 def environment_torque(scenario: Scenario, environment: Part) -> float:
     """Largest norm [N·m] of the configured environment's torque at even times of the run.
 
-    An environment that looks at the craft is known at its first instant only, which `environment`
-    has made.
+    Of one that looks at the craft it is the bound that it tells; if it tells none, its torque at
+    the first instant, which `environment` has made.
     """
+    component = environment.component
+    if component.inputs and component.bounds:
+        return component.bounds(scenario.parameters[INJECTOR])[0]
     duration_ns = round(scenario.number(PLANT, "duration") * NANOSECONDS)
-    count = 0 if environment.component.inputs else _SAMPLES + 1
+    count = 0 if component.inputs else _SAMPLES + 1
     torques = [environment.outputs[ENVIRONMENT_TORQUE.name][0].copy()]
     for stamp_ns in np.linspace(0, duration_ns, count, dtype=np.int64).tolist():
         environment.step(stamp_ns)

@@ -17,6 +17,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from ppc_attitude.contract.parameters import SEND_TRUTH
 from ppc_attitude.contract.topics import (
     CONTROLLER,
     ESTIMATOR,
@@ -116,7 +117,8 @@ def columns_of(node: str, values: Mapping[str, Any]) -> tuple[Column, ...]:
     """Columns that a node puts on record at each instant."""
     columns = [column for each in components_of(node, values) for column in each.outputs]
     hidden = {ENVIRONMENT_TORQUE}
-    if SENSORS in HOSTED.get(node, ()) and is_told_the_truth(values):
+    unasked = not values.get(SEND_TRUTH.name, False)
+    if SENSORS in HOSTED.get(node, ()) and unasked and is_told_the_truth(values):
         hidden.update(TRUTH)
     return tuple(column for column in columns if column not in hidden)
 

@@ -42,6 +42,12 @@ WAIT_FOR_RECORDER = Parameter(
     "begin when `bag_recorder` listens to every topic of this node, so that nothing is missing",
     read_only=True,
 )
+SEND_TRUTH = Parameter(
+    "send_truth",
+    False,
+    "send the truth even where sensing is exact, because a node reads it",
+    read_only=True,
+)
 _PLANT = (
     Parameter(
         "rate",
@@ -66,6 +72,7 @@ _PLANT = (
         read_only=True,
     ),
     WAIT_FOR_RECORDER,
+    SEND_TRUTH,
     Parameter(
         "real_time_factor",
         0.0,

@@ -203,7 +203,7 @@ ENVIRONMENTS = Kind(
     "environments",
     "environment",
     "the torque of the environment",
-    ("paper", "none"),
+    ("paper", "orbit", "none"),
     (ENVIRONMENT_TORQUE,),
     switch={True: "paper", False: "none"},
     read_only=False,

@@ -35,6 +35,7 @@ ALTITUDE = Parameter(
     low=100e3,
     high=1e9,
     read_only=True,
+    agreed=True,
 )
 ECCENTRICITY = Parameter(
     "orbit.eccentricity",
@@ -43,6 +44,7 @@ ECCENTRICITY = Parameter(
     low=0.0,
     high=0.99,
     read_only=True,
+    agreed=True,
 )
 INCLINATION = Parameter(
     "orbit.inclination",
@@ -52,6 +54,7 @@ INCLINATION = Parameter(
     low=0.0,
     high=math.pi,
     read_only=True,
+    agreed=True,
 )
 RAAN = Parameter(
     "orbit.raan",
@@ -61,6 +64,7 @@ RAAN = Parameter(
     low=-_TURN,
     high=_TURN,
     read_only=True,
+    agreed=True,
 )
 ARGUMENT_OF_PERIGEE = Parameter(
     "orbit.argument_of_perigee",
@@ -70,6 +74,7 @@ ARGUMENT_OF_PERIGEE = Parameter(
     low=-_TURN,
     high=_TURN,
     read_only=True,
+    agreed=True,
 )
 MEAN_ANOMALY = Parameter(
     "orbit.mean_anomaly",
@@ -79,14 +84,18 @@ MEAN_ANOMALY = Parameter(
     low=-_TURN,
     high=_TURN,
     read_only=True,
+    agreed=True,
 )
-EPOCH = Parameter("orbit.epoch", "2025-01-01", "date of t = 0, ISO 8601, UTC", read_only=True)
+EPOCH = Parameter(
+    "orbit.epoch", "2025-01-01", "date of t = 0, ISO 8601, UTC", read_only=True, agreed=True
+)
 TLE = Parameter(
     "orbit.tle",
     "",
     "two-line element set, whose epoch is within 30 days of orbit.epoch; then the elements above "
     "have no meaning",
     read_only=True,
+    agreed=True,
 )
 ORBIT_PARAMETERS = (
     ALTITUDE,

@@ -54,7 +54,8 @@ class Parameter:
     switch : mapping of bool to str
         Choices that true and false stand for.
     agreed : bool
-        True if all nodes that use it must have one value, for it says what they exchange.
+        True if all nodes that use it as such must have one value: it says what they exchange, or
+        what the craft is.
     """
 
     name: str

@@ -21,10 +21,12 @@ import math
 from datetime import datetime, timezone
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Vector, add, kernel, scale
+from ppc_attitude.science.kernel import Vector, add, cross, dot, kernel, norm, scale, subtract
 
 DAY = 86400.0  # [s]
 EARTH_RATE = 7.292115e-5  # [rad/s]
+ASTRONOMICAL_UNIT = 1.495978707e11  # [m]
+_SUN_RADIUS = 6.957e8  # [m]
 _DEGREE = math.pi / 180.0
 
 
@@ -66,10 +68,41 @@ def sun_direction(days: float) -> tuple[Vector, Vector, Vector]:
     return direction, first, second
 
 
+@kernel
 def sun_distance(days: float) -> float:
     """Distance to the Sun [AU], from the same source as `sun_direction`."""
     g = _DEGREE * (357.528 + 0.9856003 * days)
     return 1.00014 - 0.01671 * math.cos(g) - 0.00014 * math.cos(2.0 * g)
+
+
+@kernel
+def lit_fraction(r: Vector, sun: Vector, earth_radius: float) -> float:
+    """Part of the Sun's disc that Earth leaves free, 0 to 1 (Montenbruck and Gill, section 3.4).
+
+    Angles are taken by their tangents: by cosines the part would be wrong by 5e-9.
+
+    Parameters
+    ----------
+    r, sun
+        Craft and Sun from Earth's centre [m].
+    earth_radius
+        Earth as a sphere [m].
+    """
+    towards = subtract(sun, r)
+    distance, radius = norm(towards), norm(r)
+    a = math.asin(_SUN_RADIUS / distance)  # half-angles of the two discs, and between their centres
+    b = math.asin(min(earth_radius / radius, 1.0))
+    c = math.atan2(norm(cross(r, towards)), -dot(r, towards))
+    if c >= a + b:
+        return 1.0
+    if c <= b - a:
+        return 0.0
+    if c <= a - b:
+        return 1.0 - (b / a) ** 2
+    x = ((c - b) * (c + b) + a * a) / (2.0 * c)
+    y = math.sqrt(max(a * a - x * x, 0.0))
+    hidden = a * a * math.atan2(y, x) + b * b * math.atan2(y, c - x) - c * y
+    return 1.0 - hidden / (math.pi * a * a)
 
 
 def earth_angle(days: float) -> float:

@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 from ppc_attitude.contract.declared import columns_of, components_of
-from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
+from ppc_attitude.contract.parameters import PARAMETERS, SEND_TRUTH, is_of_ros
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, HOSTED, INJECTOR, PLANT, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component, read_from_elsewhere
@@ -186,6 +186,7 @@ def scenario(chosen: Overrides) -> Scenario:
     if unknown:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
     found = Scenario({node: _checked(node, chosen.get(node, {})) for node in PARAMETERS})
+    _check_agreement(found.parameters)
     _check_pulses(found.parameters[INJECTOR], found.number(PLANT, "rate"))
     return found
 
@@ -196,16 +197,13 @@ def check_exchange(parameters: Overrides) -> None:
     Raises
     ------
     ConfigurationError
-        A component reads what no node sends, or what comes late without saying when, or two nodes
-        have not one value of what says how they exchange something.
+        A component reads what no node sends, or what comes late without saying when.
     """
     sent = {column.name for node in HOSTED for column in columns_of(node, parameters[node])}
-    told: dict[str, tuple[str, Value]] = {}
     for component in components_of(ESTIMATOR, parameters[ESTIMATOR]):
         check_slots(component)
     for node in HOSTED:
-        components, values = components_of(node, parameters[node]), parameters[node]
-        for column in read_from_elsewhere(components):
+        for column in read_from_elsewhere(components_of(node, parameters[node])):
             if column.late and node != ESTIMATOR:
                 raise ConfigurationError(
                     f"{node}: its components read {column.name}, which comes late; allowed between "
@@ -214,14 +212,28 @@ def check_exchange(parameters: Overrides) -> None:
             if column.name not in sent:
                 raise ConfigurationError(
                     f"{node}: its components read {column.name}, which no node sends (the truth is "
-                    "sent where sensors or noise differ from it); simulate can run it"
+                    f"sent where sensors or noise differ from it, or with {SEND_TRUTH.name} of "
+                    f"{PLANT}); simulate can run it"
                 )
-        for name in (p.name for each in components for p in each.parameters if p.agreed):
+
+
+def _check_agreement(parameters: Overrides) -> None:
+    """See that nodes have one value of what says what they exchange, or what the craft is."""
+    told: dict[str, tuple[str, Value]] = {}
+    for node in HOSTED:
+        values = parameters[node]
+        for name in agreed(node, values):
             first, value = told.setdefault(name, (node, values[name]))
             if values[name] != value:
                 raise ConfigurationError(
                     f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has"
                 )
+
+
+def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
+    """Parameters of a node's components that every node must have one value of."""
+    components = components_of(node, values)
+    return [p.name for each in components for p in each.parameters if p.agreed]
 
 
 def _check_pulses(injector: Mapping[str, Any], rate: float) -> None:

@@ -26,9 +26,6 @@ from numpy.typing import NDArray
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
-from ppc_attitude.science.environments import none
-from ppc_attitude.science.environments import paper as environment
-from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND, ENVIRONMENT_RATE_BOUND
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import first_knowledge
@@ -62,7 +59,6 @@ _KNOWN: dict[str, tuple[Component, ...]] = {
     ESTIMATORS.name: (mekf.COMPONENT,),
     ACTUATORS.name: (ideal.COMPONENT,),
     REFERENCES.name: (paper.COMPONENT, paper_ahead.COMPONENT),
-    ENVIRONMENTS.name: (environment.COMPONENT, none.COMPONENT),
 }
 _HARDWARE = (PLANTS, SENSORS, ESTIMATORS, ACTUATORS)
 # What a filter cannot know of its sensors: its covariance says nothing of these errors.
@@ -85,14 +81,21 @@ class Nodes(NamedTuple):
 
     def unknown(self, kind: Kind) -> str:
         """Say which component of a kind is selected, if its bounds are not known here."""
-        others = {
-            REFERENCES.name: self.reference,
-            ENVIRONMENTS.name: self.injector,
-            ESTIMATORS.name: self.estimator,
-        }
+        others = {REFERENCES.name: self.reference, ESTIMATORS.name: self.estimator}
         name = _selected(kind, others.get(kind.name, self.plant))
         known = {NONE, *(each.name for each in _KNOWN[kind.name])}
         return "" if name in known else f"{kind.selector} = {name}"
+
+    @property
+    def environment(self) -> str:
+        """Say which environment is selected."""
+        return f"{ENVIRONMENTS.selector} = {_selected(ENVIRONMENTS, self.injector)}"
+
+    @property
+    def torque_bounds(self) -> tuple[float | None, float | None]:
+        """Bounds of the environment's torque [N·m] and of its rate [N·m/s]; None if not known."""
+        found = ENVIRONMENTS.selected(self.injector)
+        return found.bounds(self.injector) if found and found.bounds else (None, None)
 
     @property
     def estimated(self) -> bool:
@@ -142,7 +145,7 @@ def broken_assumptions(
     duration : float
         How long the reference is followed [s].
     """
-    plant, reference, injector, _ = nodes
+    plant, reference = nodes.plant, nodes.reference
     if 1.0 / plant["rate"] > h * (1 + 1e-9):
         yield f"rate = {plant['rate']:g} Hz; the certificate is for at least {1.0 / h:g} Hz"
     error = inertia_error(np.array(assumed.inertia), np.array(plant["inertia"]))
@@ -168,9 +171,14 @@ def broken_assumptions(
                 f"the told {name} is wrong by up to {error:.4g} {unit} ({DEVIATIONS:g} σ); "
                 f"assumed: at most {bound:g}"
             )
-    for kind in (*_HARDWARE, REFERENCES, ENVIRONMENTS):
-        if found := nodes.unknown(kind):
-            yield f"{found}: whether it keeps the assumed bounds is not known"
+    doubtful = [nodes.unknown(kind) for kind in (*_HARDWARE, REFERENCES)]
+    torque, _ = nodes.torque_bounds
+    if torque is None:
+        doubtful.append(nodes.environment)
+    for found in filter(None, doubtful):
+        yield f"{found}: whether it keeps the assumed bounds is not known"
+    if torque is not None and assumed.d < torque:
+        yield f"the environment reaches {torque:.4g} N·m; assumed: d = {assumed.d:g}"
     if nodes.estimated:
         yield from _unseen(plant, nodes.estimator)
         sigma, bias = plant["gyro.initial_bias_sigma"], np.abs(plant["gyro.initial_bias"])
@@ -185,9 +193,6 @@ def broken_assumptions(
     for name, value in zip(("W", "W1", "W2"), reference_bounds(reference, duration), strict=True):
         if value > getattr(assumed, name):
             yield f"the reference reaches {value:.4g}; assumed: {name} = {getattr(assumed, name):g}"
-    acts = _selected(ENVIRONMENTS, injector) == environment.COMPONENT.name
-    if acts and assumed.d < ENVIRONMENT_BOUND:
-        yield f"the environment reaches {ENVIRONMENT_BOUND:g} N·m; assumed: d = {assumed.d:g}"
 
 
 def lost_fixes(assumed: Assumptions, nodes: Nodes) -> Iterator[str]:
@@ -300,7 +305,7 @@ def assumptions_from(
     ConfigurationError
         A selected component has no bounds that are known here.
     """
-    plant, reference, injector, _ = nodes
+    plant, reference = nodes.plant, nodes.reference
     for kind in _HARDWARE:
         if found := nodes.unknown(kind):
             raise ConfigurationError(
@@ -309,18 +314,19 @@ def assumptions_from(
             )
     sigma_A, sigma_W = _deviations(nodes)
     W, W1, W2 = reference_bounds(reference, _HORIZON)
-    acts = _selected(ENVIRONMENTS, injector) == environment.COMPONENT.name
-    needed = {"W": REFERENCES, "W1": REFERENCES, "W2": REFERENCES, "d": ENVIRONMENTS}
-    for name, kind in needed.items():
-        found = nodes.unknown(kind)
+    d, D1 = nodes.torque_bounds
+    unknown = dict.fromkeys(("W", "W1", "W2"), nodes.unknown(REFERENCES))
+    unknown |= {"d": nodes.environment if d is None else ""}
+    unknown |= {"D1": nodes.environment if D1 is None else ""}
+    for name, found in unknown.items():
         if found and name not in declared:
             raise ConfigurationError(
                 f"{found} tells no bound {name}: give it with --assume {name}=VALUE"
             )
     told = {
         "dead_band": plant["min_torque"],
-        "d": ENVIRONMENT_BOUND if acts else 0.0,
-        "D1": ENVIRONMENT_RATE_BOUND if acts else 0.0,
+        "d": d or 0.0,
+        "D1": D1 or 0.0,
         "W": _raised(W),
         "W1": _raised(W1),
         "W2": _raised(W2),

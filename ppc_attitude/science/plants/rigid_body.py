@@ -55,6 +55,7 @@ INERTIA = Parameter(
     "inertia J of the craft, row-major; symmetric positive definite",
     "kg·m²",
     length=9,
+    agreed=True,
 )
 INITIAL_ATTITUDE = Parameter(
     "initial_attitude",

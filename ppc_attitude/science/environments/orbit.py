@@ -1,0 +1,253 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The torque of a low Earth orbit: gravity gradient, residual dipole, air and sunlight.
+
+It looks at the true attitude at the begin of each step, and holds until the next.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.attitude import to_body
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.geomagnetic import FIELD, MOST_DEGREE, field_at, field_of, largest_field
+from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.kernel import (
+    Matrix,
+    Vector,
+    add,
+    apply,
+    cross,
+    kernel,
+    matrix,
+    norm,
+    scale,
+    store,
+    subtract,
+    vector,
+)
+from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, ORBIT, orbit_at
+from ppc_attitude.science.orbit_elements import EPOCH, ORBIT_PARAMETERS, epoch_of, orbit_of
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.plants.rigid_body import INERTIA
+from ppc_attitude.science.plates import (
+    MOST_PLATES,
+    PLATE,
+    PLATES,
+    largest_torques,
+    plates_of,
+    plates_torque,
+)
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TRUE_ATTITUDE
+from ppc_attitude.science.sky import (
+    ASTRONOMICAL_UNIT,
+    DAY,
+    EARTH_RATE,
+    earth_angle,
+    lit_fraction,
+    sun_direction,
+    sun_distance,
+)
+
+PRESSURE = 1361.0 / 299792458.0  # P of sunlight at 1 au [N/m²]
+_NEAREST_SUN = 0.983  # [au]
+DEGREES = {"igrf": MOST_DEGREE, "dipole": 1}
+MODEL = Parameter(
+    "orbit.field",
+    "igrf",
+    "Earth's magnetic field: IGRF-14 to degree 13, or its first degree, which is up to 67 % off",
+    choices=tuple(DEGREES),
+)
+DIPOLE = Parameter(
+    "orbit.residual_dipole",
+    [0.0, 0.0, 0.0],
+    "magnetic moment of the craft, body axes",
+    "A·m²",
+    length=3,
+    low=-1e6,
+    high=1e6,
+)
+DENSITY = Parameter(
+    "orbit.air.density",
+    6.967e-13,
+    "of the air at orbit.air.altitude; the Sun's activity changes it tenfold",
+    "kg/m³",
+    low=0.0,
+    high=1e-6,
+)
+ALTITUDE = Parameter(
+    "orbit.air.altitude",
+    500e3,
+    "above Earth's equatorial radius, where the air has its density",
+    "m",
+    low=100e3,
+    high=1e7,
+)
+SCALE_HEIGHT = Parameter(
+    "orbit.air.scale_height",
+    63.8e3,
+    "over which the density falls to 1/e",
+    "m",
+    low=1e3,
+    high=1e7,
+)
+CONFIGURATION = np.dtype(
+    [
+        ("orbit", ORBIT),
+        ("days", np.float64),  # from J2000 to t = 0
+        ("earth_angle", np.float64),  # Greenwich at t = 0 [rad]
+        ("inertia", np.float64, (3, 3)),  # [kg·m²]
+        ("dipole", np.float64, (3,)),  # [A·m²] body
+        ("field", FIELD),
+        ("density", np.float64),  # ρ0 [kg/m³]
+        ("altitude", np.float64),  # of ρ0 [m]
+        ("scale_height", np.float64),  # H [m]
+        ("plates", PLATE, (MOST_PLATES,)),
+        ("count", np.int64),
+    ],
+    align=True,
+)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        Orbit, inertia or a plate is impossible, or the date is outside the field's model.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["orbit"] = orbit_of(values)
+    record["days"] = days = epoch_of(values)
+    record["earth_angle"] = earth_angle(days)
+    record["inertia"] = inertia_matrix(INERTIA.name, values[INERTIA.name])
+    record["dipole"] = values[DIPOLE.name]
+    record["field"] = field_of(EPOCH.name, days, DEGREES[values[MODEL.name]])
+    for name, parameter in (
+        ("density", DENSITY),
+        ("altitude", ALTITUDE),
+        ("scale_height", SCALE_HEIGHT),
+    ):
+        record[name] = values[parameter.name]
+    plates = plates_of(values)
+    record["plates"][: plates.size], record["count"] = plates, plates.size
+    return record
+
+
+@kernel
+def gravity_gradient(r: Vector, inertia: Matrix) -> Vector:
+    """Torque [N·m] 3μ/r³ r̂ × J r̂; r [m] from Earth's centre in body axes, J [kg·m²]."""
+    radius = norm(r)
+    u = scale(1.0 / radius, r)
+    return scale(3.0 * MU / (radius * radius * radius), cross(u, apply(inertia, u)))
+
+
+@kernel
+def magnetic_field(r: Vector, angle: float, field: Any) -> Vector:
+    """B [T] at r [m], inertial axes, when Greenwich stands at an angle [rad] from the equinox."""
+    c, s = math.cos(angle), math.sin(angle)
+    bx, by, bz = field_at((c * r[0] + s * r[1], c * r[1] - s * r[0], r[2]), field)
+    return (c * bx - s * by, s * bx + c * by, bz)
+
+
+@kernel
+def air_density(r: Vector, craft: Any) -> float:
+    """ρ = ρ0 e^{−(altitude − altitude0)/H} [kg/m³] at r [m]."""
+    above = norm(r) - EARTH_RADIUS - craft.altitude
+    return float(craft.density * math.exp(-above / craft.scale_height))
+
+
+@kernel
+def air_velocity(r: Vector, v: Vector) -> Vector:
+    """Velocity [m/s] relative to the air, which turns with Earth; inertial axes."""
+    return subtract(v, cross((0.0, 0.0, EARTH_RATE), r))
+
+
+@kernel
+def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
+    """Sum up the torques at an instant."""
+    attitude = inputs.truth_attitude
+    q, q0 = vector(attitude), attitude[3]
+    r, v = orbit_at(inputs.t, craft.orbit, state)
+    torque = gravity_gradient(to_body(r, q, q0), matrix(craft.inertia))
+    b = magnetic_field(r, craft.earth_angle + EARTH_RATE * inputs.t, craft.field)
+    torque = add(torque, cross(vector(craft.dipole), to_body(b, q, q0)))
+    if craft.count:
+        days = craft.days + inputs.t / DAY
+        distance = sun_distance(days)  # [au]
+        sun = scale(distance * ASTRONOMICAL_UNIT, sun_direction(days)[0])
+        pressure = PRESSURE / (distance * distance) * lit_fraction(r, sun, EARTH_RADIUS)
+        towards = subtract(sun, r)
+        s = to_body(scale(1.0 / norm(towards), towards), q, q0)
+        wind = to_body(air_velocity(r, v), q, q0)
+        density = air_density(r, craft)
+        torque = add(torque, plates_torque(craft.plates, craft.count, wind, density, s, pressure))
+    store(outputs.environment_torque, torque)
+
+
+def bounds(values: Mapping[str, Any]) -> tuple[float, None]:
+    """Bound of the torque's norm [N·m]; none is told of how fast it changes.
+
+    Each part is taken at the perigee, J2's short waves included, and in its worst direction.
+
+    Raises
+    ------
+    ConfigurationError
+        As of `configure`.
+    """
+    craft = configure(values)
+    r, v = craft["orbit"]["position"], craft["orbit"]["velocity"]
+    radius = float(np.linalg.norm(r))
+    eccentricity = np.linalg.norm(np.cross(v, np.cross(r, v)) / MU - r / radius)
+    semi_major_axis = 1.0 / (2.0 / radius - float(v @ v) / MU)
+    perigee = semi_major_axis * (1.0 - float(eccentricity))
+    lowest = perigee - 3.0 * J2 * EARTH_RADIUS**2 / perigee  # [m]
+    moments = np.linalg.eigvalsh(craft["inertia"])
+    gradient = 1.5 * MU / lowest**3 * float(moments[-1] - moments[0])
+    magnetic = float(np.linalg.norm(craft["dipole"])) * largest_field(lowest, craft["field"])
+    speed = math.sqrt(MU * (2.0 / lowest - 1.0 / semi_major_axis)) + EARTH_RATE * lowest
+    air, light = largest_torques(
+        craft["plates"][: craft["count"]],
+        speed,
+        air_density((lowest, 0.0, 0.0), craft),
+        PRESSURE / _NEAREST_SUN**2,
+    )
+    return gradient + magnetic + air + light, None
+
+
+COMPONENT = Component(
+    name="orbit",
+    parameters=(
+        INERTIA,
+        *ORBIT_PARAMETERS,
+        MODEL,
+        DIPOLE,
+        DENSITY,
+        ALTITUDE,
+        SCALE_HEIGHT,
+        PLATES,
+    ),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=CURSOR,
+    inputs=(TRUE_ATTITUDE,),
+    outputs=(ENVIRONMENT_TORQUE,),
+    step=step,
+    bounds=bounds,
+)
