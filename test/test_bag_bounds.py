@@ -41,6 +41,7 @@ from ppc_attitude.contract.topics import ATTITUDE
 MIB = 2**20
 RUN = normal_run(duration=0.2)
 DEEP = "[" * 100_000
+TOO_DEEP = "nested too deeply, allowed are 64|maximum nesting depth"  # ours; libyaml's since 0.2.6
 LAUGHS = "l0: &l0 [lol, lol, lol, lol, lol, lol, lol, lol, lol, lol]\n" + "".join(
     f"l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 10)}]\n" for n in range(1, 10)
 )
@@ -210,8 +211,8 @@ def many_attitudes(bag: Path) -> Path:
 
 
 HOSTILE: list[tuple[Callable[[Path], None], str, bool, str]] = [
-    (deep_metadata, "mcap", False, "metadata.yaml is damaged: nested too deeply, allowed are 64"),
-    (deep_metadata_in_mcap, "mcap", False, "metadata in bag.mcap are damaged: nested too deeply"),
+    (deep_metadata, "mcap", False, f"metadata.yaml is damaged: .*({TOO_DEEP})"),
+    (deep_metadata_in_mcap, "mcap", False, f"metadata in bag.mcap are damaged: .*({TOO_DEEP})"),
     (laughing_custom_data, "mcap", False, "unfolds into .* characters, allowed are 4194304"),
     (recursive_custom_data, "mcap", False, r"\*a stands before the end of what it means"),
     (number_to_base_60, "mcap", False, "number of 2000001 characters, allowed are 250"),

@@ -87,7 +87,7 @@ def mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "not_finite.yaml": "/**/ppc_controller:\n  ros__parameters: {k: .nan}\n",
         "inertia.yaml": "/**/ppc_controller:\n  ros__parameters:\n"
         "    inertia: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 5.0]\n",
-        "deep.yaml": "a: " + "[" * 3000,
+        "deep.yaml": "a: " + "[" * 300,
         "itself.yaml": "/**/spacecraft_plant: &a\n  ros__parameters: *a\n",
         "steers.yaml": '"\\e[2J": 1\n',
         "month.yaml": "/**/ppc_controller:\n  ros__parameters: {k: 2020-13-01}\n",

@@ -30,7 +30,7 @@ from ppc_attitude.analysis.flight import flight_of
 from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.contract.run_record import Change, RunRecord
-from ppc_attitude.contract.topics import PLANT, REFERENCE
+from ppc_attitude.contract.topics import ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.guidance.orders import Orders, schedule_of, scheduled_orders
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load, scenario
@@ -146,7 +146,7 @@ def test_a_craft_that_never_knew_its_attitude_flew_nothing() -> None:
         "star_tracker.blinding_durations": [1e3],
     }
     files = [PAPER.with_name(f"{name}.yaml") for name in ("paper", "mission", "sensors_smallsat")]
-    record = simulate(load(files, {PLANT: blind}), 2.0)
+    record = simulate(load(files, {PLANT: blind, ESTIMATOR: {"initial_fix": False}}), 2.0)
     assert flight_of(record) is None
     assert {"gyro_bias", "transformed_errors"} <= figures_of(record).keys()
 

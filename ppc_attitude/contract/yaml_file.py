@@ -53,7 +53,7 @@ def parsed(text: str, loader: Any = yaml.SafeLoader) -> Any:
         _measure(text)
         return yaml.load(text, loader)
     except _ITS_ERRORS as error:
-        raise ValueError(str(error)) from None
+        raise ValueError(" ".join(str(error).split())) from None  # the parser tells it in lines
 
 
 def parsed_json(text: str) -> Any:
