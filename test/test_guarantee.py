@@ -260,7 +260,7 @@ def test_inertia_error_is_the_one_of_the_definition() -> None:
 def test_design_scales_with_the_craft(standard: tuple[Assumptions, Law], scale: float) -> None:
     """The same craft in other units of mass: the same gains, momenta scaled, the same times."""
     assumed, law = standard  # its tube stands still to 2e-5, where the iteration ended
-    torques = ("max_torque", "dead_band", "d", "D1")
+    torques = ("max_torque", "dead_band", "d")
     other = replace(
         assumed,
         inertia=tuple(scale * each for each in assumed.inertia),

@@ -132,7 +132,6 @@ def craft_of(seed: int) -> tuple[dict[str, dict[str, Any]], list[str]]:
     assumed = {
         "Omega": limit,
         "d": disturbance,
-        "D1": disturbance / 10.0,
         "eta": 1.0 - sometimes(0.3, float(stream.uniform(0.0, 0.3))),
         "e_S": sometimes(0.3, float(stream.uniform(0.0, 0.15))),
     }

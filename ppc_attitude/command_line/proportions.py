@@ -60,8 +60,8 @@ def environment_torque(scenario: Scenario, environment: Part) -> float:
     the first instant, which `environment` has made.
     """
     component = environment.component
-    if component.inputs and component.bounds:
-        return component.bounds(scenario.parameters[INJECTOR])[0]
+    if component.inputs and component.bound:
+        return component.bound(scenario.parameters[INJECTOR])
     duration_ns = round(scenario.number(PLANT, "duration") * NANOSECONDS)
     count = 0 if component.inputs else _SAMPLES + 1
     torques = [environment.outputs[ENVIRONMENT_TORQUE.name][0].copy()]

@@ -199,9 +199,8 @@ class Component:
         Of actuators: the parameters that limit its torque, all of which a weaker one has smaller.
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
-    bounds : callable, optional
-        Of environments: from parameter values to the bounds of the torque's norm [N·m] and of its
-        rate on an axis [N·m/s], None where that is not known. Without it neither is.
+    bound : callable, optional
+        Of environments: from parameter values to the bound of the torque's norm [N·m].
     observes : bool
         Of laws: True if it has a rate observer of its own, so that none is put before it.
     """
@@ -219,7 +218,7 @@ class Component:
     exact: Callable[[Mapping[str, Any]], bool] = _never
     limits: tuple[str, ...] = ()
     torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
-    bounds: Callable[[Mapping[str, Any]], tuple[float, float | None]] | None = None
+    bound: Callable[[Mapping[str, Any]], float] | None = None
     observes: bool = False
 
     def __post_init__(self) -> None:

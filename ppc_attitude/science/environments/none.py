@@ -31,5 +31,5 @@ COMPONENT = Component(
     name="none",
     outputs=(ENVIRONMENT_TORQUE,),
     step=step,
-    bounds=lambda _: (0.0, 0.0),
+    bound=lambda _: 0.0,
 )

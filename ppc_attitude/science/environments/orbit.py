@@ -201,8 +201,8 @@ def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
     store(outputs.environment_torque, torque)
 
 
-def bounds(values: Mapping[str, Any]) -> tuple[float, None]:
-    """Bound of the torque's norm [N·m]; none is told of how fast it changes.
+def bound(values: Mapping[str, Any]) -> float:
+    """Bound of the torque's norm [N·m].
 
     Each part is taken at the perigee, J2's short waves included, and in its worst direction.
 
@@ -228,7 +228,7 @@ def bounds(values: Mapping[str, Any]) -> tuple[float, None]:
         air_density((lowest, 0.0, 0.0), craft),
         PRESSURE / _NEAREST_SUN**2,
     )
-    return gradient + magnetic + air + light, None
+    return gradient + magnetic + air + light
 
 
 COMPONENT = Component(
@@ -249,5 +249,5 @@ COMPONENT = Component(
     inputs=(TRUE_ATTITUDE,),
     outputs=(ENVIRONMENT_TORQUE,),
     step=step,
-    bounds=bounds,
+    bound=bound,
 )

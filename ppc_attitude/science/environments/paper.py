@@ -23,7 +23,6 @@ from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
 _OMEGA_P = 0.01  # ω_p [rad/s]
 ENVIRONMENT_BOUND = 4.374e-3  # [N·m] the environment torque's norm is never larger
-_RATE_BOUND = 6.1e-5  # [N·m/s] no component of it changes faster
 
 
 @kernel
@@ -47,5 +46,5 @@ COMPONENT = Component(
     name="paper",
     outputs=(ENVIRONMENT_TORQUE,),
     step=step,
-    bounds=lambda _: (ENVIRONMENT_BOUND, _RATE_BOUND),
+    bound=lambda _: ENVIRONMENT_BOUND,
 )

@@ -34,8 +34,8 @@ class Assumptions:
         Ĵ, row-major, as the law knows it [kg·m²].
     max_torque, dead_band : float
         Actuator limit per axis, and below what it gives nothing [N·m].
-    d, D1 : float
-        Bounds of the disturbance torque [N·m] and of its rate [N·m/s], per axis.
+    d : float
+        Bound of the disturbance torque per axis [N·m].
     W, W1, W2 : float
         Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³].
     Omega : float
@@ -56,7 +56,6 @@ class Assumptions:
     max_torque: float
     dead_band: float
     d: float
-    D1: float
     W: float
     W1: float
     W2: float

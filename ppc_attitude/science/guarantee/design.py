@@ -265,8 +265,6 @@ def _scaled(assumed: Assumptions, name: str, value: float) -> Assumptions:
     """Another value of one number; what bounds a quantity's rate scales with its bound."""
     changed: dict[str, Any] = {name: value}
     factor = value / getattr(assumed, name)
-    if name == "d":
-        changed["D1"] = assumed.D1 * factor
     if name == "W":
         changed |= {"W1": assumed.W1 * factor, "W2": assumed.W2 * factor}
     return replace(assumed, **changed)

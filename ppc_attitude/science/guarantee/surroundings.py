@@ -92,10 +92,10 @@ class Nodes(NamedTuple):
         return f"{ENVIRONMENTS.selector} = {_selected(ENVIRONMENTS, self.injector)}"
 
     @property
-    def torque_bounds(self) -> tuple[float | None, float | None]:
-        """Bounds of the environment's torque [N·m] and of its rate [N·m/s]; None if not known."""
+    def torque_bound(self) -> float | None:
+        """Bound of the norm of the environment's torque [N·m]; None if it is not known."""
         found = ENVIRONMENTS.selected(self.injector)
-        return found.bounds(self.injector) if found and found.bounds else (None, None)
+        return found.bound(self.injector) if found and found.bound else None
 
     @property
     def estimated(self) -> bool:
@@ -172,7 +172,7 @@ def broken_assumptions(
                 f"assumed: at most {bound:g}"
             )
     doubtful = [nodes.unknown(kind) for kind in (*_HARDWARE, REFERENCES)]
-    torque, _ = nodes.torque_bounds
+    torque = nodes.torque_bound
     if torque is None:
         doubtful.append(nodes.environment)
     for found in filter(None, doubtful):
@@ -314,10 +314,9 @@ def assumptions_from(
             )
     sigma_A, sigma_W = _deviations(nodes)
     W, W1, W2 = reference_bounds(reference, _HORIZON)
-    d, D1 = nodes.torque_bounds
+    d = nodes.torque_bound
     unknown = dict.fromkeys(("W", "W1", "W2"), nodes.unknown(REFERENCES))
     unknown |= {"d": nodes.environment if d is None else ""}
-    unknown |= {"D1": nodes.environment if D1 is None else ""}
     for name, found in unknown.items():
         if found and name not in declared:
             raise ConfigurationError(
@@ -326,7 +325,6 @@ def assumptions_from(
     told = {
         "dead_band": plant["min_torque"],
         "d": d or 0.0,
-        "D1": D1 or 0.0,
         "W": _raised(W),
         "W1": _raised(W1),
         "W2": _raised(W2),
