@@ -82,7 +82,7 @@ def test_a_craft_that_is_not_as_assumed_is_not_judged(plant: dict[str, Any], tol
         (["sensors_flagship"], "the told attitude is wrong by up to 0.0001939 rad (5 σ)"),
         (["sensors_smallsat", "sensors_uncalibrated"], "the filter's covariance does not contain"),
         (["flexible"], "plant = flexible: whether it keeps the assumed bounds is not known"),
-        (["wheels"], "actuator = wheels: whether it keeps the assumed bounds is not known"),
+        (["wheels"], "certain torque of the wheels = 0.0482"),
     ],
 )
 def test_hardware_that_was_not_assumed_voids_the_promise(overlays: list[str], told: str) -> None:

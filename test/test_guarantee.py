@@ -242,7 +242,7 @@ def test_a_scenario_outside_the_assumptions_is_named(
     case = load([CONFIG / "paper.yaml", CONFIG / "guaranteed.yaml"], {node: values})
     law = case.parameters[CONTROLLER]
     nodes = nodes_around(case.parameters)
-    found = list(broken_assumptions(assumptions_of(law), law_of(law).h, nodes, duration=120.0))
+    found = list(broken_assumptions(assumptions_of(law), law_of(law), nodes, duration=120.0))
     assert len(found) == 1
     assert told in found[0]
 

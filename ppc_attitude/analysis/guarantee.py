@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.filter_health import attitude_sigmas, rate_sigmas
 from ppc_attitude.analysis.series import has
-from ppc_attitude.analysis.truth import knowledge_errors
+from ppc_attitude.analysis.truth import knowledge_errors, truth_of
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -48,12 +48,25 @@ from ppc_attitude.science.controllers.tube_parameters import (
     digest_of,
 )
 from ppc_attitude.science.estimators import mekf
-from ppc_attitude.science.guarantee.assumptions import assumptions_of
-from ppc_attitude.science.guarantee.surroundings import DEVIATIONS, Nodes, broken_assumptions
+from ppc_attitude.science.guarantee.actuation import (
+    actuation_of,
+    are_full,
+    has_wheels,
+    momentum_of,
+)
+from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
+from ppc_attitude.science.guarantee.surroundings import (
+    DEVIATIONS,
+    Nodes,
+    broken_assumptions,
+    fastest_of,
+)
+from ppc_attitude.science.wheels import SPEED
 
 Mask = NDArray[np.bool_]
 # The law sees a torque at the next sample, and begins anew with the one after it.
 _SEEN_AFTER = 2
+_ROUNDING = 1e-12  # [rad] of the angle between equal attitudes
 
 
 @dataclass(frozen=True)
@@ -107,10 +120,10 @@ def _broken_all_along(record: RunRecord) -> list[str]:
     values = record.parameters[CONTROLLER]
     if not all(record.parameters.get(each) for each in (PLANT, REFERENCE, INJECTOR)):
         return []
-    assumed, h = assumptions_of(values), values[PREFIX + "h"]
+    assumed, law = assumptions_of(values), law_of(values)
     duration = float(record.t[-1])
     try:
-        return list(broken_assumptions(assumed, h, nodes_around(record.parameters), duration))
+        return list(broken_assumptions(assumed, law, nodes_around(record.parameters), duration))
     except KeyError as lacking:
         return [f"the record lacks the parameter {lacking.args[0]}"]
 
@@ -124,9 +137,16 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
     """Instants at which an assumption that a record shows is broken, by what broke it."""
     values = record.parameters[CONTROLLER]
     found = {}
+    external = values[f"{PREFIX}assumed.d"]  # [N·m]
+    plant = record.parameters.get(PLANT, {})
+    if has_wheels(plant):
+        assumed = assumptions_of(values)
+        fastest = fastest_of(assumed, law_of(values))
+        external -= actuation_of(plant, assumed.momentum, fastest).rest
+        found.update(_momentum(record, plant, assumed.momentum))
     if has(record, DISTURBANCE.column):
         torque = np.abs(record[DISTURBANCE.column]).max(axis=1)
-        found["a torque beyond the assumed one"] = torque > values[f"{PREFIX}assumed.d"]
+        found["a torque beyond the assumed one"] = torque > external
     if has(record, REFERENCE_RATE.column):
         rate = np.linalg.norm(record[REFERENCE_RATE.column], axis=1)
         found["a faster reference"] = rate > values[f"{PREFIX}assumed.W"]
@@ -134,6 +154,18 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
     gaps = np.diff(record.stamps_ns, prepend=record.stamps_ns[0])
     found["a late sample"] = gaps > 1e9 * values[PREFIX + "h"] + 1.0
     return found
+
+
+def _momentum(record: RunRecord, plant: Mapping[str, Any], most: float) -> dict[str, Mask]:
+    """Instants at which wheels, or the craft with them, had more momentum than assumed."""
+    rate = truth_of(record).angular_velocity
+    if not (has(record, SPEED.name) and has(record, rate)):
+        return {"no speed of the wheels on record": np.ones(record.stamps_ns.size, np.bool_)}
+    speeds = record[SPEED.name]
+    return {
+        "more momentum than assumed": momentum_of(plant, record[rate], speeds) > most,
+        "a wheel at its largest speed": are_full(plant, speeds),
+    }
 
 
 def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
@@ -149,6 +181,6 @@ def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
     columns = (TRUE_RATE, TRUE_ATTITUDE, ANGULAR_VELOCITY, ATTITUDE)
     if all(has(record, each.column) for each in columns):
         off = np.linalg.norm(record[ANGULAR_VELOCITY.column] - record[TRUE_RATE.column], axis=1)
-        known = (knowledge_errors(record).angles <= e_A) & (off <= e_W)
+        known = (knowledge_errors(record).angles <= e_A + _ROUNDING) & (off <= e_W)
         found["an estimate that was worse than assumed"] = ~known
     return found

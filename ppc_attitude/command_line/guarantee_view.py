@@ -37,7 +37,7 @@ from ppc_attitude.science.guarantee.certificate import ACCURACY, Certificate, ce
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.inequalities import Inequality
 from ppc_attitude.science.guarantee.known_reference import KnownReference
-from ppc_attitude.science.guarantee.surroundings import broken_assumptions, lost_fixes
+from ppc_attitude.science.guarantee.surroundings import broken_assumptions, suspensions
 from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -77,8 +77,8 @@ def _stated(content: Any) -> dict[str, Any]:
     return {"digest": content["digest"], "accuracy": accuracy, "promises": promises}
 
 
-def promise_lines(certificate: Certificate) -> list[str]:
-    """Say what is guaranteed, one line a rate."""
+def promise_lines(certificate: Certificate, momentum: float) -> list[str]:
+    """Say what is guaranteed, one line a rate; a craft with wheels has a bound of its momentum."""
     lines = [
         f"guaranteed: |q_ev,i| < {certificate.accuracy:g} from t = {promise.time:.2f} s on, "
         f"for every attitude and every start with ‖ω_s‖ ≤ {promise.rate:g} deg/s"
@@ -86,6 +86,10 @@ def promise_lines(certificate: Certificate) -> list[str]:
     ]
     if certificate.promises:
         lines.append(f"guaranteed: |q_ev,i| ≤ {certificate.terminal_error:.2g} in the end")
+    if certificate.promises and momentum:
+        lines.append(
+            f"while the momentum ‖Jω + h‖ of craft and wheels is at most {momentum:g} N·m·s"
+        )
     return lines
 
 
@@ -114,8 +118,8 @@ class Judgement:
         self._assumed, self._law = assumptions_of(values), law_of(values)
         nodes = nodes_around(scenario.parameters)
         duration = scenario.number(PLANT, "duration")
-        self.broken = list(broken_assumptions(self._assumed, self._law.h, nodes, duration))
-        self.lost_fixes = list(lost_fixes(self._assumed, nodes))
+        self.broken = list(broken_assumptions(self._assumed, self._law, nodes, duration))
+        self.suspensions = list(suspensions(self._assumed, nodes, duration))
         self.doubts = differences(stored, self.certificate) if stored else []
         digest = values[CERTIFICATE.name]
         if digest and digest != self.certificate.digest:
@@ -190,8 +194,8 @@ class Judgement:
             reasons.append(f"not proved: {', '.join(failing)}")
         told = ["nothing is guaranteed:", *(f"  {each}" for each in reasons)]
         if not reasons:
-            told = promise_lines(self.certificate)
-            told += [f"warning: the promise holds while fixes come: {x}" for x in self.lost_fixes]
+            told = promise_lines(self.certificate, self._assumed.momentum)
+            told += [f"warning: {each}" for each in self.suspensions]
         return [*lines, "", *map(paragraph, told)]
 
 

@@ -141,7 +141,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "guaranteed": guarantee.holds,
                 "doubts": guarantee.doubts,
                 "broken_assumptions": guarantee.broken,
-                "lost_fixes": guarantee.lost_fixes,
+                "suspensions": guarantee.suspensions,
                 "known_reference": known,
                 "hits": hits,
                 **guarantee.certificate.to_json(),

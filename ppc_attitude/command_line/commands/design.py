@@ -213,10 +213,10 @@ def execute(arguments: argparse.Namespace) -> int:
         failing = [each.name for each in certificate.inequalities if not each.holds]
         print(f"the search found numbers that cannot be proved: {', '.join(failing)}")
         return BAD_INPUT
-    _tell(found, certificate)
+    _tell(found, certificate, assumed.momentum)
     if arguments.output:
         law = scenario.controller.name if scenario.controller.name in LAWS else LAW
-        write_whole(arguments.output, _file(law, values, certificate))
+        write_whole(arguments.output, _file(law, values, certificate, assumed.momentum))
         path = certificate_path(arguments.output)
         text = json.dumps(certificate.to_json(), ensure_ascii=False, indent=1)
         write_whole(path, text + "\n")
@@ -254,10 +254,10 @@ def _helps(values: dict[str, float]) -> list[str]:
     return lines
 
 
-def _tell(found: Design, certificate: Certificate) -> None:
+def _tell(found: Design, certificate: Certificate, momentum: float) -> None:
     law = found.law
     print(f"k = {law.k:g} 1/s, kappa = {law.kappa:g} 1/s, ell = {law.ell:g}")
-    for line in promise_lines(certificate):
+    for line in promise_lines(certificate, momentum):
         print(line)
     if found.torque_noise > 0.0:
         print(f"torque noise of the worst axis: about {found.torque_noise:.3g} N·m RMS")
@@ -265,10 +265,10 @@ def _tell(found: Design, certificate: Certificate) -> None:
     print(f"{len(certificate.inequalities)} inequalities hold; the closest is {least.name}")
 
 
-def _file(law: str, values: dict[str, object], certificate: Certificate) -> str:
+def _file(law: str, values: dict[str, object], certificate: Certificate, momentum: float) -> str:
     """Parameter file; the comment at its top says what it promises."""
     lines = [f"# The momentum-tube law with a certificate: {WRITTEN}"]
-    lines += [f"# {line}" for line in promise_lines(certificate)]
+    lines += [f"# {line}" for line in promise_lines(certificate, momentum)]
     lines.append("# `ppc_attitude check` proves it again; a changed number voids the certificate.")
     if law == LAW_AHEAD:
         lines += [

@@ -104,6 +104,13 @@ _OWN = (
 _ASSUMPTIONS = (
     Parameter("dead_band", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0),
     Parameter("d", 4.374e-3, "bound of the disturbance, per axis", "N·m", low=0.0),
+    Parameter(
+        "momentum",
+        0.0,
+        "bound of the whole momentum ‖Jω + h‖ of a craft with wheels",
+        "N·m·s",
+        low=0.0,
+    ),
     Parameter("W", 0.01392, "bound of ‖ω_d‖", "rad/s", low=0.0),
     Parameter("W1", 5.515e-4, "bound of ‖ω_d'‖", "rad/s²", low=0.0),
     Parameter("W2", 2.449e-5, "bound of ‖ω_d''‖", "rad/s³", low=0.0),

@@ -36,6 +36,8 @@ class Assumptions:
         Actuator limit per axis, and below what it gives nothing [N·m].
     d : float
         Bound of the disturbance torque per axis [N·m].
+    momentum : float
+        Bound of the whole momentum ‖Jω + h‖ of a craft with wheels [N·m·s].
     W, W1, W2 : float
         Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³].
     Omega : float
@@ -56,6 +58,7 @@ class Assumptions:
     max_torque: float
     dead_band: float
     d: float
+    momentum: float
     W: float
     W1: float
     W2: float

@@ -23,14 +23,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.actuators import ideal
+from ppc_attitude.science.actuators import ideal, wheels
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import first_knowledge
+from ppc_attitude.science.guarantee.actuation import actuation_of, first_momentum, has_wheels
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
-from ppc_attitude.science.guarantee.assumptions import Assumptions
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.kinds import (
@@ -43,7 +44,8 @@ from ppc_attitude.science.kinds import (
     SENSORS,
     Kind,
 )
-from ppc_attitude.science.plants import rigid_body
+from ppc_attitude.science.multibody import FREQUENCY
+from ppc_attitude.science.plants import gyrostat, rigid_body
 from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.science.sensors import direct, gyro_star_tracker
 
@@ -51,13 +53,15 @@ _GRID = 1e-3  # [s] on which the reference is searched for its fastest instant
 _HORIZON = 3600.0  # [s] for which a design looks at the reference
 _NOISE = 6.0  # deviations that a design takes as the bound of an estimation error
 LEAD = 0.6  # [rad] beyond half a turn for a law that knows what lies ahead: the paper's needs 0.55
+_ROUNDING = 1e-12  # relative, of an inertia
+_MARGIN = 1.03  # for the rate error in the tube, beside omega0
 DEVIATIONS = 5.0
 """A Gaussian error this often its deviation is taken as its bound."""
 _KNOWN: dict[str, tuple[Component, ...]] = {
-    PLANTS.name: (rigid_body.COMPONENT,),
+    PLANTS.name: (rigid_body.COMPONENT, gyrostat.COMPONENT),
     SENSORS.name: (direct.COMPONENT, gyro_star_tracker.COMPONENT),
     ESTIMATORS.name: (mekf.COMPONENT,),
-    ACTUATORS.name: (ideal.COMPONENT,),
+    ACTUATORS.name: (ideal.COMPONENT, wheels.COMPONENT),
     REFERENCES.name: (paper.COMPONENT, paper_ahead.COMPONENT),
 }
 _HARDWARE = (PLANTS, SENSORS, ESTIMATORS, ACTUATORS)
@@ -83,6 +87,8 @@ class Nodes(NamedTuple):
         """Say which component of a kind is selected, if its bounds are not known here."""
         others = {REFERENCES.name: self.reference, ESTIMATORS.name: self.estimator}
         name = _selected(kind, others.get(kind.name, self.plant))
+        if kind is PLANTS and name == gyrostat.COMPONENT.name and self.plant[FREQUENCY.name]:
+            return f"{FREQUENCY.name} = {self.plant[FREQUENCY.name]}"
         known = {NONE, *(each.name for each in _KNOWN[kind.name])}
         return "" if name in known else f"{kind.selector} = {name}"
 
@@ -128,7 +134,7 @@ def reference_bounds(reference: Mapping[str, Any], duration: float) -> tuple[flo
 
 def broken_assumptions(
     assumed: Assumptions,
-    h: float,
+    law: Law,
     nodes: Nodes,
     duration: float,
 ) -> Iterator[str]:
@@ -138,27 +144,29 @@ def broken_assumptions(
     ----------
     assumed : Assumptions
         What the certificate assumes.
-    h : float
-        Sample time that it is for [s].
+    law : Law
+        The numbers that it is for.
     nodes : Nodes
         What is assumed of them.
     duration : float
         How long the reference is followed [s].
     """
     plant, reference = nodes.plant, nodes.reference
-    if 1.0 / plant["rate"] > h * (1 + 1e-9):
-        yield f"rate = {plant['rate']:g} Hz; the certificate is for at least {1.0 / h:g} Hz"
-    error = inertia_error(np.array(assumed.inertia), np.array(plant["inertia"]))
-    if error > assumed.e_S + 1e-12:
+    if 1.0 / plant["rate"] > law.h * (1 + 1e-9):
+        yield f"rate = {plant['rate']:g} Hz; the certificate is for at least {1.0 / law.h:g} Hz"
+    fastest = fastest_of(assumed, law)
+    actuator = actuation_of(plant, assumed.momentum, fastest)
+    error = inertia_error(np.array(assumed.inertia), actuator.inertia)
+    if error > assumed.e_S + _ROUNDING:
         yield f"the craft's inertia is {error:.3g} off; assumed: at most e_S = {assumed.e_S:g}"
-    if plant["max_torque"] < assumed.eta * assumed.max_torque:
+    if actuator.torque < assumed.eta * assumed.max_torque:
         yield (
-            f"max_torque = {plant['max_torque']:g} N·m; "
+            f"{actuator.told} = {actuator.torque:g} N·m; "
             f"assumed: at least {assumed.eta * assumed.max_torque:g}"
         )
-    if plant["min_torque"] > assumed.dead_band:
-        yield f"min_torque = {plant['min_torque']:g} N·m; assumed: at most {assumed.dead_band:g}"
-    if plant["late_command"] and assumed.late < 1.0:
+    if actuator.dead_band > assumed.dead_band:
+        yield f"min_torque = {actuator.dead_band:g} N·m; assumed: at most {assumed.dead_band:g}"
+    if actuator.late and assumed.late < 1.0:
         yield "late_command = true; assumed: a command acts with its own sample (late = 0)"
     attitude, rate = _deviations(nodes)
     lag = _rate_lag(nodes, assumed)
@@ -177,16 +185,17 @@ def broken_assumptions(
         doubtful.append(nodes.environment)
     for found in filter(None, doubtful):
         yield f"{found}: whether it keeps the assumed bounds is not known"
-    if torque is not None and assumed.d < torque:
-        yield f"the environment reaches {torque:.4g} N·m; assumed: d = {assumed.d:g}"
+    if torque is not None and assumed.d < torque + actuator.rest:
+        beside = f" and the wheels' rest {actuator.rest:.4g} N·m" if actuator.rest else ""
+        yield f"the environment reaches {torque:.4g} N·m{beside}; assumed: d = {assumed.d:g}"
     if nodes.estimated:
         yield from _unseen(plant, nodes.estimator)
         sigma, bias = plant["gyro.initial_bias_sigma"], np.abs(plant["gyro.initial_bias"])
-        fastest = _fastest(assumed) + float(bias.max()) + DEVIATIONS * sigma
-        if plant["gyro.full_scale"] < fastest:
+        measured = fastest + float(bias.max()) + DEVIATIONS * sigma
+        if plant["gyro.full_scale"] < measured:
             yield (
                 f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; with what is promised, and "
-                f"its bias, it may have to measure {fastest:.4g} rad/s"
+                f"its bias, it may have to measure {measured:.4g} rad/s"
             )
     if nodes.unknown(REFERENCES):
         return
@@ -195,28 +204,39 @@ def broken_assumptions(
             yield f"the reference reaches {value:.4g}; assumed: {name} = {getattr(assumed, name):g}"
 
 
-def lost_fixes(assumed: Assumptions, nodes: Nodes) -> Iterator[str]:
-    """Yield when the star tracker gives no fix; parameters as of `broken_assumptions`.
+def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator[str]:
+    """Yield what may suspend the promise in flight; parameters as of `broken_assumptions`.
 
-    The filter's covariance then grows, and suspends the promise in flight once it is beyond the
-    assumed errors.
+    Without fixes the filter's covariance grows beyond the assumed errors, and the torque of the
+    environment lets the momentum of a craft with wheels grow.
     """
-    plant = nodes.plant
+    plant, torque = nodes.plant, nodes.torque_bound
+    if has_wheels(plant):
+        first = first_momentum(plant, plant[rigid_body.INITIAL_RATE.name])
+        last = math.inf if torque is None else first + torque * duration
+        if last > assumed.momentum:
+            yield (
+                f"the promise holds while the momentum is at most {assumed.momentum:.4g} N·m·s: it "
+                f"is {first:.4g} at the start, and may be {last:.4g} after {duration:g} s"
+            )
     if not nodes.estimated:
         return
-    most = plant["star_tracker.max_rate"]
-    if most < _fastest(assumed):
-        yield (
-            f"star_tracker.max_rate = {most:.4g} rad/s is below the promised "
-            f"{_fastest(assumed):.4g} rad/s"
-        )
+    held = "the promise holds while fixes come: star_tracker."
+    most, promised = plant["star_tracker.max_rate"], _fastest(assumed)
+    if most < promised:
+        yield f"{held}max_rate = {most:.4g} rad/s is below the promised {promised:.4g} rad/s"
     for name in ("blinding_times", "dropout_probability"):
         if plant[f"star_tracker.{name}"]:
-            yield f"star_tracker.{name} = {plant[f'star_tracker.{name}']} takes some away"
+            yield f"{held}{name} = {plant[f'star_tracker.{name}']} takes some away"
+
+
+def fastest_of(assumed: Assumptions, law: Law) -> float:
+    """Largest ‖ω_s‖ [rad/s] at which something is promised."""
+    return law.omega0 + law.z_bar + assumed.W
 
 
 def _fastest(assumed: Assumptions) -> float:
-    """Largest ‖ω_s‖ [rad/s] of a start that is promised anything."""
+    """Largest ‖ω_s‖ [rad/s] of a start that any law promises something."""
     return TUMBLING[0] * assumed.Omega + assumed.W
 
 
@@ -315,6 +335,22 @@ def assumptions_from(
     sigma_A, sigma_W = _deviations(nodes)
     W, W1, W2 = reference_bounds(reference, _HORIZON)
     d = nodes.torque_bound
+    Omega = declared.get("Omega", math.radians(3.0))
+    momentum = 0.0
+    if has_wheels(plant):  # with any start up to Ω, for the time of a run
+        whole = np.linalg.eigvalsh(np.reshape(plant["inertia"], (3, 3)))[-1] * Omega
+        momentum = _raised(
+            whole + first_momentum(plant, np.zeros(3)) + (d or 0.0) * plant["duration"]
+        )
+    momentum = declared.get("momentum", momentum)
+    fastest = _MARGIN * TUMBLING[0] * Omega + declared.get("W", W)
+    actuator = actuation_of(plant, momentum, fastest)
+    if actuator.torque <= 0.0:
+        raise ConfigurationError(
+            f"with a momentum of {momentum:g} N·m·s the wheels give no torque for certain; "
+            "allowed: wheels with more torque, or less momentum (--assume momentum=VALUE)"
+        )
+    error = inertia_error(np.array(controller["inertia"]), actuator.inertia)
     unknown = dict.fromkeys(("W", "W1", "W2"), nodes.unknown(REFERENCES))
     unknown |= {"d": nodes.environment if d is None else ""}
     for name, found in unknown.items():
@@ -323,22 +359,23 @@ def assumptions_from(
                 f"{found} tells no bound {name}: give it with --assume {name}=VALUE"
             )
     told = {
-        "dead_band": plant["min_torque"],
-        "d": d or 0.0,
+        "dead_band": actuator.dead_band,
+        "d": (d or 0.0) + actuator.rest,
+        "momentum": momentum,
         "W": _raised(W),
         "W1": _raised(W1),
         "W2": _raised(W2),
-        "Omega": math.radians(3.0),
+        "Omega": Omega,
         "eta": 1.0,
-        "e_S": 0.0,
+        "e_S": _raised(error) if error > _ROUNDING else 0.0,
         "e_A": _NOISE * sigma_A,
         "e_W": _NOISE * sigma_W,
-        "late": float(plant["late_command"]),
+        "late": float(actuator.late),
         "lead": LEAD if controller["controller"] == LAW_AHEAD else 0.0,
     }
     assumed = Assumptions(
         inertia=tuple(controller["inertia"]),
-        max_torque=min(plant["max_torque"], controller["max_torque"]),
+        max_torque=min(actuator.torque, controller["max_torque"]),
         **{**told, **declared},
     )
     if "e_W" in declared:

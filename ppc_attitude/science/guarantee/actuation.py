@@ -1,0 +1,143 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What an actuator gives for certain, and what it leaves over, as a certificate assumes it.
+
+With reaction wheels the drive compensates at each sample what the wheels do besides: ω × h and
+friction. J* = J − Σ J_s a aᵀ then moves like a rigid body,
+
+    J* ω' + ω × J* ω = τ + d + r,
+
+if the array can give τ + ω × h, with a rest r from what changes until the next sample. h follows
+from the whole craft's momentum H = J ω + h, which only external torques change.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ppc_attitude.science.actuators import wheels
+from ppc_attitude.science.allocation import certain_torque
+from ppc_attitude.science.kinds import ACTUATORS
+from ppc_attitude.science.wheels import wheel_record
+
+Floats = NDArray[np.float64]
+
+
+class Actuation(NamedTuple):
+    """An actuator, with what it does to the body.
+
+    Attributes
+    ----------
+    told : str
+        What `torque` is, to the user.
+    torque : float
+        It gives any torque up to this on each axis at once [N·m].
+    dead_band : float
+        Below this it gives nothing [N·m].
+    late : bool
+        True if a command acts one sample late.
+    rest : float
+        Bound of the torque that it gives beside the command, per axis [N·m].
+    inertia : ndarray, shape (3, 3)
+        Of the rigid body that it turns [kg·m²].
+    """
+
+    told: str
+    torque: float
+    dead_band: float
+    late: bool
+    rest: float
+    inertia: Floats
+
+
+def has_wheels(plant: Mapping[str, Any]) -> bool:
+    """Whether a plant's parameters select reaction wheels."""
+    return ACTUATORS.selected(plant) is wheels.COMPONENT
+
+
+def actuation_of(plant: Mapping[str, Any], momentum: float, fastest: float) -> Actuation:
+    """Read an actuator from the plant's checked parameters.
+
+    Parameters
+    ----------
+    plant : mapping
+        Checked parameters.
+    momentum : float
+        Bound of ‖H‖ of a craft with wheels [N·m·s].
+    fastest : float
+        Bound of ‖ω_s‖ [rad/s].
+    """
+    inertia = np.reshape(plant["inertia"], (3, 3))
+    if not has_wheels(plant):
+        torque, dead = float(plant["max_torque"]), float(plant["min_torque"])
+        return Actuation("max_torque", torque, dead, bool(plant["late_command"]), 0.0, inertia)
+    craft = _wheels(plant)
+    axes, motor, spin = craft["axes"], craft["max_torque"], craft["inertia"]
+    friction = np.maximum(craft["static"], craft["coulomb"]) + craft["viscous"] * craft["max_speed"]
+    spinning = (axes.T * spin) @ axes  # Σ J_s a aᵀ
+    body = inertia - spinning
+    gyroscopic = fastest * momentum + _gyroscopic(inertia) * fastest**2  # ‖ω × h‖, h = H − J ω
+    compensated = bool(plant[wheels.COMPENSATION.name])
+    knowledge = float(plant[wheels.KNOWLEDGE.name])
+    left = motor - np.minimum(knowledge * friction, motor)
+    torque = certain_torque(axes, left) - compensated * gyroscopic
+    # The disturbance is below the torque, or nothing could be guaranteed.
+    h, pushed = 1.0 / plant["rate"], 2.0 * math.sqrt(3.0) * max(torque, 0.0)
+    least, most = np.linalg.eigvalsh(body)[0], np.linalg.eigvalsh(inertia)[-1]
+    turned = (pushed + _gyroscopic(body) * fastest**2) / least  # ‖ω'‖
+    stored = momentum + most * fastest  # ‖h‖
+    changed = 0.5 * pushed + fastest * momentum + most * turned  # ‖h'‖ in body axes
+    rest = h * (turned * stored + fastest * changed) if compensated else gyroscopic
+    rest += _gyroscopic(spinning) * fastest**2
+    # Friction may turn round within a sample, at the speed that a wheel gains meanwhile.
+    gained = h * ((motor + friction) / spin + turned)
+    unknown = 2.0 * (craft["static"] + craft["viscous"] * gained) + abs(1.0 - knowledge) * friction
+    rest += float((unknown @ np.abs(axes)).max())
+    return Actuation("certain torque of the wheels", torque, 0.0, False, rest, body)
+
+
+def momentum_of(plant: Mapping[str, Any], rates: ArrayLike, speeds: ArrayLike) -> Floats:
+    """‖J ω + Σ J_s Ω a‖ [N·m·s] of rates [rad/s] and wheels' speeds [rad/s], a row an instant."""
+    craft, inertia = _wheels(plant), np.reshape(plant["inertia"], (3, 3))
+    spun = np.asarray(speeds)[..., : craft["inertia"].size] * craft["inertia"]
+    return np.asarray(np.linalg.norm(np.asarray(rates) @ inertia + spun @ craft["axes"], axis=-1))
+
+
+def first_momentum(plant: Mapping[str, Any], rate: ArrayLike) -> float:
+    """‖J ω + h‖ [N·m·s] at a rate [rad/s], with the wheels as they begin."""
+    return float(momentum_of(plant, rate, _wheels(plant)["initial_speed"]))
+
+
+def are_full(plant: Mapping[str, Any], speeds: Floats) -> NDArray[np.bool_]:
+    """Whether some wheel, at speeds [rad/s] of a row each, may reach its largest in a sample."""
+    craft = _wheels(plant)
+    room = craft["max_speed"] - craft["max_torque"] / (craft["inertia"] * plant["rate"])
+    return np.asarray((np.abs(speeds[:, : room.size]) > room).any(axis=1))
+
+
+def _gyroscopic(inertia: Floats) -> float:
+    """Largest ‖ω × J ω‖/‖ω‖² [kg·m²]."""
+    moments = np.linalg.eigvalsh(inertia)
+    return float(moments[-1] - moments[0]) / 2.0
+
+
+def _wheels(plant: Mapping[str, Any]) -> dict[str, Floats]:
+    """Numbers of the wheels that a craft has, by the fields of `wheels.WHEELS`."""
+    record = wheel_record(plant)
+    fields = (name for name in record.dtype.names if name != "count")
+    return {name: record[name][: int(record["count"])] for name in fields}

@@ -1,0 +1,170 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a certificate assumes of wheels, against single steps of drive and craft, and in flight."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from estimation_helpers import ROOT, STEP_NS, Array
+
+from ppc_attitude.analysis.guarantee import Held, certificate_held
+from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.guarantee.actuation import actuation_of, are_full
+from ppc_attitude.science.kinds import ACTUATORS, PLANTS
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.plants.rigid_body import rigid_body_step
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+
+FILES = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "wheels", "orbit")]
+OPTIONS = [f"--config={path}" for path in FILES]
+MOMENTUM, FASTEST = 0.15, 0.12  # [N·m·s], [rad/s]
+NO_FRICTION = {key: [0.0] for key in ("wheels.static", "wheels.coulomb", "wheels.viscous")}
+
+
+def rows(matrix: Array) -> Any:
+    return tuple(map(tuple, matrix.tolist()))
+
+
+def random_speeds(plant: dict[str, Any], omega: Array, random: np.random.Generator) -> Array:
+    """Speeds of four wheels with which ‖H‖ is at most `MOMENTUM`, one of them near standstill."""
+    axes = np.reshape(plant["wheels.axes"], (4, 3))
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    whole = random.normal(size=3)
+    whole *= MOMENTUM * random.random() / np.linalg.norm(whole)
+    h = whole - np.reshape(plant["inertia"], (3, 3)) @ omega
+    speeds = np.linalg.pinv(axes.T) @ h / plant["wheels.inertia"][0]
+    idle = np.linalg.svd(axes.T)[2][3]  # turns no body
+    still = random.integers(4)
+    return np.asarray(speeds - idle * (speeds[still] - random.normal(scale=0.5)) / idle[still])
+
+
+@pytest.mark.parametrize(
+    ("changed", "reached"),
+    [
+        ({}, 0.1),
+        (NO_FRICTION, 0.05),
+        ({"wheels.friction_knowledge": 0.5}, 0.1),
+        ({**NO_FRICTION, "wheels.gyroscopic_compensation": False}, 0.5),
+    ],
+)
+def test_the_body_moves_as_a_rigid_one_up_to_the_rest(
+    changed: dict[str, Any], reached: float
+) -> None:
+    plant = {**load(FILES, {PLANT: changed}).parameters[PLANT]}
+    told = actuation_of(plant, MOMENTUM, FASTEST)
+    drive = Part(ACTUATORS.components["wheels"], plant)
+    random, worst, h = np.random.default_rng(1), np.zeros(3), 1e-9 * STEP_NS
+    for _ in range(600):
+        omega = random.normal(size=3)
+        omega *= FASTEST / np.linalg.norm(omega)
+        speeds = random_speeds(plant, omega, random)
+        if are_full(plant, speeds[None])[0]:
+            continue
+        command = told.torque * random.choice([-1.0, 1.0], 3)
+        external = 0.5 * told.torque * random.choice([-1.0, 1.0], 3)
+        begin = {"initial_angular_velocity": omega, "wheels.initial_speed": speeds}
+        craft = Part(PLANTS.components["gyrostat"], {**plant, **begin})
+        q, _, wheels = np.split(np.array(craft.step(0, [0.0] * 11)), [4, 7])
+        given = np.array(drive.step(0, [*command, *omega, *wheels]))
+        if not changed:
+            assert given[:3] == pytest.approx(command, abs=1e-15)  # all of it can be had
+        moved = np.array(craft.step(STEP_NS, [*given[3:], *external]))[4:7]
+        torque, body = tuple(command + external), rows(told.inertia)
+        inverse = rows(np.linalg.inv(told.inertia))
+        _, rigid = rigid_body_step(tuple(q), tuple(omega), torque, body, inverse, h)
+        rest = np.abs(told.inertia @ (moved - np.array(rigid))) / h
+        worst = np.maximum(worst, rest)
+    assert reached < worst.max() / told.rest < 1.0
+
+
+def test_an_ideal_actuator_is_what_its_parameters_say() -> None:
+    plant = load(FILES[:1]).parameters[PLANT]
+    told = actuation_of(plant, 0.0, FASTEST)
+    assert (told.torque, told.dead_band, told.late, told.rest) == (0.05, 1e-4, False, 0.0)
+
+
+@pytest.fixture(scope="module")
+def gains(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Numbers of the law, proved for a craft with wheels."""
+    path = tmp_path_factory.mktemp("design") / "gains.yaml"
+    assert main(["design", *OPTIONS, "--gains", "0.8", "78.4", "1", f"--output={path}"]) == 0
+    return path
+
+
+def fate(record: RunRecord) -> Held:
+    held = certificate_held(record)
+    assert held is not None
+    return held
+
+
+def test_a_certificate_with_wheels_holds_in_flight(gains: Path) -> None:
+    record = simulate(load([*FILES, gains]), 30.0)
+    held = fate(record)
+    assert (held.reason, held.note, held.outside.any()) == ("", "", False)
+    without = {name: each for name, each in record.columns.items() if name != "wheel_speed"}
+    assert "no speed of the wheels on record" in fate(replace(record, columns=without)).note
+
+
+@pytest.mark.parametrize(
+    ("plant", "told"),
+    [
+        ({"wheels.max_torque": [0.04]}, "certain torque of the wheels = 0.0"),
+        ({"wheels.static": [3e-3]}, "N·m and the wheels' rest 0.0"),
+        ({"wheels.inertia": [8e-3]}, "the craft's inertia is 0.00"),
+        (
+            {
+                "flexible.frequency": [0.35],
+                "flexible.damping": [0.005],
+                "flexible.coupling": [0.5, 0, 0],
+            },
+            "flexible.frequency = [0.35]: whether it keeps the assumed bounds is not known",
+        ),
+    ],
+)
+def test_wheels_that_are_not_as_assumed_void_the_promise(
+    gains: Path, plant: dict[str, Any], told: str
+) -> None:
+    assert told in fate(simulate(load([*FILES, gains], {PLANT: plant}), 1.0)).reason
+
+
+def test_more_momentum_than_assumed_suspends_the_promise(
+    gains: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spun = {"wheels.initial_speed": [200.0]}  # together 0.37 N·m·s about z
+    held = fate(simulate(load([*FILES, gains], {PLANT: spun}), 1.0))
+    assert held.note == "suspended: more momentum than assumed at 101 instants"
+    assert not held.outside.any()
+    overlay = tmp_path / "spun.yaml"
+    overlay.write_text("spacecraft_plant: {ros__parameters: {wheels: {initial_speed: [200.0]}}}")
+    assert main(["check", *OPTIONS, f"--config={gains}", f"--config={overlay}"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "craft and wheels is at most 0.1532 N·m·s" in told
+    assert (
+        "warning: the promise holds while the momentum is at most 0.1532 N·m·s: it is 0.369" in told
+    )
+
+
+def test_the_papers_environment_fills_the_wheels_and_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["design", *OPTIONS[:2]]) == 2
+    told = "error: with a momentum of 0.6715 N·m·s the wheels give no torque for certain; allowed: "
+    assert told in capsys.readouterr().err
