@@ -99,7 +99,10 @@ def certificate_held(record: RunRecord) -> Held | None:
         return Held(nothing, "the record lacks parameters of the law", "")
     if digest != digest_of(values):
         return Held(nothing, "the certificate is for other numbers", "")
-    different = _broken_all_along(record)
+    try:
+        different, broken_at = _broken_all_along(record), _assumptions(record)
+    except KeyError as lacking:
+        return Held(nothing, f"the record lacks the parameter {lacking.args[0]}", "")
     if different:
         return Held(nothing, "; ".join(different), "")
     pairs = (("momentum_error", "momentum_tube"), ("turn", "turn_envelope"))
@@ -107,7 +110,7 @@ def certificate_held(record: RunRecord) -> Held | None:
         return Held(nothing, "the record lacks the law's telemetry", "")
     outside = np.logical_or.reduce([beyond(record[a], record[b]) for a, b in pairs])
     suspended, causes = nothing.copy(), []
-    for cause, broken in _assumptions(record).items():
+    for cause, broken in broken_at.items():
         if broken.any():
             causes.append(f"{cause} at {np.count_nonzero(broken)} instants")
             for late in range(_SEEN_AFTER + 1):
@@ -122,10 +125,7 @@ def _broken_all_along(record: RunRecord) -> list[str]:
         return []
     assumed, law = assumptions_of(values), law_of(values)
     duration = float(record.t[-1])
-    try:
-        return list(broken_assumptions(assumed, law, nodes_around(record.parameters), duration))
-    except KeyError as lacking:
-        return [f"the record lacks the parameter {lacking.args[0]}"]
+    return list(broken_assumptions(assumed, law, nodes_around(record.parameters), duration))
 
 
 def nodes_around(parameters: Mapping[str, Mapping[str, Any]]) -> Nodes:
