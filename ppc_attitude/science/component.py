@@ -225,8 +225,8 @@ class Component:
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
     least_impulse : callable, optional
-        Of actuators that act in pulses: from parameter values to the angular impulse [N·m·s] of
-        the least one.
+        Of actuators that act in pulses: from parameter values to the angular impulse about an
+        axis [N·m·s] of the least one.
     bounds : callable, optional
         Of environments: from parameter values to the bounds of the torque's norm [N·m] and of its
         rate on an axis [N·m/s], None where that is not known. Without it neither is.

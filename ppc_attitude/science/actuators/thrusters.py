@@ -82,9 +82,9 @@ def torques(values: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def least_impulse(values: Mapping[str, Any]) -> float:
-    """Angular impulse [N·m·s] of the least pulse of the weakest thruster that turns the craft."""
-    sizes = np.linalg.norm(thrusters.torques_of(values)[0], axis=1)
-    return float(sizes[sizes > 0.0].min() * values[thrusters.MIN_ON_TIME.name])
+    """Angular impulse about an axis [N·m·s] of the least pulse of the weakest thruster."""
+    turns = np.abs(thrusters.torques_of(values)[0]).max(axis=1)
+    return float(turns[turns > 0.0].min() * values[thrusters.MIN_ON_TIME.name])
 
 
 COMPONENT = Component(

@@ -194,7 +194,8 @@ def bounds(values: Mapping[str, Any]) -> tuple[float, None]:
         As of `configure`.
     """
     craft = configure(values)
-    r, v = craft["field"]["orbit"]["position"], craft["field"]["orbit"]["velocity"]
+    field = craft["field"]
+    r, v = field["orbit"]["position"], field["orbit"]["velocity"]
     radius = float(np.linalg.norm(r))
     eccentricity = np.linalg.norm(np.cross(v, np.cross(r, v)) / MU - r / radius)
     semi_major_axis = 1.0 / (2.0 / radius - float(v @ v) / MU)
@@ -202,9 +203,7 @@ def bounds(values: Mapping[str, Any]) -> tuple[float, None]:
     lowest = perigee - 3.0 * J2 * EARTH_RADIUS**2 / perigee  # [m]
     moments = np.linalg.eigvalsh(craft["inertia"])
     gradient = 1.5 * MU / lowest**3 * float(moments[-1] - moments[0])
-    magnetic = float(np.linalg.norm(craft["dipole"])) * largest_field(
-        lowest, craft["field"]["harmonics"]
-    )
+    magnetic = float(np.linalg.norm(craft["dipole"])) * largest_field(lowest, field["harmonics"])
     speed = math.sqrt(MU * (2.0 / lowest - 1.0 / semi_major_axis)) + EARTH_RATE * lowest
     air, light = largest_torques(
         craft["plates"][: craft["count"]],
