@@ -275,7 +275,7 @@ def pulses(impulse: Vector, craft: Any, on_time: Any) -> Vector:
     """
     least_fuel(impulse, craft, on_time)
     period = craft.period / craft.rate
-    share = min(period / max(on_time.max(), period), 1.0)
+    share = period / max(on_time.max(), period)
     left = scale(share, impulse)
     for j in range(craft.count):
         on_time[j] = admitted(share * on_time[j], craft)
