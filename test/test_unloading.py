@@ -102,7 +102,7 @@ def test_wheels_are_unloaded_as_in_the_truth() -> None:
             worst = np.maximum(worst, np.abs(off).max(axis=1))
         mean = np.add(b, np.add(np.multiply(4.0, field_at(second + 0.5)), field_at(second + 1.0)))
         h = h + np.cross(dipole, mean / 6.0)
-    assert np.all(worst < (1e-6, 1e-13, 1e-4)), worst
+    assert np.all(worst < (1e-12, 1e-15, 1e-10)), worst
 
 
 def test_what_is_across_the_field_goes_and_the_rest_stays() -> None:
