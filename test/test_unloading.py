@@ -187,6 +187,10 @@ def test_the_field_takes_momentum_and_nothing_else_does() -> None:
         ({"actuator": "wheels"}, "gyrostat_rods reads magnetorquer_dipole, which no selected"),
         ({"magnetorquers.period": 0.015}, "magnetorquers.period = 0.015 s is 1.5 steps at rate"),
         ({"magnetorquers.max_dipole": 1e3}, r"max_dipole = 1000.0 A·m²; allowed: .*≤ 500"),
+        (
+            {"magnetorquers.max_dipole": 500.0, "wheels.max_torque": [0.03]},
+            r"max_dipole = 500 A·m²: 0.0495 N·m .* less than the 0.0346 N·m that the wheels give",
+        ),
         ({"magnetorquers.law": "b_dot"}, "magnetorquers.law = 'b_dot'; allowed: one of"),
         ({"orbit.field": "dipole"}, "orbit.field = igrf; allowed: dipole, which spacecraft_plant"),
         ({"orbit.altitude": 600e3}, "orbit.altitude = 550000.0; allowed: 600000.0"),

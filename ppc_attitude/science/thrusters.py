@@ -191,8 +191,11 @@ def torques_of(values: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[
         )
     each = np.broadcast_to(np.array(forces, np.float64), count)
     torques = np.cross(positions, each[:, None] * directions / lengths)
-    for way in _extreme_ways(torques):
-        if (torques @ way).max(initial=0.0) <= _FLAT * np.abs(torques).max(initial=0.0):
+    sizes = np.linalg.norm(torques, axis=1)
+    torques[sizes <= _FLAT * each * np.linalg.norm(positions, axis=1)] = 0.0  # by rounding alone
+    axes = _unit(torques)
+    for way in _extreme_ways(axes):
+        if (axes @ way).max(initial=0.0) <= _FLAT:
             raise ConfigurationError(
                 f"{POSITIONS.name} and {DIRECTIONS.name}: no thruster turns the craft about "
                 f"{np.round(way, 4).tolist()}; allowed: thrusters that turn it every way"
@@ -200,15 +203,19 @@ def torques_of(values: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[
     return torques, each
 
 
-def _extreme_ways(torques: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Unit vectors among which is one that no torque has a part along, if there is any.
+def _unit(torques: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors along torques; zero where there is none."""
+    sizes = np.linalg.norm(torques, axis=1, keepdims=True)
+    return np.asarray(torques / np.where(sizes > 0.0, sizes, 1.0))
 
-    Those without are a cone, whose edges are normal to two of the torques; or all torques lie in a
-    plane.
+
+def _extreme_ways(axes: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Unit vectors among which is one that no axis has a part along, if there is any.
+
+    Those without are a cone, whose edges are normal to two of the axes; or all axes lie in a plane.
     """
-    size = np.abs(torques).max(initial=1e-300)
-    normals = [np.cross(a, b) / size**2 for a, b in combinations(torques, 2)]
-    flat = np.linalg.svd(np.vstack([torques / size, np.zeros((3, 3))]))[2][-1]
+    normals = [np.cross(a, b) for a, b in combinations(axes, 2)]
+    flat = np.linalg.svd(np.vstack([axes, np.zeros((3, 3))]))[2][-1]
     for normal in (flat, *normals):
         length = np.linalg.norm(normal)
         if length > _FLAT:
@@ -217,11 +224,10 @@ def _extreme_ways(torques: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]
 
 def _threes(torques: NDArray[np.float64]) -> Iterator[tuple[tuple[int, ...], Any]]:
     """Threes of thrusters that span space, and the inverse of the matrix of their torques."""
-    size = np.abs(torques).max()
+    axes = _unit(torques)
     for three in combinations(range(len(torques)), 3):
-        columns = torques[list(three)].T
-        if abs(np.linalg.det(columns / size)) > _FLAT:
-            yield three, np.linalg.inv(columns)
+        if abs(np.linalg.det(axes[list(three)])) > _FLAT:
+            yield three, np.linalg.inv(torques[list(three)].T)
 
 
 @kernel
@@ -297,9 +303,9 @@ def thrust(on_time: Any, step: int, craft: Any) -> tuple[Vector, float]:
 def certain_torque(craft: Any) -> float:
     """Torque per axis [N·m] that thrusters give in any direction: any |τ_i| up to it can be had.
 
-    Among torques that the same three give the longest on-time is convex, and such threes meet in
-    planes that two thrusters span. So on a box it is longest at a corner, where such a plane meets
-    an edge, or where a thruster's own torque meets a face.
+    Among torques that the same three give, the longest on-time is convex, and threes meet in planes
+    that two thrusters span. So on a box it is longest at a corner, where such a plane meets an
+    edge, or where a thruster's own torque meets a face.
     """
     torques = craft["torque"][: craft["count"]]
     torques = torques[torques.any(axis=1)]

@@ -28,6 +28,7 @@ from ppc_attitude.science import magnetorquers
 from ppc_attitude.science.actuators import wheels
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import (
     DIPOLE,
@@ -57,12 +58,24 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The wheels are impossible, or the period of the rods is no whole number of steps.
+        The wheels are impossible or weaker than the rods, or the period of the rods is no whole
+        number of steps.
     """
     record = np.zeros((), CONFIGURATION)[()]
     record["drive"] = wheels.configure(values)
     record["rods"] = magnetorquer_record(values)
+    certain, of_rods = wheels.torques(values)[0], _torque_of_rods(values)
+    if of_rods >= certain:
+        raise ConfigurationError(
+            f"{MAX_DIPOLE.name} = {values[MAX_DIPOLE.name]:g} A·m²: {of_rods:.3g} N·m in the "
+            f"strongest field; allowed: less than the {certain:.3g} N·m that the wheels give"
+        )
     return record
+
+
+def _torque_of_rods(values: Mapping[str, Any]) -> float:
+    """Largest torque on an axis [N·m]: two rods are across it."""
+    return math.sqrt(2.0) * float(values[MAX_DIPOLE.name]) * STRONGEST_FIELD
 
 
 @kernel
@@ -84,7 +97,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
     """Torque on an axis [N·m] that wheels give in any direction, rods against it; and at most."""
     certain, most = wheels.torques(values)
-    of_rods = math.sqrt(2.0) * values[MAX_DIPOLE.name] * STRONGEST_FIELD
+    of_rods = _torque_of_rods(values)
     return certain - of_rods, most + of_rods
 
 
