@@ -14,6 +14,7 @@
 
 """Thrusters: which fires how long, against linear programming, and what the pulses do."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,9 @@ from estimation_helpers import ROOT, STEP_NS, Array, angles_between
 from process_helpers import PAPER, Run
 from scipy.optimize import linprog
 
+from ppc_attitude.analysis.figures import column_figure
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.requirements import PAPER as PAPER_REQUIREMENTS
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
@@ -251,6 +255,17 @@ def test_thrusters_are_refused_if_some_torque_cannot_be_had(seed: int) -> None:
         assert not can_be_had(np.array(named.split(","), np.float64))
     else:
         assert all(can_be_had(way) for way in random.normal(size=(50, 3)))
+
+
+def test_each_of_sixteen_thrusters_is_drawn() -> None:
+    flight = simulate(load([PAPER, OVERLAY]), 0.1)
+    on_times = np.random.default_rng(1).uniform(size=(11, 16))
+    all_on = replace(flight, columns={**flight.columns, "thruster_on_time": on_times})
+    (axes,) = column_figure(Measured(all_on, PAPER_REQUIREMENTS), "thruster_on_time").axes
+    assert axes.get_ylabel().endswith("[s]")
+    drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
+    for k in range(16):
+        assert np.array_equal(drawn[f"thruster {k}"], on_times[:, k])
 
 
 @pytest.mark.ros
