@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The two uses of sensor_msgs/JointState, against rclpy's own serialiser and by hand."""
+"""The uses of sensor_msgs/JointState, against rclpy's own serialiser and by hand."""
 
 import struct
 
@@ -22,8 +22,17 @@ import pytest
 from ppc_attitude.contract.cdr import CdrError, Codec
 from ppc_attitude.contract.declared import BY_COLUMN
 
-SENT = tuple(k - 3.5 for k in range(8))
-COLUMNS = pytest.mark.parametrize("column", ["wheel_speed", "wheel_torque"])
+# Part, how many, and which list of position, velocity and effort.
+USES = {
+    "wheel_speed": ("wheel", 8, 1),
+    "wheel_torque": ("wheel", 8, 2),
+    "thruster_on_time": ("thruster", 16, 2),
+}
+COLUMNS = pytest.mark.parametrize("column", USES)
+
+
+def sent(column: str) -> tuple[float, ...]:
+    return tuple(k - 3.5 for k in range(USES[column][1]))
 
 
 def joint_state(representation: int, frame: str, names: list[str], *lists: list[float]) -> bytes:
@@ -60,25 +69,27 @@ def joint_state(representation: int, frame: str, names: list[str], *lists: list[
 
 
 @COLUMNS
-def test_a_message_of_wheels_is_a_joint_state(column: str) -> None:
+def test_a_number_for_each_part_is_a_joint_state(column: str) -> None:
     from rclpy.serialization import deserialize_message, serialize_message
     from sensor_msgs.msg import JointState
 
-    data = Codec(BY_COLUMN[column]).encode(12_000_000_345, SENT)
+    part, count, place = USES[column]
+    data = Codec(BY_COLUMN[column]).encode(12_000_000_345, sent(column))
     message = deserialize_message(data, JointState)
-    assert message.name == [f"wheel_{k}" for k in range(8)]
-    told, other = (message.velocity, message.effort)[:: 1 if column == "wheel_speed" else -1]
-    assert (tuple(told), list(other), list(message.position)) == (SENT, [], [])
+    assert message.name == [f"{part}_{k}" for k in range(count)]
+    lists = [tuple(each) for each in (message.position, message.velocity, message.effort)]
+    assert lists.pop(place) == sent(column)
+    assert lists == [(), ()]
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 345)
-    assert Codec(BY_COLUMN[column]).decode(serialize_message(message)).values == SENT
+    assert Codec(BY_COLUMN[column]).decode(serialize_message(message)).values == sent(column)
 
 
 @COLUMNS
 @pytest.mark.parametrize("representation", [0, 1, 6, 7])
 def test_the_joint_states_of_others_are_read(column: str, representation: int) -> None:
-    codec, place = Codec(BY_COLUMN[column]), 1 if column == "wheel_speed" else 2
+    codec, place = Codec(BY_COLUMN[column]), USES[column][2]
     lists = [[1.0] * 5, [2.0], [3.0]]
-    lists[place] = list(SENT)
+    lists[place] = list(sent(column))
     rows = [
         joint_state(representation, frame, names, *lists)
         for frame in ("other", "a", "")
@@ -86,29 +97,28 @@ def test_the_joint_states_of_others_are_read(column: str, representation: int) -
     ]
     for row in rows:
         told = codec.decode(row)
-        assert (told.stamp_ns, told.values) == (12_000_000_345, SENT)
+        assert (told.stamp_ns, told.values) == (12_000_000_345, sent(column))
     assert codec.decode(rows[0]).frame_id == "other"
     for length in {len(row) for row in rows}:
         alike = [row for row in rows if len(row) == length]
         stamps, values, readable = codec.decode_rows(np.array([list(row) for row in alike], "u1"))
         assert readable.all()
         assert stamps.tolist() == [12_000_000_345] * len(alike)
-        assert values.tolist() == [list(SENT)] * len(alike)
+        assert values.tolist() == [list(sent(column))] * len(alike)
 
 
 @COLUMNS
 @pytest.mark.parametrize("representation", [0, 1, 6, 7])
-def test_what_is_no_joint_state_of_eight_wheels_is_refused(
-    column: str, representation: int
-) -> None:
-    codec = Codec(BY_COLUMN[column])
-    lists = ([], list(SENT), []) if column == "wheel_speed" else ([], [], list(SENT))
-    whole = joint_state(representation, "body", ["wheel"] * 8, *lists)
+def test_what_is_no_joint_state_of_all_parts_is_refused(column: str, representation: int) -> None:
+    codec, (part, count, place) = Codec(BY_COLUMN[column]), USES[column]
+    lists: list[list[float]] = [[], [], []]
+    lists[place] = list(sent(column))
+    whole = joint_state(representation, "body", [part] * count, *lists)
     for length in range(len(whole) - 4):
         with pytest.raises(CdrError):
             codec.decode(whole[:length])
     few = joint_state(representation, "body", [], [], [1.0] * 4, [1.0] * 4)
-    with pytest.raises(CdrError, match="for 4 joints; allowed: 8"):
+    with pytest.raises(CdrError, match=f"for 4 joints; allowed: {count}, one a {part}"):
         codec.decode(few)
     endless = bytearray(joint_state(representation, "b", [], [], [], []))
     endless[20:] = b"\xff" * (len(endless) - 20)

@@ -140,6 +140,16 @@ def test_wheels_that_give_less_than_the_law_may_ask_for_are_warned_of() -> None:
     assert set(by_name(actuator_conditions(weak))) == {"max_torque"}  # no dead zone
 
 
+def test_a_rate_envelope_that_single_pulses_leave_is_warned_of() -> None:
+    wide = load([CONFIG / "thrusters.yaml"])
+    assert not warned(actuator_conditions(wide))
+    found = by_name(actuator_conditions(wide))["least pulse in ρ_ω"]
+    assert found.limit == pytest.approx(3.0 * 0.01 * 0.028190778623577255 / 1.9, rel=1e-12)
+    narrow = wide.with_values(CONTROLLER, **{"rate_envelope.terminal": 3e-5})
+    assert warned(actuator_conditions(narrow)) == {"least pulse in ρ_ω"}
+    assert not set(by_name(actuator_conditions(load([CONFIG / "paper.yaml"])))) & {found.name}
+
+
 @pytest.mark.parametrize("share", [0.98, 1.2])
 def test_a_disturbance_estimate_out_of_proportion_leaves_the_envelope_and_is_warned_of(
     cubesat: Scenario, share: float

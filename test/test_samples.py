@@ -93,8 +93,13 @@ CASES = {
         for law in CONTROLLERS.components
     },
     **{
-        name: load([ROOT / "config" / "paper.yaml", ROOT / "config" / f"{name}.yaml"])
-        for name in ("sensors_cubesat", "orbit")
+        names[-1]: load([ROOT / "config" / f"{name}.yaml" for name in ("paper", *names)])
+        for names in (
+            ("sensors_cubesat",),
+            ("orbit",),
+            ("wheels", "orbit", "unloading"),
+            ("thrusters",),
+        )
     },
 }
 

@@ -60,10 +60,9 @@ from ppc_attitude.contract.topics import (
     STANDARD,
     TORQUE_COMMAND,
 )
-from ppc_attitude.science.component import QUATERNION, VECTOR, WHEEL_SPEEDS, WHEEL_TORQUES, WRENCH
+from ppc_attitude.science.component import JOINTS, QUATERNION, VECTOR, WRENCH
 
-_OF_WHEELS = (WHEEL_SPEEDS, WHEEL_TORQUES)
-_DRAWN = (QUATERNION, VECTOR, WRENCH, *_OF_WHEELS)  # forms of columns with a figure of their own
+_DRAWN = (QUATERNION, VECTOR, WRENCH, *JOINTS)  # forms of columns with a figure of their own
 ANGLE_FLOOR = 1e-4  # [deg] where the panel of angles ends
 
 
@@ -207,7 +206,7 @@ def transformed_errors_figure(run: Measured) -> Figure:
 def column_figure(run: Measured, column: str) -> Figure:
     """Draw a column of the record; what comes with some instants only, as points."""
     topic = BY_COLUMN[column]
-    factor, unit = (1.0, topic.unit) if topic.form in _OF_WHEELS else in_degrees(topic.unit)
+    factor, unit = (1.0, topic.unit) if topic.form in JOINTS else in_degrees(topic.unit)
     if not has(run.record, column):
         raise lacking(run.record, column)
     values = factor * run.record[column]
@@ -215,9 +214,10 @@ def column_figure(run: Measured, column: str) -> Figure:
     if topic.late:
         for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
             axes.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
-    elif topic.form in _OF_WHEELS:
-        last = max(np.flatnonzero(values.any(axis=0)), default=0)  # no wheel is behind it
-        components(axes, run.t, values[:, : last + 1], [f"wheel {k}" for k in range(last + 1)])
+    elif topic.form in JOINTS:
+        last = max(np.flatnonzero(values.any(axis=0)), default=0)  # no part is behind it
+        names = [f"{JOINTS[topic.form].part} {k}" for k in range(last + 1)]
+        components(axes, run.t, values[:, : last + 1], names)
     else:
         components(axes, run.t, values)
     axes.set_ylabel(f"{column.replace('_', ' ')} [{unit}]")

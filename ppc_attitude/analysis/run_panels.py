@@ -17,6 +17,7 @@
 
 import re
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -128,8 +129,8 @@ def accuracy_limits(axes: Axes, run: Measured, unit: str) -> None:
 
 
 def components(axes: Axes, t: Array, values: Array, names: Sequence[str] = (*AXES, "w")) -> None:
-    """Draw the components, shape (n, up to 8), with their names."""
-    for name, colour, component in zip(names, COLOURS, values.T, strict=False):
+    """Draw the components with their names; the ninth has the colour of the first."""
+    for name, colour, component in zip(names, cycle(COLOURS), values.T, strict=False):
         draw(axes, t, component, label=name, colour=colour)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
-from ppc_attitude.science.actuators import ideal, wheels
+from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.certificate import RATE_LIMIT, Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
@@ -45,6 +45,7 @@ from ppc_attitude.simulation.scenario import Scenario
 
 _SAMPLES = 1000  # times at which an environment is looked at
 _DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
+_PULSES = 3.0  # least pulses that should have room in the rate envelope
 _NOISE_SIGMAS = 3.0  # of what noise makes a law ask for, that the actuator should give
 
 
@@ -180,16 +181,19 @@ def actuator_torque(scenario: Scenario) -> float:
 
 def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
     """Compare what the actuator gives, and its dead zone, with what the law asks for."""
-    actuator = ACTUATORS.selected(scenario.parameters[PLANT])
-    if actuator is wheels.COMPONENT:
+    plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    actuator = ACTUATORS.selected(plant)
+    if actuator is not None and actuator.torque is not None:
         yield _at_most(
             "max_torque",
             scenario.number(CONTROLLER, "max_torque"),
             actuator_torque(scenario),
             "N·m",
-            "the wheels give what the law may ask for, on all axes at once; friction and "
-            "gyroscopic torque take a little of it",
+            "the actuator gives what the law may ask for, on all axes at once; friction and "
+            "gyroscopic torque of wheels take a little of it",
         )
+    if actuator is not None and actuator.least_impulse is not None:
+        yield from _pulse_conditions(actuator.least_impulse(plant), scenario)
     if actuator is not ideal.COMPONENT:
         return
     dead = scenario.number(PLANT, "min_torque")
@@ -209,6 +213,22 @@ def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
             "N·m",
             "K_ω J g∞: at the edge of the rate envelope the law asks for more than the dead zone, "
             "so that the actuator acts inside it",
+        )
+
+
+def _pulse_conditions(impulse: float, scenario: Scenario) -> Iterator[Condition]:
+    """Compare what the least pulse [N·m·s] of an actuator does with the law's rate envelope."""
+    if "rate_envelope" in {column.bound for column in scenario.controller.outputs}:
+        law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+        yield Condition(
+            "least pulse in ρ_ω",
+            float(law["rate_envelope.terminal"]),
+            _PULSES * impulse / _least_inertia(law),
+            "≥",
+            "rad/s",
+            False,
+            f"{_PULSES:g} times the rate that the actuator's least pulse makes: below it, single "
+            "pulses leave the envelope",
         )
 
 

@@ -36,13 +36,13 @@ from ppc_attitude.contract.topics import CLOCK, MSGTYPES, Topic
 from ppc_attitude.science.component import (
     FIX,
     GYRO,
-    MAX_WHEELS,
+    JOINTS,
     MOTION,
     QUATERNION,
     VECTOR,
     WHEEL_SPEEDS,
-    WHEEL_TORQUES,
     WRENCH,
+    Joints,
 )
 from ppc_attitude.science.stamps import NANOSECONDS
 
@@ -53,7 +53,6 @@ _DOUBLES = {
     MSGTYPES[VECTOR]: 3,
     MSGTYPES[WRENCH]: 6,
     MSGTYPES[GYRO]: 37,
-    MSGTYPES[WHEEL_SPEEDS]: MAX_WHEELS,
 }
 _SKIPPED = {MSGTYPES[WRENCH]: 3}  # the force of a wrench is not ours
 _MAX_FRAME_ID = 4096
@@ -67,7 +66,6 @@ _IMU = {
     FIX: "abcd" + "eooofooog" + "ooo" + _NONE + _NO_ACCELERATION,
     MOTION: "abcd" + "efgfhigij" + "klm" + "npqprsqst" + _NO_ACCELERATION,
 }
-_JOINTS = {WHEEL_SPEEDS: 1, WHEEL_TORQUES: 2}  # which list: position, velocity, effort
 _OURS = b"\x00\x01"  # little-endian XCDR1
 # representation id -> (struct byte order, alignment of float64)
 _ENCAPSULATION = {
@@ -79,7 +77,7 @@ _ENCAPSULATION = {
 _LITTLE_ENDIAN = _OURS + b"\x00\x00"
 _STAMPS = {order: struct.Struct(f"{order}iI") for order in "<>"}
 _STAMP_OFFSET, _AFTER_STAMP = 4, 12
-_STAMPED = {*_DOUBLES, CLOCK}
+_STAMPED = {*_DOUBLES, MSGTYPES[WHEEL_SPEEDS], CLOCK}
 
 
 class CdrError(ValueError):
@@ -106,12 +104,13 @@ class Codec:
     def __init__(self, topic: Topic) -> None:
         self.topic = topic
         self._skipped = _SKIPPED.get(topic.msgtype, 0)
-        count = _DOUBLES[topic.msgtype]
+        joints = JOINTS.get(topic.form)
+        count = joints.number if joints else _DOUBLES[topic.msgtype]
         self._count = count
         name = topic.frame_id.encode() + b"\0"
         self._name_length = len(name)
         # All between the length of the frame name and the numbers, and the bytes behind them.
-        head, behind = _around_joints(name, topic) if topic.form in _JOINTS else (name, 0)
+        head, behind = _around_joints(name, joints) if joints else (name, 0)
         pad = -(12 + len(head)) % 8
         self._struct = struct.Struct(f"<4siII{len(head)}s{pad}x{count}d{behind}x")
         self._head = head
@@ -200,7 +199,7 @@ class Codec:
         if start:
             # Rows with the encoding and the name length of the first have its layout; those of
             # joints with the same names.
-            named = slice(12, start if self.topic.form in _JOINTS else 16)
+            named = slice(12, start if self.topic.form in JOINTS else 16)
             alike = (rows[:, :2] == rows[0, :2]).all(axis=1)
             alike &= (rows[:, named] == rows[0, named]).all(axis=1)
             begin = start + 8 * self._skipped
@@ -226,18 +225,19 @@ class Codec:
         return Sample(_stamp(data, order), frame_id, values)
 
     def _layout(self, data: bytes) -> tuple[str, int, int]:
-        if self.topic.form in _JOINTS:
+        if self.topic.form in JOINTS:
             return _joint_layout(data, self.topic)
         return stamped_layout(data, self.topic.msgtype, self._count)
 
 
-def _around_joints(name: bytes, topic: Topic) -> tuple[bytes, int]:
+def _around_joints(name: bytes, joints: Joints) -> tuple[bytes, int]:
     """Frame name, joint names and counts before the numbers of a JointState; bytes behind them."""
-    count, place = _DOUBLES[topic.msgtype], _JOINTS[topic.form]
-    joints = [struct.pack("<I8s", 8, f"wheel_{k}".encode()) for k in range(count)]
-    counts = [0] * place + [count]
-    name += bytes(-len(name) % 4) + struct.pack("<I", count) + b"".join(joints)
-    return name + struct.pack(f"<{len(counts)}I", *counts), 4 * (2 - place)
+    counts = [0] * joints.place + [joints.number]
+    name += bytes(-len(name) % 4) + struct.pack("<I", joints.number)
+    for k in range(joints.number):
+        text = f"{joints.part}_{k}".encode() + b"\0"
+        name += struct.pack("<I", len(text)) + text + bytes(-len(text) % 4)
+    return name + struct.pack(f"<{len(counts)}I", *counts), 4 * (2 - joints.place)
 
 
 def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
@@ -245,7 +245,7 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
     order, length, _ = stamped_layout(data, topic.msgtype, 0)
     align = encapsulation(data)[1]
     at = _AFTER_STAMP + 4 + length
-    wanted = _DOUBLES[topic.msgtype]
+    joints = JOINTS[topic.form]
 
     def number() -> int:
         nonlocal at
@@ -261,12 +261,14 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
     for _ in range(number()):
         text = number()
         at += text
-    for _ in range(_JOINTS[topic.form] + 1):
+    for _ in range(joints.place + 1):
         count = number()
         start = at + -(at - 4) % align if count else at
         at = start + 8 * count
-    if count != wanted:
-        raise CdrError(f"a {topic.msgtype} for {count} joints; allowed: {wanted}, one a wheel")
+    if count != joints.number:
+        raise CdrError(
+            f"a {topic.msgtype} for {count} joints; allowed: {joints.number}, one a {joints.part}"
+        )
     if at > len(data):
         raise CdrError(f"{len(data)} bytes are too few for a {topic.msgtype}")
     return order, length, start

@@ -27,11 +27,10 @@ from ppc_attitude.science.component import (
     FIX,
     GYRO,
     INERTIAL,
+    JOINTS,
     MOTION,
     QUATERNION,
     VECTOR,
-    WHEEL_SPEEDS,
-    WHEEL_TORQUES,
     WRENCH,
     Column,
 )
@@ -52,7 +51,7 @@ MSGTYPES = {
     VECTOR: "geometry_msgs/msg/Vector3Stamped",
     WRENCH: "geometry_msgs/msg/WrenchStamped",
     **dict.fromkeys((GYRO, FIX, MOTION), "sensor_msgs/msg/Imu"),
-    **dict.fromkeys((WHEEL_SPEEDS, WHEEL_TORQUES), "sensor_msgs/msg/JointState"),
+    **dict.fromkeys(JOINTS, "sensor_msgs/msg/JointState"),
 }
 CLOCK = "rosgraph_msgs/msg/Clock"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"

@@ -237,12 +237,14 @@ class BaseNode(Node):
     def say_all(self, news: Iterable[Advice]) -> None:
         """Log advice of the node's components."""
         for advice in news:
-            self.say(advice.text, advice.warning)
+            self.say(advice.text, advice.warning, advice.failed)
 
-    def say(self, text: str, warning: bool) -> None:
-        """Log a text, as a warning or not."""
-        # Two lines of source: rclpy ties a severity to each.
-        if warning:
+    def say(self, text: str, warning: bool, failed: bool = False) -> None:
+        """Log a text, as an error, a warning or neither."""
+        # A line of source each: rclpy ties a severity to it.
+        if failed:
+            self.get_logger().error(text)
+        elif warning:
             self.get_logger().warning(text)
         else:
             self.get_logger().info(text)

@@ -35,8 +35,34 @@ from ppc_attitude.science.parameter import Parameter
 INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tracker"
 QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
 GYRO, FIX, MOTION = "gyro", "fix", "motion"
-WHEEL_SPEEDS, WHEEL_TORQUES = "wheel_speeds", "wheel_torques"
-MAX_WHEELS = 8
+WHEEL_SPEEDS, WHEEL_TORQUES, ON_TIMES = "wheel_speeds", "wheel_torques", "on_times"
+MAX_WHEELS, MAX_THRUSTERS = 8, 16
+
+
+class Joints(NamedTuple):
+    """Parts of one sort that have a number each, in a list of a sensor_msgs/JointState.
+
+    Attributes
+    ----------
+    part : str
+        Name of one; _ and its number follow.
+    number : int
+        How many numbers there are, whatever the craft has.
+    place : int
+        Which list: 0 position, 1 velocity, 2 effort.
+    """
+
+    part: str
+    number: int
+    place: int
+
+
+JOINTS = {
+    WHEEL_SPEEDS: Joints("wheel", MAX_WHEELS, 1),
+    WHEEL_TORQUES: Joints("wheel", MAX_WHEELS, 2),
+    ON_TIMES: Joints("thruster", MAX_THRUSTERS, 2),
+}
+"""Forms of a column that has a number for each part of a sort."""
 _TOPIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _WIDTHS = {
     QUATERNION: (4,),
@@ -45,8 +71,7 @@ _WIDTHS = {
     GYRO: (4,),
     FIX: (7,),
     MOTION: (19,),
-    WHEEL_SPEEDS: (MAX_WHEELS,),
-    WHEEL_TORQUES: (MAX_WHEELS,),
+    **{form: (joints.number,) for form, joints in JOINTS.items()},
 }
 
 
@@ -64,8 +89,8 @@ class Column:
         How it goes over the wire: ``quaternion`` (x y z w), ``vector`` (up to three numbers),
         ``wrench`` (a torque), ``gyro`` (a rate and the variance of each of its numbers), ``fix``
         (x y z w and the variances about three axes), ``motion`` (x y z w, the upper triangle of
-        its covariance, a rate, the upper triangle of its covariance), ``wheel_speeds`` or
-        ``wheel_torques`` (a number for each of `MAX_WHEELS` wheels).
+        its covariance, a rate, the upper triangle of its covariance), or one of `JOINTS` (a number
+        for each part of a sort).
     frame : str
         Frame in which the numbers are expressed.
     unit : str
@@ -199,6 +224,9 @@ class Component:
         Of actuators: the parameters that limit its torque, all of which a weaker one has smaller.
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
+    least_impulse : callable, optional
+        Of actuators that act in pulses: from parameter values to the angular impulse about an
+        axis [N·m·s] of the least one.
     bound : callable, optional
         Of environments: from parameter values to the bound of the torque's norm [N·m].
     observes : bool
@@ -218,6 +246,7 @@ class Component:
     exact: Callable[[Mapping[str, Any]], bool] = _never
     limits: tuple[str, ...] = ()
     torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
+    least_impulse: Callable[[Mapping[str, Any]], float] | None = None
     bound: Callable[[Mapping[str, Any]], float] | None = None
     observes: bool = False
 

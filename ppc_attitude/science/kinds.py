@@ -178,7 +178,11 @@ class Kind:
 
 
 PLANTS = Kind(
-    "plants", "plant", "the craft's dynamics", ("rigid_body", "flexible", "gyrostat"), TRUTH
+    "plants",
+    "plant",
+    "the craft's dynamics",
+    ("rigid_body", "flexible", "gyrostat", "gyrostat_rods"),
+    TRUTH,
 )
 SENSORS = Kind(
     "sensors",
@@ -218,7 +222,11 @@ CONTROLLERS = Kind(
     front="ppc_attitude.science.observed_law",
 )
 ACTUATORS = Kind(
-    "actuators", "actuator", "from command to torque", ("ideal", "wheels"), (APPLIED_TORQUE,)
+    "actuators",
+    "actuator",
+    "from command to torque",
+    ("ideal", "wheels", "wheels_rods", "thrusters"),
+    (APPLIED_TORQUE,),
 )
 
 KINDS = (

@@ -14,6 +14,8 @@
 
 """Time: stamps are whole nanoseconds, formulas take seconds, and these are the conversions."""
 
+from ppc_attitude.science.errors import ConfigurationError
+
 NANOSECONDS = 1_000_000_000
 
 
@@ -35,3 +37,20 @@ def stamp_of(step: int, rate: float) -> int:
 def step_of(stamp_ns: int, rate: float) -> int:
     """Step of a stamp [ns]: the inverse of `stamp_of`."""
     return int(stamp_ns * rate / NANOSECONDS + 0.5)
+
+
+def whole_steps(name: str, period: float, rate: float) -> int:
+    """Steps of a parameter's period [s] in a loop that runs at `rate` [Hz].
+
+    Raises
+    ------
+    ConfigurationError
+        They are no whole number.
+    """
+    steps = round(period * rate)
+    if steps < 1 or abs(period * rate - steps) > 1e-9 * steps:
+        raise ConfigurationError(
+            f"{name} = {period:g} s is {period * rate:g} steps at rate = {rate:g} Hz; allowed: a "
+            "whole number of steps"
+        )
+    return steps

@@ -25,7 +25,7 @@ import numpy as np
 
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.component import Component
-from ppc_attitude.science.geomagnetic import FIELD, MOST_DEGREE, field_at, field_of, largest_field
+from ppc_attitude.science.geomagnetic import largest_field
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Matrix,
@@ -41,8 +41,10 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, ORBIT, orbit_at
-from ppc_attitude.science.orbit_elements import EPOCH, ORBIT_PARAMETERS, epoch_of, orbit_of
+from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, orbit_at
+from ppc_attitude.science.orbit_elements import epoch_of
+from ppc_attitude.science.orbit_field import ORBIT_FIELD, magnetic_field, orbit_field
+from ppc_attitude.science.orbit_field import PARAMETERS as FIELD_PARAMETERS
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.plates import (
@@ -58,7 +60,6 @@ from ppc_attitude.science.sky import (
     ASTRONOMICAL_UNIT,
     DAY,
     EARTH_RATE,
-    earth_angle,
     lit_fraction,
     sun_direction,
     sun_distance,
@@ -66,13 +67,6 @@ from ppc_attitude.science.sky import (
 
 PRESSURE = 1361.0 / 299792458.0  # P of sunlight at 1 au [N/m²]
 _NEAREST_SUN = 0.983  # [au]
-DEGREES = {"igrf": MOST_DEGREE, "dipole": 1}
-MODEL = Parameter(
-    "orbit.field",
-    "igrf",
-    "Earth's magnetic field: IGRF-14 to degree 13, or its first degree, which is up to 67 % off",
-    choices=tuple(DEGREES),
-)
 DIPOLE = Parameter(
     "orbit.residual_dipole",
     [0.0, 0.0, 0.0],
@@ -108,12 +102,10 @@ SCALE_HEIGHT = Parameter(
 )
 CONFIGURATION = np.dtype(
     [
-        ("orbit", ORBIT),
+        ("field", ORBIT_FIELD),
         ("days", np.float64),  # from J2000 to t = 0
-        ("earth_angle", np.float64),  # Greenwich at t = 0 [rad]
         ("inertia", np.float64, (3, 3)),  # [kg·m²]
         ("dipole", np.float64, (3,)),  # [A·m²] body
-        ("field", FIELD),
         ("density", np.float64),  # ρ0 [kg/m³]
         ("altitude", np.float64),  # of ρ0 [m]
         ("scale_height", np.float64),  # H [m]
@@ -133,12 +125,10 @@ def configure(values: Mapping[str, Any]) -> Any:
         Orbit, inertia or a plate is impossible, or the date is outside the field's model.
     """
     record = np.zeros((), CONFIGURATION)[()]
-    record["orbit"] = orbit_of(values)
-    record["days"] = days = epoch_of(values)
-    record["earth_angle"] = earth_angle(days)
+    record["field"] = orbit_field(values)
+    record["days"] = epoch_of(values)
     record["inertia"] = inertia_matrix(INERTIA.name, values[INERTIA.name])
     record["dipole"] = values[DIPOLE.name]
-    record["field"] = field_of(EPOCH.name, days, DEGREES[values[MODEL.name]])
     for name, parameter in (
         ("density", DENSITY),
         ("altitude", ALTITUDE),
@@ -159,14 +149,6 @@ def gravity_gradient(r: Vector, inertia: Matrix) -> Vector:
 
 
 @kernel
-def magnetic_field(r: Vector, angle: float, field: Any) -> Vector:
-    """B [T] at r [m], inertial axes, when Greenwich stands at an angle [rad] from the equinox."""
-    c, s = math.cos(angle), math.sin(angle)
-    bx, by, bz = field_at((c * r[0] + s * r[1], c * r[1] - s * r[0], r[2]), field)
-    return (c * bx - s * by, s * bx + c * by, bz)
-
-
-@kernel
 def air_density(r: Vector, craft: Any) -> float:
     """ρ = ρ0 e^{−(altitude − altitude0)/H} [kg/m³] at r [m]."""
     above = norm(r) - EARTH_RADIUS - craft.altitude
@@ -184,9 +166,9 @@ def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
     """Sum up the torques at an instant."""
     attitude = inputs.truth_attitude
     q, q0 = vector(attitude), attitude[3]
-    r, v = orbit_at(inputs.t, craft.orbit, state)
+    r, v = orbit_at(inputs.t, craft.field.orbit, state)
     torque = gravity_gradient(to_body(r, q, q0), matrix(craft.inertia))
-    b = magnetic_field(r, craft.earth_angle + EARTH_RATE * inputs.t, craft.field)
+    b = magnetic_field(r, inputs.t, craft.field)
     torque = add(torque, cross(vector(craft.dipole), to_body(b, q, q0)))
     if craft.count:
         days = craft.days + inputs.t / DAY
@@ -212,7 +194,8 @@ def bound(values: Mapping[str, Any]) -> float:
         As of `configure`.
     """
     craft = configure(values)
-    r, v = craft["orbit"]["position"], craft["orbit"]["velocity"]
+    field = craft["field"]
+    r, v = field["orbit"]["position"], field["orbit"]["velocity"]
     radius = float(np.linalg.norm(r))
     eccentricity = np.linalg.norm(np.cross(v, np.cross(r, v)) / MU - r / radius)
     semi_major_axis = 1.0 / (2.0 / radius - float(v @ v) / MU)
@@ -220,7 +203,7 @@ def bound(values: Mapping[str, Any]) -> float:
     lowest = perigee - 3.0 * J2 * EARTH_RADIUS**2 / perigee  # [m]
     moments = np.linalg.eigvalsh(craft["inertia"])
     gradient = 1.5 * MU / lowest**3 * float(moments[-1] - moments[0])
-    magnetic = float(np.linalg.norm(craft["dipole"])) * largest_field(lowest, craft["field"])
+    magnetic = float(np.linalg.norm(craft["dipole"])) * largest_field(lowest, field["harmonics"])
     speed = math.sqrt(MU * (2.0 / lowest - 1.0 / semi_major_axis)) + EARTH_RATE * lowest
     air, light = largest_torques(
         craft["plates"][: craft["count"]],
@@ -235,8 +218,7 @@ COMPONENT = Component(
     name="orbit",
     parameters=(
         INERTIA,
-        *ORBIT_PARAMETERS,
-        MODEL,
+        *FIELD_PARAMETERS,
         DIPOLE,
         DENSITY,
         ALTITUDE,

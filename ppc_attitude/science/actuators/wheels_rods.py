@@ -1,0 +1,117 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reaction wheels, and magnetorquers that unload them.
+
+The wheels are those of `actuators.wheels`. The rods turn the craft by m × B on top; the law takes
+that as a disturbance, and the wheels give their momentum away against it.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science import magnetorquers
+from ppc_attitude.science.actuators import wheels
+from ppc_attitude.science.compiled_stamps import step_of
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import add, cross, kernel, store, vector
+from ppc_attitude.science.magnetorquers import (
+    DIPOLE,
+    MAGNETORQUERS,
+    MAX_DIPOLE,
+    STRONGEST_FIELD,
+    magnetorquer_record,
+    unloading_dipole,
+)
+from ppc_attitude.science.orbit_field import MAGNETIC_FIELD
+from ppc_attitude.science.wheels import momentum
+
+CONFIGURATION = np.dtype([("drive", wheels.CONFIGURATION), ("rods", MAGNETORQUERS)], align=True)
+STATE = np.dtype(
+    [
+        ("drive", wheels.STATE),
+        ("begun", np.int64),  # periods, the present one included
+        ("dipole", np.float64, (3,)),  # [A·m²] held
+    ],
+    align=True,
+)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The wheels are impossible or weaker than the rods, or the period of the rods is no whole
+        number of steps.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["drive"] = wheels.configure(values)
+    record["rods"] = magnetorquer_record(values)
+    certain, of_rods = wheels.torques(values)[0], _torque_of_rods(values)
+    if of_rods >= certain:
+        raise ConfigurationError(
+            f"{MAX_DIPOLE.name} = {values[MAX_DIPOLE.name]:g} A·m²: {of_rods:.3g} N·m in the "
+            f"strongest field; allowed: less than the {certain:.3g} N·m that the wheels give"
+        )
+    return record
+
+
+def _torque_of_rods(values: Mapping[str, Any]) -> float:
+    """Largest torque on an axis [N·m]: two rods are across it."""
+    return math.sqrt(2.0) * float(values[MAX_DIPOLE.name]) * STRONGEST_FIELD
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Let the wheels give the commanded torque, and add that of the rods."""
+    wheels.step(inputs, state.drive, configuration.drive, outputs)
+    rods, b = configuration.rods, vector(inputs.magnetic_field)
+    now = step_of(inputs.stamp_ns, 1.0 / configuration.drive.h)
+    if now // rods.period + 1 != state.begun:
+        state.begun = now // rods.period + 1
+        # The momenta h* to which the drive leads the wheels cancel: all of Σ h a is too much.
+        excess = momentum(configuration.drive.wheels, inputs.wheel_speed)
+        store(state.dipole, unloading_dipole(excess, b, now, rods))
+    turned = cross(vector(state.dipole), b)
+    store(outputs.magnetorquer_dipole, vector(state.dipole))
+    store(outputs.applied_torque, add(vector(outputs.applied_torque), turned))
+
+
+def torques(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Torque on an axis [N·m] that wheels give in any direction, rods against it; and at most."""
+    certain, most = wheels.torques(values)
+    of_rods = _torque_of_rods(values)
+    return certain - of_rods, most + of_rods
+
+
+COMPONENT = Component(
+    name="wheels_rods",
+    parameters=(*wheels.COMPONENT.parameters, *magnetorquers.PARAMETERS),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=STATE,
+    inputs=(*wheels.COMPONENT.inputs, MAGNETIC_FIELD),
+    outputs=(*wheels.COMPONENT.outputs, DIPOLE),
+    step=step,
+    advice=lambda state: wheels.advice(state["drive"]),
+    advices=lambda state: wheels.COMPONENT.advices(state["drive"]),
+    limits=(*wheels.COMPONENT.limits, MAX_DIPOLE.name),
+    torque=torques,
+)

@@ -1,0 +1,143 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Magnetorquers: what a configuration says of them, and the law that unloads wheels.
+
+In a field B a dipole m is turned by m × B. By the cross-product law (Markley and Crassidis,
+section 7.5) m = (k/B²) (Δh × B), so that m × B = −k Δh⊥: what is across the field of a momentum Δh
+goes, and along the orbit the field turns.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.component import BODY, VECTOR, Column
+from ppc_attitude.science.kernel import Vector, add, cross, dot, kernel, largest, norm, scale
+from ppc_attitude.science.noise import normal_vector
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.sensors.direct import SEED
+from ppc_attitude.science.stamps import whole_steps
+
+STRONGEST_FIELD = 7e-5
+"""[T] Earth's field is nowhere stronger above ground."""
+MAX_DIPOLE = Parameter(
+    "magnetorquers.max_dipole",
+    10.0,
+    "largest dipole along each axis; a larger one is scaled as a whole",
+    "A·m²",
+    low=0.01,
+    high=500.0,
+)
+GAIN = Parameter(
+    "magnetorquers.gain",
+    1e-3,
+    "k: how fast momentum across the field is taken from the wheels",
+    "1/s",
+    low=0.0,
+    high=0.1,
+)
+DEADBAND = Parameter(
+    "magnetorquers.deadband",
+    0.01,
+    "momentum of the wheels below which there is no dipole",
+    "N·m·s",
+    low=0.0,
+    high=1e6,
+)
+PERIOD = Parameter(
+    "magnetorquers.period",
+    1.0,
+    "time for which a dipole is held, a whole number of steps",
+    "s",
+    above=0.0,
+    high=1e3,
+    read_only=True,
+)
+LAW = Parameter(
+    "magnetorquers.law",
+    "cross_product",
+    "what the dipole is: that of the cross-product law, or none",
+    choices=("cross_product", "off"),
+)
+NOISE = Parameter(
+    "magnetorquers.magnetometer_noise",
+    0.0,
+    "standard deviation of the field as the law measures it, per axis",
+    "T",
+    low=0.0,
+    high=1e-3,
+)
+PARAMETERS = (MAX_DIPOLE, GAIN, DEADBAND, PERIOD, LAW, NOISE, SEED)
+MAGNETORQUERS = np.dtype(
+    [
+        ("max_dipole", np.float64),  # [A·m²]
+        ("gain", np.float64),  # k [1/s]; 0 if the law is off
+        ("deadband", np.float64),  # [N·m·s]
+        ("period", np.int64),  # in steps
+        ("noise", np.float64),  # [T]
+        ("seed", np.int64),
+    ],
+    align=True,
+)
+DIPOLE = Column(
+    "magnetorquer_dipole",
+    "magnetorquers/dipole",
+    VECTOR,
+    BODY,
+    "A·m²",
+    "dipole of the magnetorquers, from the stamp on",
+)
+_CHANNEL = 28  # of the noise, and the next; sensors have those below
+
+
+def magnetorquer_record(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `MAGNETORQUERS` from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The period is no whole number of steps.
+    """
+    record = np.zeros((), MAGNETORQUERS)[()]
+    record["max_dipole"] = values[MAX_DIPOLE.name]
+    record["gain"] = values[GAIN.name] if values[LAW.name] == "cross_product" else 0.0
+    record["deadband"] = values[DEADBAND.name]
+    record["period"] = whole_steps(PERIOD.name, values[PERIOD.name], values["rate"])
+    record["noise"] = values[NOISE.name]
+    record["seed"] = values[SEED.name]
+    return record
+
+
+@kernel
+def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
+    """Dipole m [A·m²] of the cross-product law, body axes.
+
+    Parameters
+    ----------
+    excess
+        Momentum Δh [N·m·s] that is to go.
+    b
+        True field B [T]; the law measures it with noise.
+    step
+        To which the noise belongs.
+    rods
+        Record of dtype `MAGNETORQUERS`.
+    """
+    if norm(excess) < rods.deadband:
+        return (0.0, 0.0, 0.0)
+    b = add(b, scale(rods.noise, normal_vector(rods.seed, step, _CHANNEL)))
+    m = scale(rods.gain / dot(b, b), cross(excess, b))
+    return scale(rods.max_dipole / max(largest(m), rods.max_dipole), m)

@@ -1,0 +1,87 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A craft with wheels, and magnetorquers in Earth's magnetic field.
+
+The body is that of `plants.gyrostat`. It also tells the field where it is, which is what a
+magnetometer measures, and its magnetorquers are turned by it.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science import multibody, orbit_field
+from ppc_attitude.science.attitude import to_body
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.kernel import add, cross, kernel, store, vector
+from ppc_attitude.science.magnetorquers import DIPOLE
+from ppc_attitude.science.multibody import move, tell, tell_speeds
+from ppc_attitude.science.orbit import CURSOR, orbit_at
+from ppc_attitude.science.orbit_field import MAGNETIC_FIELD, ORBIT_FIELD, magnetic_field
+from ppc_attitude.science.plants import gyrostat
+
+CONFIGURATION = np.dtype([("craft", multibody.CONFIGURATION), ("field", ORBIT_FIELD)], align=True)
+STATE = np.dtype(
+    [
+        ("craft", multibody.STATE),
+        ("cursor", CURSOR),
+        ("field", np.float64, (3,)),  # [T] body, at the last stamp
+    ],
+    align=True,
+)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        Craft, wheels or orbit are impossible, one of the craft's modes is too fast for the steps,
+        or the date is outside the field's model.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["craft"] = gyrostat.configure(values)
+    record["field"] = orbit_field.orbit_field(values)
+    return record
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Carry the motion from the last stamp to this one, torques held since then."""
+    state.craft.motor[:] = inputs.wheel_torque
+    turned = cross(vector(inputs.magnetorquer_dipole), vector(state.field))
+    torque = add(vector(inputs.disturbance_torque), turned)
+    move(inputs.stamp_ns, torque, state.craft, configuration.craft)
+    tell(state.craft, outputs)
+    tell_speeds(state.craft, outputs)
+    q = outputs.truth_attitude
+    r, _ = orbit_at(inputs.t, configuration.field.orbit, state.cursor)
+    b = to_body(magnetic_field(r, inputs.t, configuration.field), vector(q), q[3])
+    store(state.field, b)
+    store(outputs.magnetic_field, b)
+
+
+COMPONENT = Component(
+    name="gyrostat_rods",
+    parameters=(*gyrostat.COMPONENT.parameters, *orbit_field.PARAMETERS),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=STATE,
+    inputs=(*gyrostat.COMPONENT.inputs, DIPOLE),
+    outputs=(*gyrostat.COMPONENT.outputs, MAGNETIC_FIELD),
+    step=step,
+)

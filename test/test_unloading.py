@@ -1,0 +1,241 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Magnetorquers that unload wheels: the law, the field, and what becomes of the momentum."""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import truth_tables
+from bag_helpers import assert_same
+from conftest import StartProcess
+from estimation_helpers import ROOT, STEP_NS, Array
+from process_helpers import PAPER, Run
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.contract.topics import PLANT, REFERENCE
+from ppc_attitude.science.attitude import to_body
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import ACTUATORS, PLANTS
+from ppc_attitude.science.magnetorquers import unloading_dipole
+from ppc_attitude.science.orbit import CURSOR, orbit_at
+from ppc_attitude.science.orbit_elements import orbit_record
+from ppc_attitude.science.orbit_field import ORBIT_FIELD, magnetic_field
+from ppc_attitude.science.part import Part
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.replay import replay
+from ppc_attitude.simulation.scenario import load
+
+OVERLAYS = [ROOT / "config" / f"{name}.yaml" for name in ("wheels", "orbit", "unloading")]
+RODS = ACTUATORS.components["wheels_rods"]
+AXES = np.reshape(RODS.defaults["wheels.axes"], (4, 3))
+FIELD = (1.2e-5, -2.5e-5, 3.1e-5)  # [T]
+
+
+def part_of(component: Any, **given: Any) -> Part:
+    named = {f"magnetorquers.{name}": value for name, value in given.items()}
+    return Part(component, {**component.defaults, "rate": 100.0, **named})
+
+
+def rods_of(**given: Any) -> Any:
+    return part_of(RODS, **given).configuration[0]["rods"]
+
+
+def speeds_of(momentum: Array) -> Array:
+    """Speeds of the four wheels [rad/s] with a momentum [N·m·s]."""
+    return np.concatenate([np.linalg.pinv(8e-4 * AXES.T) @ momentum, np.zeros(4)])
+
+
+def truth_field() -> tuple[Any, list[float]]:
+    """Field and attitude of the table `unloading`, from its notes."""
+    notes = " ".join(truth_tables.notes("unloading"))
+    elements = notes.split("orbit (")[1].split(")")[0].split(",")
+    (a, e), angles = map(float, elements[:2]), np.deg2rad(np.array(elements[2:], np.float64))
+    half = math.sqrt((1.0 - e) / (1.0 + e)) * math.tan(angles[3] / 2.0)  # the last is the true one
+    eccentric = 2.0 * math.atan(half)
+    field = np.zeros((), ORBIT_FIELD)[()]
+    field["orbit"] = orbit_record(a, e, *angles[:3], eccentric - e * math.sin(eccentric))
+    field["earth_angle"] = 1.0
+    harmonics = field["harmonics"]
+    harmonics["degree"] = 1
+    harmonics["g"][1, 0], harmonics["g"][1, 1], harmonics["h"][1, 1] = (
+        float(each) for each in notes.split("h11 = [")[1].split("] T")[0].split(",")
+    )
+    return field, [float(each) for each in notes.split("attitude ")[1].split()[:4]]
+
+
+def test_wheels_are_unloaded_as_in_the_truth() -> None:
+    """Three hours in a dipole field, the craft held still; the momentum is integrated here."""
+    (field, q), truth = truth_field(), truth_tables.table("unloading")
+    cursor, rods = np.zeros((), CURSOR)[()], rods_of(deadband=0.0)
+    momenta, fields, dipoles = (
+        truth_tables.columns(truth, *(f"{name}{axis}" for axis in "xyz")) for name in "hBm"
+    )
+
+    def field_at(t: float) -> Any:
+        r, _ = orbit_at(t, field["orbit"], cursor)
+        return to_body(magnetic_field(r, t, field), tuple(q[:3]), q[3])
+
+    h, worst = momenta[0], np.zeros(3)
+    for second in range(10801):
+        b = field_at(float(second))
+        dipole = unloading_dipole(tuple(h), b, second, rods)
+        if second % 60 == 0:
+            row = second // 60
+            off = [h - momenta[row], b - fields[row], dipole - dipoles[row]]
+            worst = np.maximum(worst, np.abs(off).max(axis=1))
+        mean = np.add(b, np.add(np.multiply(4.0, field_at(second + 0.5)), field_at(second + 1.0)))
+        h = h + np.cross(dipole, mean / 6.0)
+    assert np.all(worst < (1e-12, 1e-15, 1e-10)), worst
+
+
+def test_what_is_across_the_field_goes_and_the_rest_stays() -> None:
+    h, b = np.array([0.02, 0.05, -0.03]), np.array(FIELD)
+    dipole = unloading_dipole(tuple(h), FIELD, 0, rods_of())
+    across = h - b * (h @ b) / (b @ b)
+    assert np.cross(dipole, b) == pytest.approx(-1e-3 * across, rel=1e-12)
+    weak = unloading_dipole(tuple(h), FIELD, 0, rods_of(max_dipole=0.5))
+    assert np.abs(weak).max() == pytest.approx(0.5, rel=1e-12)
+    assert np.linalg.norm(np.cross(weak, dipole)) < 1e-15
+    for off in (rods_of(deadband=0.07), rods_of(law="off")):
+        assert not any(unloading_dipole(tuple(h), FIELD, 0, off))
+    assert any(unloading_dipole(tuple(h), FIELD, 0, rods_of(deadband=0.06)))
+
+
+def test_noise_of_the_magnetometer_belongs_to_a_step() -> None:
+    """Across the momentum, along the field: k/B² (Δh × n)·B̂, so σ is k |Δh| σ_B/B²."""
+    b = np.array(FIELD)
+    h = np.cross(b, [1.0, 2.0, -1.0])
+    h *= 0.1 / np.linalg.norm(h)
+    noisy = rods_of(magnetometer_noise=1e-7)
+    drawn = np.array([unloading_dipole(tuple(h), FIELD, step, noisy) for step in range(4000)])
+    along = drawn @ b / np.linalg.norm(b)
+    assert along.std() == pytest.approx(1e-3 * 0.1 * 1e-7 / (b @ b), rel=0.05)
+    assert tuple(drawn[17]) == unloading_dipole(tuple(h), FIELD, 17, noisy)
+    noisy["seed"] = 1
+    assert tuple(drawn[17]) != unloading_dipole(tuple(h), FIELD, 17, noisy)
+
+
+def test_rods_act_beside_the_wheels_and_hold_their_dipole_for_a_period() -> None:
+    rods, wheels = part_of(RODS, period=0.5), part_of(ACTUATORS.components["wheels"])
+    random = np.random.default_rng(5)
+    dipoles = []
+    for k in range(120):
+        told = [*(0.02 * random.normal(size=3)), *(0.01 * random.normal(size=3))]
+        told += [*speeds_of(0.1 * random.normal(size=3))]
+        b = 3e-5 * random.normal(size=3)
+        given = np.array(rods.step(k * STEP_NS, [*told, *b]))
+        plain = np.array(wheels.step(k * STEP_NS, told))
+        dipole = rods.output("magnetorquer_dipole")
+        assert np.array_equal(given[3:11], plain[3:11])
+        assert np.array_equal(given[:3], plain[:3] + np.cross(dipole, b))
+        dipoles.append(dipole)
+    begins = [0, 50, 100]
+    assert [k for k in range(1, 120) if dipoles[k] != dipoles[k - 1]] == begins[1:]
+
+
+def test_the_field_takes_momentum_and_nothing_else_does() -> None:
+    """H of craft and wheels, inertial axes: it changes by the torque of the rods alone."""
+    given = {"initial_angular_velocity": [0.02, -0.01, 0.03], "wheels.initial_speed": [300.0]}
+    component = PLANTS.components["gyrostat_rods"]
+    plain = PLANTS.components["gyrostat"]
+    values = {**component.defaults, "rate": 100.0, **given}
+    plant, free = Part(component, values), Part(plain, {**plain.defaults, "rate": 100.0, **given})
+    random = np.random.default_rng(2)
+    motor, dipole, momenta, attitudes, pushes = np.zeros(8), np.zeros(3), [], [], []
+    for k in range(400):
+        told = np.array(plant.step(k * STEP_NS, [*motor, 0.0, 0.0, 0.0, *dipole]))
+        attitudes.append(Rotation.from_quat(told[:4]))
+        body = np.diag([2.8, 2.5, 1.9]) @ told[4:7] + 8e-4 * AXES.T @ told[7:11]
+        momenta.append(attitudes[-1].apply(body))
+        motor[:4], dipole = 0.02 * random.normal(size=4), 10.0 * random.normal(size=3)
+        pushes.append(np.cross(dipole, told[15:18]))
+    taken = [np.zeros(3)]
+    for (a, b), push in zip(pairwise(attitudes), pushes, strict=False):
+        between = a * Rotation.from_rotvec((a.inv() * b).as_rotvec() / 2.0)
+        taken.append(taken[-1] + 0.01 * between.apply(push))
+    off = np.subtract(momenta, momenta[0]) - taken
+    assert np.abs(off).max() < 1e-6 * np.linalg.norm(taken[-1])
+    # Without a dipole it is the gyrostat to the last bit.
+    plant.forget()
+    for k in range(50):
+        motor[:4] = 0.02 * random.normal(size=4)
+        given_now = plant.step(k * STEP_NS, [*motor, 1e-3, 0.0, 2e-3, 0.0, 0.0, 0.0])
+        assert given_now[:15] == free.step(k * STEP_NS, [*motor, 1e-3, 0.0, 2e-3])
+
+
+@pytest.mark.parametrize(
+    ("chosen", "reason"),
+    [
+        ({"plant": "gyrostat"}, "wheels_rods reads magnetic_field, which no selected component"),
+        ({"actuator": "wheels"}, "gyrostat_rods reads magnetorquer_dipole, which no selected"),
+        ({"magnetorquers.period": 0.015}, "magnetorquers.period = 0.015 s is 1.5 steps at rate"),
+        ({"magnetorquers.max_dipole": 1e3}, r"max_dipole = 1000.0 A·m²; allowed: .*≤ 500"),
+        (
+            {"magnetorquers.max_dipole": 500.0, "wheels.max_torque": [0.03]},
+            r"max_dipole = 500 A·m²: 0.0495 N·m .* less than the 0.0346 N·m that the wheels give",
+        ),
+        ({"magnetorquers.law": "b_dot"}, "magnetorquers.law = 'b_dot'; allowed: one of"),
+        ({"orbit.field": "dipole"}, "orbit.field = igrf; allowed: dipole, which spacecraft_plant"),
+        ({"orbit.altitude": 600e3}, "orbit.altitude = 550000.0; allowed: 600000.0"),
+    ],
+)
+def test_what_does_not_go_with_rods_is_refused(chosen: dict[str, Any], reason: str) -> None:
+    with pytest.raises(ConfigurationError, match=reason):
+        load([PAPER, *OVERLAYS], {PLANT: chosen})
+
+
+def test_the_torque_limit_has_room_for_the_rods() -> None:
+    certain, most = ACTUATORS.components["wheels"].torques(RODS.defaults)
+    with_rods = RODS.torques({**RODS.defaults, "magnetorquers.max_dipole": 100.0})
+    for dipole in 100.0 * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 0.0], [0.0, 1.0, 1.0]]):
+        torque = np.abs(np.cross(dipole, [0.0, 5e-5, -4.8e-5])).max()
+        assert most + torque < with_rods[1] < most + 1.5 * 100.0 * 7e-5
+        assert certain - torque > with_rods[0]
+
+
+@pytest.mark.ros
+def test_nodes_with_rods_give_the_bits_of_the_loop(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    spun = tmp_path / "spun.yaml"
+    spun.write_text(
+        "/**/spacecraft_plant: {ros__parameters: {wheels: {initial_speed: [300, 0, 0, 0]}, "
+        "magnetorquers: {period: 0.5, magnetometer_noise: 1.0e-7}}}\n"
+    )
+    options = [each for path in (*OVERLAYS, spun) for each in ("--config", str(path))]
+    run = Run(start_process, tmp_path / "bag", "--duration", "1", *options)
+    assert run.ends() == 0, run.err
+    flight, expected = read_run(run.bag), simulate(load([PAPER, *OVERLAYS, spun]), 1.0)
+    assert not flight.missing_messages
+    assert_same(flight, expected)
+    assert len(np.unique(flight["magnetorquer_dipole"], axis=0)) == 3
+    again = replay(flight)
+    assert {each.largest for each in (again.law, *again.others)} == {0.0}
+
+
+@pytest.mark.long
+def test_magnetorquers_empty_the_wheels_of_a_craft_that_holds_its_attitude() -> None:
+    given = {PLANT: {"wheels.initial_speed": [500.0, 200.0, -100.0, 100.0]}}
+    still = {REFERENCE: {"amplitude": [0.0, 0.0, 0.0]}}
+    flight = simulate(load([PAPER, *OVERLAYS], {**given, **still}), 7200.0)
+    momenta = np.linalg.norm(8e-4 * flight["wheel_speed"][:, :4] @ AXES, axis=1)
+    assert momenta[0] > 0.4
+    assert momenta[-100:].max() < 0.02
+    assert np.abs(flight["attitude_error"][12000:, :3]).max() < 5e-4
