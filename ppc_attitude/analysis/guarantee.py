@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import beyond
+from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import attitude_sigmas, rate_sigmas
 from ppc_attitude.analysis.series import has
 from ppc_attitude.analysis.truth import knowledge_errors
@@ -86,7 +87,7 @@ def certificate_held(record: RunRecord) -> Held | None:
         return Held(nothing, "the record lacks parameters of the law", "")
     if digest != digest_of(values):
         return Held(nothing, "the certificate is for other numbers", "")
-    different = _broken_all_along(record)
+    different = _broken_all_along(record) or [f"fault: {each}" for each in faults_of(record)]
     if different:
         return Held(nothing, "; ".join(different), "")
     pairs = (("momentum_error", "momentum_tube"), ("turn", "turn_envelope"))

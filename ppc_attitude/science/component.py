@@ -161,6 +161,10 @@ def _no_advices(state: Any) -> int:
     return 0
 
 
+def _no_parts(values: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+    return {}
+
+
 def _never(values: Mapping[str, Any]) -> bool:
     return False
 
@@ -199,6 +203,9 @@ class Component:
         Of actuators: the parameters that limit its torque, all of which a weaker one has smaller.
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
+    faults : callable
+        From parameter values to its parts that can fail, by name, each with a tuple of `Failure`;
+        if it has any it has the parameter `faults`.
     bounds : callable, optional
         Of environments: from parameter values to the bounds of the torque's norm [N·m] and of its
         rate on an axis [N·m/s], None where that is not known. Without it neither is.
@@ -219,6 +226,7 @@ class Component:
     exact: Callable[[Mapping[str, Any]], bool] = _never
     limits: tuple[str, ...] = ()
     torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
+    faults: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, ...]]] = _no_parts
     bounds: Callable[[Mapping[str, Any]], tuple[float, float | None]] | None = None
     observes: bool = False
 
