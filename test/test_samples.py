@@ -96,6 +96,10 @@ CASES = {
         name: load([ROOT / "config" / "paper.yaml", ROOT / "config" / f"{name}.yaml"])
         for name in ("sensors_cubesat", "orbit")
     },
+    "wheels that fail": load(
+        [ROOT / "config" / "paper.yaml", ROOT / "config" / "wheels.yaml"],
+        {"spacecraft_plant": {"faults": ["wheel/1 seized from 2", "wheel/0 drag 3"]}},
+    ),
 }
 
 
