@@ -212,7 +212,7 @@ def _integrate(state: Any, torque: Vector, craft: Any, h: float) -> None:
     total[:] = 0.0
     for stage in range(4):
         _slopes(between, state.motor, torque, craft, slopes)
-        weight = 2.0 if stage in {1, 2} else 1.0
+        weight = 2.0 if 1 <= stage <= 2 else 1.0  # a set of both would take memory
         ahead = h if stage == 2 else 0.5 * h
         for k in range(_SIZE):
             total[k] += weight * slopes[k]
