@@ -23,7 +23,7 @@ from ppc_attitude.analysis.series import once
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.faults import FAULTS, MOST_FAULTS, acting_of, fault_of, told
+from ppc_attitude.science.faults import FAULTS, MOST_FAULTS, acting_of, fault_of, fault_texts
 from ppc_attitude.science.stamps import seconds
 
 
@@ -51,10 +51,10 @@ class Acting(NamedTuple):
 def faults_of(record: RunRecord) -> tuple[Acting, ...]:
     """Faults that acted, by their start; spans of one that touch are one."""
     first, last = int(record.stamps_ns[0]), int(record.stamps_ns[-1])
-    given = [(first, told(record.parameters.get(PLANT, {})))]
+    given = [(first, fault_texts(record.parameters.get(PLANT, {})))]
     for change in record.changes:
         if (change.node, change.name) == (PLANT, FAULTS.name):
-            given.append((change.stamp_ns, told({FAULTS.name: change.value})))
+            given.append((change.stamp_ns, fault_texts({FAULTS.name: change.value})))
     found: dict[str, list[tuple[int, int]]] = {}
     for (since, texts), (until, _) in pairwise([*given, (last, [])]):
         known = texts[:MOST_FAULTS]  # nobody runs with more

@@ -35,7 +35,7 @@ from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
 from ppc_attitude.runtime.stamps import Values
 from ppc_attitude.science.component import Column
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.faults import FAULTS, acting_of, told
+from ppc_attitude.science.faults import FAULTS, acting_of, fault_texts
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.part import first_raised
@@ -219,7 +219,7 @@ class SpacecraftPlant(BaseNode):
         """Waiting, zero torque for lack of commands, faulty, or running."""
         level, summary, details = self.pace.report(self.now())
         numbers = {**self._motion.numbers, **self._acting.numbers}
-        faults = "; ".join(acting_of(told(self.parameters.values), self._stamp))
+        faults = "; ".join(acting_of(fault_texts(self.parameters.values), self._stamp))
         if level == OK and faults:
             level, summary = WARN, f"{summary} with {faults}"
         for part in self._acting.parts:

@@ -183,7 +183,7 @@ def _number(text: str, name: str, word: str, low: float, high: float, unit: str)
     return number
 
 
-def told(values: Mapping[str, Any]) -> list[str]:
+def fault_texts(values: Mapping[str, Any]) -> list[str]:
     """Texts of all faults, from parameter values, be they of a bag of somebody else's."""
     given = values.get(FAULTS.name, [])
     return [str(text) for text in given if str(text).strip()] if isinstance(given, list) else []
@@ -210,7 +210,7 @@ def see_that_parts_exist(values: Mapping[str, Any], parts: Parts) -> None:
     ConfigurationError
         One is not; names it.
     """
-    for text in told(values):
+    for text in fault_texts(values):
         if text.split()[0] not in parts:
             raise ConfigurationError(
                 f"{FAULTS.name}: {text!r}: this craft has no part {text.split()[0]} that fails; "
@@ -234,7 +234,7 @@ def faults_of(values: Mapping[str, Any], parts: Parts) -> Any:
         A fault of one of the parts is none, or there are too many; names it.
     """
     record = np.zeros((), RECORD)[()]
-    texts = told(values)
+    texts = fault_texts(values)
     if len(texts) > MOST_FAULTS:
         raise ConfigurationError(
             f"{FAULTS.name} has {len(texts)} texts; allowed: up to {MOST_FAULTS}"

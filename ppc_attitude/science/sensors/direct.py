@@ -36,9 +36,9 @@ from ppc_attitude.science.faults import (
     RECORD,
     Failure,
     acting,
+    fault_texts,
     faults_of,
     number_of,
-    told,
 )
 from ppc_attitude.science.kernel import (
     Quaternion,
@@ -176,7 +176,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 def is_exact(values: Mapping[str, Any]) -> bool:
     """True if there is neither noise nor a fault."""
-    faulty = any(text.split()[0] in PARTS for text in told(values))
+    faulty = any(text.split()[0] in PARTS for text in fault_texts(values))
     return not (values["attitude_noise"] or values["rate_noise"] or faulty)
 
 
