@@ -89,6 +89,7 @@ STUCK, WEAK = "actuator/x stuck 0.01", "actuator/y effectiveness 0.5"
             (f"{STUCK}, 0 to 10 s",),
         ),
         # What a bag of somebody else's may hold.
+        (failed([STUCK], (-1.0, [WEAK]), (12.0, [STUCK])), (f"{WEAK}, 0 to 10 s",)),
         (failed("everything"), ()),
         (
             failed([3.0, None, "\x1b[2J", "wheel/0", "a b from x", f"{STUCK} from 1"]),

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 import pytest
 from estimation_helpers import STEP_NS, Array
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 from test_hardware_faults import case, part_of
@@ -41,7 +43,7 @@ def drive(*faults: str, **values: Any) -> Part:
     return part_of(ACTUATORS, "wheels", *faults, **{"wheels__detection_delay": 0.0, **values})
 
 
-def given(part: Part, command: Any, speeds: Any = (0.0,) * 8, k: int = 0) -> tuple[Array, Array]:
+def torques(part: Part, command: Any, speeds: Any = (0.0,) * 8, k: int = 0) -> tuple[Array, Array]:
     """Torque on the body and motor torques at step k, of a body at rest."""
     row = np.array(part.step(k * STEP_NS, [*command, 0.0, 0.0, 0.0, *speeds]))
     return row[:3], row[3:]
@@ -75,11 +77,39 @@ def test_momentum_is_exchanged_and_never_made(fault: str) -> None:
     assert np.linalg.norm(H - H[0], axis=1).max() < 1e-12 * np.linalg.norm(H[0])
 
 
+HOW = st.sampled_from(["seized", "effectiveness 0"]) | st.builds(
+    "{} {:.3f}".format,
+    st.sampled_from(["effectiveness", "bias", "stuck", "drag"]),
+    st.floats(0.0, 1.0),
+).map(lambda text: text.replace("drag 0", "drag 9").replace("drag 1", "drag 8"))
+TEXT = st.builds(
+    "wheel/{} {} from {:.2f} for {:.2f}".format,
+    st.integers(0, 3),
+    HOW,
+    st.floats(0.0, 5.0),
+    st.floats(0.01, 5.0),
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(TEXT, max_size=16), st.sampled_from(["scale", "clip"]))
+def test_any_faults_leave_every_number_finite_and_the_momentum_as_it_is(
+    texts: list[str], overload: str
+) -> None:
+    start = {"wheels__initial_speed": [100.0, -200.0, 300.0, 50.0], "wheels__overload": overload}
+    craft = case("wheels", faults=texts, wheels__detection_delay=0.5, **start)
+    record = simulate(craft.with_values(INJECTOR, environment=False), 6.0)
+    assert all(np.isfinite(column).all() for column in record.columns.values())
+    assert np.abs(record["wheel_speed"]).max() < 628.3 * (1.0 + 1e-4)
+    H = momentum(record)
+    assert np.linalg.norm(H - H[0], axis=1).max() < 1e-9 * np.linalg.norm(H[0])
+
+
 def test_a_wheel_gives_a_share_of_what_it_is_asked_for_and_a_bias_within_its_limit() -> None:
     command, speeds = [0.03, -0.02, 0.01], (100.0, -50.0, 20.0, 5.0, 0.0, 0.0, 0.0, 0.0)
-    _, whole = given(drive(), command, speeds)
+    _, whole = torques(drive(), command, speeds)
     part = drive("wheel/1 effectiveness 0.5", "wheel/1 bias 0.01", "wheel/3 bias 1")
-    _, motors = given(part, command, speeds)
+    _, motors = torques(part, command, speeds)
     assert motors[1] == pytest.approx(0.5 * whole[1] + 0.01, rel=1e-12)
     assert motors[3] == 0.05
     assert (motors[0], motors[2]) == (whole[0], whole[2])
@@ -132,7 +162,7 @@ def test_the_drive_drops_a_lost_wheel_after_the_delay_and_takes_it_back() -> Non
     part = drive("wheel/2 effectiveness 0 from 0.02 for 0.05", wheels__detection_delay=0.03)
     command, said = [0.005, 0.004, -0.003], []
     for k in range(10):
-        torque, motors = given(part, command, k=k)
+        torque, motors = torques(part, command, k=k)
         lost, dropped = 2 <= k < 7, 5 <= k < 7
         assert (np.abs(torque - command).max() < 1e-15) == (not lost or dropped)
         assert (motors[2] == 0.0) == lost
@@ -145,12 +175,12 @@ def test_the_drive_drops_a_lost_wheel_after_the_delay_and_takes_it_back() -> Non
 
 def test_a_loss_in_flight_is_found_the_delay_after_it_began() -> None:
     part = drive(wheels__detection_delay=0.03)
-    given(part, AT_REST[:3])
+    torques(part, AT_REST[:3])
     failed = {**part.component.defaults, "rate": 100.0, "wheels.detection_delay": 0.03}
     part.configure({**failed, "faults": ["wheel/0 stuck 0"]})
     dropped = []
     for k in range(100, 106):
-        given(part, AT_REST[:3], k=k)
+        torques(part, AT_REST[:3], k=k)
         dropped.append(part.advice.warning)
     assert dropped == [False, False, False, True, True, True]
 
@@ -160,7 +190,7 @@ def test_three_wheels_give_half_of_what_four_do_on_every_axis_at_once() -> None:
     for part, box in ((drive(), 0.05 * 2.0 / 3.0**0.5), (drive("wheel/2 seized"), 0.05 / 3.0**0.5)):
         short = [
             [
-                np.abs(given(part, share * box * corner)[0] - share * box * corner).max() > 1e-12
+                np.abs(torques(part, share * box * corner)[0] - share * box * corner).max() > 1e-12
                 for corner in corners
             ]
             for share in (0.9999, 1.0001)
@@ -174,14 +204,14 @@ def test_two_of_four_give_the_part_in_their_plane_and_the_drive_calls_that_a_fai
     axes = PYRAMID[[1, 2]]
     plane = np.linalg.pinv(axes) @ axes
     for command in np.random.default_rng(2).normal(size=(50, 3)) * 0.01:
-        torque, motors = given(part, command)
+        torque, motors = torques(part, command)
         assert np.abs(torque - plane @ command).max() < 1e-15
         assert not motors[[0, 3]].any()
     assert part.advice.failed
     assert part.advice.text == "wheels 0, 3 lost: the others give torque in a plane only"
     for lost, span in ((3, "a line"), (4, "no direction")):
         part = drive(*(f"wheel/{i} effectiveness 0" for i in range(lost)))
-        torque, _ = given(part, [0.01, 0.02, 0.03])
+        torque, _ = torques(part, [0.01, 0.02, 0.03])
         assert np.isfinite(torque).all()
         assert part.advice.failed
         assert f"give torque in {span} only" in part.advice.text
@@ -194,7 +224,7 @@ def test_momentum_is_spread_over_the_wheels_that_are_left_without_a_torque(
     texts = [f"wheel/{i} effectiveness 0" for i in lost]
     part = drive(*texts, wheels__axes=SIX.ravel().tolist(), wheels__friction_knowledge=0.0)
     speeds = np.array([50.0, -80.0, 20.0, 150.0, -30.0, 60.0, 0.0, 0.0])
-    _, motors = given(part, AT_REST[:3], speeds)
+    _, motors = torques(part, AT_REST[:3], speeds)
     axes = SIX / np.linalg.norm(SIX, axis=1, keepdims=True)
     left = np.delete(np.arange(6), lost)
     free = null_space(axes[left].T)

@@ -54,7 +54,8 @@ def faults_of(record: RunRecord) -> tuple[Acting, ...]:
     given = [(first, fault_texts(record.parameters.get(PLANT, {})))]
     for change in record.changes:
         if (change.node, change.name) == (PLANT, FAULTS.name):
-            given.append((change.stamp_ns, fault_texts({FAULTS.name: change.value})))
+            since = min(max(change.stamp_ns, first), last)
+            given.append((since, fault_texts({FAULTS.name: change.value})))
     found: dict[str, list[tuple[int, int]]] = {}
     for (since, texts), (until, _) in pairwise([*given, (last, [])]):
         known = texts[:MOST_FAULTS]  # nobody runs with more
