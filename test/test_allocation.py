@@ -34,9 +34,15 @@ def arrays() -> dict[str, Array]:
     return found
 
 
-def allocated(t: Array, axes: Array, low: Array, high: Array) -> tuple[float, Array]:
-    given, torques = np.zeros(len(axes)), np.zeros(len(axes))
-    load = allocate(tuple(t.tolist()), WheelArray(axes, len(axes), low, high, given, torques))
+def allocated(
+    t: Array, axes: Array, low: Array, high: Array, lost: tuple[int, ...] = ()
+) -> tuple[float, Array]:
+    given, torques, marks = np.zeros((3, len(axes)))
+    marks[list(lost)] = 1.0
+    wheels = WheelArray(axes, len(axes), low, high, marks, given, torques)
+    load, rank = allocate(tuple(t.tolist()), wheels)
+    left = np.delete(axes, lost, axis=0)
+    assert rank == (np.linalg.matrix_rank(left, 1e-6) if left.size else 0)
     return load, torques
 
 
@@ -58,7 +64,7 @@ def test_torques_are_shared_as_linear_programming_does() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_no_other_sharing_loads_the_wheels_less(seed: int) -> None:
-    """Any array, any limits: also parallel wheels, and several in one plane."""
+    """Any array, any limits, some of the wheels lost: also parallel ones, several in one plane."""
     random = np.random.default_rng(seed)
     axes = random.normal(size=(int(random.integers(3, 9)), 3))
     if seed % 2:  # twice the coordinate axes, and one between them
@@ -67,21 +73,35 @@ def test_no_other_sharing_loads_the_wheels_less(seed: int) -> None:
     count = len(axes)
     low, high = -random.uniform(0.1, 2.0, count), random.uniform(0.1, 2.0, count)
     t = random.normal(size=3)
-    load, torques = allocated(t, axes, low, high)
-    assert np.abs(axes.T @ torques - t).max() < 1e-12
-    assert np.all(torques <= load * high * (1.0 + 1e-9) + 1e-15)
-    assert np.all(torques >= load * low * (1.0 + 1e-9) - 1e-15)
-    # min v: A u = t, v low ≤ u ≤ v high
+    for losses in range(count + 1):
+        lost = tuple(random.choice(count, losses, replace=False).tolist())
+        left = np.delete(np.arange(count), lost)
+        span = np.linalg.pinv(axes[left]) @ axes[left]  # onto what the others span
+        load, torques = allocated(t, axes, low, high, lost)
+        assert not torques[list(lost)].any()
+        assert np.abs(axes.T @ torques - span @ t).max() < 1e-12
+        assert np.all(torques <= load * high * (1.0 + 1e-9) + 1e-15)
+        assert np.all(torques >= load * low * (1.0 + 1e-9) - 1e-15)
+        least = least_load(span @ t, axes[left], low[left], high[left])
+        assert load == pytest.approx(least, rel=1e-9, abs=1e-12)
+
+
+def least_load(t: Array, axes: Array, low: Array, high: Array) -> float:
+    """Least v with A u = t, v low ≤ u ≤ v high, by linear programming."""
+    count = len(axes)
+    if not count:
+        return 0.0
+    basis = np.linalg.svd(axes)[2][: np.linalg.matrix_rank(axes, 1e-6)]
     below, above = np.column_stack([np.eye(count), -high]), np.column_stack([-np.eye(count), low])
     least = linprog(
         [*[0.0] * count, 1.0],
         A_ub=np.vstack([below, above]),
         b_ub=np.zeros(2 * count),
-        A_eq=np.column_stack([axes.T, np.zeros(3)]),
-        b_eq=t,
+        A_eq=np.column_stack([basis @ axes.T, np.zeros(len(basis))]),
+        b_eq=basis @ t,
         bounds=[(None, None)] * count + [(0.0, None)],
     )
-    assert load == pytest.approx(least.fun, rel=1e-9)
+    return float(least.fun)
 
 
 @pytest.mark.parametrize(

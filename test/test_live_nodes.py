@@ -110,6 +110,15 @@ REFUSED = {
     "infeasible": (CONTROLLER, "rate_envelope.exponential_terminal", 1e-9, "rate_envelope"),
     "at start only": (PLANT, "rate", 50.0, "rate"),
     "unknown": (INJECTOR, "enviroment", True, "undeclared"),
+    "no such part": (PLANT, "faults", ["wheel/7 seized"], "this craft has no part wheel/7"),
+    "no fault": (PLANT, "faults", ["actuator/x stuck"], "stuck has 0 numbers; allowed: 1 in N·m"),
+    "truth not sent": (
+        PLANT,
+        "faults",
+        ["sensor/rate frozen"],
+        "select send_truth = true at start",
+    ),
+    "truth not sent either": (PLANT, "rate_noise", 1e-6, "select send_truth = true at start"),
     "not together": (INJECTOR, "pulse_times", [1.0, 2.0], "pulse"),
 }
 

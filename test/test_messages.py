@@ -71,6 +71,7 @@ def test_impossible_variances_of_sensors_are_refused():
     gyro, fix = BY_COLUMN["gyro"], BY_COLUMN["star_fix"]
     for variance in (0.0, 1e4):
         read(gyro, 0, (0.1, 0.2, 0.3, variance))
+    assert read(gyro, 0, (0.0, 0.0, 0.0, -1.0)).values[3] == -1.0  # no rate
     for variance in (-1.0, -1e-9, 1.1e5, 1e6, math.nan):
         with pytest.raises(RefusedError, match="imu/data_raw"):
             read(gyro, 0, (0.1, 0.2, 0.3, variance))

@@ -76,6 +76,7 @@ def test_the_json_is_the_contract():
         "truth",
         "required",
         "changes",
+        "faults",
     ]
     assert list(told["metrics"]) == [
         "settling_time_s",

@@ -101,6 +101,10 @@ CASES = {
             ("thrusters",),
         )
     },
+    "wheels that fail": load(
+        [ROOT / "config" / "paper.yaml", ROOT / "config" / "wheels.yaml"],
+        {"spacecraft_plant": {"faults": ["wheel/1 seized from 2", "wheel/0 drag 3"]}},
+    ),
 }
 
 

@@ -20,10 +20,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from bag_helpers import assert_same
 from conftest import StartProcess
 from estimation_helpers import ROOT, STEP_NS, Array
+from peer import peer
 from process_helpers import PAPER, Run
+from test_live_nodes import set_parameter
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
@@ -128,26 +131,54 @@ def test_four_wheels_go_to_their_null_speed_without_a_torque() -> None:
 
 
 @pytest.mark.ros
-def test_nodes_with_wheels_modes_and_sensors_give_the_bits_of_the_loop(
+def test_nodes_with_wheels_modes_sensors_and_faults_give_the_bits_of_the_loop(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
-    """Six processes in lock-step."""
+    """Six processes in lock-step; one wheel fails by schedule, and another one in flight."""
+    schedule = [
+        "wheel/1 effectiveness 0 from 0.1",
+        "gyro bias 1e-4 0 0",
+        "star_tracker blind from 1",
+        "gyro dead from 2 for 0.3",
+    ]
+    given = {
+        "real_time_factor": 1.0,
+        "faults": schedule,
+        "wheels.initial_speed": [627.0, 0.0, 0.0, 0.0],
+        "wheels.detection_delay": 0.3,
+    }
     overlays = [
         *(CONFIG / f"{name}.yaml" for name in ("flexible", "wheels", "sensors_smallsat")),
-        tmp_path / "spun.yaml",
+        tmp_path / "failing.yaml",
     ]
-    overlays[-1].write_text(
-        "/**/spacecraft_plant: {ros__parameters: {wheels: {initial_speed: [627, 0, 0, 0]}}}\n"
-    )
+    overlays[-1].write_text(yaml.safe_dump({f"/**/{PLANT}": {"ros__parameters": given}}))
     options = [each for path in overlays for each in ("--config", str(path))]
-    run = Run(start_process, tmp_path / "bag", "--duration", "3", *options)
-    assert run.ends() == 1, run.err
+    run = Run(start_process, tmp_path / "bag", "--duration", "6", *options)
+    with peer() as stack:
+        run.reaches(0.1)
+        changed = [*schedule, "wheel/3 stuck 0.01"]
+        assert set_parameter(stack, PLANT, "faults", changed).successful
+        stack.hears(PLANT, "wheels 1, 3 lost: the others give torque in a plane only")
+        assert stack.health[PLANT]["level"] == "2"
+        assert "wheel/1 effectiveness 0; gyro bias 1e-4 0 0" in stack.health[PLANT]["faults"]
+        assert run.ends() == 1, run.err
     assert "wheel 0 has reached its largest speed" in run.err
-    record, expected = read_run(run.bag), simulate(load([PAPER, *overlays]), 3.0)
+    record = read_run(run.bag)
+    ((since, *change),) = record.changes
+    assert change == [PLANT, "faults", changed]
+    at_once = [*schedule, f"wheel/3 stuck 0.01 from {since / 1e9!r}"]
+    case = load([PAPER, *overlays]).with_values(PLANT, faults=at_once)
     assert not record.missing_messages
-    assert_same(record, expected)
+    assert_same(record, simulate(case, 6.0))
     again = replay(record)
     assert {each.largest for each in (again.law, *again.others)} == {0.0}
+    assert set(analyse(record).faults) == {
+        "gyro bias 1e-4 0 0, 0 to 6 s",
+        "wheel/1 effectiveness 0, 0.1 to 6 s",
+        "star_tracker blind, 1 to 6 s",
+        "gyro dead, 2 to 2.3 s",
+        f"wheel/3 stuck 0.01, {since / 1e9:g} to 6 s",
+    }
 
 
 def flown(*overlays: str, **changed: Any) -> RunRecord:

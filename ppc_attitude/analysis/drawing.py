@@ -244,6 +244,15 @@ def mark_hits(axes: Axes, starts: Iterable[float]) -> None:
         )
 
 
+def mark_faults(axes: Axes, spans: Iterable[tuple[float, float]]) -> None:
+    """Mark when something of the craft was faulty, from and to [s], by a faint band."""
+    low, high = axes.get_xlim()
+    seen = [(max(start, low), min(end, high)) for start, end in spans if start < high and end > low]
+    for k, span in enumerate(seen):
+        label = "fault" if k == 0 else "_"
+        axes.axvspan(*span, color=RED, alpha=0.08, linewidth=0, label=label, zorder=0.4)
+
+
 def legend(axes: Axes, without: Iterable[str] = ()) -> None:
     """Put the legend above the panel, where it hides nothing, without the entries of others."""
     told = set(without)

@@ -24,13 +24,12 @@ from ppc_attitude.analysis.drawing import (
     draw,
     legend,
     limit_lines,
-    mark_hits,
     panels,
     time_axis,
 )
 from ppc_attitude.analysis.filter_health import attitude_sigmas
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.run_panels import AXES
+from ppc_attitude.analysis.run_panels import AXES, mark
 from ppc_attitude.analysis.series import vectors
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import Array
@@ -89,7 +88,7 @@ def innovation_figure(run: Measured) -> Figure:
     bottom.set_ylabel("NIS [1]")
     for axes in (top, bottom):
         time_axis(axes, run.t)
-        mark_hits(axes, [hit.start_s for hit in run.hits])
+        mark(axes, run)
         legend(axes)
     top.set_xlabel("")
     return figure
@@ -114,7 +113,7 @@ def _in_band(
             axes.set_ylim(edges.min() - 0.3 * width, edges.max() + 0.3 * width)
         axes.set_ylabel(f"{name},\n{axis} [{unit}]")
         time_axis(axes, run.t)
-        mark_hits(axes, [hit.start_s for hit in run.hits])
+        mark(axes, run)
         legend(axes)
     for row in rows[:-1]:
         row[0].set_xlabel("")

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import beyond
+from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import attitude_sigmas, rate_sigmas
 from ppc_attitude.analysis.series import has
 from ppc_attitude.analysis.truth import knowledge_errors, truth_of
@@ -103,6 +104,7 @@ def certificate_held(record: RunRecord) -> Held | None:
         different, broken_at = _broken_all_along(record), _assumptions(record)
     except KeyError as lacking:
         return Held(nothing, f"the record lacks the parameter {lacking.args[0]}", "")
+    different = different or [f"fault: {each}" for each in faults_of(record)]
     if different:
         return Held(nothing, "; ".join(different), "")
     pairs = (("momentum_error", "momentum_tube"), ("turn", "turn_envelope"))

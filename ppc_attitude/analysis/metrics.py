@@ -52,6 +52,7 @@ from functools import cached_property
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
@@ -156,6 +157,7 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
         errors=tuple(judge.error_sizes()),
         required=required,
         changes=tuple(change_text(told, int(record.stamps_ns[0])) for told in record.told_changes),
+        faults=tuple(map(str, faults_of(record))),
     )
 
 

@@ -161,6 +161,7 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
             "<h3>Requirements</h3>",
             _requirements(verdict),
             _disturbances(verdict),
+            _faults(verdict),
             _changes(record),
             "<h3>Attitude errors</h3>",
             _errors(verdict),
@@ -235,6 +236,13 @@ def _changes(record: RunRecord) -> str:
         rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
     head = ["stamp [s]", "node", "parameter", "old → new"]
     return "<h3>Parameters changed in flight</h3>\n" + table(head, rows)
+
+
+def _faults(verdict: Verdict) -> str:
+    if not verdict.faults:
+        return ""
+    told = "".join(f"<li>{escape(each)}</li>" for each in verdict.faults)
+    return f"<h3>Faults</h3>\n<ul>{told}</ul>"
 
 
 def _disturbances(verdict: Verdict) -> str:

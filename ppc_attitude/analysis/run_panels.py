@@ -36,10 +36,12 @@ from ppc_attitude.analysis.drawing import (
     draw,
     judged_limit,
     legend,
+    mark_faults,
     mark_hits,
     panels,
     time_axis,
 )
+from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.contract.run_record import Array
 
@@ -134,11 +136,17 @@ def components(axes: Axes, t: Array, values: Array, names: Sequence[str] = (*AXE
         draw(axes, t, component, label=name, colour=colour)
 
 
+def mark(axes: Axes, run: Measured) -> None:
+    """Mark what happened to the craft: sudden disturbances and faults."""
+    mark_hits(axes, [hit.start_s for hit in run.hits])
+    mark_faults(axes, [(fault.start_s, fault.end_s) for fault in faults_of(run.record)])
+
+
 def finish(shown: Sequence[Axes], run: Measured) -> None:
     """Label time and marks; a panel has a legend if it says more than the first panel's."""
     for axes in shown:
         time_axis(axes, run.t)
-        mark_hits(axes, [hit.start_s for hit in run.hits])
+        mark(axes, run)
     for axes in shown[:-1]:
         if axes.get_shared_x_axes().joined(axes, shown[-1]):
             axes.set_xlabel("")

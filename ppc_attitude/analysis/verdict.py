@@ -247,6 +247,8 @@ class Verdict:
         What was asked for.
     changes : tuple of str
         Parameters that were changed in flight, each in a few words.
+    faults : tuple of str
+        Faults of the plant's hardware that acted, each in a few words.
     """
 
     source: str
@@ -260,6 +262,7 @@ class Verdict:
     errors: tuple[ErrorSize, ...]
     required: Requirements
     changes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
 
     @property
     def all_met(self) -> bool:
@@ -293,6 +296,7 @@ class Verdict:
             "truth": self.truth,
             "required": self.required.to_json(),
             "changes": list(self.changes),
+            "faults": list(self.faults),
         }
 
 
@@ -332,6 +336,7 @@ def verdict_table(verdict: Verdict) -> str:
     kinds = verdict.errors[:1] if verdict.truth == EXACT else verdict.errors
     lines += [error_text(each) for each in kinds if each.max_deg is not None]
     lines += [disturbance_text(each) for each in verdict.metrics.disturbances]
+    lines += [f"fault: {each}" for each in verdict.faults]
     if verdict.changes:
         lines.append(f"parameters changed in flight: {'; '.join(verdict.changes)}")
     return "\n".join(lines)

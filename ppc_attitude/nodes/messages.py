@@ -35,6 +35,7 @@ _UNIT_TOLERANCE = 1e-3
 _OWN_TOLERANCE = 1e-12
 _FIX_VARIANCE = math.pi**2  # [rad²] no attitude is further from another than π
 _GYRO_VARIANCE = 1e5  # [rad²/s²] the noisiest gyro that can be configured, at 10 kHz, has 1e4
+_NO_RATE = (0.0, 0.0, 0.0, -1.0)  # REP 145: there is no such quantity
 
 
 def message_class(msgtype: str) -> Any:
@@ -121,11 +122,10 @@ class Inbox:
                     "≤ π² of a fix"
                 )
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
-        # REP 145: −1 says that there is no rate.
-        if self._is_rate and not 0.0 <= values[3] <= _GYRO_VARIANCE:
+        if self._is_rate and values != _NO_RATE and not 0.0 <= values[3] <= _GYRO_VARIANCE:
             raise RefusedError(
                 f"{self._topic.name}: variance {values[3]} (rad/s)²; allowed: ≥ 0 and "
-                f"≤ {_GYRO_VARIANCE:g} of a rate"
+                f"≤ {_GYRO_VARIANCE:g} of a rate, −1 of none, which is zero"
             )
         if max(map(abs, values)) > LARGEST:
             raise RefusedError(

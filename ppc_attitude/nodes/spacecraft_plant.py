@@ -23,16 +23,19 @@ from std_srvs.srv import Trigger
 
 from ppc_attitude.contract.cdr import LARGEST, decode_clock, encode_clock
 from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of, gives
-from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
+from ppc_attitude.contract.parameters import SEND_TRUTH, WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import CLOCK_TOPIC, PLANT, RECORDED_TOPIC, TRUE_RATE
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.processes.telling import TIME, tell
 from ppc_attitude.runtime.chain import Chain
-from ppc_attitude.runtime.health import Status
+from ppc_attitude.runtime.health import ERROR, OK, WARN, Status
 from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
 from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.science.component import Column
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import FAULTS, acting_of, fault_texts
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.part import first_raised
@@ -46,6 +49,7 @@ class SpacecraftPlant(BaseNode):
     """The craft's body, sensors and actuators; free-running, or in lock-step with its inputs."""
 
     executable = PLANT
+    _sent: frozenset[Column] | None = None  # columns that it sends, once it runs
 
     def __init__(self) -> None:
         super().__init__()
@@ -62,7 +66,6 @@ class SpacecraftPlant(BaseNode):
         clock = self.create_publisher(Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC))
         self._publish_clock = clock.handle.publish_raw
         self._watch.add_shared(clock.topic_name)
-        self._senders: dict[str, Callable[[int, Values], None]] = {}
         self._select_columns()
         rate, duration = float(values["rate"]), values["duration"]
         rules = Rules(
@@ -83,8 +86,13 @@ class SpacecraftPlant(BaseNode):
         )
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """See that the selected components can run with the parameters."""
+        """See that the selected components can run with the parameters, and send the truth."""
         check_components(PLANT, values)
+        if self._sent is not None and not self._sent.issuperset(columns_of(PLANT, values)):
+            raise ConfigurationError(
+                "sensing would be exact no more, and the truth is not sent, so that nobody could "
+                f"judge the run: select {SEND_TRUTH.name} = true at start"
+            )
 
     def _apply_parameters(self) -> None:
         self.take_changes(self._stamp)
@@ -92,20 +100,18 @@ class SpacecraftPlant(BaseNode):
         motion, acting = _split(values)
         self._motion.configure(motion, values)
         self._acting.configure(acting, values)
-        self._select_columns()
         self._set_pace()
 
     def _select_columns(self) -> None:
-        """Publish the truth, if the parameters put it on record because sensing differs from it."""
+        """Publish what goes on record; the truth too, if sensing differs from it."""
         recorded = columns_of(PLANT, self.parameters.values)
+        self._sent = frozenset(recorded)
         first = [column for column in gives(PLANT) if column in recorded]  # others wait for these
         acted = [column for part in self._acting.parts for column in part.component.outputs]
         columns = dict.fromkeys((*first, *recorded))
         self._state_columns = [column.name for column in columns if column not in acted]
         self._acted_columns = [column.name for column in columns if column in acted]
-        for column in columns:
-            if column.name not in self._senders:
-                self._senders[column.name] = self.sender(BY_COLUMN[column.name])
+        self._senders = {column.name: self.sender(BY_COLUMN[column.name]) for column in columns}
 
     def _set_pace(self) -> None:
         self.pace.rules.factor = self.parameters["real_time_factor"]
@@ -210,10 +216,16 @@ class SpacecraftPlant(BaseNode):
         return response
 
     def status(self) -> Status:
-        """Waiting, zero torque for lack of commands, or running."""
+        """Waiting, zero torque for lack of commands, faulty, or running."""
         level, summary, details = self.pace.report(self.now())
         numbers = {**self._motion.numbers, **self._acting.numbers}
-        return Status(level, summary, {**details, **numbers})
+        faults = "; ".join(acting_of(fault_texts(self.parameters.values), self._stamp))
+        if level == OK and faults:
+            level, summary = WARN, f"{summary} with {faults}"
+        for part in self._acting.parts:
+            if part.advice.failed:
+                level, summary = ERROR, part.advice.text
+        return Status(level, summary, {**details, **numbers, FAULTS.name: faults or "none"})
 
 
 class _DivergedError(Exception):

@@ -18,6 +18,7 @@ The largest load of any wheel is least if the wheels off some plane give their u
 is left to those within (Markley, Reynolds, Liu, Lebsock 2010): for all planes that two axes span,
 with normal m, load = tᵀm / Σ max(low aᵀm, high aᵀm). Here limits may differ between wheels and
 directions. What is left lies in the plane, and there the same is done for the lines of its axes.
+Where the wheels that are left span a plane or a line alone, it is done from there on.
 """
 
 from typing import Any, NamedTuple
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.kernel import Vector, cross, dot, kernel, norm, scale, subtract, vector
 
 _PARALLEL = 1e-9  # sine of an angle below which an axis counts as within a plane, or along a line
+FLAT = 1e-6  # sine of an angle below which wheels do not span the direction
 
 
 class WheelArray(NamedTuple):
@@ -41,6 +43,8 @@ class WheelArray(NamedTuple):
         Number of wheels.
     low, high : ndarray
         Limits of each wheel [N·m]: low < 0 < high.
+    lost : ndarray
+        A mark for each wheel that takes no part.
     given : ndarray
         Room for one mark for each wheel.
     torques : ndarray
@@ -51,6 +55,7 @@ class WheelArray(NamedTuple):
     number: int
     low: Any
     high: Any
+    lost: Any
     given: Any
     torques: Any
 
@@ -85,34 +90,64 @@ def _heavier(
 
 
 @kernel
-def allocate(t: Vector, wheels: WheelArray) -> float:
+def _span(wheels: WheelArray) -> tuple[int, Vector]:
+    """How many dimensions the wheels span that are not lost; of two the normal, of one the line."""
+    rank, found = 0, (0.0, 0.0, 0.0)
+    for k in range(wheels.number):
+        if wheels.lost[k]:
+            continue
+        axis = vector(wheels.axes[k])
+        if rank == 0:
+            rank, found = 1, axis
+        elif rank == 1:
+            normal = cross(found, axis)
+            if norm(normal) > FLAT:
+                rank, found = 2, scale(1.0 / norm(normal), normal)
+        elif abs(dot(axis, found)) > FLAT:
+            return 3, found
+    return rank, found
+
+
+@kernel
+def allocate(t: Vector, wheels: WheelArray) -> tuple[float, int]:
     """Let the wheels together give t [N·m] about the body's axes: A u = t.
+
+    Wheels that span a plane or a line alone give the part of t in it.
 
     Returns
     -------
-    float
-        Load of the most loaded wheel: above 1 the limits do not hold.
+    load : float
+        Of the most loaded wheel: above 1 the limits do not hold.
+    rank : int
+        How many dimensions the wheels span.
     """
     nothing = (0.0, (0.0, 0.0, 0.0))
-    wheels.given[:] = 0.0
+    wheels.given[:] = wheels.lost
     wheels.torques[:] = 0.0
-    heaviest = nothing
-    for i in range(wheels.number):
-        for j in range(i):
-            normal = cross(vector(wheels.axes[i]), vector(wheels.axes[j]))
-            heaviest = _heavier(normal, t, wheels, heaviest)
-    t = _give(heaviest, t, wheels)
-    line = nothing
-    for i in range(wheels.number):
-        if not wheels.given[i]:
-            line = _heavier(cross(heaviest[1], vector(wheels.axes[i])), t, wheels, line)
-    t = _give(line, t, wheels)
-    last = nothing
+    rank, direction = _span(wheels)
+    heaviest = line = last = nothing
+    if rank == 3:
+        for i in range(wheels.number):
+            for j in range(i):
+                if not (wheels.lost[i] or wheels.lost[j]):
+                    normal = cross(vector(wheels.axes[i]), vector(wheels.axes[j]))
+                    heaviest = _heavier(normal, t, wheels, heaviest)
+        t = _give(heaviest, t, wheels)
+        direction = heaviest[1]
+    elif rank == 2:
+        t = subtract(t, scale(dot(t, direction), direction))
+    else:
+        t = scale(dot(t, direction), direction)
+    if rank > 1:
+        for i in range(wheels.number):
+            if not wheels.given[i]:
+                line = _heavier(cross(direction, vector(wheels.axes[i])), t, wheels, line)
+        t = _give(line, t, wheels)
     for i in range(wheels.number):
         if not wheels.given[i]:
             last = _heavier(vector(wheels.axes[i]), t, wheels, last)
     _give(last, t, wheels)
-    return heaviest[0]
+    return (heaviest[0], line[0], last[0])[3 - max(rank, 1)], rank
 
 
 @kernel

@@ -186,6 +186,10 @@ def _no_advices(state: Any) -> int:
     return 0
 
 
+def _no_parts(values: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+    return {}
+
+
 def _never(values: Mapping[str, Any]) -> bool:
     return False
 
@@ -224,6 +228,9 @@ class Component:
         Of actuators: the parameters that limit its torque, all of which a weaker one has smaller.
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
+    faults : callable
+        From parameter values to its parts that can fail, by name, each with a tuple of `Failure`;
+        if it has any it has the parameter `faults`.
     least_impulse : callable, optional
         Of actuators that act in pulses: from parameter values to the angular impulse about an
         axis [N·m·s] of the least one.
@@ -246,6 +253,7 @@ class Component:
     exact: Callable[[Mapping[str, Any]], bool] = _never
     limits: tuple[str, ...] = ()
     torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
+    faults: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, ...]]] = _no_parts
     least_impulse: Callable[[Mapping[str, Any]], float] | None = None
     bound: Callable[[Mapping[str, Any]], float] | None = None
     observes: bool = False

@@ -203,12 +203,26 @@ def _check(record: Any, i: int, h: float) -> None:
             f"{MAX_TORQUE.name} = {record['max_torque'][i]:g} N·m of wheel {i}; allowed: more than "
             f"its friction, up to {resistance:g}"
         )
-    decay = h * (static / record["transition_speed"][i] + record["viscous"][i])
-    if decay > record["inertia"][i]:
+    see_that_a_step_follows(record, i, h)
+
+
+def see_that_a_step_follows(record: Any, i: int, h: float, drag: float = 1.0) -> None:
+    """See that friction, times a drag, is none that reverses wheel i within a step of h [s].
+
+    Raises
+    ------
+    ConfigurationError
+        It is.
+    """
+    slope = record["static"][i] / record["transition_speed"][i] + record["viscous"][i]
+    decay = h * drag * slope / record["inertia"][i]
+    if decay > 1.0:
+        times = f" and {drag:g} times its friction" if drag != 1.0 else ""
+        less = ", or less drag" if drag != 1.0 else ""
         raise ConfigurationError(
-            f"{TRANSITION_SPEED.name} = {record['transition_speed'][i]:g} rad/s of wheel {i}: in a "
-            f"step of {h:g} s friction takes {decay / record['inertia'][i]:.3g} times the speed; "
-            f"allowed: at most 1, by a larger {TRANSITION_SPEED.name}, or rate"
+            f"{TRANSITION_SPEED.name} = {record['transition_speed'][i]:g} rad/s of wheel "
+            f"{i}{times}: in a step of {h:g} s friction takes {decay:.3g} times the speed; "
+            f"allowed: at most 1, by a larger {TRANSITION_SPEED.name}, or rate{less}"
         )
 
 

@@ -31,6 +31,7 @@ from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component, read_from_elsewhere
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import see_that_parts_exist
 from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
 from ppc_attitude.science.parameter import Value, checked, resolved
 from ppc_attitude.science.part import configured
@@ -267,6 +268,8 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
     given = {column for component in chosen for column in component.outputs}
     possible = _given_by(node) - given
     try:
+        parts = {name: how for each in chosen for name, how in each.faults(values).items()}
+        see_that_parts_exist(values, parts)
         for component in chosen:
             configured(component, values)
             for column in component.inputs:

@@ -58,6 +58,7 @@ from ppc_attitude.science.attitude import attitude_error
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.controllers.tube_parameters import LAWS
+from ppc_attitude.science.faults import fault_texts
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import (
     ACTUATORS,
@@ -183,6 +184,7 @@ def _json(
             {"time": told.time, "told": told.advice.text, "warning": told.advice.warning}
             for told in goals
         ],
+        "faults": fault_texts(scenario.parameters[PLANT]),
     }
 
 
@@ -200,6 +202,8 @@ def _print(
         print(paragraph(each.meaning, "    "))
     error = ", ".join(f"{number:.5f}" for number in q_e)
     print(f"\ninitial attitude error x y z w: {error}")
+    for fault in fault_texts(scenario.parameters[PLANT]):
+        print(paragraph(f"fault: {fault}"))
     for advice in advices:
         if advice.text:
             print(paragraph(f"{'warning: ' if advice.warning else ''}{advice.text}"))

@@ -21,6 +21,7 @@ import numpy as np
 
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import FAULTS, OF_A_TORQUE, RECORD, fails, faults_of, faulty_torque
 from ppc_attitude.science.kernel import Vector, kernel, store, vector
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
@@ -30,11 +31,13 @@ MIN_TORQUE = Parameter(
     "min_torque", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0, high=1e6
 )
 LATE_COMMAND = Parameter("late_command", False, "true: a command acts one sample late")
+PARTS = dict.fromkeys(("actuator/x", "actuator/y", "actuator/z"), OF_A_TORQUE)
 CONFIGURATION = np.dtype(
     [
         ("max_torque", np.float64),  # [N·m] per axis
         ("min_torque", np.float64),  # [N·m] below this the actuator gives nothing
         ("late_command", np.float64),  # 1 if it acts one sample late
+        ("faults", RECORD),
     ],
     align=True,
 )
@@ -47,7 +50,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The limits leave no torque.
+        The limits leave no torque, or a fault is none.
     """
     if values["min_torque"] >= values["max_torque"]:
         raise ConfigurationError(
@@ -58,6 +61,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["max_torque"] = values["max_torque"]
     record["min_torque"] = values["min_torque"]
     record["late_command"] = values["late_command"]
+    record["faults"] = faults_of(values, PARTS)
     return record
 
 
@@ -87,11 +91,16 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         store(state.command, vector(inputs.torque_command))
     torque = actuator(command, configuration.max_torque, configuration.min_torque)
     store(outputs.applied_torque, torque)
+    faults, limit = configuration.faults, configuration.max_torque
+    for i in range(3):
+        if fails(faults, i, inputs.stamp_ns):
+            given = faulty_torque(outputs.applied_torque[i], limit, faults, i, inputs.stamp_ns)
+            outputs.applied_torque[i] = given
 
 
 COMPONENT = Component(
     name="ideal",
-    parameters=(MAX_TORQUE, MIN_TORQUE, LATE_COMMAND),
+    parameters=(MAX_TORQUE, MIN_TORQUE, LATE_COMMAND, FAULTS),
     configure=configure,
     configuration=CONFIGURATION,
     state=MEMORY,
@@ -99,4 +108,5 @@ COMPONENT = Component(
     outputs=(APPLIED_TORQUE,),
     step=step,
     limits=(MAX_TORQUE.name,),
+    faults=lambda values: PARTS,
 )

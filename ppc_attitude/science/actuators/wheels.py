@@ -18,6 +18,8 @@ A command is the torque on the body besides −ω × Jω. The drive knows rate a
 takes the wheels' gyroscopic torque and their friction away, and a law need not know of wheels:
 
     A u_net = −(τ_cmd + ω × Σ J_s Ω a),   u = u_net + f̂(Ω),   applied = −A (u − f) − ω × Σ J_s Ω a
+
+A wheel that gives nothing of what it is asked for is dropped, and the others give all of it.
 """
 
 from collections.abc import Mapping
@@ -26,11 +28,33 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science import wheels
-from ppc_attitude.science.allocation import WheelArray, allocate, certain_torque, largest_torque
+from ppc_attitude.science.allocation import (
+    FLAT,
+    WheelArray,
+    allocate,
+    certain_torque,
+    largest_torque,
+)
 from ppc_attitude.science.component import MAX_WHEELS, Advice, Component
+from ppc_attitude.science.faults import (
+    DRAG,
+    EFFECTIVENESS,
+    FAULTS,
+    OF_A_TORQUE,
+    RECORD,
+    SEIZED,
+    STUCK,
+    Failure,
+    acting,
+    fails,
+    faults_of,
+    faulty_torque,
+    number_of,
+)
 from ppc_attitude.science.kernel import add, cross, kernel, scale, store, subtract, vector
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND, TRUE_RATE
+from ppc_attitude.science.stamps import nanoseconds
 from ppc_attitude.science.wheels import WHEELS, friction, momentum, wheel_record
 
 NULL_SPEED = Parameter(
@@ -65,6 +89,16 @@ OVERLOAD = Parameter(
     "when too much is asked: scale the torque and keep its direction, or clip each wheel's",
     choices=("scale", "clip"),
 )
+DETECTION_DELAY = Parameter(
+    "wheels.detection_delay",
+    1.0,
+    "after this the drive drops a wheel that gives nothing of what it is asked for",
+    "s",
+    low=0.0,
+    high=1e6,
+)
+_SEIZING = 0.1  # [s] in which the speed of a wheel that seizes falls to 1/e
+_HOW = (*OF_A_TORQUE, Failure(DRAG, 1, 1.0), Failure(SEIZED))
 CONFIGURATION = np.dtype(
     [
         ("wheels", WHEELS),
@@ -75,22 +109,35 @@ CONFIGURATION = np.dtype(
         ("knowledge", np.float64),
         ("compensation", np.float64),
         ("clips", np.float64),
+        ("delay_ns", np.int64),  # [ns] from a wheel's loss to its being dropped
+        ("faults", RECORD),
     ],
     align=True,
 )
 _TRACE = 1e-9  # share of its torque that a full wheel keeps, so that no load is infinite
+_SPANS = ("no direction", "a line", "a plane")
 STATE = np.dtype(
     [
         ("full", np.int64),  # wheel that first reached its largest speed, counted from 1; 0: none
         ("fastest", np.float64),  # largest share of its speed that a wheel has had
+        ("since_ns", np.int64, (MAX_WHEELS,)),  # 1 + first instant [ns] of its loss; 0: none
+        ("lost", np.float64, (MAX_WHEELS,)),  # 1 where it is dropped
+        ("rank", np.int64),  # how many dimensions the others span
+        ("news", np.int64),
         # What a step works with.
         ("low", np.float64, (MAX_WHEELS,)),
         ("high", np.float64, (MAX_WHEELS,)),
         ("given", np.float64, (MAX_WHEELS,)),
         ("net", np.float64, (MAX_WHEELS,)),
+        ("null", np.float64, (MAX_WHEELS, MAX_WHEELS)),  # of the wheels that are not lost
     ],
     align=True,
 )
+
+
+def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
+    """Return each wheel by its name, and how it can fail."""
+    return {f"wheel/{i}": _HOW for i in range(len(values[wheels.AXES.name]) // 3)}
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -99,7 +146,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The wheels are impossible.
+        The wheels are impossible, or a fault is none, or friction that a step cannot follow.
     """
     record = np.zeros((), CONFIGURATION)[()]
     record["wheels"] = given = wheel_record(values)
@@ -116,6 +163,13 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["knowledge"] = values[KNOWLEDGE.name]
     record["compensation"] = values[COMPENSATION.name]
     record["clips"] = values[OVERLOAD.name] == "clip"
+    record["delay_ns"] = nanoseconds(values[DETECTION_DELAY.name])
+    record["faults"] = faults_of(values, parts_of(values))
+    for fault in record["faults"]["fault"][: record["faults"]["count"]]:
+        if fault["kind"] == DRAG:
+            wheels.see_that_a_step_follows(
+                given, int(fault["part"]), 1.0 / values["rate"], float(fault["value"][0])
+            )
     return record
 
 
@@ -177,7 +231,7 @@ def _spread_momentum(speeds: Any, configuration: Any, state: Any) -> None:
             wish = 0.0
             for j in range(craft.count):
                 excess = craft.inertia[j] * speeds[j] - configuration.null_momentum[j]
-                wish -= configuration.null_gain * configuration.null[i, j] * excess
+                wish -= configuration.null_gain * state.null[i, j] * excess
             if turn == 1:
                 state.net[i] += share * wish
             elif wish > 0.0:
@@ -185,6 +239,56 @@ def _spread_momentum(speeds: Any, configuration: Any, state: Any) -> None:
             elif wish < 0.0:
                 share = min(share, (state.low[i] - state.net[i]) / wish)
         share = max(share, 0.0)
+
+
+@kernel
+def _failed(motor: float, i: int, speed: float, stamp_ns: int, configuration: Any) -> float:
+    """Motor torque [N·m] of a wheel that fails; what its bearing does is told as the motor's."""
+    faults, craft = configuration.faults, configuration.wheels
+    resistance, limit = friction(craft, i, speed), craft.max_torque[i]
+    drag = number_of(faults, i, DRAG, stamp_ns, 1.0)
+    net = faulty_torque(motor, limit, faults, i, stamp_ns)
+    if acting(faults, i, SEIZED, stamp_ns) >= 0:
+        net = -craft.inertia[i] * speed / max(_SEIZING, configuration.h)
+    elif acting(faults, i, STUCK, stamp_ns) < 0:  # what is stuck is so at the shaft
+        net -= drag * resistance
+    slower, faster = _room(speed, i, configuration)
+    return float(resistance + min(max(net, -max(slower, 0.0)), max(faster, 0.0)))
+
+
+@kernel
+def _look_for_losses(stamp_ns: int, configuration: Any, state: Any) -> None:
+    """Drop each wheel that has given nothing of what it is asked for; take back what gives again.
+
+    Torques of the others that cancel are those without its part: P − P e eᵀ P / eᵀ P e.
+    """
+    faults, null = configuration.faults, state.null
+    null[:] = configuration.null
+    for i in range(configuration.wheels.count):
+        useless = (
+            number_of(faults, i, EFFECTIVENESS, stamp_ns, 1.0) == 0.0
+            or acting(faults, i, STUCK, stamp_ns) >= 0
+            or acting(faults, i, SEIZED, stamp_ns) >= 0
+        )
+        if not useless:
+            state.since_ns[i] = 0
+        elif state.since_ns[i] == 0:
+            state.since_ns[i] = stamp_ns + 1
+        lost = 0.0
+        if useless and stamp_ns + 1 - state.since_ns[i] >= configuration.delay_ns:
+            lost = 1.0
+            share = null[i, i]
+            if share > FLAT * FLAT:
+                for j in range(MAX_WHEELS):
+                    weight = null[j, i] / share
+                    for k in range(MAX_WHEELS):
+                        if j != i and k != i:
+                            null[j, k] -= weight * null[i, k]
+            null[i, :] = 0.0
+            null[:, i] = 0.0
+        if lost != state.lost[i]:
+            state.news += 1
+        state.lost[i] = lost
 
 
 @kernel
@@ -197,6 +301,7 @@ def _watch(speeds: Any, configuration: Any, state: Any) -> None:
         a_step_off = craft.max_speed[i] - configuration.h * craft.max_torque[i] / craft.inertia[i]
         if speed >= a_step_off and state.full == 0:
             state.full = i + 1
+            state.news += 1
 
 
 @kernel
@@ -208,14 +313,19 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     if configuration.compensation != 0.0:
         asked = add(asked, gyroscopic)
     _limits(speeds, configuration, state)
-    array = WheelArray(craft.axes, craft.count, state.low, state.high, state.given, state.net)
-    load = allocate(scale(-1.0, asked), array)
+    _look_for_losses(inputs.stamp_ns, configuration, state)
+    array = WheelArray(
+        craft.axes, craft.count, state.low, state.high, state.lost, state.given, state.net
+    )
+    load, state.rank = allocate(scale(-1.0, asked), array)
     _within(configuration, state, load)
     _spread_momentum(speeds, configuration, state)
     applied = scale(-1.0, gyroscopic)
     for i in range(craft.count):
         resistance = friction(craft, i, speeds[i])
         motor = state.net[i] + _taken_away(resistance, speeds[i], i, configuration)
+        if fails(configuration.faults, i, inputs.stamp_ns):
+            motor = _failed(motor, i, speeds[i], inputs.stamp_ns, configuration)
         outputs.wheel_torque[i] = motor
         applied = subtract(applied, scale(motor - resistance, vector(craft.axes[i])))
     store(outputs.applied_torque, applied)
@@ -223,16 +333,26 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 
 def advice(state: Any) -> Advice:
-    """Warn of a wheel that is as fast as it may be."""
-    numbers = {"fastest wheel [share of its largest speed]": float(state["fastest"])}
-    if not state["full"]:
-        return Advice("", warning=False, numbers=numbers)
-    return Advice(
-        f"wheel {int(state['full']) - 1} has reached its largest speed: it takes up no more "
-        "momentum, and torque is lost",
-        warning=True,
-        numbers=numbers,
-    )
+    """Warn of wheels that are lost, and of one that is as fast as it may be."""
+    lost = np.flatnonzero(state["lost"]).tolist()
+    named = f"wheel{'s' * (len(lost) > 1)} {', '.join(map(str, lost))} lost"
+    failed = bool(lost) and int(state["rank"]) < 3
+    texts = []
+    if failed:
+        texts.append(f"{named}: the others give torque in {_SPANS[int(state['rank'])]} only")
+    elif lost:
+        texts.append(f"{named}: the others give the torque")
+    if state["full"]:
+        texts.append(
+            f"wheel {int(state['full']) - 1} has reached its largest speed: it takes up no more "
+            "momentum, and torque is lost"
+        )
+    told = "; ".join(texts) or ("no wheel is lost any more" if state["news"] else "")
+    numbers = {
+        "fastest wheel [share of its largest speed]": float(state["fastest"]),
+        "wheels lost": len(lost),
+    }
+    return Advice(told, warning=bool(texts), failed=failed, numbers=numbers)
 
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
@@ -244,7 +364,16 @@ def torques(values: Mapping[str, Any]) -> tuple[float, float]:
 
 COMPONENT = Component(
     name="wheels",
-    parameters=(*wheels.PARAMETERS, NULL_SPEED, NULL_GAIN, KNOWLEDGE, COMPENSATION, OVERLOAD),
+    parameters=(
+        *wheels.PARAMETERS,
+        NULL_SPEED,
+        NULL_GAIN,
+        KNOWLEDGE,
+        COMPENSATION,
+        OVERLOAD,
+        DETECTION_DELAY,
+        FAULTS,
+    ),
     configure=configure,
     configuration=CONFIGURATION,
     state=STATE,
@@ -252,7 +381,8 @@ COMPONENT = Component(
     outputs=(APPLIED_TORQUE, wheels.TORQUE),
     step=step,
     advice=advice,
-    advices=lambda state: int(state["full"] > 0),
+    advices=lambda state: int(state["news"]),
     limits=(wheels.MAX_TORQUE.name,),
     torque=torques,
+    faults=parts_of,
 )

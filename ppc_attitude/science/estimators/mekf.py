@@ -117,7 +117,7 @@ PARAMETERS = (
 _STALE_SLOTS = 5
 _SHARPEST = 1e-15  # [rad] its square is still far above the smallest float
 _MOST_UNEVEN = 1e4
-_GOOD, _WAITING, _DOUBTFUL, _STALE, _LOST = range(5)
+_GOOD, _WAITING, _DOUBTFUL, _STALE, _LOST, _NO_RATE = range(6)
 
 
 def filter_record(values: Mapping[str, Any]) -> Any:
@@ -164,7 +164,9 @@ def _judge(memory: Any, settings: Any, stamp_ns: int, known: Knowledge) -> None:
     memory.sigma = math.sqrt(max(variance[0], variance[1], variance[2]))
     memory.age = seconds(stamp_ns - memory.fix_ns)
     verdict = _GOOD
-    if memory.knows == 0.0:
+    if memory.count == 0:
+        verdict = _NO_RATE
+    elif memory.knows == 0.0:
         verdict = _WAITING
     elif 3.0 * memory.sigma > settings.lost_sigma:
         verdict = _LOST
@@ -189,8 +191,9 @@ def advice(memory: Any) -> Advice:
         _DOUBTFUL: "the last fix was refused",
         _STALE: f"no fix for {age:.3g} s",
         _LOST: f"lost: no fix for {age:.3g} s",
+        _NO_RATE: "lost: the gyro gives no rate",
     }[verdict]
-    if verdict != _WAITING:
+    if verdict not in (_WAITING, _NO_RATE):
         text += f", 3σ = {arcsec:.4g}″"
     numbers = {
         "fixes": int(memory["fixes"]),
@@ -201,7 +204,7 @@ def advice(memory: Any) -> Advice:
         "3σ of the attitude [arcsec]": arcsec,
         f"mean NIS of {min(used, INNOVATIONS)}": mean,
     }
-    return Advice(text, verdict > _WAITING, failed=verdict == _LOST, numbers=numbers)
+    return Advice(text, verdict > _WAITING, failed=verdict in (_LOST, _NO_RATE), numbers=numbers)
 
 
 def advices(memory: Any) -> int:
@@ -210,15 +213,35 @@ def advices(memory: Any) -> int:
 
 
 @kernel
+def _lose(stamp_ns: int, state: Any, settings: Any, outputs: Any) -> None:
+    """Give no estimate where there is no rate to carry one on; then begin anew."""
+    if state.count > 0:
+        state.steps[:] = 0.0
+    state.count = 0
+    state.knows = 0.0
+    state.agreeing = 0
+    _judge(state, settings, stamp_ns, recalled(state, newest(state)))
+    store_quaternion(outputs.attitude, (0.0, 0.0, 0.0, 0.0))
+    store(outputs.angular_velocity, (0.0, 0.0, 0.0))
+    store(outputs.gyro_bias, (0.0, 0.0, 0.0))
+    store(outputs.gyro_bias_sigma, (0.0, 0.0, 0.0))
+    outputs.estimate[:] = 0.0
+    outputs.estimate[4] = outputs.estimate[13] = -1.0  # REP 145: there is no such quantity
+
+
+@kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Estimate the motion of an instant; an instant that is repeated is not filtered again."""
     if state.count > 0 and inputs.stamp_ns <= state.stamps_ns[newest(state)]:
+        return
+    outputs.innovation[:] = 0.0
+    if inputs.gyro[3] < 0.0:
+        _lose(inputs.stamp_ns, state, configuration, outputs)
         return
     rate = vector(inputs.gyro)
     take_sample(state, configuration, inputs.stamp_ns, rate)
     row = inputs.star_fix
     fix = quaternion(row)
-    outputs.innovation[:] = 0.0
     if fix[0] != 0.0 or fix[1] != 0.0 or fix[2] != 0.0 or fix[3] != 0.0:
         # The age is a whole number of nanoseconds, rounded by the conversion to seconds.
         valid_ns = inputs.stamp_ns - round(row[7] * 1e9)

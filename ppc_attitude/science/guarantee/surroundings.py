@@ -29,6 +29,7 @@ from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import first_knowledge
+from ppc_attitude.science.faults import FAULTS, fault_texts
 from ppc_attitude.science.guarantee.actuation import actuation_of, first_momentum, has_wheels
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
@@ -180,6 +181,7 @@ def broken_assumptions(
                 f"assumed: at most {bound:g}"
             )
     doubtful = [nodes.unknown(kind) for kind in (*_HARDWARE, REFERENCES)]
+    doubtful += [f"{FAULTS.name} = {text!r}" for text in fault_texts(plant)]
     torque = nodes.torque_bound
     if torque is None:
         doubtful.append(nodes.environment)

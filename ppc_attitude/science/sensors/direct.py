@@ -19,9 +19,27 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import euler_step, kinematics, normalised
+from ppc_attitude.science.attitude import (
+    euler_step,
+    exponential,
+    kinematics,
+    normalised,
+    product,
+)
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.faults import (
+    BIAS,
+    FAULTS,
+    FROZEN,
+    NOISE,
+    RECORD,
+    Failure,
+    acting,
+    fault_texts,
+    faults_of,
+    number_of,
+)
 from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
@@ -56,22 +74,47 @@ _SIZES = (
     ),
 )
 SEED = Parameter("seed", 0, "seed of the sensor noise", low=0, high=2**53, read_only=True)
+_ATTITUDE, _RATE = 0, 1
+PARTS = {
+    f"sensor/{name}": (
+        Failure(FROZEN),
+        Failure(BIAS, 3, unit=unit),
+        Failure(NOISE, 1, 0.0, multiplies=(f"{name}_noise",)),
+    )
+    for name, unit in (("attitude", "rad"), ("rate", "rad/s"))
+}
+STATE = np.dtype(
+    [
+        ("started", np.float64),
+        ("attitude", np.float64, (4,)),  # as told last, x y z w
+        ("rate", np.float64, (3,)),  # [rad/s] as told last
+    ],
+    align=True,
+)
 CONFIGURATION = np.dtype(
     [
         ("attitude_noise", np.float64),  # [rad] standard deviation per axis
         ("rate_noise", np.float64),  # [rad/s] standard deviation per axis
         ("seed", np.int64),
         ("rate", np.float64),  # [Hz] of the plant: the noise belongs to a step
+        ("faults", RECORD),
     ],
     align=True,
 )
 
 
 def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values."""
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        A fault is none.
+    """
     record = np.zeros((), CONFIGURATION)[()]
-    for name in CONFIGURATION.names or ():
+    for name in ("attitude_noise", "rate_noise", "seed", "rate"):
         record[name] = values[name]
+    record["faults"] = faults_of(values, PARTS)
     return record
 
 
@@ -93,32 +136,59 @@ def measured(
 
 
 @kernel
+def _failed(
+    q: Quaternion, omega: Vector, stamp_ns: int, state: Any, faults: Any
+) -> tuple[Quaternion, Vector]:
+    """Attitude and rate [rad/s] that sensors tell with their faults, of what they would tell."""
+    i = acting(faults, _ATTITUDE, BIAS, stamp_ns)
+    if i >= 0:
+        q = normalised(product(q, exponential(vector(faults.fault[i].value))))
+    i = acting(faults, _RATE, BIAS, stamp_ns)
+    if i >= 0:
+        omega = add(omega, vector(faults.fault[i].value))
+    if state.started != 0.0:
+        if acting(faults, _ATTITUDE, FROZEN, stamp_ns) >= 0:
+            q = quaternion(state.attitude)
+        if acting(faults, _RATE, FROZEN, stamp_ns) >= 0:
+            omega = vector(state.rate)
+    return q, omega
+
+
+@kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Measure the motion of an instant."""
+    faults, stamp_ns = configuration.faults, inputs.stamp_ns
     q, omega = measured(
         quaternion(inputs.truth_attitude),
         vector(inputs.truth_angular_velocity),
-        configuration.attitude_noise,
-        configuration.rate_noise,
+        configuration.attitude_noise * number_of(faults, _ATTITUDE, NOISE, stamp_ns, 1.0),
+        configuration.rate_noise * number_of(faults, _RATE, NOISE, stamp_ns, 1.0),
         configuration.seed,
-        step_of(inputs.stamp_ns, configuration.rate),
+        step_of(stamp_ns, configuration.rate),
     )
+    q, omega = _failed(q, omega, stamp_ns, state, faults)
+    state.started = 1.0
+    store_quaternion(state.attitude, q)
+    store(state.rate, omega)
     store_quaternion(outputs.attitude, q)
     store(outputs.angular_velocity, omega)
 
 
 def is_exact(values: Mapping[str, Any]) -> bool:
-    """True if there is no noise."""
-    return not (values["attitude_noise"] or values["rate_noise"])
+    """True if there is neither noise nor a fault."""
+    faulty = any(text.split()[0] in PARTS for text in fault_texts(values))
+    return not (values["attitude_noise"] or values["rate_noise"] or faulty)
 
 
 COMPONENT = Component(
     name="direct",
-    parameters=(*_SIZES, SEED),
+    parameters=(*_SIZES, SEED, FAULTS),
     configure=configure,
     configuration=CONFIGURATION,
+    state=STATE,
     inputs=TRUTH,
     outputs=TOLD,
     step=step,
     exact=is_exact,
+    faults=lambda values: PARTS,
 )

@@ -220,13 +220,18 @@ def sample_variance(white: float, rounding: float, walk: float, h: float) -> flo
 
 
 @inlined
-def gyro_sample(gyro: Any, rate: Vector, bias: Vector, step: int, h: float) -> Vector:
+def gyro_sample(
+    gyro: Any, rate: Vector, bias: Vector, step: int, h: float, louder: float = 1.0
+) -> Vector:
     """Measured mean rate [rad/s] of an interval of h [s] that ends at a step.
 
     ω_k = (I + M) ω̄ + b + √(σ_v²/h + σ_u² h/12) n, clipped to the full scale, rounded to the LSB;
-    `rate` is the true mean rate ω̄, `bias` the mean of the interval's first and last bias.
+    `rate` is the true mean rate ω̄, `bias` the mean of the interval's first and last bias, and
+    `louder` a factor on the noise n.
     """
-    noise = math.sqrt(sample_variance(gyro.white * gyro.white, 0.0, gyro.walk * gyro.walk, h))
+    noise = louder * math.sqrt(
+        sample_variance(gyro.white * gyro.white, 0.0, gyro.walk * gyro.walk, h)
+    )
     measured = add(
         add(apply(matrix(gyro.response), rate), bias),
         scale(noise, normal_vector(gyro.seed, step, _WHITE)),

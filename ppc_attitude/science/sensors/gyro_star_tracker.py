@@ -18,14 +18,33 @@ The gyro gives one sample an instant, the mean rate since the one before. The tr
 slot, which arrives late: an instant's fix was valid some steps ago.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from ppc_attitude.science.attitude import exponential, normalised, product
 from ppc_attitude.science.compiled_stamps import seconds, stamp_of, step_of
 from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Advice, Column, Component
+from ppc_attitude.science.faults import (
+    BIAS,
+    BLIND,
+    DEAD,
+    FAULTS,
+    FROZEN,
+    NOISE,
+    OUTLIERS,
+    RECORD,
+    SATURATED,
+    Failure,
+    acting,
+    faults_of,
+    number_of,
+)
 from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
     add,
     kernel,
     quaternion,
@@ -40,6 +59,7 @@ from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.sensors.gyro import gyro_record, gyro_sample, mean_rate, walked_bias
 from ppc_attitude.science.sensors.star_tracker import (
     MAX_DELAY,
+    NO_FIX,
     is_slot,
     star_fix,
     star_tracker_record,
@@ -52,7 +72,8 @@ GYRO_SAMPLE = Column(
     GYRO,
     BODY,
     "rad/s",
-    "measured mean rate of the interval that ends at the stamp, and its variance [rad²/s²]",
+    "measured mean rate of the interval that ends at the stamp, and its variance [rad²/s²], −1 if "
+    "there is no rate",
 )
 STAR_FIX = Column(
     "star_fix",
@@ -71,6 +92,29 @@ INITIAL_FIX = Parameter(
     read_only=True,
     agreed=True,
 )
+_GYRO, _TRACKER = 0, 1
+PARTS = {
+    "gyro": (
+        Failure(FROZEN),
+        Failure(BIAS, 3, unit="rad/s"),
+        Failure(
+            NOISE, 1, 0.0, multiplies=(gyro.ANGULAR_RANDOM_WALK.name, gyro.RATE_RANDOM_WALK.name)
+        ),
+        Failure(SATURATED),
+        Failure(DEAD),
+    ),
+    "star_tracker": (
+        Failure(BLIND),
+        Failure(BIAS, 3, unit="rad"),
+        Failure(
+            NOISE,
+            1,
+            0.0,
+            multiplies=(star_tracker.CROSS_NOISE.name, star_tracker.BORESIGHT_NOISE.name),
+        ),
+        Failure(OUTLIERS, 1, 0.0, 1.0, multiplies=(star_tracker.OUTLIER_SIZE.name,)),
+    ),
+}
 _SLOTS = 1024  # pending fixes, more than MAX_DELAY
 assert MAX_DELAY < _SLOTS
 CONFIGURATION = np.dtype(
@@ -79,6 +123,7 @@ CONFIGURATION = np.dtype(
         ("initial_fix", np.float64),
         ("gyro", gyro.GYRO),
         ("tracker", star_tracker.STAR_TRACKER),
+        ("faults", RECORD),
     ],
     align=True,
 )
@@ -89,6 +134,7 @@ STATE = np.dtype(
         ("stamp_ns", np.int64),  # of the last sample
         ("attitude", np.float64, (4,)),  # true attitude at it
         ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
+        ("told", np.float64, (3,)),  # [rad/s] by the gyro, at it
         ("fixes", np.float64, (_SLOTS, 4)),  # of the recent slots, some still on their way
     ],
     align=True,
@@ -101,14 +147,31 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The tracker's rate does not divide the plant's, or its mounting or blinding is impossible.
+        The tracker's rate does not divide the plant's, its mounting or blinding is impossible, or
+        a fault is none.
     """
     record = np.zeros((), CONFIGURATION)[()]
     record["rate"] = values["rate"]
     record["initial_fix"] = values[INITIAL_FIX.name]
     record["gyro"] = gyro_record(values, values["seed"])
     record["tracker"] = star_tracker_record(values, values["rate"], values["seed"])
+    record["faults"] = faults_of(values, PARTS)
     return record
+
+
+@kernel
+def _failed_gyro(sample: Vector, state: Any, configuration: Any, stamp_ns: int) -> Vector:
+    """Rate [rad/s] that the gyro tells with its faults, of what it would tell."""
+    faults, most = configuration.faults, configuration.gyro.full_scale
+    if acting(faults, _GYRO, SATURATED, stamp_ns) >= 0:
+        sample = (
+            math.copysign(most, sample[0]),
+            math.copysign(most, sample[1]),
+            math.copysign(most, sample[2]),
+        )
+    if acting(faults, _GYRO, FROZEN, stamp_ns) >= 0 and state.started != 0.0:
+        sample = vector(state.told)
+    return sample
 
 
 @kernel
@@ -130,9 +193,20 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         before = vector(state.bias)
         bias = walked_bias(settings, before, step, h)
         middle = scale(0.5, add(before, bias))
-    store(outputs.gyro, gyro_sample(settings, rate, middle, step, h))
+    faults, stamp_ns = configuration.faults, inputs.stamp_ns
+    louder = number_of(faults, _GYRO, NOISE, stamp_ns, 1.0)
+    i = acting(faults, _GYRO, BIAS, stamp_ns)
+    if i >= 0:
+        middle = add(middle, vector(faults.fault[i].value))
+    sample = gyro_sample(settings, rate, middle, step, h, louder)
+    sample = _failed_gyro(sample, state, configuration, stamp_ns)
+    store(state.told, sample)
+    store(outputs.gyro, sample)
     white, lsb, walk = settings.white, settings.resolution, settings.walk
     outputs.gyro[3] = gyro.sample_variance(white * white, lsb * lsb / 12.0, walk * walk, h)
+    if acting(faults, _GYRO, DEAD, stamp_ns) >= 0:
+        store(outputs.gyro, (0.0, 0.0, 0.0))
+        outputs.gyro[3] = -1.0  # REP 145: there is no such quantity
     store(state.bias, bias)
     store_quaternion(state.attitude, q)
 
@@ -148,16 +222,26 @@ def _arriving(configuration: Any, step: int) -> int:
 
 
 @kernel
+def _sensed_fix(inputs: Any, configuration: Any, step: int) -> Quaternion:
+    """Fix of a slot, with the tracker's faults."""
+    tracker, faults, stamp_ns = configuration.tracker, configuration.faults, inputs.stamp_ns
+    q, omega = quaternion(inputs.truth_attitude), vector(inputs.truth_angular_velocity)
+    if acting(faults, _TRACKER, BLIND, stamp_ns) >= 0:
+        return NO_FIX
+    louder = number_of(faults, _TRACKER, NOISE, stamp_ns, 1.0)
+    outliers = number_of(faults, _TRACKER, OUTLIERS, stamp_ns, 0.0)
+    fix = star_fix(tracker, q, omega, inputs.t, step, louder, outliers)
+    i = acting(faults, _TRACKER, BIAS, stamp_ns)
+    if i < 0 or fix == NO_FIX:
+        return fix
+    return normalised(product(fix, exponential(vector(faults.fault[i].value))))
+
+
+@kernel
 def _sense_stars(inputs: Any, state: Any, configuration: Any, outputs: Any, step: int) -> None:
     tracker = configuration.tracker
     if is_slot(tracker, step):
-        fix = star_fix(
-            tracker,
-            quaternion(inputs.truth_attitude),
-            vector(inputs.truth_angular_velocity),
-            inputs.t,
-            step,
-        )
+        fix = _sensed_fix(inputs, configuration, step)
         store_quaternion(state.fixes[step // tracker.every % _SLOTS], fix)
     row = outputs.star_fix
     valid = _arriving(configuration, step)
@@ -199,7 +283,7 @@ def advice(state: Any) -> Advice:
 
 COMPONENT = Component(
     name="gyro_star_tracker",
-    parameters=(*gyro.PARAMETERS, *star_tracker.PARAMETERS, INITIAL_FIX, SEED),
+    parameters=(*gyro.PARAMETERS, *star_tracker.PARAMETERS, INITIAL_FIX, SEED, FAULTS),
     configure=configure,
     configuration=CONFIGURATION,
     state=STATE,
@@ -208,4 +292,5 @@ COMPONENT = Component(
     step=step,
     advice=advice,
     advices=lambda state: int(state["coarse"] > 0.0),
+    faults=lambda values: PARTS,
 )

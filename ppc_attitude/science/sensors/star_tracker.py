@@ -26,7 +26,16 @@ import numpy as np
 
 from ppc_attitude.science.attitude import exponential, normalised, product
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Quaternion, Vector, kernel, norm, quaternion, scale
+from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
+    kernel,
+    multiply,
+    norm,
+    quaternion,
+    scale,
+    vector,
+)
 from ppc_attitude.science.noise import normal_vector, uniform
 from ppc_attitude.science.parameter import Parameter
 
@@ -66,6 +75,9 @@ LATENCY = Parameter(
     read_only=True,
     agreed=True,
 )
+OUTLIER_SIZE = Parameter(
+    "star_tracker.outlier_size", 0.0, "turn of a false fix", "rad", low=0.0, high=math.pi
+)
 PARAMETERS = (
     CROSS_NOISE,
     BORESIGHT_NOISE,
@@ -84,9 +96,7 @@ PARAMETERS = (
         "star_tracker.dropout_probability", 0.0, "share of slots without a fix", low=0.0, high=1.0
     ),
     Parameter("star_tracker.outlier_probability", 0.0, "share of false fixes", low=0.0, high=1.0),
-    Parameter(
-        "star_tracker.outlier_size", 0.0, "turn of a false fix", "rad", low=0.0, high=math.pi
-    ),
+    OUTLIER_SIZE,
     # At start only: one without the other would be refused, and `ros2 param set` sets one.
     Parameter(
         "star_tracker.blinding_times",
@@ -249,18 +259,27 @@ def _has_fix(tracker: Any, omega: Vector, t: float, step: int) -> bool:
 
 
 @kernel
-def star_fix(tracker: Any, q: Quaternion, omega: Vector, t: float, step: int) -> Quaternion:
+def star_fix(
+    tracker: Any,
+    q: Quaternion,
+    omega: Vector,
+    t: float,
+    step: int,
+    louder: float = 1.0,
+    outliers: float = 0.0,
+) -> Quaternion:
     """Fix of the slot that is valid at a step and time t [s]; `NO_FIX` if there is none.
 
     q_m = q ⊗ q_mount ⊗ exp(n), tracker to inertial; n is normal with the tracker's σ in its own
-    axes. A false fix is turned further about a random tracker axis.
+    axes, times `louder`. A false fix is turned further about a random tracker axis; at least a
+    share `outliers` of all is false.
     """
     if not _has_fix(tracker, omega, t, step):
         return NO_FIX
     n = normal_vector(tracker.seed, step, _NOISE)
-    turn = (tracker.sigma[0] * n[0], tracker.sigma[1] * n[1], tracker.sigma[2] * n[2])
+    turn = multiply(scale(louder, vector(tracker.sigma)), n)
     fix = product(product(q, quaternion(tracker.mounting)), exponential(turn))
-    if uniform(tracker.seed, step, _OUTLIER) < tracker.outlier:
+    if uniform(tracker.seed, step, _OUTLIER) < max(tracker.outlier, outliers):
         axis = normal_vector(tracker.seed, step, _OUTLIER_AXIS)
         fix = product(fix, exponential(scale(tracker.outlier_size / norm(axis), axis)))
     return normalised(fix)

@@ -1,0 +1,81 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The faults of a run: which of the plant's hardware failed, from when to when."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise
+from typing import NamedTuple
+
+from ppc_attitude.analysis.series import once
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import FAULTS, MOST_FAULTS, acting_of, fault_of, fault_texts
+from ppc_attitude.science.stamps import seconds
+
+
+class Acting(NamedTuple):
+    """A fault as it acted.
+
+    Attributes
+    ----------
+    text : str
+        What failed, and how.
+    start_s, end_s : float
+        From when to when, since the first instant of the record [s].
+    """
+
+    text: str
+    start_s: float
+    end_s: float
+
+    def __str__(self) -> str:
+        """Tell it in a few words."""
+        return f"{self.text}, {self.start_s:g} to {self.end_s:g} s"
+
+
+@once
+def faults_of(record: RunRecord) -> tuple[Acting, ...]:
+    """Faults that acted, by their start; spans of one that touch are one."""
+    first, last = int(record.stamps_ns[0]), int(record.stamps_ns[-1])
+    given = [(first, fault_texts(record.parameters.get(PLANT, {})))]
+    for change in record.changes:
+        if (change.node, change.name) == (PLANT, FAULTS.name):
+            since = min(max(change.stamp_ns, first), last)
+            given.append((since, fault_texts({FAULTS.name: change.value})))
+    found: dict[str, list[tuple[int, int]]] = {}
+    for (since, texts), (until, _) in pairwise([*given, (last, [])]):
+        known = texts[:MOST_FAULTS]  # nobody runs with more
+        times = sorted({since, until, *(t for t in _times(known) if since < t < until)})
+        for begin, end in pairwise(times):
+            for what in acting_of(known, begin):
+                spans = found.setdefault(what, [])
+                touches = spans and spans[-1][1] == begin
+                spans.append((spans.pop()[0] if touches else begin, end))
+    every = [
+        Acting(what, seconds(begin - first), seconds(end - first))
+        for what, spans in found.items()
+        for begin, end in spans
+    ]
+    return tuple(sorted(every, key=lambda each: each.start_s))
+
+
+def _times(texts: list[str]) -> Iterator[int]:
+    """Instants [ns] at which a fault begins or ends."""
+    for text in texts:
+        with suppress(ConfigurationError):
+            fault = fault_of(text)
+            yield from (fault.start_ns, fault.end_ns)

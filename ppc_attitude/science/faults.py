@@ -1,0 +1,316 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Faults of the craft's hardware: what fails, how, from when to when.
+
+A fault is a text such as ``wheel/2 effectiveness 0.3 from 40 for 10``. A component declares which
+of its parts can fail and how, keeps the faults that are its own in its configuration, and asks at
+each step which of them act. Of faults of one kind of one part the last one counts.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.stamps import nanoseconds
+
+MOST_FAULTS = 16
+_LATEST = 1e8  # [s]
+_FOR_EVER = np.iinfo(np.int64).max
+_WORD = r"([\w/.+-]+)"
+_TEXT = re.compile(rf"{_WORD} {_WORD}((?: [\w.+-]+)*?)(?: from {_WORD})?(?: for {_WORD})?")
+_ORDER = "PART KIND [NUMBERS] [from TIME] [for DURATION]"
+FAULTS = Parameter(
+    "faults",
+    [""],
+    f"what fails, up to {MOST_FAULTS} texts {_ORDER}, times in s, such as "
+    "`wheel/2 effectiveness 0.3 from 40 for 10`; docs/faults.md lists parts and kinds",
+)
+KINDS = (
+    "effectiveness",
+    "bias",
+    "stuck",
+    "drag",
+    "seized",
+    "frozen",
+    "noise",
+    "saturated",
+    "dead",
+    "blind",
+    "outliers",
+)
+(
+    EFFECTIVENESS,
+    BIAS,
+    STUCK,
+    DRAG,
+    SEIZED,
+    FROZEN,
+    NOISE,
+    SATURATED,
+    DEAD,
+    BLIND,
+    OUTLIERS,
+) = range(len(KINDS))
+
+
+class Failure(NamedTuple):
+    """A way in which a part can fail.
+
+    Attributes
+    ----------
+    kind : int
+        Its place among `KINDS`.
+    numbers : int
+        How many numbers it takes.
+    low, high : float
+        What they may be.
+    unit : str
+        Their unit.
+    multiplies : tuple of str
+        Parameters that it multiplies: one of them at least must not be zero.
+    """
+
+    kind: int
+    numbers: int = 0
+    low: float = -1e6
+    high: float = 1e6
+    unit: str = ""
+    multiplies: tuple[str, ...] = ()
+
+
+Parts = Mapping[str, tuple[Failure, ...]]
+OF_A_TORQUE = (
+    Failure(EFFECTIVENESS, 1, 0.0, 1.0),
+    Failure(BIAS, 1, unit="N·m"),
+    Failure(STUCK, 1, unit="N·m"),
+)
+FAULT = np.dtype(
+    [
+        ("part", np.int64),  # place among the component's parts
+        ("kind", np.int64),
+        ("start_ns", np.int64),  # first instant [ns] at which it acts
+        ("end_ns", np.int64),  # first instant [ns] at which it no longer acts
+        ("value", np.float64, (3,)),
+    ],
+    align=True,
+)
+RECORD = np.dtype([("count", np.int64), ("fault", FAULT, (MOST_FAULTS,))], align=True)
+
+
+class Fault(NamedTuple):
+    """A fault as its text says it.
+
+    Attributes
+    ----------
+    part, kind : str
+        What fails, and how.
+    numbers : tuple of str
+        How much.
+    start_ns, end_ns : int
+        First instant [ns] at which it acts, and first one at which it no longer does.
+    """
+
+    part: str
+    kind: str
+    numbers: tuple[str, ...]
+    start_ns: int
+    end_ns: int
+
+    @property
+    def what(self) -> str:
+        """The text without its times."""
+        return " ".join((self.part, self.kind, *self.numbers))
+
+    def acts(self, stamp_ns: int) -> bool:
+        """True if it acts at an instant [ns], where no later one takes its place."""
+        return self.start_ns <= stamp_ns < self.end_ns
+
+
+def fault_of(text: str, shortest: float = 0.0) -> Fault:
+    """Take a fault apart.
+
+    Parameters
+    ----------
+    text : str
+        The fault.
+    shortest : float
+        It must last so long [s].
+
+    Raises
+    ------
+    ConfigurationError
+        It is no such text, or a time is none; names it.
+    """
+    found = _TEXT.fullmatch(" ".join(text.split()))
+    if found is None:
+        raise ConfigurationError(f"{FAULTS.name}: {text!r}; allowed: {_ORDER}")
+    part, kind, numbers, since, duration = found.groups()
+    start_ns, end_ns = 0, _FOR_EVER
+    if since is not None:
+        start_ns = nanoseconds(_number(text, "from", since, 0.0, _LATEST, "s"))
+    if duration is not None:
+        lasts = _number(text, "for", duration, shortest, _LATEST, "s")
+        end_ns = start_ns + nanoseconds(lasts)
+    return Fault(part, kind, tuple(numbers.split()), start_ns, end_ns)
+
+
+def _number(text: str, name: str, word: str, low: float, high: float, unit: str) -> float:
+    try:
+        number = float(word)
+    except ValueError:
+        number = math.nan
+    if not low <= number <= high:
+        allowed = f"a number from {low:g} to {high:g} {unit}".rstrip()
+        raise ConfigurationError(f"{FAULTS.name}: {text!r}: {name} {word}; allowed: {allowed}")
+    return number
+
+
+def fault_texts(values: Mapping[str, Any]) -> list[str]:
+    """Texts of all faults, from parameter values, be they of a bag of somebody else's."""
+    given = values.get(FAULTS.name, [])
+    return [str(text) for text in given if str(text).strip()] if isinstance(given, list) else []
+
+
+def acting_of(texts: Iterable[str], stamp_ns: int) -> list[str]:
+    """What acts at an instant [ns], without times; a text that is no fault is left out."""
+    found = {}
+    for text in texts:
+        try:
+            fault = fault_of(text)
+        except ConfigurationError:
+            continue
+        if fault.acts(stamp_ns):
+            found[fault.part, fault.kind] = fault.what
+    return list(found.values())
+
+
+def see_that_parts_exist(values: Mapping[str, Any], parts: Parts) -> None:
+    """See that every fault is of one of the parts that the craft has.
+
+    Raises
+    ------
+    ConfigurationError
+        One is not; names it.
+    """
+    for text in fault_texts(values):
+        if text.split()[0] not in parts:
+            raise ConfigurationError(
+                f"{FAULTS.name}: {text!r}: this craft has no part {text.split()[0]} that fails; "
+                f"allowed: {', '.join(parts) or 'none'}"
+            )
+
+
+def faults_of(values: Mapping[str, Any], parts: Parts) -> Any:
+    """Record of dtype `RECORD`: those of the faults that are of some parts.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked parameter values.
+    parts : mapping of str to tuple of Failure
+        Parts of a component, and how each can fail.
+
+    Raises
+    ------
+    ConfigurationError
+        A fault of one of the parts is none, or there are too many; names it.
+    """
+    record = np.zeros((), RECORD)[()]
+    texts = fault_texts(values)
+    if len(texts) > MOST_FAULTS:
+        raise ConfigurationError(
+            f"{FAULTS.name} has {len(texts)} texts; allowed: up to {MOST_FAULTS}"
+        )
+    names = list(parts)
+    mine = [text for text in texts if text.split()[0] in parts]
+    for i, text in enumerate(mine):
+        fault = fault_of(text, 1.0 / values.get("rate", math.inf))
+        how = _failure(text, fault, parts[fault.part], values)
+        numbers = [
+            _number(text, fault.kind, word, how.low, how.high, how.unit) for word in fault.numbers
+        ]
+        part, times = names.index(fault.part), (fault.start_ns, fault.end_ns)
+        record["fault"][i] = (part, how.kind, *times, (*numbers, 0.0, 0.0, 0.0)[:3])
+    record["count"] = len(mine)
+    return record
+
+
+def _failure(
+    text: str, fault: Fault, possible: tuple[Failure, ...], values: Mapping[str, Any]
+) -> Failure:
+    """How a part fails by a fault, which takes as many numbers and has what it multiplies."""
+    named = {KINDS[each.kind]: each for each in possible}
+    if fault.kind not in named:
+        raise ConfigurationError(
+            f"{FAULTS.name}: {text!r}: {fault.part} has no fault {fault.kind}; "
+            f"allowed: {', '.join(named)}"
+        )
+    how = named[fault.kind]
+    if len(fault.numbers) != how.numbers:
+        raise ConfigurationError(
+            f"{FAULTS.name}: {text!r}: {fault.kind} has {len(fault.numbers)} numbers; allowed: "
+            f"{how.numbers}{f' in {how.unit}' if how.unit else ''}, in a text {_ORDER}"
+        )
+    if how.multiplies and not any(values[name] for name in how.multiplies):
+        raise ConfigurationError(
+            f"{FAULTS.name}: {text!r}: it multiplies {' and '.join(how.multiplies)}, "
+            "which is 0; allowed: where it is more"
+        )
+    return how
+
+
+@kernel
+def acting(faults: Any, part: int, kind: int, stamp_ns: int) -> int:
+    """Place of the last fault of a kind of a part that acts at an instant [ns]; −1 if none does."""
+    for i in range(faults.count - 1, -1, -1):
+        fault = faults.fault[i]
+        if fault.part == part and fault.kind == kind and fault.start_ns <= stamp_ns < fault.end_ns:
+            return i
+    return -1
+
+
+@kernel
+def number_of(faults: Any, part: int, kind: int, stamp_ns: int, without: float) -> float:
+    """Return the first number of a fault that acts, or what stands for none."""
+    i = acting(faults, part, kind, stamp_ns)
+    return float(faults.fault[i].value[0]) if i >= 0 else without
+
+
+@kernel
+def fails(faults: Any, part: int, stamp_ns: int) -> bool:
+    """True if any fault of a part acts at an instant [ns]."""
+    for i in range(faults.count):
+        fault = faults.fault[i]
+        if fault.part == part and fault.start_ns <= stamp_ns < fault.end_ns:
+            return True
+    return False
+
+
+@kernel
+def faulty_torque(torque: float, limit: float, faults: Any, part: int, stamp_ns: int) -> float:
+    """Torque [N·m] that is left of one by effectiveness, with its bias; or at which it is stuck.
+
+    What fails gives no more than its limit [N·m] either.
+    """
+    weak = number_of(faults, part, EFFECTIVENESS, stamp_ns, 1.0) * torque
+    biased = weak + number_of(faults, part, BIAS, stamp_ns, 0.0)
+    given = number_of(faults, part, STUCK, stamp_ns, biased)
+    return min(max(given, -limit), limit)

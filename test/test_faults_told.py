@@ -1,0 +1,174 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is told of faults of the hardware: by verdict, report, figures, certificate and `check`."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from synthetic import normal_run
+from test_hardware_faults import WORDS
+from test_report import nothing_drawn
+
+from ppc_attitude.analysis.envelopes import ENVELOPES
+from ppc_attitude.analysis.faults import faults_of
+from ppc_attitude.analysis.figures import error_figure
+from ppc_attitude.analysis.guarantee import certificate_held
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.report import write_report
+from ppc_attitude.analysis.requirements import PAPER
+from ppc_attitude.analysis.verdict import verdict_table
+from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+
+CONFIG = Path(__file__).parents[1] / "config"
+
+
+def failed(at_start: Any, *changes: tuple[float, Any]) -> RunRecord:
+    """Run of 10 s whose plant was given faults, some of them in flight [s]."""
+    run = normal_run(duration=10.0)
+    plant = {**run.parameters[PLANT], "faults": at_start}
+    told = tuple(Change(round(t * 1e9), PLANT, "faults", texts) for t, texts in changes)
+    return replace(run, parameters={**run.parameters, PLANT: plant}, changes=told)
+
+
+STUCK, WEAK = "actuator/x stuck 0.01", "actuator/y effectiveness 0.5"
+
+
+@pytest.mark.parametrize(
+    ("record", "expected"),
+    [
+        (failed([""]), ()),
+        (failed([]), ()),
+        (failed([f"{STUCK} from 2 for 3", WEAK]), (f"{WEAK}, 0 to 10 s", f"{STUCK}, 2 to 5 s")),
+        # One that ends after the run, or begins after it.
+        (failed([f"{STUCK} from 8 for 5", f"{WEAK} from 11"]), (f"{STUCK}, 8 to 10 s",)),
+        # In flight: what is in both lists goes on, what is in the new one alone begins with it.
+        (
+            failed([STUCK], (4.0, [f"{STUCK} from 1", WEAK])),
+            (f"{STUCK}, 0 to 10 s", f"{WEAK}, 4 to 10 s"),
+        ),
+        (
+            failed([STUCK], (4.0, [""]), (6.0, [STUCK])),
+            (f"{STUCK}, 0 to 4 s", f"{STUCK}, 6 to 10 s"),
+        ),
+        (failed([""], (4.0, [f"{STUCK} for 2"])), ()),
+        # Of one kind of one part the last one acts, while it does.
+        (
+            failed([STUCK, "actuator/x stuck 0.02 from 3 for 2", "actuator/x bias 1 from 3 for 2"]),
+            (
+                f"{STUCK}, 0 to 3 s",
+                "actuator/x stuck 0.02, 3 to 5 s",
+                "actuator/x bias 1, 3 to 5 s",
+                f"{STUCK}, 5 to 10 s",
+            ),
+        ),
+        (
+            failed([f"{STUCK} for 2", f"{STUCK} from 2 for 2", f"{STUCK} from 3"]),
+            (f"{STUCK}, 0 to 10 s",),
+        ),
+        # What a bag of somebody else's may hold.
+        (failed([STUCK], (-1.0, [WEAK]), (12.0, [STUCK])), (f"{WEAK}, 0 to 10 s",)),
+        (failed("everything"), ()),
+        (
+            failed([3.0, None, "\x1b[2J", "wheel/0", "a b from x", f"{STUCK} from 1"]),
+            (f"{STUCK}, 1 to 10 s",),
+        ),
+    ],
+)
+def test_what_acted_is_told_from_when_to_when(record: RunRecord, expected: tuple[str, ...]) -> None:
+    assert tuple(map(str, faults_of(record))) == expected
+    verdict = analyse(record)
+    assert verdict.faults == expected
+    assert verdict.to_json()["faults"] == list(expected)
+    lines = [line for line in verdict_table(verdict).splitlines() if line.startswith("fault: ")]
+    assert lines == [f"fault: {each}" for each in expected]
+
+
+@given(st.lists(st.lists(WORDS, max_size=6).map(" ".join), max_size=20))
+def test_any_texts_of_a_bag_are_told_or_left_out(texts: list[str]) -> None:
+    record = replace(SHORT, parameters={PLANT: {"faults": texts}})
+    for each in faults_of(record):
+        assert 0.0 <= each.start_s < each.end_s <= 1.0
+        assert str(each).isprintable()
+
+
+SHORT = normal_run(duration=1.0)
+
+
+def test_a_report_lists_faults_and_figures_show_them(
+    tmp_path: Path,
+) -> None:
+    record = failed([f"{STUCK} from 2 for 3"], (7.0, [f"{WEAK} from 7"]))
+    page = tmp_path / "report.html"
+    with nothing_drawn():
+        write_report([(record, analyse(record))], page)
+    text = page.read_text(encoding="utf-8")
+    assert f"<h3>Faults</h3>\n<ul><li>{STUCK}, 2 to 5 s</li><li>{WEAK}, 7 to 10 s</li></ul>" in text
+    axes = error_figure(Measured(record, PAPER), ENVELOPES[0]).axes[0]
+    bands = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
+    ends = [end for band in bands for end in (band.x0, band.x1)]
+    assert ends == pytest.approx([2.0, 5.0, 7.0, 10.0])
+    assert "fault" in axes.get_legend_handles_labels()[1]
+    whole = failed([""])
+    with nothing_drawn():
+        write_report([(whole, analyse(whole))], page)
+    assert "Faults" not in page.read_text(encoding="utf-8")
+    assert not error_figure(Measured(whole, PAPER), ENVELOPES[0]).axes[0].patches
+
+
+@pytest.mark.parametrize("in_flight", [False, True])
+def test_no_certificate_covers_a_fault(in_flight: bool) -> None:
+    files = [CONFIG / "paper.yaml", CONFIG / "guaranteed.yaml"]
+    record = simulate(load(files, {PLANT: {"faults": [""] if in_flight else [STUCK]}}), 2.0)
+    if in_flight:
+        record = replace(record, changes=(Change(10**9, PLANT, "faults", [STUCK]),))
+    held = certificate_held(record)
+    assert held is not None
+    assert STUCK in held.reason
+    assert not held.outside.any()
+
+
+def test_check_lists_faults_and_says_that_a_certificate_is_void(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "faults.yaml"
+    file.write_text(yaml.safe_dump({PLANT: {"ros__parameters": {"faults": [STUCK, WEAK]}}}))
+
+    def checked(*names: str) -> tuple[int, str]:
+        files = [*(CONFIG / name for name in names), file]
+        options = [word for each in files for word in ("--config", str(each))]
+        return main(["check", *options]), capsys.readouterr().out
+
+    code, page = checked("paper.yaml")
+    assert code == 0
+    assert f"fault: {STUCK}\nfault: {WEAK}\n" in page
+    code, page = checked("paper.yaml", "guaranteed.yaml")
+    assert code == 1
+    assert f"faults = '{STUCK}': whether it keeps the assumed bounds" in " ".join(page.split())
+    assert main(["check", "--config", str(file), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["faults"] == [STUCK, WEAK]
+    file.write_text(yaml.safe_dump({PLANT: {"ros__parameters": {"faults": ["wheel/7 seized"]}}}))
+    assert main(["check", "--config", str(file)]) == 2
+    assert "'wheel/7 seized': this craft has no part wheel/7 that fails" in capsys.readouterr().err
