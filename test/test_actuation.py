@@ -95,6 +95,16 @@ def test_the_body_moves_as_a_rigid_one_up_to_the_rest(
     assert reached < worst.max() / told.rest < 1.0
 
 
+def test_rods_are_part_of_the_rest() -> None:
+    told = [
+        actuation_of(load([*FILES, *more]).parameters[PLANT], MOMENTUM, FASTEST)
+        for more in ([], [ROOT / "config" / "unloading.yaml"])
+    ]
+    # Two rods of 10 A·m² are across the strongest field, 7e-5 T.
+    assert told[1].rest - told[0].rest == pytest.approx(2**0.5 * 10.0 * 7e-5, rel=1e-12)
+    assert (told[1].torque, told[1].told) == (told[0].torque, told[0].told)
+
+
 def test_an_ideal_actuator_is_what_its_parameters_say() -> None:
     plant = load(FILES[:1]).parameters[PLANT]
     told = actuation_of(plant, 0.0, FASTEST)

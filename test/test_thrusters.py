@@ -34,7 +34,14 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.thrusters import admitted, certain_torque, least_fuel, pulses, thrust
+from ppc_attitude.science.thrusters import (
+    admitted,
+    certain_torque,
+    least_fuel,
+    open_share,
+    pulses,
+    thrust,
+)
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load
@@ -51,7 +58,7 @@ def values(**given: Any) -> dict[str, Any]:
 
 
 def record(**given: Any) -> Any:
-    return THRUSTERS.configure(values(**given))
+    return THRUSTERS.configure(values(**given))["craft"]
 
 
 def pushing(torques: Array) -> dict[str, Any]:
@@ -127,7 +134,8 @@ def test_705_pulses_turn_the_craft_as_two_integrators_say() -> None:
                 worst = np.maximum(worst, [turned, off, abs(used - truth["fuel_kg"][row])])
                 on_time = np.array([*(admitted(t, craft) for t in on), *[0.0] * 8])
                 fired += np.count_nonzero(on_time)
-            torque, flow = thrust(on_time, k, craft)
+            shares = [open_share(t, k, craft) for t in on_time]
+            torque, flow = thrust(np.array(shares), craft)
             used += 0.01 * flow
     assert fired == 705
     assert np.all(worst < (1e-5, 1e-7, 1e-12)), worst
@@ -137,6 +145,32 @@ def flown(part: Part, commands: Array) -> tuple[Array, Array]:
     """Applied torque [N·m] and on-times [s] of each step."""
     told = [part.step(k * STEP_NS, command) for k, command in enumerate(commands)]
     return np.array(told)[:, :3], np.array(told)[:, 3:]
+
+
+@pytest.mark.parametrize(
+    ("fault", "share"),
+    [
+        ("effectiveness 0.3", lambda asked: 0.3 * asked),
+        ("stuck_closed", lambda asked: 0.0 * asked),
+        ("stuck_open 0.4", lambda asked: 0.0 * asked + 0.4),
+    ],
+)
+def test_a_thruster_that_fails_gives_another_share_of_its_force(fault: str, share: Any) -> None:
+    texts = [f"thruster/3 {fault} from 0.2 for 0.5", "thruster/6 stuck_closed"]
+    part = Part(THRUSTERS, {**values(), "faults": texts})
+    craft, used = record(), 0.0
+    commands = np.tile(0.3 * craft["torque"][3] + 0.2 * craft["torque"][6], (100, 1))
+    applied, on_times = flown(part, commands)
+    assert (on_times[10:, [3, 6]] > 0.0).all()
+    for k in range(100):
+        shares = np.array([open_share(t, k % 10, craft) for t in on_times[k]])
+        shares[6] = 0.0
+        if 20 <= k < 70:
+            shares[3] = share(shares[3])
+        torque, flow = craft["torque"].T @ shares, craft["flow"] @ shares
+        assert applied[k] == pytest.approx(torque, abs=1e-17)
+        used += 0.01 * flow
+    assert part.state[0]["used"] == pytest.approx(used, rel=1e-12)
 
 
 def test_impulse_is_neither_made_nor_lost() -> None:

@@ -150,6 +150,21 @@ def test_rods_act_beside_the_wheels_and_hold_their_dipole_for_a_period() -> None
     assert [k for k in range(1, 120) if dipoles[k] != dipoles[k - 1]] == begins[1:]
 
 
+def test_a_rod_that_fails_gives_another_dipole() -> None:
+    faults = ["magnetorquer/x effectiveness 0.5", "magnetorquer/y stuck -3 from 0.5 for 0.2"]
+    row = [*[0.0] * 6, *speeds_of(np.array([0.1, 0.2, -0.05])), *FIELD]
+    whole = part_of(RODS)
+    part = Part(RODS, {**RODS.defaults, "rate": 100.0, "faults": faults})
+    for k in range(100):
+        asked = np.array(whole.step(k * STEP_NS, row))[-3:]
+        given = np.array(part.step(k * STEP_NS, row))
+        expected = [0.5 * asked[0], -3.0 if 50 <= k < 70 else asked[1], asked[2]]
+        assert np.abs(asked).min() > 0.0
+        assert given[-3:] == pytest.approx(expected, rel=1e-12)
+        turned = np.array(part.output("applied_torque")) - whole.output("applied_torque")
+        assert turned == pytest.approx(np.cross(expected - asked, FIELD), abs=1e-15)
+
+
 def test_the_field_takes_momentum_and_nothing_else_does() -> None:
     """H of craft and wheels, inertial axes: it changes by the torque of the rods alone."""
     given = {"initial_angular_velocity": [0.02, -0.01, 0.03], "wheels.initial_speed": [300.0]}

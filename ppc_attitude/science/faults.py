@@ -55,6 +55,8 @@ KINDS = (
     "dead",
     "blind",
     "outliers",
+    "stuck_closed",
+    "stuck_open",
 )
 (
     EFFECTIVENESS,
@@ -68,6 +70,8 @@ KINDS = (
     DEAD,
     BLIND,
     OUTLIERS,
+    STUCK_CLOSED,
+    STUCK_OPEN,
 ) = range(len(KINDS))
 
 
@@ -305,12 +309,12 @@ def fails(faults: Any, part: int, stamp_ns: int) -> bool:
 
 
 @kernel
-def faulty_torque(torque: float, limit: float, faults: Any, part: int, stamp_ns: int) -> float:
-    """Torque [N·m] that is left of one by effectiveness, with its bias; or at which it is stuck.
+def faulty(asked: float, limit: float, faults: Any, part: int, stamp_ns: int) -> float:
+    """What an actuator gives of what it is asked: by effectiveness, with a bias; or stuck.
 
-    What fails gives no more than its limit [N·m] either.
+    What fails gives no more than its limit either.
     """
-    weak = number_of(faults, part, EFFECTIVENESS, stamp_ns, 1.0) * torque
+    weak = number_of(faults, part, EFFECTIVENESS, stamp_ns, 1.0) * asked
     biased = weak + number_of(faults, part, BIAS, stamp_ns, 0.0)
     given = number_of(faults, part, STUCK, stamp_ns, biased)
     return min(max(given, -limit), limit)

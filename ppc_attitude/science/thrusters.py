@@ -133,7 +133,7 @@ ON_TIME = Column(
     ON_TIMES,
     BODY,
     "s",
-    "how long each thruster is on in the period to which the stamp belongs, from its begin",
+    "how long each thruster is told to be on in the period of the stamp, from its begin",
 )
 
 
@@ -290,13 +290,18 @@ def pulses(impulse: Vector, craft: Any, on_time: Any) -> Vector:
 
 
 @kernel
-def thrust(on_time: Any, step: int, craft: Any) -> tuple[Vector, float]:
-    """Mean torque [N·m] and flow of fuel [kg/s] over a step of a period, counted from 0."""
+def open_share(on_time: float, step: int, craft: Any) -> float:
+    """Share of a step of a period, counted from 0, for which a thruster is on."""
+    return float(min(max(on_time * craft.rate - step, 0.0), 1.0))
+
+
+@kernel
+def thrust(shares: Any, craft: Any) -> tuple[Vector, float]:
+    """Mean torque [N·m] and flow of fuel [kg/s] over a step, from each thruster's share of it."""
     torque, flow = (0.0, 0.0, 0.0), 0.0
     for j in range(craft.count):
-        share = min(max(on_time[j] * craft.rate - step, 0.0), 1.0)
-        torque = add(torque, scale(share, vector(craft.torque[j])))
-        flow += share * craft.flow[j]
+        torque = add(torque, scale(shares[j], vector(craft.torque[j])))
+        flow += shares[j] * craft.flow[j]
     return torque, flow
 
 

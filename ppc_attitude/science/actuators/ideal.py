@@ -21,7 +21,7 @@ import numpy as np
 
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.faults import FAULTS, OF_A_TORQUE, RECORD, fails, faults_of, faulty_torque
+from ppc_attitude.science.faults import FAULTS, OF_A_TORQUE, RECORD, fails, faults_of, faulty
 from ppc_attitude.science.kernel import Vector, kernel, store, vector
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
@@ -94,7 +94,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     faults, limit = configuration.faults, configuration.max_torque
     for i in range(3):
         if fails(faults, i, inputs.stamp_ns):
-            given = faulty_torque(outputs.applied_torque[i], limit, faults, i, inputs.stamp_ns)
+            given = faulty(outputs.applied_torque[i], limit, faults, i, inputs.stamp_ns)
             outputs.applied_torque[i] = given
 
 

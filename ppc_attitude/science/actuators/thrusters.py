@@ -16,7 +16,8 @@
 
 A command is the torque on the body besides −ω × Jω. What was commanded since the last period, and
 what that left over, is made into on-times; in a step their mean torque acts, so that the impulse is
-exact. Mass, inertia and centre of mass stay, and the net force does nothing.
+exact. Mass, inertia and centre of mass stay, and the net force does nothing. Who chooses the pulses
+is told of no fault.
 """
 
 from collections.abc import Mapping
@@ -27,10 +28,35 @@ import numpy as np
 from ppc_attitude.science import thrusters
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import MAX_THRUSTERS, Advice, Component
+from ppc_attitude.science.faults import (
+    EFFECTIVENESS,
+    FAULTS,
+    RECORD,
+    STUCK_CLOSED,
+    STUCK_OPEN,
+    Failure,
+    acting,
+    fails,
+    faults_of,
+    number_of,
+)
 from ppc_attitude.science.kernel import add, kernel, scale, store, vector
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
-from ppc_attitude.science.thrusters import ON_TIME, THRUSTERS, pulses, thrust, thruster_record
+from ppc_attitude.science.thrusters import (
+    ON_TIME,
+    THRUSTERS,
+    open_share,
+    pulses,
+    thrust,
+    thruster_record,
+)
 
+_HOW = (
+    Failure(EFFECTIVENESS, 1, 0.0, 1.0),
+    Failure(STUCK_CLOSED),
+    Failure(STUCK_OPEN, 1, 0.0, 1.0),
+)
+CONFIGURATION = np.dtype([("craft", THRUSTERS), ("faults", RECORD)], align=True)
 STATE = np.dtype(
     [
         ("begun", np.int64),  # periods, the present one included
@@ -38,14 +64,44 @@ STATE = np.dtype(
         ("on_time", np.float64, (MAX_THRUSTERS,)),  # [s] of the present period
         ("used", np.float64),  # [kg] of fuel
         ("empty", np.int64),  # 1 once the fuel has been used up
+        ("shares", np.float64, (MAX_THRUSTERS,)),  # of the present step; what it works with
     ],
     align=True,
 )
 
 
+def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
+    """Return each thruster by its name, and how it can fail."""
+    return {f"thruster/{j}": _HOW for j in range(len(values[thrusters.POSITIONS.name]) // 3)}
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        As of `thruster_record`, or a fault is none.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["craft"] = thruster_record(values)
+    record["faults"] = faults_of(values, parts_of(values))
+    return record
+
+
 @kernel
-def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
+def _failed(share: float, j: int, faults: Any, stamp_ns: int) -> float:
+    """Share of its force that a thruster gives in a step, with its faults."""
+    if acting(faults, j, STUCK_CLOSED, stamp_ns) >= 0:
+        return 0.0
+    weak = number_of(faults, j, EFFECTIVENESS, stamp_ns, 1.0) * share
+    return number_of(faults, j, STUCK_OPEN, stamp_ns, weak)
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Begin the pulses of a period if one begins; give the mean torque of the step."""
+    craft, faults = configuration.craft, configuration.faults
     now = step_of(inputs.stamp_ns, craft.rate)
     commanded = scale(1.0 / craft.rate, vector(inputs.torque_command))
     store(state.impulse, add(vector(state.impulse), commanded))
@@ -55,7 +111,12 @@ def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
     if state.used >= craft.fuel:
         state.empty = 1
         state.on_time[:] = 0.0
-    torque, flow = thrust(state.on_time, now % craft.period, craft)
+    for j in range(craft.count):
+        share = open_share(state.on_time[j], now % craft.period, craft)
+        if fails(faults, j, inputs.stamp_ns):
+            share = _failed(share, j, faults, inputs.stamp_ns)
+        state.shares[j] = share
+    torque, flow = thrust(state.shares, craft)
     burnt, rest = flow / craft.rate, craft.fuel - state.used
     if burnt > rest:
         torque = scale(rest / burnt, torque)
@@ -89,9 +150,9 @@ def least_impulse(values: Mapping[str, Any]) -> float:
 
 COMPONENT = Component(
     name="thrusters",
-    parameters=thrusters.PARAMETERS,
-    configure=thruster_record,
-    configuration=THRUSTERS,
+    parameters=(*thrusters.PARAMETERS, FAULTS),
+    configure=configure,
+    configuration=CONFIGURATION,
     state=STATE,
     inputs=(TORQUE_COMMAND,),
     outputs=(APPLIED_TORQUE, ON_TIME),
@@ -101,4 +162,5 @@ COMPONENT = Component(
     limits=(thrusters.FORCE.name,),
     torque=torques,
     least_impulse=least_impulse,
+    faults=parts_of,
 )

@@ -48,7 +48,7 @@ from ppc_attitude.science.faults import (
     acting,
     fails,
     faults_of,
-    faulty_torque,
+    faulty,
     number_of,
 )
 from ppc_attitude.science.kernel import add, cross, kernel, scale, store, subtract, vector
@@ -247,7 +247,7 @@ def _failed(motor: float, i: int, speed: float, stamp_ns: int, configuration: An
     faults, craft = configuration.faults, configuration.wheels
     resistance, limit = friction(craft, i, speed), craft.max_torque[i]
     drag = number_of(faults, i, DRAG, stamp_ns, 1.0)
-    net = faulty_torque(motor, limit, faults, i, stamp_ns)
+    net = faulty(motor, limit, faults, i, stamp_ns)
     if acting(faults, i, SEIZED, stamp_ns) >= 0:
         net = -craft.inertia[i] * speed / max(_SEIZING, configuration.h)
     elif acting(faults, i, STUCK, stamp_ns) < 0:  # what is stuck is so at the shaft

@@ -29,7 +29,15 @@ from ppc_attitude.science.actuators import wheels
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import add, cross, kernel, store, vector
+from ppc_attitude.science.faults import (
+    EFFECTIVENESS,
+    RECORD,
+    STUCK,
+    Failure,
+    faults_of,
+    faulty,
+)
+from ppc_attitude.science.kernel import Vector, add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import (
     DIPOLE,
     MAGNETORQUERS,
@@ -41,12 +49,18 @@ from ppc_attitude.science.magnetorquers import (
 from ppc_attitude.science.orbit_field import MAGNETIC_FIELD
 from ppc_attitude.science.wheels import momentum
 
-CONFIGURATION = np.dtype([("drive", wheels.CONFIGURATION), ("rods", MAGNETORQUERS)], align=True)
+_RODS = dict.fromkeys(
+    ("magnetorquer/x", "magnetorquer/y", "magnetorquer/z"),
+    (Failure(EFFECTIVENESS, 1, 0.0, 1.0), Failure(STUCK, 1, unit="A·m²")),
+)
+CONFIGURATION = np.dtype(
+    [("drive", wheels.CONFIGURATION), ("rods", MAGNETORQUERS), ("faults", RECORD)], align=True
+)
 STATE = np.dtype(
     [
         ("drive", wheels.STATE),
         ("begun", np.int64),  # periods, the present one included
-        ("dipole", np.float64, (3,)),  # [A·m²] held
+        ("dipole", np.float64, (3,)),  # [A·m²] asked for, held
     ],
     align=True,
 )
@@ -59,12 +73,13 @@ def configure(values: Mapping[str, Any]) -> Any:
     ------
     ConfigurationError
         The wheels are impossible or weaker than the rods, or the period of the rods is no whole
-        number of steps.
+        number of steps, or a fault is none.
     """
     record = np.zeros((), CONFIGURATION)[()]
     record["drive"] = wheels.configure(values)
     record["rods"] = magnetorquer_record(values)
-    certain, of_rods = wheels.torques(values)[0], _torque_of_rods(values)
+    record["faults"] = faults_of(values, _RODS)
+    certain, of_rods = wheels.torques(values)[0], torque_of_rods(values)
     if of_rods >= certain:
         raise ConfigurationError(
             f"{MAX_DIPOLE.name} = {values[MAX_DIPOLE.name]:g} A·m²: {of_rods:.3g} N·m in the "
@@ -73,9 +88,25 @@ def configure(values: Mapping[str, Any]) -> Any:
     return record
 
 
-def _torque_of_rods(values: Mapping[str, Any]) -> float:
+def torque_of_rods(values: Mapping[str, Any]) -> float:
     """Largest torque on an axis [N·m]: two rods are across it."""
     return math.sqrt(2.0) * float(values[MAX_DIPOLE.name]) * STRONGEST_FIELD
+
+
+def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
+    """Return wheels and rods by their names, and how each can fail."""
+    return {**wheels.parts_of(values), **_RODS}
+
+
+@kernel
+def _given(m: Vector, configuration: Any, stamp_ns: int) -> Vector:
+    """Dipole [A·m²] that the rods give of one that is asked for."""
+    most, faults = configuration.rods.max_dipole, configuration.faults
+    return (
+        faulty(m[0], most, faults, 0, stamp_ns),
+        faulty(m[1], most, faults, 1, stamp_ns),
+        faulty(m[2], most, faults, 2, stamp_ns),
+    )
 
 
 @kernel
@@ -89,15 +120,17 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         # The momenta h* to which the drive leads the wheels cancel: all of Σ h a is too much.
         excess = momentum(configuration.drive.wheels, inputs.wheel_speed)
         store(state.dipole, unloading_dipole(excess, b, now, rods))
-    turned = cross(vector(state.dipole), b)
-    store(outputs.magnetorquer_dipole, vector(state.dipole))
-    store(outputs.applied_torque, add(vector(outputs.applied_torque), turned))
+    dipole = vector(state.dipole)
+    if configuration.faults.count:
+        dipole = _given(dipole, configuration, inputs.stamp_ns)
+    store(outputs.magnetorquer_dipole, dipole)
+    store(outputs.applied_torque, add(vector(outputs.applied_torque), cross(dipole, b)))
 
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
     """Torque on an axis [N·m] that wheels give in any direction, rods against it; and at most."""
     certain, most = wheels.torques(values)
-    of_rods = _torque_of_rods(values)
+    of_rods = torque_of_rods(values)
     return certain - of_rods, most + of_rods
 
 
@@ -114,4 +147,5 @@ COMPONENT = Component(
     advices=lambda state: wheels.COMPONENT.advices(state["drive"]),
     limits=(*wheels.COMPONENT.limits, MAX_DIPOLE.name),
     torque=torques,
+    faults=parts_of,
 )

@@ -20,7 +20,8 @@ friction. J* = J − Σ J_s a aᵀ then moves like a rigid body,
     J* ω' + ω × J* ω = τ + d + r,
 
 if the array can give τ + ω × h, with a rest r from what changes until the next sample. h follows
-from the whole craft's momentum H = J ω + h, which only external torques change.
+from the whole craft's momentum H = J ω + h, which only external torques change. The torque of
+magnetorquers that unload the wheels is part of r, too.
 """
 
 import math
@@ -30,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ppc_attitude.science.actuators import wheels
+from ppc_attitude.science.actuators import wheels, wheels_rods
 from ppc_attitude.science.allocation import certain_torque
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.wheels import wheel_record
@@ -67,7 +68,7 @@ class Actuation(NamedTuple):
 
 def has_wheels(plant: Mapping[str, Any]) -> bool:
     """Whether a plant's parameters select reaction wheels."""
-    return ACTUATORS.selected(plant) is wheels.COMPONENT
+    return ACTUATORS.selected(plant) in (wheels.COMPONENT, wheels_rods.COMPONENT)
 
 
 def actuation_of(plant: Mapping[str, Any], momentum: float, fastest: float) -> Actuation:
@@ -108,6 +109,8 @@ def actuation_of(plant: Mapping[str, Any], momentum: float, fastest: float) -> A
     gained = h * ((motor + friction) / spin + turned)
     unknown = 2.0 * (craft["static"] + craft["viscous"] * gained) + abs(1.0 - knowledge) * friction
     rest += float((unknown @ np.abs(axes)).max())
+    if ACTUATORS.selected(plant) is wheels_rods.COMPONENT:
+        rest += wheels_rods.torque_of_rods(plant)
     return Actuation("certain torque of the wheels", torque, 0.0, False, rest, body)
 
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.actuators import ideal, wheels
+from ppc_attitude.science.actuators import ideal, wheels, wheels_rods
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
 from ppc_attitude.science.errors import ConfigurationError
@@ -46,7 +46,7 @@ from ppc_attitude.science.kinds import (
     Kind,
 )
 from ppc_attitude.science.multibody import FREQUENCY
-from ppc_attitude.science.plants import gyrostat, rigid_body
+from ppc_attitude.science.plants import gyrostat, gyrostat_rods, rigid_body
 from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.science.sensors import direct, gyro_star_tracker
 
@@ -59,10 +59,10 @@ _MARGIN = 1.03  # for the rate error in the tube, beside omega0
 DEVIATIONS = 5.0
 """A Gaussian error this often its deviation is taken as its bound."""
 _KNOWN: dict[str, tuple[Component, ...]] = {
-    PLANTS.name: (rigid_body.COMPONENT, gyrostat.COMPONENT),
+    PLANTS.name: (rigid_body.COMPONENT, gyrostat.COMPONENT, gyrostat_rods.COMPONENT),
     SENSORS.name: (direct.COMPONENT, gyro_star_tracker.COMPONENT),
     ESTIMATORS.name: (mekf.COMPONENT,),
-    ACTUATORS.name: (ideal.COMPONENT, wheels.COMPONENT),
+    ACTUATORS.name: (ideal.COMPONENT, wheels.COMPONENT, wheels_rods.COMPONENT),
     REFERENCES.name: (paper.COMPONENT, paper_ahead.COMPONENT),
 }
 _HARDWARE = (PLANTS, SENSORS, ESTIMATORS, ACTUATORS)
@@ -88,7 +88,7 @@ class Nodes(NamedTuple):
         """Say which component of a kind is selected, if its bounds are not known here."""
         others = {REFERENCES.name: self.reference, ESTIMATORS.name: self.estimator}
         name = _selected(kind, others.get(kind.name, self.plant))
-        if kind is PLANTS and name == gyrostat.COMPONENT.name and self.plant[FREQUENCY.name]:
+        if kind is PLANTS and has_wheels(self.plant) and self.plant[FREQUENCY.name]:
             return f"{FREQUENCY.name} = {self.plant[FREQUENCY.name]}"
         known = {NONE, *(each.name for each in _KNOWN[kind.name])}
         return "" if name in known else f"{kind.selector} = {name}"
