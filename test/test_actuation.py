@@ -14,6 +14,7 @@
 
 """What a certificate assumes of wheels, against single steps of drive and craft, and in flight."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,10 @@ from estimation_helpers import ROOT, STEP_NS, Array
 from ppc_attitude.analysis.guarantee import Held, certificate_held
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.guarantee.actuation import actuation_of, are_full
+from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
+from ppc_attitude.science.guarantee.surroundings import fastest_of
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
@@ -69,7 +72,7 @@ def test_the_body_moves_as_a_rigid_one_up_to_the_rest(
     changed: dict[str, Any], reached: float
 ) -> None:
     plant = {**load(FILES, {PLANT: changed}).parameters[PLANT]}
-    told = actuation_of(plant, MOMENTUM, FASTEST)
+    told = actuation_of(plant, MOMENTUM, FASTEST, math.inf)
     drive = Part(ACTUATORS.components["wheels"], plant)
     random, worst, h = np.random.default_rng(1), np.zeros(3), 1e-9 * STEP_NS
     for _ in range(600):
@@ -95,9 +98,18 @@ def test_the_body_moves_as_a_rigid_one_up_to_the_rest(
     assert reached < worst.max() / told.rest < 1.0
 
 
+@pytest.mark.parametrize("slower", [0.95, 0.7])
+def test_a_slower_craft_has_more_torque_and_no_more_rest(slower: float) -> None:
+    plant = load(FILES, {PLANT: NO_FRICTION}).parameters[PLANT]
+    told = actuation_of(plant, 0.35, FASTEST, math.inf)
+    less = actuation_of(plant, 0.35, slower * FASTEST, told.torque)
+    assert less.torque > told.torque
+    assert less.rest < told.rest
+
+
 def test_rods_are_part_of_the_rest() -> None:
     told = [
-        actuation_of(load([*FILES, *more]).parameters[PLANT], MOMENTUM, FASTEST)
+        actuation_of(load([*FILES, *more]).parameters[PLANT], MOMENTUM, FASTEST, math.inf)
         for more in ([], [ROOT / "config" / "unloading.yaml"])
     ]
     # Two rods of 10 A·m² are across the strongest field, 7e-5 T.
@@ -107,7 +119,7 @@ def test_rods_are_part_of_the_rest() -> None:
 
 def test_an_ideal_actuator_is_what_its_parameters_say() -> None:
     plant = load(FILES[:1]).parameters[PLANT]
-    told = actuation_of(plant, 0.0, FASTEST)
+    told = actuation_of(plant, 0.0, FASTEST, math.inf)
     assert (told.torque, told.dead_band, told.late, told.rest) == (0.05, 1e-4, False, 0.0)
 
 
@@ -117,6 +129,32 @@ def gains(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("design") / "gains.yaml"
     assert main(["design", *OPTIONS, "--gains", "0.8", "78.4", "1", f"--output={path}"]) == 0
     return path
+
+
+def test_a_craft_may_turn_with_its_rate_limit_however_low_omega0_is(gains: Path) -> None:
+    values = load([*FILES, gains]).parameters[CONTROLLER]
+    assumed, law = assumptions_of(values), law_of(values)
+    low = replace(law, omega0=0.5 * assumed.Omega)
+    assert fastest_of(assumed, low) == assumed.Omega < fastest_of(assumed, law)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        # A wide tube: the craft may be faster than the design first took it to be.
+        ["--gains", "0.3", "1.8", "1", "--accuracy=0.02"],
+        # Much momentum: torque falls with the rate.
+        ["--gains", "0.8", "78.4", "1", "--assume=momentum=0.2"],
+    ],
+)
+def test_a_scenario_keeps_what_its_own_design_assumed(
+    given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "gains.yaml"
+    assert main(["design", *OPTIONS, *given, f"--output={path}"]) == 0
+    capsys.readouterr()
+    assert main(["check", *OPTIONS, f"--config={path}"]) == 0
+    assert "nothing is guaranteed" not in capsys.readouterr().out
 
 
 def fate(record: RunRecord) -> Held:

@@ -144,7 +144,7 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
     if has_wheels(plant):
         assumed = assumptions_of(values)
         fastest = fastest_of(assumed, law_of(values))
-        external -= actuation_of(plant, assumed.momentum, fastest).rest
+        external -= actuation_of(plant, assumed.momentum, fastest, assumed.max_torque).rest
         found.update(_momentum(record, plant, assumed.momentum))
     if has(record, DISTURBANCE.column):
         torque = np.abs(record[DISTURBANCE.column]).max(axis=1)

@@ -31,7 +31,7 @@ from ppc_attitude.contract.yaml_file import LARGEST, parsed_json
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, LAW_AHEAD
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.arithmetic import balls
-from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
+from ppc_attitude.science.guarantee.assumptions import Assumptions, assumptions_of, law_of
 from ppc_attitude.science.guarantee.bounds import bounds_of
 from ppc_attitude.science.guarantee.certificate import ACCURACY, Certificate, certify, differences
 from ppc_attitude.science.guarantee.envelope import Envelope
@@ -77,8 +77,9 @@ def _stated(content: Any) -> dict[str, Any]:
     return {"digest": content["digest"], "accuracy": accuracy, "promises": promises}
 
 
-def promise_lines(certificate: Certificate, momentum: float) -> list[str]:
+def promise_lines(certificate: Certificate, assumed: Assumptions) -> list[str]:
     """Say what is guaranteed, one line a rate; a craft with wheels has a bound of its momentum."""
+    momentum = assumed.momentum
     lines = [
         f"guaranteed: |q_ev,i| < {certificate.accuracy:g} from t = {promise.time:.2f} s on, "
         f"for every attitude and every start with ‖ω_s‖ ≤ {promise.rate:g} deg/s"
@@ -87,8 +88,11 @@ def promise_lines(certificate: Certificate, momentum: float) -> list[str]:
     if certificate.promises:
         lines.append(f"guaranteed: |q_ev,i| ≤ {certificate.terminal_error:.2g} in the end")
     if certificate.promises and momentum:
+        most = float(np.linalg.eigvalsh(np.reshape(assumed.inertia, (3, 3)))[-1])
         lines.append(
-            f"while the momentum ‖Jω + h‖ of craft and wheels is at most {momentum:g} N·m·s"
+            f"while the momentum ‖Jω + h‖ of craft and wheels is at most {momentum:g} N·m·s (from "
+            f"about {math.degrees(momentum / most):.3g} deg/s on the craft alone may have more) "
+            "and no wheel is a sample away from its largest speed"
         )
     return lines
 
@@ -194,7 +198,7 @@ class Judgement:
             reasons.append(f"not proved: {', '.join(failing)}")
         told = ["nothing is guaranteed:", *(f"  {each}" for each in reasons)]
         if not reasons:
-            told = promise_lines(self.certificate, self._assumed.momentum)
+            told = promise_lines(self.certificate, self._assumed)
             told += [f"warning: {each}" for each in self.suspensions]
         return [*lines, "", *map(paragraph, told)]
 

@@ -61,7 +61,12 @@ from ppc_attitude.science.guarantee.design import (
     nearest,
 )
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
-from ppc_attitude.science.guarantee.surroundings import assumptions_from, white_noise
+from ppc_attitude.science.guarantee.surroundings import (
+    TUBE,
+    assumptions_from,
+    tube_of,
+    white_noise,
+)
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.references import paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
@@ -85,6 +90,7 @@ _DEFAULTS = {  # filled in late: an option that was not given is none that does 
 }
 _ASSUMED = (*ASSUMED, "e_A", "lead")
 _TABLE = {each.name: each for each in tube_parameters.PARAMETERS}
+_MORE = 1.1  # times the rate error in the tube: it grows with what it adds to the disturbance
 _UNITS = {"max_torque": "N·m", "Omega": "rad/s", "d": "N·m", "W": "rad/s", "dead_band": "N·m"}
 
 
@@ -172,7 +178,7 @@ def execute(arguments: argparse.Namespace) -> int:
     scenario = scenario_of(arguments)
     if not certified:
         return search_gains(arguments, scenario)
-    assumed = _assumptions(scenario, dict(arguments.assume))
+    assumed = _assumptions(scenario, dict(arguments.assume), TUBE)
     for name, value in zip(("k", "kappa", "ell"), arguments.gains or (), strict=False):
         _TABLE[PREFIX + name].checked(value)
     h = 1.0 / scenario.number(PLANT, "rate")
@@ -187,12 +193,21 @@ def execute(arguments: argparse.Namespace) -> int:
         attitude_noise=noise[0],
         rate_noise=noise[1],
     )
+    tube = TUBE
     try:
-        found = (
-            designed(assumed, wishes, h, *arguments.gains)
-            if arguments.gains
-            else design(assumed, wishes, h)
-        )
+        while True:
+            found = (
+                designed(assumed, wishes, h, *arguments.gains)
+                if arguments.gains
+                else design(assumed, wishes, h)
+            )
+            before, needed = assumed, tube_of(assumed, found.law)
+            if needed <= tube:
+                break
+            tube = _MORE * needed  # the law lets the craft be faster than the assumptions took
+            assumed = _assumptions(scenario, dict(arguments.assume), tube)
+            if assumed == before:  # they do not depend on it
+                break
     except InfeasibleError as error:
         print(error)
         for line in _helps(nearest(assumed, h)):
@@ -213,10 +228,10 @@ def execute(arguments: argparse.Namespace) -> int:
         failing = [each.name for each in certificate.inequalities if not each.holds]
         print(f"the search found numbers that cannot be proved: {', '.join(failing)}")
         return BAD_INPUT
-    _tell(found, certificate, assumed.momentum)
+    _tell(found, certificate, assumed)
     if arguments.output:
         law = scenario.controller.name if scenario.controller.name in LAWS else LAW
-        write_whole(arguments.output, _file(law, values, certificate, assumed.momentum))
+        write_whole(arguments.output, _file(law, values, certificate, assumed))
         path = certificate_path(arguments.output)
         text = json.dumps(certificate.to_json(), ensure_ascii=False, indent=1)
         write_whole(path, text + "\n")
@@ -224,10 +239,10 @@ def execute(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _assumptions(scenario: Scenario, chosen: dict[str, float]) -> Assumptions:
+def _assumptions(scenario: Scenario, chosen: dict[str, float], tube: float) -> Assumptions:
     """Assumptions from configuration and options, each within the range of its parameter."""
     nodes = nodes_around(scenario.parameters)
-    assumed = assumptions_from(nodes, scenario.parameters[CONTROLLER], chosen)
+    assumed = assumptions_from(nodes, scenario.parameters[CONTROLLER], chosen, tube)
     for name in ASSUMED:
         _TABLE[f"{PREFIX}assumed.{name}"].checked(getattr(assumed, name))
     for name in ("e_A", "lead"):
@@ -254,10 +269,10 @@ def _helps(values: dict[str, float]) -> list[str]:
     return lines
 
 
-def _tell(found: Design, certificate: Certificate, momentum: float) -> None:
+def _tell(found: Design, certificate: Certificate, assumed: Assumptions) -> None:
     law = found.law
     print(f"k = {law.k:g} 1/s, kappa = {law.kappa:g} 1/s, ell = {law.ell:g}")
-    for line in promise_lines(certificate, momentum):
+    for line in promise_lines(certificate, assumed):
         print(line)
     if found.torque_noise > 0.0:
         print(f"torque noise of the worst axis: about {found.torque_noise:.3g} N·m RMS")
@@ -265,10 +280,12 @@ def _tell(found: Design, certificate: Certificate, momentum: float) -> None:
     print(f"{len(certificate.inequalities)} inequalities hold; the closest is {least.name}")
 
 
-def _file(law: str, values: dict[str, object], certificate: Certificate, momentum: float) -> str:
+def _file(
+    law: str, values: dict[str, object], certificate: Certificate, assumed: Assumptions
+) -> str:
     """Parameter file; the comment at its top says what it promises."""
     lines = [f"# The momentum-tube law with a certificate: {WRITTEN}"]
-    lines += [f"# {line}" for line in promise_lines(certificate, momentum)]
+    lines += [f"# {line}" for line in promise_lines(certificate, assumed)]
     lines.append("# `ppc_attitude check` proves it again; a changed number voids the certificate.")
     if law == LAW_AHEAD:
         lines += [

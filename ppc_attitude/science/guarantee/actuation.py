@@ -71,7 +71,9 @@ def has_wheels(plant: Mapping[str, Any]) -> bool:
     return ACTUATORS.selected(plant) in (wheels.COMPONENT, wheels_rods.COMPONENT)
 
 
-def actuation_of(plant: Mapping[str, Any], momentum: float, fastest: float) -> Actuation:
+def actuation_of(
+    plant: Mapping[str, Any], momentum: float, fastest: float, commanded: float
+) -> Actuation:
     """Read an actuator from the plant's checked parameters.
 
     Parameters
@@ -82,6 +84,8 @@ def actuation_of(plant: Mapping[str, Any], momentum: float, fastest: float) -> A
         Bound of ‖H‖ of a craft with wheels [N·m·s].
     fastest : float
         Bound of ‖ω_s‖ [rad/s].
+    commanded : float
+        Bound of the commanded torque per axis [N·m].
     """
     inertia = np.reshape(plant["inertia"], (3, 3))
     if not has_wheels(plant):
@@ -97,13 +101,17 @@ def actuation_of(plant: Mapping[str, Any], momentum: float, fastest: float) -> A
     knowledge = float(plant[wheels.KNOWLEDGE.name])
     left = motor - np.minimum(knowledge * friction, motor)
     torque = certain_torque(axes, left) - compensated * gyroscopic
-    # The disturbance is below the torque, or nothing could be guaranteed.
-    h, pushed = 1.0 / plant["rate"], 2.0 * math.sqrt(3.0) * max(torque, 0.0)
+    # The disturbance is below the largest command, or nothing could be guaranteed.
+    h, pushed = 1.0 / plant["rate"], 2.0 * math.sqrt(3.0) * max(min(torque, commanded), 0.0)
     least, most = np.linalg.eigvalsh(body)[0], np.linalg.eigvalsh(inertia)[-1]
     turned = (pushed + _gyroscopic(body) * fastest**2) / least  # ‖ω'‖
-    stored = momentum + most * fastest  # ‖h‖
-    changed = 0.5 * pushed + fastest * momentum + most * turned  # ‖h'‖ in body axes
-    rest = h * (turned * stored + fastest * changed) if compensated else gyroscopic
+    added = 0.5 * h * pushed  # to the momentum, until the next sample
+    stored = momentum + added + most * fastest  # ‖h‖
+    changed = 0.5 * pushed + fastest * (momentum + added) + most * turned  # ‖h'‖ in body axes
+    if compensated:
+        rest = h * (turned * stored + fastest * changed)
+    else:
+        rest = gyroscopic + fastest * added
     rest += _gyroscopic(spinning) * fastest**2
     # Friction may turn round within a sample, at the speed that a wheel gains meanwhile.
     gained = h * ((motor + friction) / spin + turned)
@@ -111,7 +119,7 @@ def actuation_of(plant: Mapping[str, Any], momentum: float, fastest: float) -> A
     rest += float((unknown @ np.abs(axes)).max())
     if ACTUATORS.selected(plant) is wheels_rods.COMPONENT:
         rest += wheels_rods.torque_of_rods(plant)
-    return Actuation("certain torque of the wheels", torque, 0.0, False, rest, body)
+    return Actuation("certain torque of the wheels", torque, 0.0, False, float(rest), body)
 
 
 def momentum_of(plant: Mapping[str, Any], rates: ArrayLike, speeds: ArrayLike) -> Floats:

@@ -55,7 +55,8 @@ _HORIZON = 3600.0  # [s] for which a design looks at the reference
 _NOISE = 6.0  # deviations that a design takes as the bound of an estimation error
 LEAD = 0.6  # [rad] beyond half a turn for a law that knows what lies ahead: the paper's needs 0.55
 _ROUNDING = 1e-12  # relative, of an inertia
-_MARGIN = 1.03  # for the rate error in the tube, beside omega0
+TUBE = 0.03
+"""Share of the largest omega0 that a design first takes for the rate error in the tube."""
 DEVIATIONS = 5.0
 """A Gaussian error this often its deviation is taken as its bound."""
 _KNOWN: dict[str, tuple[Component, ...]] = {
@@ -156,7 +157,7 @@ def broken_assumptions(
     if 1.0 / plant["rate"] > law.h * (1 + 1e-9):
         yield f"rate = {plant['rate']:g} Hz; the certificate is for at least {1.0 / law.h:g} Hz"
     fastest = fastest_of(assumed, law)
-    actuator = actuation_of(plant, assumed.momentum, fastest)
+    actuator = actuation_of(plant, assumed.momentum, fastest, assumed.max_torque)
     error = inertia_error(np.array(assumed.inertia), actuator.inertia)
     if error > assumed.e_S + _ROUNDING:
         yield f"the craft's inertia is {error:.3g} off; assumed: at most e_S = {assumed.e_S:g}"
@@ -170,7 +171,7 @@ def broken_assumptions(
     if actuator.late and assumed.late < 1.0:
         yield "late_command = true; assumed: a command acts with its own sample (late = 0)"
     attitude, rate = _deviations(nodes)
-    lag = _rate_lag(nodes, assumed)
+    lag = _rate_lag(nodes, assumed, fastest)
     for name, error, bound, unit in (
         ("attitude", DEVIATIONS * attitude, assumed.e_A, "rad"),
         ("rate", DEVIATIONS * rate + lag, assumed.e_W, "rad/s"),
@@ -233,8 +234,14 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
 
 
 def fastest_of(assumed: Assumptions, law: Law) -> float:
-    """Largest ‖ω_s‖ [rad/s] at which something is promised."""
-    return law.omega0 + law.z_bar + assumed.W
+    """Largest ‖ω_s‖ [rad/s] at which something is promised: after an event, or on the way."""
+    errors = assumed.e_W + assumed.W * assumed.e_A
+    return max(law.omega0 + errors + law.z_bar + assumed.W, assumed.Omega)
+
+
+def tube_of(assumed: Assumptions, law: Law) -> float:
+    """Return the `tube` of `assumptions_from` from which on no craft is faster than it takes."""
+    return (fastest_of(assumed, law) - assumed.W) / (TUMBLING[0] * assumed.Omega) - 1.0
 
 
 def _fastest(assumed: Assumptions) -> float:
@@ -266,16 +273,16 @@ def white_noise(nodes: Nodes) -> tuple[float, float]:
     return 0.0, white * math.sqrt(rate)
 
 
-def _rate_lag(nodes: Nodes, assumed: Assumptions) -> float:
+def _rate_lag(nodes: Nodes, assumed: Assumptions, fastest: float) -> float:
     """Most that a gyro's mean rate of a step differs from the rate at its end [rad/s]: h ω'/2.
 
-    J ω' = τ + d − ω × Jω, at the fastest start that is promised anything. J differs from Ĵ by
-    ‖S‖ ≤ e_S: so ω × Jω by at most e_S λ_max ‖ω‖², and J⁻¹y from Ĵ⁻¹y by at most ε ‖Ĵ⁻¹y‖.
+    J ω' = τ + d − ω × Jω, with ‖ω‖ up to the fastest [rad/s] of what is promised. J differs from Ĵ
+    by ‖S‖ ≤ e_S: so ω × Jω by at most e_S λ_max ‖ω‖², and J⁻¹y from Ĵ⁻¹y by at most ε ‖Ĵ⁻¹y‖.
     """
     if not nodes.estimated:
         return 0.0
     body = body_of(assumed, FLOATS)
-    squared = (TUMBLING[0] * assumed.Omega) ** 2
+    squared = fastest**2
     torque = assumed.max_torque + assumed.d + assumed.e_S * body.most * squared
     turned = body.box(tuple(torque + each * squared for each in body.spread), FLOATS)
     off = body.inverse_error(assumed.e_S, FLOATS)
@@ -309,7 +316,10 @@ def inertia_error(known: NDArray[np.float64], true: NDArray[np.float64]) -> floa
 
 
 def assumptions_from(
-    nodes: Nodes, controller: Mapping[str, Any], declared: Mapping[str, float]
+    nodes: Nodes,
+    controller: Mapping[str, Any],
+    declared: Mapping[str, float],
+    tube: float = TUBE,
 ) -> Assumptions:
     """Read from the nodes' parameters what a design may assume.
 
@@ -321,6 +331,8 @@ def assumptions_from(
         Checked parameters of its node.
     declared : mapping of str to float
         Assumptions by name that stand over what the parameters tell.
+    tube : float
+        Share of the largest omega0 that the rate error may have in the tube.
 
     Raises
     ------
@@ -345,8 +357,8 @@ def assumptions_from(
             whole + first_momentum(plant, np.zeros(3)) + (d or 0.0) * plant["duration"]
         )
     momentum = declared.get("momentum", momentum)
-    fastest = _MARGIN * TUMBLING[0] * Omega + declared.get("W", W)
-    actuator = actuation_of(plant, momentum, fastest)
+    fastest = (1.0 + tube) * TUMBLING[0] * Omega + declared.get("W", _raised(W))
+    actuator = actuation_of(plant, momentum, fastest, controller["max_torque"])
     if actuator.torque <= 0.0:
         raise ConfigurationError(
             f"with a momentum of {momentum:g} N·m·s the wheels give no torque for certain; "
@@ -382,7 +394,7 @@ def assumptions_from(
     )
     if "e_W" in declared:
         return assumed
-    return replace(assumed, e_W=assumed.e_W + _rate_lag(nodes, assumed))
+    return replace(assumed, e_W=assumed.e_W + _rate_lag(nodes, assumed, fastest))
 
 
 def _raised(value: float) -> float:
