@@ -31,7 +31,8 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
 - *Envelopes* apply to a controller that has them. An attitude error must stay inside throughout,
   hits before T included: that is how these are judged. A rate error must stay inside until the
   first hit, and may be outside for a time after each, because a hit adds a hundred times the
-  envelope's width within one sample.
+  envelope's width within one sample. While the law is told no attitude nothing is known of its
+  own errors, and that time is left out.
 - *Recovery* applies to hits from T on. One that the next hit interrupts within R is judged with
   that one; one that the run's end interrupts within R is not judged.
 - *Keep-out* applies to a run with cones: the truth, so that the craft's error is in it.
@@ -298,11 +299,13 @@ class Judge(Measured):
         """Judge the time of the law's own error outside its envelope."""
         outside, (key, *after_hit) = envelope.outside(self.record), _outside(envelope)
         if not envelope.jumps:
-            yield self._row(key, self.time(outside), 0.0, "s", self.whole)
+            yield self._row(key, self.time(outside), 0.0, "s", self.whole, without=self.untold)
             return
         calm = self.time(outside[self.calm])
         note = self._whole_run(calm, self.time(outside), "s")
-        yield self._row(key, calm, 0.0, "s", self.calm_span, self._never_calm, note=note)
+        untold = tuple(each for each in self.untold if each[0] < self.first_hit)
+        row = (key, calm, 0.0, "s", self.calm_span, self._never_calm)
+        yield self._row(*row, without=untold, note=note)
         limit = self.required.outside_after_hit
         if self.hits and limit is not None:
             longest = max(self.time(outside[window(self.t, hit, self.hits)]) for hit in self.hits)
