@@ -45,6 +45,9 @@ from ppc_attitude.simulation.scenario import load
 CONFIG = Path(__file__).parents[1] / "config"
 
 
+SENSED = [CONFIG / name for name in ("paper.yaml", "sensors_smallsat.yaml")]
+
+
 def failed(at_start: Any, *changes: tuple[float, Any]) -> RunRecord:
     """Run of 10 s whose plant was given faults, some of them in flight [s]."""
     run = normal_run(duration=10.0)
@@ -141,10 +144,7 @@ def test_a_report_lists_faults_and_figures_show_them(
 def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:
     """It then holds the error that it knew last, which stays inside whatever the craft does."""
     given = {"faults": ["gyro dead from 1 for 0.5", "gyro dead from 2.5"], "duration": 3.0}
-    record = simulate(
-        load([CONFIG / name for name in ("paper.yaml", "sensors_smallsat.yaml")], {PLANT: given}),
-        3.0,
-    )
+    record = simulate(load(SENSED, {PLANT: given}), 3.0)
     known = record["attitude"].any(axis=1)
     back = record.t[150:][known[150:]][0]
     verdict = analyse(record)
@@ -153,6 +153,10 @@ def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:
         assert rows[key].without == ((1.0, back), (2.5, 3.0))
         assert rows[key].note.endswith(f"without 1 to {back:g}, 2.5 to 3")
     assert rows["rate"].without == ()
+    lost = simulate(load(SENSED, {PLANT: {"faults": ["gyro dead"]}}), 1.0)
+    rows = {each.key: each for each in analyse(lost).requirements}
+    assert rows["outside_attitude_envelope"].outcome == "not judged"
+    assert rows["outside_attitude_envelope"].note == "the law was told no attitude from 0 to 1 s"
 
 
 @pytest.mark.parametrize("in_flight", [False, True])

@@ -298,16 +298,15 @@ class Judge(Measured):
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
         outside, (key, *after_hit) = envelope.outside(self.record), _outside(envelope)
-        if not envelope.jumps:
-            yield self._row(key, self.time(outside), 0.0, "s", self.whole, without=self.untold)
-            return
-        calm = self.time(outside[self.calm])
-        note = self._whole_run(calm, self.time(outside), "s")
-        untold = tuple(each for each in self.untold if each[0] < self.first_hit)
-        row = (key, calm, 0.0, "s", self.calm_span, self._never_calm)
-        yield self._row(*row, without=untold, note=note)
+        judged, why = (self.calm, self._never_calm) if envelope.jumps else (self.t >= 0.0, "")
+        time, span = self.time(outside[judged]), self.calm_span if envelope.jumps else self.whole
+        note = self._whole_run(time, self.time(outside), "s")
+        without = tuple(each for each in self.untold if each[0] < span[1])
+        if (span,) == without:
+            why = why or f"the law was told no attitude from {span_text(span)} s"
+        yield self._row(key, time, 0.0, "s", span, why, without=without, note=note)
         limit = self.required.outside_after_hit
-        if self.hits and limit is not None:
+        if envelope.jumps and self.hits and limit is not None:
             longest = max(self.time(outside[window(self.t, hit, self.hits)]) for hit in self.hits)
             yield self._row(after_hit[0], longest, limit, "s", (self.first_hit, self.end))
 
@@ -395,7 +394,8 @@ class Judge(Measured):
         why = "" if found.outside is not None else self._ends_before(SETTLED, "the filter settles")
         if found.outside is not None and found.outside > OUTSIDE_LIMIT:
             why = f"{found.outside:.3g}, but one run cannot tell: errors correlate over minutes"
-        yield self._row("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", span, why)
+        row = ("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", span, why)
+        yield self._row(*row, without=self.untold)
         if found.nis_limit is not None:
             yield self._row("nis", found.nis_offset, found.nis_limit, "", self.whole)
         if found.refused_limit is not None:
