@@ -45,6 +45,9 @@ from ppc_attitude.simulation.scenario import load
 CONFIG = Path(__file__).parents[1] / "config"
 
 
+SENSED = [CONFIG / name for name in ("paper.yaml", "sensors_smallsat.yaml")]
+
+
 def failed(at_start: Any, *changes: tuple[float, Any]) -> RunRecord:
     """Run of 10 s whose plant was given faults, some of them in flight [s]."""
     run = normal_run(duration=10.0)
@@ -138,6 +141,24 @@ def test_a_report_lists_faults_and_figures_show_them(
     assert not error_figure(Measured(whole, PAPER), ENVELOPES[0]).axes[0].patches
 
 
+def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:
+    """It then holds the error that it knew last, which stays inside whatever the craft does."""
+    given = {"faults": ["gyro dead from 1 for 0.5", "gyro dead from 2.5"], "duration": 3.0}
+    record = simulate(load(SENSED, {PLANT: given}), 3.0)
+    known = record["attitude"].any(axis=1)
+    back = record.t[150:][known[150:]][0]
+    verdict = analyse(record)
+    rows = {each.key: each for each in verdict.requirements}
+    for key in ("outside_attitude_envelope", "outside_rate_envelope"):
+        assert rows[key].without == ((1.0, back), (2.5, 3.0))
+        assert rows[key].note.endswith(f"without 1 to {back:g}, 2.5 to 3")
+    assert rows["rate"].without == ()
+    lost = simulate(load(SENSED, {PLANT: {"faults": ["gyro dead"]}}), 1.0)
+    rows = {each.key: each for each in analyse(lost).requirements}
+    assert rows["outside_attitude_envelope"].outcome == "not judged"
+    assert rows["outside_attitude_envelope"].note == "the law was told no attitude from 0 to 1 s"
+
+
 @pytest.mark.parametrize("in_flight", [False, True])
 def test_no_certificate_covers_a_fault(in_flight: bool) -> None:
     files = [CONFIG / "paper.yaml", CONFIG / "guaranteed.yaml"]
@@ -172,3 +193,14 @@ def test_check_lists_faults_and_says_that_a_certificate_is_void(
     file.write_text(yaml.safe_dump({PLANT: {"ros__parameters": {"faults": ["wheel/7 seized"]}}}))
     assert main(["check", "--config", str(file)]) == 2
     assert "'wheel/7 seized': this craft has no part wheel/7 that fails" in capsys.readouterr().err
+
+
+def test_nothing_is_designed_for_hardware_that_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [CONFIG / name for name in ("paper.yaml", "orbit.yaml", "faults.yaml")]
+    options = [word for each in files for word in ("--config", str(each))]
+    assert main(["design", *options, "--output", str(tmp_path / "gains.yaml")]) == 2
+    told = "faults: 'wheel/2 effectiveness 0.0 from 40.0': nothing can be guaranteed of it"
+    assert told in capsys.readouterr().err
+    assert not [*tmp_path.iterdir()]

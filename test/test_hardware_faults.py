@@ -100,6 +100,14 @@ def test_what_is_no_fault_of_this_craft_is_refused_by_name(
     assert text.split()[0] in str(refused.value) or "wheel 1" in str(refused.value)
 
 
+def test_friction_that_is_a_little_too_fast_for_the_steps_is_told_with_its_digits() -> None:
+    with pytest.raises(ConfigurationError, match=r"takes 1\.00038 times the speed"):
+        load(
+            [ROOT / "config" / f"{name}.yaml" for name in ("paper", "wheels")],
+            {PLANT: {"rate": 10.0}},
+        )
+
+
 def test_too_many_faults_are_refused() -> None:
     case(faults=["actuator/x stuck 0"] * 16)
     with pytest.raises(ConfigurationError, match="faults has 17 texts; allowed: up to 16"):

@@ -33,6 +33,7 @@ from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.environments import orbit
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import field_at, field_of
 from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.orbit import EARTH_RADIUS, MU
@@ -128,6 +129,14 @@ def plates_alone(given: dict[str, object], attitude: Rotation) -> np.ndarray:
     q = attitude.as_quat()
     bare = Part(orbit.COMPONENT, {**given, "orbit.plates": []}).step(0, q)
     return np.subtract(Part(orbit.COMPONENT, given).step(0, q), bare)
+
+
+@pytest.mark.parametrize("density", [0.0, 1e-12])
+def test_air_denser_than_any_in_an_orbit_is_refused(density: float) -> None:
+    """Also where the exponential has no number: nothing times that is no number either."""
+    given = {"air.density": density, "air.altitude": 1e7, "air.scale_height": 1e3}
+    with pytest.raises(ConfigurationError, match=r"at the perigee; allowed: at most 1e-06"):
+        orbit.configure(values(**given))
 
 
 def test_wind_comes_from_ahead_and_is_that_of_the_turning_air() -> None:

@@ -157,6 +157,16 @@ def test_a_configuration_that_cannot_be_made_is_told_with_its_component(
         check_components(INJECTOR, {})
 
 
+def test_parts_that_cannot_be_told_are_told_with_their_component(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    broken = replace(ONE, faults=lambda values: values["wheels"])
+    monkeypatch.setattr(f"{check_components.__module__}.components_of", lambda *_: (broken,))
+    told = f"^{INJECTOR}: component mine: faults raised KeyError: 'wheels'"
+    with pytest.raises(ConfigurationError, match=told):
+        check_components(INJECTOR, {})
+
+
 def test_a_law_may_be_put_behind_the_observer_twice() -> None:
     law = CONTROLLERS.components["quaternion_feedback"]
     values = scenario({}).parameters[CONTROLLER]

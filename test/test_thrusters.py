@@ -233,6 +233,25 @@ def test_thrusters_without_fuel_give_nothing_and_say_so_once() -> None:
     assert part.advice.numbers["fuel used [kg]"] == pytest.approx(1e-3, rel=1e-12)
 
 
+def test_less_fuel_than_was_used_gives_nothing_and_more_gives_torque_again() -> None:
+    part, command = Part(THRUSTERS, values()), np.outer(np.ones(50), [0.01, 0.0, 0.0])
+    flown(part, command)
+    spent = part.advice.numbers["fuel used [kg]"]
+    part.configure(values(fuel=0.5 * spent))
+    applied, _ = flown(part, command)
+    assert not applied.any()
+    assert (part.advice.failed, part.advice.numbers["fuel used [kg]"]) == (True, spent)
+    part.configure(values(fuel=1.0))
+    applied, _ = flown(part, command)
+    assert applied.any()
+    assert (part.advices, part.advice.text, part.advice.failed) == (2, "there is fuel again", False)
+
+
+def test_a_specific_impulse_so_small_that_the_flow_is_no_number_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"impulse = 5e-324 s; allowed: finite, ≥ 1"):
+        load([PAPER, OVERLAY], {"spacecraft_plant": {"thrusters.specific_impulse": 5e-324}})
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_what_thrusters_give_on_every_axis(seed: int) -> None:
     """No torque of the box needs longer than a period, and some torque needs all of it."""

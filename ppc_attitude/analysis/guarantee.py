@@ -117,7 +117,10 @@ def certificate_held(record: RunRecord) -> Held | None:
             causes.append(f"{cause} at {np.count_nonzero(broken)} instants")
             for late in range(_SEEN_AFTER + 1):
                 suspended[late:] |= broken[: broken.size - late]
-    return Held(outside & ~suspended, "", "suspended: " + ", ".join(causes) if causes else "")
+    note = "suspended: " + ", ".join(causes) if causes else ""
+    if suspended.all():  # then nothing was promised at any instant
+        return Held(nothing, note, "")
+    return Held(outside & ~suspended, "", note)
 
 
 def _broken_all_along(record: RunRecord) -> list[str]:

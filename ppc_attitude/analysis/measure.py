@@ -136,6 +136,16 @@ class Measured:
         lacking = [topic_of(each) for each in columns if not has(self.record, each)]
         return f"no topic {' and no topic '.join(lacking)} in the bag" if lacking else ""
 
+    @cached_property
+    def untold(self) -> tuple[Span, ...]:
+        """Parts of the run in which the law was told no attitude: it holds what it said last."""
+        if not has(self.record, ATTITUDE.column):
+            return ()
+        lacks = ~np.logical_or.reduce(self.record[ATTITUDE.column].T)
+        edges = np.flatnonzero(np.diff(lacks, prepend=False, append=False))
+        times = [*self.t.tolist(), self.end]
+        return tuple((times[i], times[j]) for i, j in edges.reshape(-1, 2).tolist())
+
     def changed(self, node: str, *names: str) -> str:
         """Why no one limit holds for the whole run: the parameter that was changed in flight."""
         changed = {change.name for change in self.record.changes if change.node == node}

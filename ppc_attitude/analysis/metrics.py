@@ -31,7 +31,8 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
 - *Envelopes* apply to a controller that has them. An attitude error must stay inside throughout,
   hits before T included: that is how these are judged. A rate error must stay inside until the
   first hit, and may be outside for a time after each, because a hit adds a hundred times the
-  envelope's width within one sample.
+  envelope's width within one sample. While the law is told no attitude nothing is known of its
+  own errors, and that time is left out.
 - *Recovery* applies to hits from T on. One that the next hit interrupts within R is judged with
   that one; one that the run's end interrupts within R is not judged.
 - *Keep-out* applies to a run with cones: the truth, so that the craft's error is in it.
@@ -297,14 +298,15 @@ class Judge(Measured):
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
         outside, (key, *after_hit) = envelope.outside(self.record), _outside(envelope)
-        if not envelope.jumps:
-            yield self._row(key, self.time(outside), 0.0, "s", self.whole)
-            return
-        calm = self.time(outside[self.calm])
-        note = self._whole_run(calm, self.time(outside), "s")
-        yield self._row(key, calm, 0.0, "s", self.calm_span, self._never_calm, note=note)
+        judged, why = (self.calm, self._never_calm) if envelope.jumps else (self.t >= 0.0, "")
+        time, span = self.time(outside[judged]), self.calm_span if envelope.jumps else self.whole
+        note = self._whole_run(time, self.time(outside), "s")
+        without = tuple(each for each in self.untold if each[0] < span[1])
+        if (span,) == without:
+            why = why or f"the law was told no attitude from {span_text(span)} s"
+        yield self._row(key, time, 0.0, "s", span, why, without=without, note=note)
         limit = self.required.outside_after_hit
-        if self.hits and limit is not None:
+        if envelope.jumps and self.hits and limit is not None:
             longest = max(self.time(outside[window(self.t, hit, self.hits)]) for hit in self.hits)
             yield self._row(after_hit[0], longest, limit, "s", (self.first_hit, self.end))
 
@@ -392,7 +394,8 @@ class Judge(Measured):
         why = "" if found.outside is not None else self._ends_before(SETTLED, "the filter settles")
         if found.outside is not None and found.outside > OUTSIDE_LIMIT:
             why = f"{found.outside:.3g}, but one run cannot tell: errors correlate over minutes"
-        yield self._row("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", span, why)
+        row = ("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", span, why)
+        yield self._row(*row, without=self.untold)
         if found.nis_limit is not None:
             yield self._row("nis", found.nis_offset, found.nis_limit, "", self.whole)
         if found.refused_limit is not None:

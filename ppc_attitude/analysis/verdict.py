@@ -92,7 +92,7 @@ class Requirement:
     def note(self) -> str:
         """A remark for the reader."""
         gaps = ", ".join(span_text(each) for each in self.without)
-        return self.reason or (f"without {gaps}" if gaps else "")
+        return "; ".join(filter(None, (self.reason, gaps and f"without {gaps}")))
 
     def to_json(self) -> dict[str, Any]:
         """Row of ``analyse --json``."""

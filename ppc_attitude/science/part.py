@@ -183,6 +183,22 @@ def configured(component: Component, values: Mapping[str, Any]) -> tuple[Any, li
     return record, kept
 
 
+def parts_that_fail(component: Component, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of a component can fail, and how, by name.
+
+    Raises
+    ------
+    ConfigurationError
+        `faults` fails.
+    """
+    try:
+        return dict(component.faults(values))
+    except Exception as error:
+        raise ConfigurationError(
+            f"component {component.name}: faults raised {type(error).__name__}: {error}"
+        ) from error
+
+
 class Part:
     """One component with what it is configured with and what it remembers.
 

@@ -81,7 +81,7 @@ FORCE = Parameter(
     high=100.0,
 )
 SPECIFIC_IMPULSE = Parameter(
-    "thrusters.specific_impulse", 65.0, "of the fuel", "s", above=0.0, high=1e5
+    "thrusters.specific_impulse", 65.0, "of the fuel", "s", low=1.0, high=1e5
 )
 PERIOD = Parameter(
     "thrusters.period",

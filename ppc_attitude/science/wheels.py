@@ -221,7 +221,7 @@ def see_that_a_step_follows(record: Any, i: int, h: float, drag: float = 1.0) ->
         less = ", or less drag" if drag != 1.0 else ""
         raise ConfigurationError(
             f"{TRANSITION_SPEED.name} = {record['transition_speed'][i]:g} rad/s of wheel "
-            f"{i}{times}: in a step of {h:g} s friction takes {decay:.3g} times the speed; "
+            f"{i}{times}: in a step of {h:g} s friction takes {decay:.6g} times the speed; "
             f"allowed: at most 1, by a larger {TRANSITION_SPEED.name}, or rate{less}"
         )
 

@@ -18,6 +18,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import see_that_parts_exist
 from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
 from ppc_attitude.science.parameter import Value, checked, resolved
-from ppc_attitude.science.part import configured
+from ppc_attitude.science.part import configured, parts_that_fail
 from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import seconds, stamp_of, step_of
 
@@ -268,8 +269,8 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
     given = {column for component in chosen for column in component.outputs}
     possible = _given_by(node) - given
     try:
-        parts = {name: how for each in chosen for name, how in each.faults(values).items()}
-        see_that_parts_exist(values, parts)
+        parts = (parts_that_fail(component, values).items() for component in chosen)
+        see_that_parts_exist(values, dict(chain.from_iterable(parts)))
         for component in chosen:
             configured(component, values)
             for column in component.inputs:

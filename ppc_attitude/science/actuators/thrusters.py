@@ -63,7 +63,8 @@ STATE = np.dtype(
         ("impulse", np.float64, (3,)),  # [N·m·s] commanded and not yet made into pulses
         ("on_time", np.float64, (MAX_THRUSTERS,)),  # [s] of the present period
         ("used", np.float64),  # [kg] of fuel
-        ("empty", np.int64),  # 1 once the fuel has been used up
+        ("empty", np.int64),  # 1 while the fuel is used up
+        ("news", np.int64),
         ("shares", np.float64, (MAX_THRUSTERS,)),  # of the present step; what it works with
     ],
     align=True,
@@ -108,8 +109,10 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     if now // craft.period + 1 != state.begun:
         state.begun = now // craft.period + 1
         store(state.impulse, pulses(vector(state.impulse), craft, state.on_time))
-    if state.used >= craft.fuel:
-        state.empty = 1
+    empty = int(state.used >= craft.fuel)  # how much there is may change in flight
+    state.news += empty != state.empty
+    state.empty = empty
+    if empty:
         state.on_time[:] = 0.0
     for j in range(craft.count):
         share = open_share(state.on_time[j], now % craft.period, craft)
@@ -117,10 +120,10 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
             share = _failed(share, j, faults, inputs.stamp_ns)
         state.shares[j] = share
     torque, flow = thrust(state.shares, craft)
-    burnt, rest = flow / craft.rate, craft.fuel - state.used
+    burnt, rest = flow / craft.rate, max(craft.fuel - state.used, 0.0)
     if burnt > rest:
         torque = scale(rest / burnt, torque)
-        state.used = craft.fuel
+        state.used = max(craft.fuel, state.used)
     else:
         state.used += burnt
     outputs.thruster_on_time[:] = state.on_time
@@ -131,7 +134,8 @@ def advice(state: Any) -> Advice:
     """Tell how much fuel is used, and when it is used up."""
     numbers = {"fuel used [kg]": float(state["used"])}
     if not state["empty"]:
-        return Advice("", warning=False, numbers=numbers)
+        told = "there is fuel again" if state["news"] else ""
+        return Advice(told, warning=False, numbers=numbers)
     text = "the fuel is used up: the thrusters give no torque"
     return Advice(text, warning=True, failed=True, numbers=numbers)
 
@@ -158,7 +162,7 @@ COMPONENT = Component(
     outputs=(APPLIED_TORQUE, ON_TIME),
     step=step,
     advice=advice,
-    advices=lambda state: int(state["empty"]),
+    advices=lambda state: int(state["news"]),
     limits=(thrusters.FORCE.name,),
     torque=torques,
     least_impulse=least_impulse,

@@ -25,6 +25,7 @@ import numpy as np
 
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import largest_field
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
@@ -122,7 +123,8 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        Orbit, inertia or a plate is impossible, or the date is outside the field's model.
+        Orbit, inertia or a plate is impossible, the date is outside the field's model, or the air
+        at the perigee is denser than any in an orbit.
     """
     record = np.zeros((), CONFIGURATION)[()]
     record["field"] = orbit_field(values)
@@ -137,7 +139,25 @@ def configure(values: Mapping[str, Any]) -> Any:
         record[name] = values[parameter.name]
     plates = plates_of(values)
     record["plates"][: plates.size], record["count"] = plates, plates.size
+    density = air_density((_lowest(record)[0], 0.0, 0.0), record)
+    if not density <= DENSITY.high:  # NaN is not either
+        raise ConfigurationError(
+            f"{DENSITY.name} = {values[DENSITY.name]:g} kg/m³ at {ALTITUDE.name} = "
+            f"{values[ALTITUDE.name]:g} m with {SCALE_HEIGHT.name} = "
+            f"{values[SCALE_HEIGHT.name]:g} m gives {density:.3g} kg/m³ at the perigee; allowed: "
+            f"at most {DENSITY.high:g}"
+        )
     return record
+
+
+def _lowest(craft: Any) -> tuple[float, float]:
+    """Radius of the perigee, J2's short waves included, and semi-major axis [m]."""
+    r, v = craft["field"]["orbit"]["position"], craft["field"]["orbit"]["velocity"]
+    radius = float(np.linalg.norm(r))
+    eccentricity = float(np.linalg.norm(np.cross(v, np.cross(r, v)) / MU - r / radius))
+    semi_major_axis = 1.0 / (2.0 / radius - float(v @ v) / MU)
+    perigee = semi_major_axis * (1.0 - eccentricity)
+    return perigee - 3.0 * J2 * EARTH_RADIUS**2 / perigee, semi_major_axis
 
 
 @kernel
@@ -194,16 +214,11 @@ def bound(values: Mapping[str, Any]) -> float:
         As of `configure`.
     """
     craft = configure(values)
-    field = craft["field"]
-    r, v = field["orbit"]["position"], field["orbit"]["velocity"]
-    radius = float(np.linalg.norm(r))
-    eccentricity = np.linalg.norm(np.cross(v, np.cross(r, v)) / MU - r / radius)
-    semi_major_axis = 1.0 / (2.0 / radius - float(v @ v) / MU)
-    perigee = semi_major_axis * (1.0 - float(eccentricity))
-    lowest = perigee - 3.0 * J2 * EARTH_RADIUS**2 / perigee  # [m]
+    lowest, semi_major_axis = _lowest(craft)
     moments = np.linalg.eigvalsh(craft["inertia"])
     gradient = 1.5 * MU / lowest**3 * float(moments[-1] - moments[0])
-    magnetic = float(np.linalg.norm(craft["dipole"])) * largest_field(lowest, field["harmonics"])
+    field = largest_field(lowest, craft["field"]["harmonics"])
+    magnetic = float(np.linalg.norm(craft["dipole"])) * field
     speed = math.sqrt(MU * (2.0 / lowest - 1.0 / semi_major_axis)) + EARTH_RATE * lowest
     air, light = largest_torques(
         craft["plates"][: craft["count"]],

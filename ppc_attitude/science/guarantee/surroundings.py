@@ -337,7 +337,7 @@ def assumptions_from(
     Raises
     ------
     ConfigurationError
-        A selected component has no bounds that are known here.
+        A selected component has no bounds that are known here, or hardware fails.
     """
     plant, reference = nodes.plant, nodes.reference
     for kind in _HARDWARE:
@@ -346,6 +346,10 @@ def assumptions_from(
                 f"{found}: no bounds are known of it, so nothing can be guaranteed; allowed: "
                 + ", ".join(each.name for each in _KNOWN[kind.name])
             )
+    for text in fault_texts(plant):
+        raise ConfigurationError(
+            f"{FAULTS.name}: {text!r}: nothing can be guaranteed of it; allowed: no faults"
+        )
     sigma_A, sigma_W = _deviations(nodes)
     W, W1, W2 = reference_bounds(reference, _HORIZON)
     d = nodes.torque_bound
