@@ -56,9 +56,9 @@ from ppc_attitude.science.guarantee.actuation import (
     momentum_of,
 )
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
+from ppc_attitude.science.guarantee.nodes import Nodes
 from ppc_attitude.science.guarantee.surroundings import (
     DEVIATIONS,
-    Nodes,
     broken_assumptions,
     fastest_of,
 )

@@ -18,13 +18,11 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.actuators import ideal, wheels, wheels_rods
-from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
@@ -35,20 +33,9 @@ from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
-from ppc_attitude.science.kinds import (
-    ACTUATORS,
-    ENVIRONMENTS,
-    ESTIMATORS,
-    NONE,
-    PLANTS,
-    REFERENCES,
-    SENSORS,
-    Kind,
-)
-from ppc_attitude.science.multibody import FREQUENCY
-from ppc_attitude.science.plants import gyrostat, gyrostat_rods, rigid_body
-from ppc_attitude.science.references import paper, paper_ahead
-from ppc_attitude.science.sensors import direct, gyro_star_tracker
+from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
+from ppc_attitude.science.kinds import REFERENCES
+from ppc_attitude.science.plants import rigid_body
 
 _GRID = 1e-3  # [s] on which the reference is searched for its fastest instant
 _HORIZON = 3600.0  # [s] for which a design looks at the reference
@@ -59,14 +46,6 @@ TUBE = 0.03
 """Share of the largest omega0 that a design first takes for the rate error in the tube."""
 DEVIATIONS = 5.0
 """A Gaussian error this often its deviation is taken as its bound."""
-_KNOWN: dict[str, tuple[Component, ...]] = {
-    PLANTS.name: (rigid_body.COMPONENT, gyrostat.COMPONENT, gyrostat_rods.COMPONENT),
-    SENSORS.name: (direct.COMPONENT, gyro_star_tracker.COMPONENT),
-    ESTIMATORS.name: (mekf.COMPONENT,),
-    ACTUATORS.name: (ideal.COMPONENT, wheels.COMPONENT, wheels_rods.COMPONENT),
-    REFERENCES.name: (paper.COMPONENT, paper_ahead.COMPONENT),
-}
-_HARDWARE = (PLANTS, SENSORS, ESTIMATORS, ACTUATORS)
 # What a filter cannot know of its sensors: its covariance says nothing of these errors.
 _UNSEEN = (
     "gyro.scale_factor",
@@ -75,40 +54,6 @@ _UNSEEN = (
     "gyro.misalignment_sigma",
     "star_tracker.outlier_probability",
 )
-
-
-class Nodes(NamedTuple):
-    """Checked parameters of the nodes around the law."""
-
-    plant: Mapping[str, Any]
-    reference: Mapping[str, Any]
-    injector: Mapping[str, Any]
-    estimator: Mapping[str, Any]
-
-    def unknown(self, kind: Kind) -> str:
-        """Say which component of a kind is selected, if its bounds are not known here."""
-        others = {REFERENCES.name: self.reference, ESTIMATORS.name: self.estimator}
-        name = _selected(kind, others.get(kind.name, self.plant))
-        if kind is PLANTS and has_wheels(self.plant) and self.plant[FREQUENCY.name]:
-            return f"{FREQUENCY.name} = {self.plant[FREQUENCY.name]}"
-        known = {NONE, *(each.name for each in _KNOWN[kind.name])}
-        return "" if name in known else f"{kind.selector} = {name}"
-
-    @property
-    def environment(self) -> str:
-        """Say which environment is selected."""
-        return f"{ENVIRONMENTS.selector} = {_selected(ENVIRONMENTS, self.injector)}"
-
-    @property
-    def torque_bound(self) -> float | None:
-        """Bound of the norm of the environment's torque [N·m]; None if it is not known."""
-        found = ENVIRONMENTS.selected(self.injector)
-        return found.bound(self.injector) if found and found.bound else None
-
-    @property
-    def estimated(self) -> bool:
-        """True if the law is told what a filter knows."""
-        return _selected(ESTIMATORS, self.estimator) == mekf.COMPONENT.name
 
 
 def reference_bounds(reference: Mapping[str, Any], duration: float) -> tuple[float, float, float]:
@@ -181,7 +126,7 @@ def broken_assumptions(
                 f"the told {name} is wrong by up to {error:.4g} {unit} ({DEVIATIONS:g} σ); "
                 f"assumed: at most {bound:g}"
             )
-    doubtful = [nodes.unknown(kind) for kind in (*_HARDWARE, REFERENCES)]
+    doubtful = [nodes.unknown(kind) for kind in (*HARDWARE, REFERENCES)]
     doubtful += [f"{FAULTS.name} = {text!r}" for text in fault_texts(plant)]
     torque = nodes.torque_bound
     if torque is None:
@@ -302,12 +247,6 @@ def _unseen(plant: Mapping[str, Any], estimator: Mapping[str, Any]) -> Iterator[
             )
 
 
-def _selected(kind: Kind, values: Mapping[str, Any]) -> str:
-    """Name of the selected component of a kind."""
-    found = kind.selected(values)
-    return found.name if found else NONE
-
-
 def inertia_error(known: NDArray[np.float64], true: NDArray[np.float64]) -> float:
     """‖S‖ with J = Ĵ^½ (I + S) Ĵ^½, of nine numbers each [kg·m²]."""
     moments, axes = np.linalg.eigh(known.reshape(3, 3))
@@ -340,11 +279,11 @@ def assumptions_from(
         A selected component has no bounds that are known here, or hardware fails.
     """
     plant, reference = nodes.plant, nodes.reference
-    for kind in _HARDWARE:
+    for kind in HARDWARE:
         if found := nodes.unknown(kind):
             raise ConfigurationError(
                 f"{found}: no bounds are known of it, so nothing can be guaranteed; allowed: "
-                + ", ".join(each.name for each in _KNOWN[kind.name])
+                + ", ".join(each.name for each in KNOWN[kind.name])
             )
     for text in fault_texts(plant):
         raise ConfigurationError(

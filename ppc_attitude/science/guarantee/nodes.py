@@ -1,0 +1,87 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What surrounds a law, from the parameters of other nodes, and what of it has known bounds."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ppc_attitude.science.actuators import ideal, wheels, wheels_rods
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.guarantee.actuation import has_wheels
+from ppc_attitude.science.kinds import (
+    ACTUATORS,
+    ENVIRONMENTS,
+    ESTIMATORS,
+    NONE,
+    PLANTS,
+    REFERENCES,
+    SENSORS,
+    Kind,
+)
+from ppc_attitude.science.multibody import FREQUENCY
+from ppc_attitude.science.plants import gyrostat, gyrostat_rods, rigid_body
+from ppc_attitude.science.references import paper, paper_ahead
+from ppc_attitude.science.sensors import direct, gyro_star_tracker
+
+KNOWN: dict[str, tuple[Component, ...]] = {
+    PLANTS.name: (rigid_body.COMPONENT, gyrostat.COMPONENT, gyrostat_rods.COMPONENT),
+    SENSORS.name: (direct.COMPONENT, gyro_star_tracker.COMPONENT),
+    ESTIMATORS.name: (mekf.COMPONENT,),
+    ACTUATORS.name: (ideal.COMPONENT, wheels.COMPONENT, wheels_rods.COMPONENT),
+    REFERENCES.name: (paper.COMPONENT, paper_ahead.COMPONENT),
+}
+HARDWARE = (PLANTS, SENSORS, ESTIMATORS, ACTUATORS)
+
+
+class Nodes(NamedTuple):
+    """Checked parameters of the nodes around the law."""
+
+    plant: Mapping[str, Any]
+    reference: Mapping[str, Any]
+    injector: Mapping[str, Any]
+    estimator: Mapping[str, Any]
+
+    def unknown(self, kind: Kind) -> str:
+        """Say which component of a kind is selected, if its bounds are not known here."""
+        others = {REFERENCES.name: self.reference, ESTIMATORS.name: self.estimator}
+        name = _selected(kind, others.get(kind.name, self.plant))
+        if kind is PLANTS and has_wheels(self.plant) and self.plant[FREQUENCY.name]:
+            return f"{FREQUENCY.name} = {self.plant[FREQUENCY.name]}"
+        known = {NONE, *(each.name for each in KNOWN[kind.name])}
+        return "" if name in known else f"{kind.selector} = {name}"
+
+    @property
+    def environment(self) -> str:
+        """Say which environment is selected."""
+        return f"{ENVIRONMENTS.selector} = {_selected(ENVIRONMENTS, self.injector)}"
+
+    @property
+    def torque_bound(self) -> float | None:
+        """Bound of the norm of the environment's torque [N·m]; None if it is not known."""
+        found = ENVIRONMENTS.selected(self.injector)
+        return found.bound(self.injector) if found and found.bound else None
+
+    @property
+    def estimated(self) -> bool:
+        """True if the law is told what a filter knows."""
+        return _selected(ESTIMATORS, self.estimator) == mekf.COMPONENT.name
+
+
+def _selected(kind: Kind, values: Mapping[str, Any]) -> str:
+    """Name of the selected component of a kind."""
+    found = kind.selected(values)
+    return found.name if found else NONE
