@@ -143,8 +143,8 @@ class Measured:
             return ()
         lacks = ~np.logical_or.reduce(self.record[ATTITUDE.column].T)
         edges = np.flatnonzero(np.diff(lacks, prepend=False, append=False))
-        times = [*self.t.tolist(), self.end]
-        return tuple((times[i], times[j]) for i, j in edges.reshape(-1, 2).tolist())
+        times = np.append(self.t, self.end)[edges].reshape(-1, 2)
+        return tuple((start, end) for start, end in times.tolist())
 
     def changed(self, node: str, *names: str) -> str:
         """Why no one limit holds for the whole run: the parameter that was changed in flight."""

@@ -298,8 +298,9 @@ class Judge(Measured):
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
         outside, (key, *after_hit) = envelope.outside(self.record), _outside(envelope)
-        judged, why = (self.calm, self._never_calm) if envelope.jumps else (self.t >= 0.0, "")
-        time, span = self.time(outside[judged]), self.calm_span if envelope.jumps else self.whole
+        time, span, why = self.time(outside), self.whole, ""
+        if envelope.jumps:
+            time, span, why = self.time(outside[self.calm]), self.calm_span, self._never_calm
         note = self._whole_run(time, self.time(outside), "s")
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
