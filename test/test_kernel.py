@@ -85,7 +85,7 @@ def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
         pytest.param(
             "science/stamps.py",
             "return stamp_ns * 1e-9",
-            "return stamp_ns * 2e-9",
+            "return stamp_ns * 2.5e-9",
             "from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of\n"
             "from ppc_attitude.simulation.scenario import scenario\n"
             "print(timetable_of(scenario({}), stamps_of(1.0, 1.0)))",
