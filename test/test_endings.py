@@ -219,8 +219,9 @@ def test_a_campaign_ends_with_all_its_workers_when_it_is_told_to(
     command = [*COMMAND, "campaign", "--config", str(PAPER), "--out", "out"]
     command += ["--workers", "4", "--runs", "100000"]
     campaign = Process(start_process, tmp_path, "campaign", command, cwd=tmp_path)
-    until(lambda: len(workers_of(campaign.pid)) > 2, "workers")
+    until(lambda: "/100000" in campaign.err, "its first runs")
     workers = workers_of(campaign.pid)
+    assert len(workers) == 4
     campaign.send(signal.SIGTERM)
     assert campaign.ends() == 3
     assert "interrupted after " in campaign.err

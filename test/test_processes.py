@@ -300,3 +300,31 @@ def test_who_shares_a_processor_waits_for_it(start_process: StartProcess) -> Non
     busy = f"import os; os.sched_setaffinity(0, [{place}])\nwhile True: pass"
     one, _ = (start_process([sys.executable, "-c", busy]) for _ in range(2))
     until(lambda: starved(one.pid) > 0.1, "its turn")
+
+
+def test_two_threads_may_look_for_the_end_of_a_copy(start_process: StartProcess) -> None:
+    """The end of a process is told once; one thread asks amid the other's asking."""
+    code = """if True:
+        import os, threading
+        from ppc_attitude.processes.copied import Copy
+        ask, ended, asked = os.waitpid, threading.Event(), threading.Event()
+
+        def slowly(pid, options):
+            found = ask(pid, options)
+            if found[0]:
+                ended.set()
+                asked.wait()
+            return found
+
+        os.waitpid = slowly
+        copy, codes = Copy(lambda: 7, "copy", (1, 2), (), {}), []
+        other = threading.Thread(target=lambda: codes.append(copy.wait()))
+        other.start()
+        ended.wait()
+        print(copy.poll())
+        asked.set()
+        other.join()
+        print(codes, copy.poll())
+    """
+    told = start_process([sys.executable, "-c", code]).communicate(timeout=PATIENCE)
+    assert told == ("None\n[7] 7\n", "")

@@ -24,6 +24,7 @@ import gc
 import math
 import os
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Collection, Mapping
@@ -69,6 +70,7 @@ class Copy:
         environment: Mapping[str, str],
     ) -> None:
         self.returncode: Any = None
+        self._looking = threading.Lock()
         for stream in (sys.stdout, sys.stderr):
             stream.flush()  # or both would print what waits there
         self.pid = os.fork()
@@ -76,11 +78,16 @@ class Copy:
             _become(begin, name, streams, kept, environment)
 
     def poll(self) -> Any:
-        """Return the exit code; None while it runs."""
-        if self.returncode is None:
-            ended, status = os.waitpid(self.pid, os.WNOHANG)
-            if ended:
-                self.returncode = os.waitstatus_to_exitcode(status)
+        """Return the exit code; None while it runs, or while another thread looks."""
+        # Its end is told once: who asked for it again would be told that there is no such process.
+        if self._looking.acquire(blocking=False):
+            try:
+                if self.returncode is None:
+                    ended, status = os.waitpid(self.pid, os.WNOHANG)
+                    if ended:
+                        self.returncode = os.waitstatus_to_exitcode(status)
+            finally:
+                self._looking.release()
         return self.returncode
 
     def wait(self, timeout: float = math.inf) -> Any:
