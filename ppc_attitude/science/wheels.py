@@ -111,6 +111,7 @@ WHEELS = np.dtype(
         ("count", np.int64),
         ("axes", np.float64, (MAX_WHEELS, 3)),  # unit, body
         *((each.name.partition(".")[2], np.float64, (MAX_WHEELS,)) for each in _EACH),
+        ("full", np.float64, (MAX_WHEELS,)),  # [rad/s] from here a step may reach the largest
     ],
     align=True,
 )
@@ -154,6 +155,8 @@ def wheel_record(values: Mapping[str, Any]) -> Any:
                 "wheel"
             )
         record[parameter.name.partition(".")[2]][:count] = given
+    gained = record["max_torque"][:count] / (record["inertia"][:count] * values["rate"])
+    record["full"][:count] = record["max_speed"][:count] - gained
     for i in range(count):
         _check(record, i, 1.0 / values["rate"])
     return record

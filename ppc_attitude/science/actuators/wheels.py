@@ -298,8 +298,7 @@ def _watch(speeds: Any, configuration: Any, state: Any) -> None:
     for i in range(craft.count):
         speed = abs(speeds[i])
         state.fastest = max(state.fastest, speed / craft.max_speed[i])
-        a_step_off = craft.max_speed[i] - configuration.h * craft.max_torque[i] / craft.inertia[i]
-        if speed >= a_step_off and state.full == 0:
+        if speed >= craft.full[i] and state.full == 0:
             state.full = i + 1
             state.news += 1
 

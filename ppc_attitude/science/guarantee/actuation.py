@@ -136,9 +136,8 @@ def first_momentum(plant: Mapping[str, Any], rate: ArrayLike) -> float:
 
 def are_full(plant: Mapping[str, Any], speeds: Floats) -> NDArray[np.bool_]:
     """Whether some wheel, at speeds [rad/s] of a row each, may reach its largest in a sample."""
-    craft = _wheels(plant)
-    room = craft["max_speed"] - craft["max_torque"] / (craft["inertia"] * plant["rate"])
-    return np.asarray((np.abs(speeds[:, : room.size]) > room).any(axis=1))
+    full = _wheels(plant)["full"]
+    return np.asarray((np.abs(speeds[:, : full.size]) >= full).any(axis=1))
 
 
 def _gyroscopic(inertia: Floats) -> float:
