@@ -28,12 +28,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from synthetic import SAMPLED
 
 from ppc_attitude.contract.cdr import Codec, Sample
-from ppc_attitude.contract.topics import (
-    APPLIED_TORQUE,
-    DIAGNOSTICS_TOPIC,
-    TORQUE_COMMAND,
-    Topic,
-)
+from ppc_attitude.contract.topics import APPLIED_TORQUE, DIAGNOSTICS_TOPIC, TORQUE_COMMAND, Topic
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published

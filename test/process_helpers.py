@@ -32,14 +32,7 @@ from unittest import mock
 import pytest
 from conftest import StartProcess
 
-from ppc_attitude.contract.topics import (
-    CONTROLLER,
-    ESTIMATOR,
-    INJECTOR,
-    NODES,
-    PLANT,
-    REFERENCE,
-)
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, NODES, PLANT, REFERENCE
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import load
 

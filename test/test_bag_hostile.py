@@ -151,11 +151,7 @@ def test_rows_that_do_not_lie_in_the_file_are_refused(
     ],
 )
 def test_what_is_no_plain_file_is_refused_by_name(
-    tmp_path: Path,
-    storage: str,
-    finished: bool,
-    put: Callable[[Path, Path], None],
-    kind: str,
+    tmp_path: Path, storage: str, finished: bool, put: Callable[[Path, Path], None], kind: str
 ) -> None:
     bag = tmp_path / "bag"
     write_run(RUN, bag, storage=storage) if finished else unfinished(bag, storage, RUN)

@@ -20,13 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bag_helpers import (
-    assert_prefix,
-    assert_same,
-    messages,
-    storage_file,
-    write_messages,
-)
+from bag_helpers import assert_prefix, assert_same, messages, storage_file, write_messages
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as PlainMcapWriter

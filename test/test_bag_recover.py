@@ -20,14 +20,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from bag_helpers import (
-    assert_prefix,
-    assert_same,
-    cut_copy,
-    hot,
-    storage_file,
-    unfinished,
-)
+from bag_helpers import assert_prefix, assert_same, cut_copy, hot, storage_file, unfinished
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from synthetic import SAMPLED, normal_run

@@ -77,10 +77,7 @@ def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
 
 def test_an_exception_in_the_recorder_keeps_the_bag(tmp_path: Path, storage: str) -> None:
     run = normal_run(duration=0.2)
-    with (
-        pytest.raises(ZeroDivisionError),
-        BagWriter(tmp_path / "bag", storage=storage) as writer,
-    ):
+    with pytest.raises(ZeroDivisionError), BagWriter(tmp_path / "bag", storage=storage) as writer:
         record_all(writer, messages(run))
         raise ZeroDivisionError
     assert_same(read_run(tmp_path / "bag"), run)

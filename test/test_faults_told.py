@@ -120,9 +120,7 @@ def test_any_texts_of_a_bag_are_told_or_left_out(texts: list[str]) -> None:
 SHORT = normal_run(duration=1.0)
 
 
-def test_a_report_lists_faults_and_figures_show_them(
-    tmp_path: Path,
-) -> None:
+def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
     record = failed([f"{STUCK} from 2 for 3"], (7.0, [f"{WEAK} from 7"]))
     page = tmp_path / "report.html"
     with nothing_drawn():

@@ -191,10 +191,7 @@ def test_orders_before_the_begin_act_at_the_begin() -> None:
             {"goals__times": [1.0], "goals__attitudes": [1.0, 1.0, 0.0, 0.0]},
             "attitude of a goal = .* has norm 1.41421",
         ),
-        (
-            {"goals__times": [1.0], "goals__attitudes": [math.nan, 0.0, 0.0, 1.0]},
-            "goals.attitudes",
-        ),
+        ({"goals__times": [1.0], "goals__attitudes": [math.nan, 0.0, 0.0, 1.0]}, "goals.attitudes"),
         ({"goals__frames": ["moon"]}, "goals.frames = 'moon'"),
         (
             {"goals__frames": ["sun", "sun", "sun"], "goals__times": [1.0]},

@@ -43,13 +43,7 @@ from ppc_attitude.science.guarantee.assumptions import (
 from ppc_attitude.science.guarantee.bounds import bounds_of
 from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.certificate import certify, differences
-from ppc_attitude.science.guarantee.design import (
-    UnwishedError,
-    Wishes,
-    design,
-    designed,
-    nearest,
-)
+from ppc_attitude.science.guarantee.design import UnwishedError, Wishes, design, designed, nearest
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import inequalities

@@ -18,16 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from guidance_helpers import (
-    DEGREE,
-    Array,
-    begun,
-    guidance,
-    motion,
-    quaternion,
-    same_sign,
-    scenes,
-)
+from guidance_helpers import DEGREE, Array, begun, guidance, motion, quaternion, same_sign, scenes
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
@@ -127,9 +118,7 @@ def test_switches_in_flight_are_the_truths() -> None:
 @pytest.mark.parametrize("frame", range(len(FRAME_NAMES)), ids=FRAME_NAMES)
 def test_every_frame_is_reached_from_rest_and_left_in_motion(frame: int) -> None:
     state = fly(
-        [(3.0, frame, OTHER), (150.0, INERTIAL, DESIRED), (330.0, frame, PAPER)],
-        guidance(),
-        480.0,
+        [(3.0, frame, OTHER), (150.0, INERTIAL, DESIRED), (330.0, frame, PAPER)], guidance(), 480.0
     )
     assert active(state)["end"] < 480.0
 

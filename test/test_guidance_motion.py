@@ -163,10 +163,7 @@ def test_relative_motion_composes_back() -> None:
 @pytest.mark.parametrize(("frame", "name"), [(NADIR, "nadir"), (GROUND, "ground")])
 def test_pointing_frames_are_the_truths(frame: int, name: str) -> None:
     sky, spinning = guidance()["sky"], np.zeros((), SPINNING)[()]
-    truth = columns(
-        POINTING,
-        *(f"{name}_{x}" for x in MOTION),
-    )
+    truth = columns(POINTING, *(f"{name}_{x}" for x in MOTION))
     for k, t in enumerate(POINTING["t"]):
         cursor = np.zeros((), LOOK)[()]["now"]
         # The truth's own state at t: the orbit has its own test.

@@ -274,18 +274,10 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
 @pytest.mark.parametrize(
     ("lines", "days", "reason"),
     [
-        (
-            with_checksums(LINES),
-            9132.0,
-            "is 280.0 days after the epoch of orbit.tle; allowed",
-        ),
+        (with_checksums(LINES), 9132.0, "is 280.0 days after the epoch of orbit.tle; allowed"),
         (with_checksums(LINES).replace("51.6416", "51.6417"), 8853.0, "allowed: its checksum"),
         (LINES.splitlines()[0], 8853.0, r"orbit\.tle has 1 lines; allowed: 2"),
-        (
-            with_checksums(LINES).replace("\n2 ", "\n3 "),
-            8853.0,
-            "allowed: 69 characters",
-        ),
+        (with_checksums(LINES).replace("\n2 ", "\n3 "), 8853.0, "allowed: 69 characters"),
         (with_checksums(LINES.replace("51.6416", "       ")), 8853.0, "has inclination"),
         (with_checksums(LINES.replace("2 25544", "2 25545")), 8853.0, "'25544' and '25545'"),
     ],

@@ -137,11 +137,7 @@ def test_any_text_is_a_fault_or_a_clear_error(text: str) -> None:
             assert acts == ([fault_of(text).what] if fault["start_ns"] == 0 else [])
 
 
-@given(
-    st.floats(0.0, 1e8),
-    st.none() | st.floats(0.01, 1e8),
-    st.floats(-1e6, 1e6),
-)
+@given(st.floats(0.0, 1e8), st.none() | st.floats(0.01, 1e8), st.floats(-1e6, 1e6))
 def test_a_text_says_what_it_is_written_from(start: float, lasts: float | None, x: float) -> None:
     until = "" if lasts is None else f" for {lasts!r}"
     text = f"  actuator/y   bias {x!r} from {start!r}{until} "

@@ -63,12 +63,7 @@ OK, WARN, ERROR, STALE = (
 UNIT, ZERO = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 STATE: dict[Topic, tuple[float, ...]] = {ATTITUDE: UNIT, ANGULAR_VELOCITY: ZERO}
 ANSWERS: dict[Topic, tuple[float, ...]] = {TORQUE_COMMAND: ZERO, DISTURBANCE: ZERO}
-INSTANT = {
-    **STATE,
-    REFERENCE_ATTITUDE: UNIT,
-    REFERENCE_RATE: ZERO,
-    REFERENCE_ACCELERATION: ZERO,
-}
+INSTANT = {**STATE, REFERENCE_ATTITUDE: UNIT, REFERENCE_RATE: ZERO, REFERENCE_ACCELERATION: ZERO}
 MEASURED: dict[Topic, tuple[float, ...]] = {
     BY_COLUMN["gyro"]: (0.0, 0.0, 0.0, 1e-7),
     BY_COLUMN["star_fix"]: (*UNIT, 1e-10, 1e-10, 1e-8),

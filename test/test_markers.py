@@ -180,10 +180,7 @@ def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
 
 @pytest.mark.parametrize(("namespace", "prefix"), [("/", ""), ("/proposed", "proposed/")])
 def test_transforms_where_tf2_ros_is_installed(
-    make_scene: Callable[..., Scene],
-    monkeypatch: pytest.MonkeyPatch,
-    namespace: str,
-    prefix: str,
+    make_scene: Callable[..., Scene], monkeypatch: pytest.MonkeyPatch, namespace: str, prefix: str
 ) -> None:
     sent: list[Any] = []
 

@@ -43,12 +43,7 @@ from ppc_attitude.science.part import Part
 
 MOUNTINGS = {
     "smallsat_slew": [0.0, 0.573576436351046, 0.0, 0.819152044288992],
-    "cubesat_tumble": [
-        0.33441742171096,
-        0.668834843421919,
-        -0.33441742171096,
-        0.573576436351046,
-    ],
+    "cubesat_tumble": [0.33441742171096, 0.668834843421919, -0.33441742171096, 0.573576436351046],
 }
 REFUSED = {"smallsat_slew": 0, "cubesat_tumble": 7}  # the false fixes, and no other
 

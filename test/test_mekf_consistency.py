@@ -26,11 +26,7 @@ from ppc_attitude.science.estimators.late_fixes import take_fix, take_sample
 from ppc_attitude.science.estimators.mekf import filter_record
 from ppc_attitude.science.kernel import add, kernel, scale, store
 from ppc_attitude.science.sensors.gyro import gyro_record, gyro_sample, walked_bias
-from ppc_attitude.science.sensors.star_tracker import (
-    is_slot,
-    star_fix,
-    star_tracker_record,
-)
+from ppc_attitude.science.sensors.star_tracker import is_slot, star_fix, star_tracker_record
 
 RUNS, SECONDS = 200, 100
 MOUNTING = [0.33441742171096, 0.668834843421919, -0.33441742171096, 0.573576436351046]

@@ -53,11 +53,7 @@ def inside(record: RunRecord) -> bool:
 
 
 def hit(torque: float, time: float, duration: float) -> dict[str, Any]:
-    return {
-        "pulse_times": [time],
-        "pulse_durations": [duration],
-        "pulse_torques": [torque] * 3,
-    }
+    return {"pulse_times": [time], "pulse_durations": [duration], "pulse_torques": [torque] * 3}
 
 
 @pytest.mark.parametrize("cap", [0.01, 0.03, 0.06])

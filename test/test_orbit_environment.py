@@ -199,9 +199,7 @@ def test_what_a_campaign_draws_of_the_craft_is_what_gravity_acts_on() -> None:
     assert of[INJECTOR]["inertia"] == of[PLANT]["inertia"] != of[CONTROLLER]["inertia"]
 
 
-def test_a_guarantee_takes_the_torques_bound(
-    tmp_path: Path,
-) -> None:
+def test_a_guarantee_takes_the_torques_bound(tmp_path: Path) -> None:
     files = [option for path in FILES for option in ("--config", str(path))]
     command = ["design", *files, "--output", str(tmp_path / "gains.yaml")]
     assert main(command) == 0

@@ -51,12 +51,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.long]
     ],
 )
 def test_nodes_and_loop_agree_to_the_last_bit(
-    suite: str,
-    rate: float,
-    initial_fix: bool,
-    duration: float,
-    tmp_path: Path,
-    ros_domain: int,
+    suite: str, rate: float, initial_fix: bool, duration: float, tmp_path: Path, ros_domain: int
 ) -> None:
     overlay = tmp_path / "overlay.yaml"
     given = {"rate": rate, "initial_fix": initial_fix}

@@ -81,9 +81,7 @@ def test_no_fix_by_chance_by_speed_or_blinded() -> None:
     assert (fixes(20, (0.0, 0.99 * limit, 0.0)) != NO_FIX).any(axis=1).all()
     assert (fixes(20, (0.0, 0.8 * limit, 0.7 * limit)) == NO_FIX).all()
     blind = fixes(
-        40,
-        star_tracker__blinding_times=[2.0, 6.0],
-        star_tracker__blinding_durations=[1.0, 0.5],
+        40, star_tracker__blinding_times=[2.0, 6.0], star_tracker__blinding_durations=[1.0, 0.5]
     )
     without = np.flatnonzero((blind == NO_FIX).all(axis=1))
     assert without.tolist() == [*range(10, 15), *range(30, 33)]

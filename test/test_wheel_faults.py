@@ -58,14 +58,7 @@ def momentum(record: RunRecord) -> Array:
 
 @pytest.mark.parametrize(
     "fault",
-    [
-        "effectiveness 0.3",
-        "effectiveness 0",
-        "bias 0.01",
-        "stuck -0.02",
-        "drag 5",
-        "seized",
-    ],
+    ["effectiveness 0.3", "effectiveness 0", "bias 0.01", "stuck -0.02", "drag 5", "seized"],
 )
 def test_momentum_is_exchanged_and_never_made(fault: str) -> None:
     texts = [f"wheel/2 {fault} from 10 for 15", f"wheel/0 {fault} from 20"]

@@ -31,14 +31,7 @@ from ppc_attitude.science.attitude import (
     product,
     unit_quaternion,
 )
-from ppc_attitude.science.component import (
-    BODY,
-    INERTIAL,
-    QUATERNION,
-    VECTOR,
-    Column,
-    Component,
-)
+from ppc_attitude.science.component import BODY, INERTIAL, QUATERNION, VECTOR, Column, Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
@@ -58,13 +51,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.signals import (
-    APPLIED_TORQUE,
-    DESIRED_MOTION,
-    DISTURBANCE,
-    TOLD,
-    TRUTH,
-)
+from ppc_attitude.science.signals import APPLIED_TORQUE, DESIRED_MOTION, DISTURBANCE, TOLD, TRUTH
 from ppc_attitude.science.stamps import seconds
 
 _seconds = kernel(seconds)
@@ -161,10 +148,7 @@ def step_sensors(inputs: Any, state: Any, configuration: Any, outputs: Any) -> N
 
 
 SENSORS = Component(
-    name="rounding",
-    inputs=TRUTH,
-    outputs=(ROUNDED_ATTITUDE, ROUNDED_RATE),
-    step=step_sensors,
+    name="rounding", inputs=TRUTH, outputs=(ROUNDED_ATTITUDE, ROUNDED_RATE), step=step_sensors
 )
 
 # Estimator: the mean of the last two rates.
