@@ -14,6 +14,7 @@
 
 """Our bags beside what rosbag2 of Jazzy writes and reads: metadata version 9, MCAP, SQLite."""
 
+import contextlib
 import json
 import os
 import sqlite3
@@ -145,11 +146,20 @@ def test_rosbags_reads_every_message_with_its_definition(tmp_path: Path, storage
     assert {message.header.frame_id for message in read} == {"inertial"}
 
 
-def test_the_mcap_package_reads_the_bag_by_its_index(tmp_path: Path) -> None:
+def information_of(bag: Path) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """What ``metadata.yaml`` says, and what of every topic, by name."""
+    content = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    topics = [entry["topic_metadata"] for entry in content["topics_with_message_count"]]
+    return content, {topic["name"]: topic for topic in topics}
+
+
+def test_an_mcap_file_says_alone_what_rosbag2_would_write_into_it(tmp_path: Path) -> None:
+    """`ros2 bag` reads channels and the record "rosbag2", and metadata.yaml where there is one."""
     run = normal_run(duration=0.5)
     write_run(run, tmp_path / "bag")
+    outside, topics = information_of(tmp_path / "bag")
     with storage_file(tmp_path / "bag").open("rb") as file:
-        reader = make_reader(file)
+        reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
         assert summary is not None and summary.statistics is not None
@@ -158,26 +168,9 @@ def test_the_mcap_package_reads_the_bag_by_its_index(tmp_path: Path) -> None:
         assert summary.statistics.message_end_time == run.stamps_ns[-1]
         assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
         read = [message for _, _, message in reader.iter_messages(topics=["/attitude"])]
-    assert [message.log_time for message in read] == run.stamps_ns.tolist()
-
-
-def topics_of_metadata(bag: Path) -> dict[str, dict[str, Any]]:
-    """What ``metadata.yaml`` says of every topic, by name."""
-    content = yaml.safe_load((bag / "metadata.yaml").read_text())
-    entries = content["rosbag2_bagfile_information"]["topics_with_message_count"]
-    return {entry["topic_metadata"]["name"]: entry["topic_metadata"] for entry in entries}
-
-
-def test_an_mcap_file_says_alone_what_rosbag2_would_write_into_it(tmp_path: Path) -> None:
-    """`ros2 bag` reads channels and the record "rosbag2", and metadata.yaml where there is one."""
-    write_run(normal_run(duration=0.1), tmp_path / "bag")
-    topics = topics_of_metadata(tmp_path / "bag")
-    with storage_file(tmp_path / "bag").open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
-        summary = reader.get_summary()
-        assert summary is not None
-        channels = {channel.topic: channel for channel in summary.channels.values()}
         (record,) = reader.iter_metadata()
+    assert [message.log_time for message in read] == run.stamps_ns.tolist()
+    channels = {channel.topic: channel for channel in summary.channels.values()}
     assert set(channels) == set(topics)
     for name, channel in channels.items():
         assert set(channel.metadata) == {"offered_qos_profiles", "topic_type_hash"}
@@ -187,21 +180,16 @@ def test_an_mcap_file_says_alone_what_rosbag2_would_write_into_it(tmp_path: Path
         assert channel.message_encoding == topics[name]["serialization_format"]
         assert summary.schemas[channel.schema_id].name == topics[name]["type"]
     assert record.name == "rosbag2"
-    inside = yaml.safe_load(record.metadata["serialized_metadata"])
-    outside = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
-    assert inside == outside["rosbag2_bagfile_information"]
+    assert yaml.safe_load(record.metadata["serialized_metadata"]) == outside
 
 
 def test_a_sqlite_file_has_the_tables_of_rosbag2(tmp_path: Path) -> None:
     write_run(normal_run(duration=0.1), tmp_path / "bag", storage="sqlite3")
-    topics = topics_of_metadata(tmp_path / "bag")
-    database = sqlite3.connect(storage_file(tmp_path / "bag"))
-    try:
+    outside, topics = information_of(tmp_path / "bag")
+    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database:
         assert database.execute("SELECT schema_version FROM schema").fetchall() == [(4,)]
-        rows = database.execute(
-            "SELECT name, type, serialization_format, offered_qos_profiles, type_description_hash"
-            " FROM topics"
-        ).fetchall()
+        names = "name, type, serialization_format, offered_qos_profiles, type_description_hash"
+        rows = database.execute(f"SELECT {names} FROM topics").fetchall()
         definitions = database.execute(
             "SELECT topic_type, encoding, type_description_hash FROM message_definitions"
         ).fetchall()
@@ -210,25 +198,19 @@ def test_a_sqlite_file_has_the_tables_of_rosbag2(tmp_path: Path) -> None:
             "SELECT data, timestamp, topics.name, messages.id FROM messages JOIN topics ON"
             " messages.topic_id = topics.id ORDER BY messages.timestamp, messages.id"
         ).fetchall()
-    finally:
-        database.close()
     assert {name for name, *_ in rows} == set(topics)
-    for name, msgtype, encoding, profiles, hash_ in rows:
-        assert topics[name] == {
-            "name": name,
-            "type": msgtype,
-            "serialization_format": encoding,
-            "offered_qos_profiles": yaml.safe_load(profiles),
-            "type_description_hash": hash_,
+    for row in rows:
+        topic = dict(zip(names.split(", "), row, strict=True))
+        assert topics[row[0]] == topic | {
+            "offered_qos_profiles": yaml.safe_load(topic["offered_qos_profiles"])
         }
     hashes = {
         (entry["type"], "ros2msg", entry["type_description_hash"]) for entry in topics.values()
     }
     assert set(definitions) == hashes
     assert version == 9
-    outside = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
-    assert yaml.safe_load(text) == outside["rosbag2_bagfile_information"]
-    assert len(played) == outside["rosbag2_bagfile_information"]["message_count"]
+    assert yaml.safe_load(text) == outside
+    assert len(played) == outside["message_count"]
 
 
 def test_types_have_the_hashes_of_the_installed_ros(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,25 +25,16 @@ import numpy as np
 import pytest
 from bag_helpers import assert_same, messages, record_all
 from conftest import StartProcess
-from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
-from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 
-JAZZY = get_typestore(Stores.ROS2_JAZZY)
 SECOND = 1_000_000_000
 CHILD = (sys.executable, str(Path(bag_child.__file__)))
-
-
-def test_a_recorder_loads_neither_readers_nor_compilers() -> None:
-    script = "import sys, ppc_attitude.bags.writer; print(*sys.modules)"
-    loaded = subprocess.check_output([sys.executable, "-c", script], text=True).split()
-    assert not {"numba", "ppc_attitude.bags.folder", "ppc_attitude.bags.source"} & set(loaded)
 
 
 def test_an_existing_folder_is_never_overwritten(tmp_path: Path, storage: str) -> None:
@@ -81,15 +72,6 @@ def test_an_exception_in_the_recorder_keeps_the_bag(tmp_path: Path, storage: str
         record_all(writer, messages(run))
         raise ZeroDivisionError
     assert_same(read_run(tmp_path / "bag"), run)
-
-
-def test_a_written_run_leaves_out_samples_that_are_missing(tmp_path: Path) -> None:
-    run = normal_run(duration=0.2)
-    run["torque_command"][4] = np.nan
-    write_run(run, tmp_path / "bag")
-    read = read_run(tmp_path / "bag")
-    assert_same(read, run)
-    assert read.missing == {"torque_command": 1}
 
 
 def report(process: subprocess.Popen[str]) -> str:

@@ -23,12 +23,11 @@ from rosbags.highlevel import AnyReader
 from synthetic import SAMPLED
 
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.contract.topics import CLOCK_TOPIC, CONTROLLER, DIAGNOSTICS_TOPIC, NODES, Topic
+from ppc_attitude.contract.topics import CLOCK_TOPIC, CONTROLLER, DIAGNOSTICS_TOPIC, NODES
 from ppc_attitude.simulation.scenario import load
 
 pytestmark = pytest.mark.ros
 STEPS = 201
-EXPECTED = (*SAMPLED, CLOCK_TOPIC, DIAGNOSTICS_TOPIC)
 
 
 @pytest.fixture(scope="module")
@@ -37,28 +36,15 @@ def information(recorded_bag: Path) -> dict[str, Any]:
     return dict(content["rosbag2_bagfile_information"])
 
 
-def absolute(topic: Topic) -> str:
-    return f"/{topic.name.lstrip('/')}"
-
-
 def test_metadata_say_what_is_in_the_bag(information: dict[str, Any]) -> None:
-    assert information["version"] == 9
-    assert information["storage_identifier"] == "mcap"
     assert information["duration"]["nanoseconds"] == 2_000_000_000
     assert information["starting_time"]["nanoseconds_since_epoch"] == 0
-    topics = {
-        entry["topic_metadata"]["name"]: entry for entry in information["topics_with_message_count"]
-    }
-    assert {absolute(topic) for topic in EXPECTED} <= set(topics)
-    for topic in EXPECTED:
-        entry = topics[absolute(topic)]
-        assert entry["topic_metadata"]["type"] == topic.msgtype
-        assert entry["topic_metadata"]["serialization_format"] == "cdr"
-        assert entry["topic_metadata"]["type_description_hash"].startswith("RIHS01_")
+    entries = information["topics_with_message_count"]
+    found = {entry["topic_metadata"]["name"].lstrip("/"): entry for entry in entries}
+    for topic in (*SAMPLED, CLOCK_TOPIC, DIAGNOSTICS_TOPIC):
+        assert found[topic.name.lstrip("/")]["topic_metadata"]["type"] == topic.msgtype
     for topic in SAMPLED:
-        assert topics[absolute(topic)]["message_count"] == STEPS
-    counts = [entry["message_count"] for entry in topics.values()]
-    assert information["message_count"] == sum(counts)
+        assert found[topic.name]["message_count"] == STEPS
 
 
 def test_offered_qos_lets_ros2_bag_play_republish(information: dict[str, Any]) -> None:
