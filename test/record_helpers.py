@@ -12,13 +12,35 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Records as the kernels take them."""
+"""Records as the kernels take them, and what the tests of laws write their equations in."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike, NDArray
 
 from ppc_attitude.science.component import Component
+
+Array = NDArray[np.float64]
+quaternions = (
+    st.tuples(*[st.floats(-1.0, 1.0)] * 4)
+    .filter(lambda q: np.linalg.norm(q) > 1e-2)
+    .map(lambda q: tuple(float(x) for x in np.array(q) / np.linalg.norm(q)))
+)
+"""Unit quaternions."""
+
+
+def f_matrix(q: ArrayLike) -> Array:
+    """F = ½ (q0 I + q×) of an attitude error x y z w, whose vector part changes by F ω."""
+    *vector, scalar = np.asarray(q)
+    return np.asarray(0.5 * (scalar * np.eye(3) + np.cross(np.eye(3), vector)))
+
+
+def derivative(at: Callable[[float], Array], h: float) -> Array:
+    """Derivative at 0 of a function of time, by four points: its error is of fourth order in h."""
+    return (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h)
 
 
 def new_record(dtype: Any) -> Any:

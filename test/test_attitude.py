@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from record_helpers import f_matrix, quaternions
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science import attitude
@@ -25,19 +26,6 @@ from ppc_attitude.science.kernel import Quaternion, Vector
 
 finite = st.floats(-1.0, 1.0)
 vectors = st.tuples(finite, finite, finite)
-quaternions = (
-    st.tuples(finite, finite, finite, finite)
-    .filter(lambda q: np.linalg.norm(q) > 1e-2)
-    .map(lambda q: tuple(float(x) for x in np.array(q) / np.linalg.norm(q)))
-)
-
-
-def cross_matrix(a: Vector) -> np.ndarray:
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-
-
-def f_matrix(q: Quaternion) -> np.ndarray:
-    return 0.5 * (q[3] * np.eye(3) + cross_matrix(q[:3]))
 
 
 @given(quaternions, quaternions)

@@ -62,10 +62,6 @@ def some_covariance() -> Array:
     return 1e-3 * m @ m.T
 
 
-def cross_matrix(a: Array) -> Array:
-    return np.cross(np.eye(3), a)
-
-
 @pytest.mark.parametrize("angle", [1e-9, 1e-5, 9.9e-3, 1.01e-2, 0.3])
 def test_propagation_is_the_exponential_of_the_error_dynamics(angle: float) -> None:
     p, h, white, walk = some_covariance(), 0.01, 1e-3, 2e-4
@@ -73,7 +69,7 @@ def test_propagation_is_the_exponential_of_the_error_dynamics(angle: float) -> N
     known = propagated((Q, BIAS, *blocks(p)), tuple(phi / h + BIAS), h, white, walk)
     # δθ' = −ω × δθ − δb, δb' = 0.
     dynamics = np.zeros((6, 6))
-    dynamics[:3, :3] = -cross_matrix(phi / h)
+    dynamics[:3, :3] = -np.cross(np.eye(3), phi / h)
     dynamics[:3, 3:] = -np.eye(3)
     f = expm(dynamics * h)
     q = np.diag([white * h + walk * h**3 / 3.0] * 3 + [walk * h] * 3)

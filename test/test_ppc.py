@@ -21,16 +21,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
-from record_helpers import inputs_of, outputs_of, state_of
+from record_helpers import Array, derivative, f_matrix, inputs_of, outputs_of, state_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from test_virtual_control import paper_virtual_control
 
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.kernel import matrix, vector
 from ppc_attitude.science.parameter import resolved
 
-Array = NDArray[np.float64]
 FULL = [2.8, 0.15, -0.1, 0.15, 2.5, 0.2, -0.1, 0.2, 1.9]
 seeds = st.integers(0, 2**32 - 1)
 
@@ -42,10 +41,6 @@ def configured(**values: Any) -> Any:
 def drive_of(memory: Any, gains: Any) -> Any:
     """What the saturation that a memory holds drives."""
     return ppc.saturation_drive(vector(memory["delta_tau"]), matrix(gains["inertia_inverse"]))
-
-
-def cross(a: Array) -> Array:
-    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 
 
 def random_situation(seed: int, gains: Any) -> tuple[Any, Any]:
@@ -119,22 +114,10 @@ def unsaturated_torque(m: Any, memory: Any, gains: Any, norm_form: bool) -> dict
     def v_at(t: float) -> Array:
         q_e = (error * Rotation.from_rotvec(t * omega_e)).as_quat()
         q_e *= math.copysign(1.0, float(q_e @ start))
-        q, q0 = q_e[:3], q_e[3]
-        rho = rho_q + t * rho_q_rate
-        epsilon = q / rho
-        shape = np.tanh(gains["beta"] * epsilon)
-        if norm_form:
-            length = np.linalg.norm(epsilon)
-            shape = epsilon / length * np.tanh(gains["beta"] * length)
-        f = 0.5 * (q0 * np.eye(3) + cross(q))
-        return -0.5 * abs(q0) * gains["k"] * gains["M_omega"] * np.linalg.solve(f, rho * shape)
+        return paper_virtual_control(q_e, rho_q + t * rho_q_rate, gains["beta"], norm_form)
 
-    h = 1e-3
-    v_rate = (8 * (v_at(h) - v_at(-h)) - (v_at(2 * h) - v_at(-2 * h))) / (12 * h)
-    q, q0 = start[:3], start[3]
     z2 = omega_e - v_at(0.0)
-    epsilon_q, epsilon_omega = q / rho_q, z2 / rho_omega
-    f = 0.5 * (q0 * np.eye(3) + cross(q))
+    epsilon_q, epsilon_omega = start[:3] / rho_q, z2 / rho_omega
     argument = epsilon_omega
     if np.any(inertia != np.diag(np.diag(inertia))):
         argument = inverse @ (epsilon_omega / rho_omega)
@@ -147,11 +130,11 @@ def unsaturated_torque(m: Any, memory: Any, gains: Any, norm_form: bool) -> dict
     u = (
         -m_0
         - d_hat
-        + inertia @ v_rate
+        + inertia @ derivative(v_at, 1e-3)
         - gains["K_omega"] * inertia @ z2
         + inertia @ (rho_omega_rate / rho_omega * z2)
         - gains["K_u"] * inertia @ (rho_omega * memory["theta"])
-        - weight * inertia @ (rho_omega**2 * (f.T @ (epsilon_q / rho_q)))
+        - weight * inertia @ (rho_omega**2 * (f_matrix(start).T @ (epsilon_q / rho_q)))
     )
     return {"u": u, "q_e": start, "z2": z2, "rho_q": rho_q, "rho_omega": rho_omega}
 
@@ -199,7 +182,7 @@ def barrier_rates(seed: int, sigma: float, printed: bool) -> tuple[float, float]
     rho_q, rho_omega = rng.uniform(0.1, 1.0, 3), rng.uniform(1e-3, 0.08, 3)
     z2 = rng.uniform(0.2, 1.5, 3) * rng.choice([-1, 1], 3) * rho_omega
     epsilon_q, epsilon_omega = q / rho_q, z2 / rho_omega
-    f = 0.5 * (q0 * np.eye(3) + cross(q))
+    f = f_matrix([*q, q0])
     gain_q = gains["k1"] * np.tanh(epsilon_q @ epsilon_q / gains["F1"])
     gain_omega = gains["k2"] * np.tanh(epsilon_omega @ epsilon_omega / gains["F2"])
     in_v1 = gain_q * (epsilon_q / rho_q) @ (f @ z2)
