@@ -50,16 +50,15 @@ def ros2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_keys_are_made_once_and_enforced(ros2: Path, tmp_path: Path) -> None:
     keys = tmp_path / "keys"
-    given = {"PATH": os.environ["PATH"], "ROS_DOMAIN_ID": "7"}
-    environment = secured(given, keys)
+    environment = secured(HERE, keys)
     assert environment == {
-        **given,
+        **HERE,
         "ROS_SECURITY_KEYSTORE": str(keys),
         "ROS_SECURITY_ENABLE": "true",
         "ROS_SECURITY_STRATEGY": "Enforce",
         "ROS_SECURITY_ENCLAVE_OVERRIDE": "/ppc_attitude",
     }
-    assert secured(given, keys) == environment
+    assert secured(HERE, keys) == environment
     assert ros2.read_text().splitlines() == [
         f"security create_keystore {keys}",
         f"security create_enclave {keys} /ppc_attitude",
@@ -70,11 +69,10 @@ def test_keys_are_for_the_domain_in_which_they_were_made(ros2: Path, tmp_path: P
     """SROS 2 permits no other; a run takes it unless the user has set one."""
     keys = tmp_path / "keys"
     assert domain_of(keys) == ""
-    environment = {"PATH": os.environ["PATH"]}
-    secured(environment | {"ROS_DOMAIN_ID": "7"}, keys)
+    secured(HERE, keys)
     assert domain_of(keys) == "7"
     with pytest.raises(ConfigurationError, match=r"_DOMAIN_ID = 8; allowed with --secure .*: 7, "):
-        secured(environment | {"ROS_DOMAIN_ID": "8"}, keys)
+        secured(HERE | {"ROS_DOMAIN_ID": "8"}, keys)
 
 
 def test_without_the_means_to_make_keys_nothing_is_run(

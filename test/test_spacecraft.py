@@ -129,11 +129,6 @@ def test_a_plant_holds_both_torques_from_stamp_to_stamp() -> None:
     assert body.step(10_000_000, (*applied, *disturbance)) == (*q, *omega)
 
 
-def test_an_actuator_gives_what_its_limits_leave() -> None:
-    part = Part(ideal.COMPONENT, {"max_torque": 0.05, "min_torque": 1e-4, "late_command": False})
-    assert part.step(0, (1.0, 5e-5, -0.02)) == (0.05, 0.0, -0.02)
-
-
 def test_a_late_command_acts_with_the_next_sample() -> None:
     part = Part(ideal.COMPONENT, {"max_torque": 0.05, "min_torque": 1e-4, "late_command": True})
     assert part.step(0, (1.0, 5e-5, -0.02)) == (0.0, 0.0, 0.0)
@@ -172,11 +167,6 @@ def test_noise_is_a_function_of_seed_and_step() -> None:
 
     assert draw(1, 1234) == draw(1, 1234)
     assert len({draw(seed, step) for seed in (0, 1, 2**53) for step in range(50)}) == 150
-
-
-def test_without_noise_the_sensors_tell_the_truth() -> None:
-    told = measured(TRUE_ATTITUDE, TRUE_RATE, 0.0, 0.0, 1, 7)
-    assert told == (TRUE_ATTITUDE, TRUE_RATE)
 
 
 @pytest.mark.parametrize("inertia", [DIAGONAL, FULL])

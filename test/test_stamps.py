@@ -20,6 +20,8 @@ from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind
 from ppc_attitude.science.stamps import NANOSECONDS
 
 PERIOD = 10_000_000
+NEW, REPEATED = StampKind.NEW, StampKind.REPEATED
+STALE, RESTART = StampKind.STALE, StampKind.RESTART
 
 
 def fed(*stamps: int) -> list[StampKind]:
@@ -28,27 +30,22 @@ def fed(*stamps: int) -> list[StampKind]:
 
 
 def test_stamps_that_advance_are_new_and_equal_ones_repeated():
-    assert fed(0, PERIOD, PERIOD, 2 * PERIOD) == [
-        StampKind.NEW,
-        StampKind.NEW,
-        StampKind.REPEATED,
-        StampKind.NEW,
-    ]
+    assert fed(0, PERIOD, PERIOD, 2 * PERIOD) == [NEW, NEW, REPEATED, NEW]
 
 
 def test_time_begins_again_at_zero():
-    assert fed(5 * PERIOD, 0, PERIOD)[1:] == [StampKind.RESTART, StampKind.NEW]
+    assert fed(5 * PERIOD, 0, PERIOD)[1:] == [RESTART, NEW]
 
 
 def test_a_late_message_is_refused_and_changes_nothing():
-    assert fed(5 * PERIOD, 4 * PERIOD, 6 * PERIOD)[1:] == [StampKind.STALE, StampKind.NEW]
+    assert fed(5 * PERIOD, 4 * PERIOD, 6 * PERIOD)[1:] == [STALE, NEW]
 
 
 @pytest.mark.parametrize("start", [3, 1_000_000 * NANOSECONDS], ids=["earlier", "far ahead"])
 def test_another_time_is_believed_when_three_messages_agree(start):
     agreeing = [start, start + PERIOD, start + 2 * PERIOD]
     verdicts = fed(NANOSECONDS, *agreeing)
-    assert verdicts[1:] == [StampKind.STALE, StampKind.STALE, StampKind.RESTART]
+    assert verdicts[1:] == [STALE, STALE, RESTART]
 
 
 @pytest.mark.parametrize("wrong", [0, 3_600 * NANOSECONDS], ids=["zero", "future"])
@@ -61,26 +58,20 @@ def test_one_wrong_stamp_does_not_end_lockstep(wrong: int) -> None:
     for wait in (0.0, 0.2, 0.4):
         now += wait
         verdicts.append(guard.judge(state, now))
-    assert verdicts == [StampKind.NEW, StampKind.STALE, StampKind.STALE, StampKind.RESTART]
-    assert guard.judge(state, now) is StampKind.REPEATED
+    assert verdicts == [NEW, STALE, STALE, RESTART]
+    assert guard.judge(state, now) is REPEATED
 
 
 def test_a_flood_of_copies_is_no_agreement() -> None:
     guard = StampGuard()
     guard.judge(50 * NANOSECONDS, 0.0)
     for copy in range(900):
-        assert guard.judge(3_600 * NANOSECONDS, 1e-4 * copy) is StampKind.STALE
+        assert guard.judge(3_600 * NANOSECONDS, 1e-4 * copy) is STALE
 
 
 def test_one_message_from_the_future_does_not_stop_the_present():
     future = 2_000_000_000 * NANOSECONDS
-    assert fed(future, 0, PERIOD, future, 2 * PERIOD) == [
-        StampKind.STALE,
-        StampKind.NEW,
-        StampKind.NEW,
-        StampKind.STALE,
-        StampKind.NEW,
-    ]
+    assert fed(future, 0, PERIOD, future, 2 * PERIOD) == [STALE, NEW, NEW, STALE, NEW]
 
 
 def test_an_instant_is_complete_when_all_of_it_is_there_in_any_order():
