@@ -18,17 +18,14 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.bags.changes import MOST, changes_of
-from ppc_attitude.bags.source import Block, Channel, split_rows
+from ppc_attitude.bags.source import Block, Channel, Integers, split_rows
 from ppc_attitude.bags.timeline import Series
 from ppc_attitude.contract.carriers import carriers, decode_rows, is_stamped
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED
 from ppc_attitude.contract.run_record import Array, Change
 from ppc_attitude.contract.topics import CHANGES_TOPIC, Topic
-
-Integers = NDArray[np.int64]
 
 
 class _Part(NamedTuple):

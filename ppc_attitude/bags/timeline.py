@@ -22,13 +22,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppc_attitude.bags.source import Integers
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import ATTITUDE, PLANT, Topic
 from ppc_attitude.science.stamps import NANOSECONDS, seconds
-
-Integers = NDArray[np.int64]
 
 # A message that comes late is followed within so many by one that is newer than all before;
 # the stamps of a plant that was reset stay behind for longer.
