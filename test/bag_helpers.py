@@ -29,6 +29,7 @@ from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import Topic
+from ppc_attitude.simulation.replay import replay
 
 Message = tuple[Topic, int, bytes]
 
@@ -125,6 +126,14 @@ def assert_same(read: RunRecord, run: RunRecord) -> None:
     assert set(read.columns) == set(run.columns)
     for column in run.columns:
         np.testing.assert_array_equal(read[column], run[column], err_msg=column)
+
+
+def assert_flown(recorded: RunRecord, expected: RunRecord) -> None:
+    """A recorded run lacks nothing, has every bit of the loop in process, and so has its replay."""
+    assert (recorded.warnings, recorded.missing) == ((), {})
+    assert_same(recorded, expected)
+    again = replay(recorded)
+    assert {each.largest for each in (again.law, *again.others)} == {0.0}
 
 
 def assert_prefix(read: RunRecord, run: RunRecord) -> None:

@@ -14,11 +14,11 @@
 
 """Sensor suites as shipped, and compiled loops around the filter's kernels."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from craft_helpers import ROOT, dotted
 from numpy.typing import NDArray
 
 from ppc_attitude.science.estimators import mekf
@@ -33,9 +33,10 @@ from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.sensors import gyro, star_tracker
 
-ROOT = Path(__file__).parents[1]
 SUITES = ("flagship", "smallsat", "cubesat")
 STEP_NS = 10_000_000  # of 100 Hz
+MOUNTING = [0.33441742171096, 0.668834843421919, -0.33441742171096, 0.573576436351046]
+"""A star tracker's, in no plane of the body."""
 Array = NDArray[np.float64]
 
 
@@ -48,7 +49,7 @@ def suite(name: str, **given: Any) -> dict[str, Any]:
         for group in ("gyro", "star_tracker")
         for key, value in groups[group].items()
     }
-    values |= {key.replace("__", "."): value for key, value in given.items()}
+    values |= dotted(given)
     table = {p.name: p for p in (*gyro.PARAMETERS, *star_tracker.PARAMETERS, *mekf.PARAMETERS)}
     return dict(resolved(table.values(), values, "suite"))
 

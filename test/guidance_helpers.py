@@ -39,12 +39,16 @@ def scenes() -> list[dict[str, Any]]:
     return cases
 
 
+def mean_anomaly(e: float, true: float) -> float:
+    """Mean anomaly [rad] of a true one [rad] on an orbit with an eccentricity."""
+    eccentric = 2.0 * math.atan(math.sqrt((1.0 - e) / (1.0 + e)) * math.tan(0.5 * true))
+    return eccentric - e * math.sin(eccentric)
+
+
 def truth_orbit() -> Any:
     """Orbit of pointing.csv and goal_switch.csv: true anomaly 10° at t = 0."""
-    e, nu = 0.001, math.radians(10.0)
-    eccentric = 2.0 * math.atan(math.sqrt((1.0 - e) / (1.0 + e)) * math.tan(0.5 * nu))
-    mean = eccentric - e * math.sin(eccentric)
-    return orbit_record(6928137.0, e, *map(math.radians, (97.6, 30.0, 40.0)), mean)
+    mean = mean_anomaly(0.001, math.radians(10.0))
+    return orbit_record(6928137.0, 0.001, *map(math.radians, (97.6, 30.0, 40.0)), mean)
 
 
 def guidance() -> Any:

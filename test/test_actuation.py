@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimation_helpers import ROOT, STEP_NS, Array
+from craft_helpers import configs
+from estimation_helpers import STEP_NS, Array
+from test_certificate_held import held_by
 
-from ppc_attitude.analysis.guarantee import Held, certificate_held
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.guarantee.actuation import actuation_of, are_full
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
@@ -36,7 +36,7 @@ from ppc_attitude.science.plants.rigid_body import rigid_body_step
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
-FILES = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "wheels", "orbit")]
+FILES = configs("paper", "wheels", "orbit")
 OPTIONS = [f"--config={path}" for path in FILES]
 MOMENTUM, FASTEST = 0.15, 0.12  # [N·m·s], [rad/s]
 NO_FRICTION = {key: [0.0] for key in ("wheels.static", "wheels.coulomb", "wheels.viscous")}
@@ -110,7 +110,7 @@ def test_a_slower_craft_has_more_torque_and_no_more_rest(slower: float) -> None:
 def test_rods_are_part_of_the_rest() -> None:
     told = [
         actuation_of(load([*FILES, *more]).parameters[PLANT], MOMENTUM, FASTEST, math.inf)
-        for more in ([], [ROOT / "config" / "unloading.yaml"])
+        for more in ([], configs("unloading"))
     ]
     # Two rods of 10 A·m² are across the strongest field, 7e-5 T.
     assert told[1].rest - told[0].rest == pytest.approx(2**0.5 * 10.0 * 7e-5, rel=1e-12)
@@ -157,18 +157,12 @@ def test_a_scenario_keeps_what_its_own_design_assumed(
     assert "nothing is guaranteed" not in capsys.readouterr().out
 
 
-def fate(record: RunRecord) -> Held:
-    held = certificate_held(record)
-    assert held is not None
-    return held
-
-
 def test_a_certificate_with_wheels_holds_in_flight(gains: Path) -> None:
     record = simulate(load([*FILES, gains]), 30.0)
-    held = fate(record)
+    held = held_by(record)
     assert (held.reason, held.note, held.outside.any()) == ("", "", False)
     without = {name: each for name, each in record.columns.items() if name != "wheel_speed"}
-    assert "no speed of the wheels on record" in fate(replace(record, columns=without)).reason
+    assert "no speed of the wheels on record" in held_by(replace(record, columns=without)).reason
 
 
 @pytest.mark.parametrize(
@@ -190,14 +184,14 @@ def test_a_certificate_with_wheels_holds_in_flight(gains: Path) -> None:
 def test_wheels_that_are_not_as_assumed_void_the_promise(
     gains: Path, plant: dict[str, Any], told: str
 ) -> None:
-    assert told in fate(simulate(load([*FILES, gains], {PLANT: plant}), 1.0)).reason
+    assert told in held_by(simulate(load([*FILES, gains], {PLANT: plant}), 1.0)).reason
 
 
 def test_a_run_whose_promise_is_suspended_all_along_is_not_judged(
     gains: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spun = {"wheels.initial_speed": [200.0]}  # together 0.37 N·m·s about z
-    held = fate(simulate(load([*FILES, gains], {PLANT: spun}), 1.0))
+    held = held_by(simulate(load([*FILES, gains], {PLANT: spun}), 1.0))
     assert held.reason == "suspended: more momentum than assumed at 101 instants"
     assert not held.outside.any()
     overlay = tmp_path / "spun.yaml"

@@ -17,11 +17,11 @@
 import math
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import case
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
@@ -37,11 +37,10 @@ from ppc_attitude.simulation.closed_loop import (
     stamps_of,
     timetable_of,
 )
-from ppc_attitude.simulation.scenario import Scenario, load
+from ppc_attitude.simulation.scenario import Scenario
 
-CONFIG = Path(__file__).parent.parent / "config"
-PAPER = load([CONFIG / "paper.yaml"])
-ANY_START = load([CONFIG / "paper.yaml", CONFIG / "any_start.yaml"])
+PAPER = case()
+ANY_START = case("any_start")
 LAW = ANY_START.parameters["ppc_controller"]
 SPEED = float(str(LAW["k"])) * float(str(LAW["M_omega"]))  # bound of ‖v‖ for ρ_q ≤ 1 [rad/s]
 LARGEST_DESIRED_RATE = np.deg2rad(0.7975)  # test_reference measures it

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from craft_helpers import case
 from synthetic import normal_run
 
 from ppc_attitude.bags.errors import BagError
@@ -33,7 +34,6 @@ from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.scenario import load
 
 
 @pytest.fixture
@@ -82,9 +82,7 @@ def test_csv_reads_back_to_the_last_bit(bag: Path, tmp_path: Path) -> None:
 
 
 def test_a_run_and_its_bag_have_one_table_with_every_number(tmp_path: Path) -> None:
-    config = Path(__file__).parent.parent / "config"
-    files = [config / f"{name}.yaml" for name in ("paper", "sensors_smallsat", "wheels")]
-    run = simulate(load(files), 0.5)
+    run = simulate(case("sensors_smallsat", "wheels"), 0.5)
     write_run(run, tmp_path / "bag")
     export_csv(run, tmp_path / "run.csv")
     export_csv(read_run(tmp_path / "bag"), tmp_path / "bag.csv")

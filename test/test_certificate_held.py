@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import case, configs
 
 from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
 from ppc_attitude.analysis.metrics import analyse
@@ -34,13 +35,12 @@ from ppc_attitude.science.guarantee.surroundings import _rate_lag
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
-CONFIG = Path(__file__).parent.parent / "config"
+FLAGSHIP = [f"--config={file}" for file in configs("paper", "sensors_flagship")]
 GAINS = ("0.56", "28", "0.392")  # for the sensors of a flagship
 
 
 def record_of(*overlays: str, **nodes: dict[str, Any]) -> RunRecord:
-    files = [CONFIG / "paper.yaml", *(CONFIG / f"{each}.yaml" for each in overlays)]
-    return simulate(load(files, nodes), 25.0)
+    return simulate(load(configs("paper", *overlays), nodes), 25.0)
 
 
 def held_by(record: RunRecord) -> Held:
@@ -93,9 +93,7 @@ def test_hardware_that_was_not_assumed_voids_the_promise(overlays: list[str], to
 def designed_for_sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Numbers of the law, proved for a craft with gyro, star tracker and filter."""
     path = tmp_path_factory.mktemp("design") / "flagship.yaml"
-    files = [CONFIG / "paper.yaml", CONFIG / "sensors_flagship.yaml"]
-    options = [each for file in files for each in ("--config", str(file))]
-    assert main(["design", *options, "--gains", *GAINS, "--out", str(path)]) == 0
+    assert main(["design", *FLAGSHIP, "--gains", *GAINS, "--out", str(path)]) == 0
     return path
 
 
@@ -123,8 +121,8 @@ def test_check_says_that_a_promise_needs_fixes(
     blind = tmp_path / "blind.yaml"
     tracker = "{blinding_times: [30.0], blinding_durations: [5.0], dropout_probability: 1.0}"
     blind.write_text(f"spacecraft_plant: {{ros__parameters: {{star_tracker: {tracker}}}}}")
-    files = [CONFIG / "paper.yaml", CONFIG / "sensors_flagship.yaml", designed_for_sensors, blind]
-    assert main(["check", *(f"--config={file}" for file in files)]) == 0
+    files = [f"--config={file}" for file in (designed_for_sensors, blind)]
+    assert main(["check", *FLAGSHIP, *files]) == 0
     told = " ".join(capsys.readouterr().out.split())
     assert "guaranteed: |q_ev,i| < " in told
     for found in (
@@ -138,12 +136,10 @@ def test_check_says_that_a_promise_needs_fixes(
 def test_a_design_knows_the_torque_noise_that_its_sensors_make(
     designed_for_sensors: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = [f"--config={CONFIG / name}.yaml" for name in ("paper", "sensors_flagship")]
-    wish = ["--gains", *GAINS, "--torque-noise", "1e-6"]
-    assert main(["design", *options, *wish]) == 1
+    assert main(["design", *FLAGSHIP, "--gains", *GAINS, "--torque-noise", "1e-6"]) == 1
     found = re.search(r"nearest that was found is (\S+) N·m", capsys.readouterr().out)
     assert found
-    files = [CONFIG / "paper.yaml", CONFIG / "sensors_flagship.yaml", designed_for_sensors]
+    files = [*configs("paper", "sensors_flagship"), designed_for_sensors]
     torque = simulate(load(files), 60.0)["torque_command"][-3000:]
     slow = np.apply_along_axis(np.convolve, 0, torque, np.full(101, 1 / 101), "valid")
     noise = np.sqrt(np.mean((torque[50:-50] - slow) ** 2, axis=0))
@@ -163,7 +159,7 @@ def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
     option: str, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:
-        code: Any = main(["design", "--config", str(CONFIG / "paper.yaml"), *option.split()])
+        code: Any = main(["design", FLAGSHIP[0], *option.split()])
     except SystemExit as refused:  # of what is wrong by itself, whatever the configuration
         code = refused.code
     assert code == 2
@@ -172,7 +168,7 @@ def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
 
 @pytest.mark.parametrize("k", ["1e+300", "1e-300"])
 def test_gains_beyond_all_bounds_are_infeasible(k: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["design", "--config", str(CONFIG / "paper.yaml"), "--gains", k, "15", "0.2"]) == 1
+    assert main(["design", FLAGSHIP[0], "--gains", k, "15", "0.2"]) == 1
     told = f"nothing can be guaranteed: no floating-point number bounds what gains {k}, 15, 0.2 do"
     assert told in capsys.readouterr().out
 
@@ -183,8 +179,8 @@ def test_no_craft_within_the_assumptions_lags_more_than_a_gyro_may(
     e_S: float, products: float
 ) -> None:
     known = np.diag([2.8, 2.5, 1.9]) + products * (np.ones((3, 3)) - np.eye(3))
-    nodes = nodes_around(load([CONFIG / "paper.yaml", CONFIG / "sensors_flagship.yaml"]).parameters)
-    told = assumptions_of(load([CONFIG / "guaranteed.yaml"]).parameters[CONTROLLER])
+    nodes = nodes_around(case("sensors_flagship").parameters)
+    told = assumptions_of(load(configs("guaranteed")).parameters[CONTROLLER])
     assumed = replace(told, inertia=tuple(known.ravel().tolist()), e_S=e_S)
     moments, axes = np.linalg.eigh(known)
     root = axes * np.sqrt(moments) @ axes.T

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import case, configs
 
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
 from ppc_attitude.command_line.main import main
@@ -39,7 +40,6 @@ from ppc_attitude.science.kinds import ENVIRONMENTS
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.scenario import Scenario, load
 
-CONFIG = Path(__file__).resolve().parents[1] / "config"
 INERTIA = [0.18, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.12]
 CUBESAT: dict[str, dict[str, Any]] = {
     PLANT: {"inertia": INERTIA, "max_torque": 0.002, "min_torque": 1e-6},
@@ -79,10 +79,10 @@ def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scen
 
 
 def test_no_run_settles_sooner_than_the_law_can_and_a_good_one_hardly_later() -> None:
-    case = load([CONFIG / "paper.yaml"])
-    record = simulate(case, 60.0)
+    paper = case()
+    record = simulate(paper, 60.0)
     error = tuple(record["attitude_error"][0])
-    least = by_name(settling_conditions(case, Requirements(), error))["time of the law"].value
+    least = by_name(settling_conditions(paper, Requirements(), error))["time of the law"].value
     settled = record.t[abs(record["attitude_error"][:, :3]).max(axis=1) >= 5e-3][-1]
     assert 0.9 * settled < least <= settled
 
@@ -131,7 +131,7 @@ def test_a_dead_zone_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
 
 
 def test_wheels_that_give_less_than_the_law_may_ask_for_are_warned_of() -> None:
-    enough = load([CONFIG / "wheels.yaml"])
+    enough = load(configs("wheels"))
     assert not warned(actuator_conditions(enough))
     found = by_name(actuator_conditions(enough))["max_torque"]
     assert found.limit == pytest.approx(0.05 * 2.0 / math.sqrt(3.0), rel=1e-12)
@@ -141,13 +141,13 @@ def test_wheels_that_give_less_than_the_law_may_ask_for_are_warned_of() -> None:
 
 
 def test_a_rate_envelope_that_single_pulses_leave_is_warned_of() -> None:
-    wide = load([CONFIG / "thrusters.yaml"])
+    wide = load(configs("thrusters"))
     assert not warned(actuator_conditions(wide))
     found = by_name(actuator_conditions(wide))["least pulse in ρ_ω"]
     assert found.limit == pytest.approx(3.0 * 0.01 * 0.028190778623577255 / 1.9, rel=1e-12)
     narrow = wide.with_values(CONTROLLER, **{"rate_envelope.terminal": 3e-5})
     assert warned(actuator_conditions(narrow)) == {"least pulse in ρ_ω"}
-    assert not set(by_name(actuator_conditions(load([CONFIG / "paper.yaml"])))) & {found.name}
+    assert not set(by_name(actuator_conditions(case()))) & {found.name}
 
 
 @pytest.mark.parametrize("share", [0.98, 1.2])
@@ -190,8 +190,7 @@ def test_a_pulse_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
 def test_the_page_fits_a_terminal_and_holds_no_rounding_of_zero(
     overlay: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    files = [str(CONFIG / f"{name}.yaml") for name in ("paper", overlay)]
-    assert main(["check", "--config", files[0], "--config", files[1]]) == 0
+    assert main(["check", *(f"--config={file}" for file in configs("paper", overlay))]) == 0
     page = capsys.readouterr().out
     assert max(map(len, page.splitlines())) <= 80
     assert "e-3" not in page.replace("1e-3", "")  # such as 4.94e-324
@@ -201,8 +200,8 @@ def test_a_start_without_a_fix_is_checked_by_the_truth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "late.yaml").write_text("/**:\n  ros__parameters: {initial_fix: false}\n")
-    files = [CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml", tmp_path / "late.yaml"]
-    assert main(["check", *(word for file in files for word in ("--config", str(file)))]) == 0
+    files = [*configs("paper", "sensors_smallsat"), tmp_path / "late.yaml"]
+    assert main(["check", *(f"--config={file}" for file in files)]) == 0
     page = capsys.readouterr().out
     assert "attitude error x y z w: -0.22952, 0.25933, -0.11266, -0.93133" in page
     assert "attitude error 42.71°" in page

@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 import yaml
+from craft_helpers import case, configs
 from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import normal_run
@@ -40,12 +41,6 @@ from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.scenario import load
-
-CONFIG = Path(__file__).parents[1] / "config"
-
-
-SENSED = [CONFIG / name for name in ("paper.yaml", "sensors_smallsat.yaml")]
 
 
 def failed(at_start: Any, *changes: tuple[float, Any]) -> RunRecord:
@@ -142,7 +137,7 @@ def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
 def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:
     """It then holds the error that it knew last, which stays inside whatever the craft does."""
     given = {"faults": ["gyro dead from 1 for 0.5", "gyro dead from 2.5"], "duration": 3.0}
-    record = simulate(load(SENSED, {PLANT: given}), 3.0)
+    record = simulate(case("sensors_smallsat", **given), 3.0)
     known = record["attitude"].any(axis=1)
     back = record.t[150:][known[150:]][0]
     verdict = analyse(record)
@@ -151,7 +146,7 @@ def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:
         assert rows[key].without == ((1.0, back), (2.5, 3.0))
         assert rows[key].note.endswith(f"without 1 to {back:g}, 2.5 to 3")
     assert rows["rate"].without == ()
-    lost = simulate(load(SENSED, {PLANT: {"faults": ["gyro dead"]}}), 1.0)
+    lost = simulate(case("sensors_smallsat", faults=["gyro dead"]), 1.0)
     rows = {each.key: each for each in analyse(lost).requirements}
     assert rows["outside_attitude_envelope"].outcome == "not judged"
     assert rows["outside_attitude_envelope"].note == "the law was told no attitude from 0 to 1 s"
@@ -159,8 +154,7 @@ def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:
 
 @pytest.mark.parametrize("in_flight", [False, True])
 def test_no_certificate_covers_a_fault(in_flight: bool) -> None:
-    files = [CONFIG / "paper.yaml", CONFIG / "guaranteed.yaml"]
-    record = simulate(load(files, {PLANT: {"faults": [""] if in_flight else [STUCK]}}), 2.0)
+    record = simulate(case("guaranteed", faults=[""] if in_flight else [STUCK]), 2.0)
     if in_flight:
         record = replace(record, changes=(Change(10**9, PLANT, "faults", [STUCK]),))
     held = certificate_held(record)
@@ -176,14 +170,13 @@ def test_check_lists_faults_and_says_that_a_certificate_is_void(
     file.write_text(yaml.safe_dump({PLANT: {"ros__parameters": {"faults": [STUCK, WEAK]}}}))
 
     def checked(*names: str) -> tuple[int, str]:
-        files = [*(CONFIG / name for name in names), file]
-        options = [word for each in files for word in ("--config", str(each))]
+        options = [f"--config={each}" for each in (*configs(*names), file)]
         return main(["check", *options]), capsys.readouterr().out
 
-    code, page = checked("paper.yaml")
+    code, page = checked("paper")
     assert code == 0
     assert f"fault: {STUCK}\nfault: {WEAK}\n" in page
-    code, page = checked("paper.yaml", "guaranteed.yaml")
+    code, page = checked("paper", "guaranteed")
     assert code == 1
     assert f"faults = '{STUCK}': whether it keeps the assumed bounds" in " ".join(page.split())
     assert main(["check", "--config", str(file), "--json"]) == 0
@@ -196,8 +189,7 @@ def test_check_lists_faults_and_says_that_a_certificate_is_void(
 def test_nothing_is_designed_for_hardware_that_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    files = [CONFIG / name for name in ("paper.yaml", "orbit.yaml", "faults.yaml")]
-    options = [word for each in files for word in ("--config", str(each))]
+    options = [f"--config={file}" for file in configs("paper", "orbit", "faults")]
     assert main(["design", *options, "--output", str(tmp_path / "gains.yaml")]) == 2
     told = "faults: 'wheel/2 effectiveness 0.0 from 40.0': nothing can be guaranteed of it"
     assert told in capsys.readouterr().err

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import dotted
 from guidance_helpers import same_sign
 from scipy.spatial.transform import Rotation
 
@@ -52,12 +53,11 @@ DESIRED_ATTITUDE = [
 ]
 STRAIGHT = [0.0, 0.0, 0.0, 1.0]
 START = [0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318]
-DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.parameters}
 NO_PROFILES = np.zeros(0, POINTS)
 
 
 def flight(rate: float = 20.0, **reference: Any) -> Scenario:
-    values = {"mode": "goal", **{name.replace("__", "."): v for name, v in reference.items()}}
+    values = {"mode": "goal", **dotted(reference)}
     return scenario(
         {
             "reference_generator": values,
@@ -138,8 +138,8 @@ def test_start_inside_a_cone_is_led_out_with_a_warning() -> None:
 
 def part_with(orders: Any, profiles: Any = NO_PROFILES) -> Part:
     """Reference at rest at START since t = 0, with orders."""
-    part = Part(COMPONENT, DEFAULTS)
-    record, *part.kept = configuration_of(DEFAULTS, Orders(orders, profiles))
+    part = Part(COMPONENT, COMPONENT.defaults)
+    record, *part.kept = configuration_of(COMPONENT.defaults, Orders(orders, profiles))
     part.hold(record)
     part.step(0, START)
     return part
@@ -170,8 +170,8 @@ def test_live_orders_act_from_their_stamp() -> None:
 
 def test_orders_before_the_begin_act_at_the_begin() -> None:
     orders = goal_order(1_000_000_000, "inertial", DESIRED_ATTITUDE)
-    part = Part(COMPONENT, DEFAULTS)
-    record, *_kept = configuration_of(DEFAULTS, Orders(orders, NO_PROFILES))
+    part = Part(COMPONENT, COMPONENT.defaults)
+    record, *_kept = configuration_of(COMPONENT.defaults, Orders(orders, NO_PROFILES))
     part.hold(record)
     # No attitude yet: nothing begins.
     assert part.step(2_000_000_000, [0.0] * 4) == (*STRAIGHT, *[0.0] * 6)

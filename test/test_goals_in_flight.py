@@ -62,7 +62,6 @@ from ppc_attitude.science.stamps import nanoseconds
 START = (0.0, 0.0, 0.0, 1.0)
 GOAL = (0.6, 0.0, 0.0, 0.8)
 NEAR = (0.0, 0.28, 0.0, 0.96)
-DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.parameters}
 REFERENCE = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
 
 
@@ -153,9 +152,11 @@ def pilot(ros_domain: int) -> Iterator[Pilot]:
 
 def flown(orders: list[Any], times: list[float], profiles: Any = ()) -> list[list[float]]:
     """What the component alone gives with the same orders."""
-    part = Part(COMPONENT, DEFAULTS)
+    part = Part(COMPONENT, COMPONENT.defaults)
     listed = np.concatenate([np.zeros(0, ORDER), *orders])
-    record, *_kept = configuration_of(DEFAULTS, Orders(listed, np.array(list(profiles), POINTS)))
+    record, *_kept = configuration_of(
+        COMPONENT.defaults, Orders(listed, np.array(list(profiles), POINTS))
+    )
     part.hold(record)
     return [list(part.step(nanoseconds(t), START)) for t in times]
 

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import case, configs
 from mpmath import iv
 
 from ppc_attitude.analysis.guarantee import nodes_around
@@ -50,7 +51,6 @@ from ppc_attitude.science.guarantee.inequalities import inequalities
 from ppc_attitude.science.guarantee.surroundings import broken_assumptions, inertia_error
 from ppc_attitude.simulation.scenario import load
 
-CONFIG = Path(__file__).parent.parent / "config"
 # Largest time that is promised from 1 deg/s [s], whatever the reference.
 SHIPPED = {
     "guaranteed": 92.0,
@@ -61,7 +61,7 @@ SHIPPED = {
 
 
 def values_of(name: str = "guaranteed") -> dict[str, Any]:
-    return dict(load([CONFIG / "paper.yaml", CONFIG / f"{name}.yaml"]).parameters[CONTROLLER])
+    return dict(case(name).parameters[CONTROLLER])
 
 
 class Intervals:
@@ -97,8 +97,7 @@ class Intervals:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_certificate_is_proved_again_and_says_no_more(name: str) -> None:
-    path = CONFIG / f"{name}.yaml"
-    stored = stored_certificate([path])
+    stored = stored_certificate(configs(name))
     assert stored is not None
     values = values_of(name)
     certificate = certify(values, stored["accuracy"])
@@ -175,11 +174,11 @@ def test_every_assumption_matters() -> None:
 def test_a_changed_number_voids_the_certificate(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shipped = CONFIG / "guaranteed.yaml"
+    (shipped,) = configs("guaranteed")
     changed = tmp_path / "changed.yaml"
     changed.write_text(shipped.read_text().replace("kappa: 15.4", "kappa: 15.5"))
     certificate_path(changed).write_text(certificate_path(shipped).read_text())
-    paper = ["check", "--config", str(CONFIG / "paper.yaml"), "--config"]
+    paper = ["check", f"--config={configs('paper')[0]}", "--config"]
     assert main([*paper, str(shipped)]) == 0
     assert "guaranteed: |q_ev,i| < 0.005 from t =" in capsys.readouterr().out
     assert main([*paper, str(changed)]) == 1
@@ -212,7 +211,7 @@ def test_what_is_no_certificate_is_refused_by_name(tmp_path: Path, text: str) ->
 
 def test_a_certificate_that_promises_too_much_is_found_out() -> None:
     values = values_of()
-    stored = json.loads(certificate_path(CONFIG / "guaranteed.yaml").read_text())
+    stored = json.loads(certificate_path(*configs("guaranteed")).read_text())
     stored["promises"][0]["time"] -= 1.0
     found = differences(stored, certify(values))
     assert len(found) == 1
@@ -233,9 +232,8 @@ def test_a_certificate_that_promises_too_much_is_found_out() -> None:
 def test_a_scenario_outside_the_assumptions_is_named(
     node: str, values: dict[str, Any], told: str
 ) -> None:
-    case = load([CONFIG / "paper.yaml", CONFIG / "guaranteed.yaml"], {node: values})
-    law = case.parameters[CONTROLLER]
-    nodes = nodes_around(case.parameters)
+    parameters = load(configs("paper", "guaranteed"), {node: values}).parameters
+    law, nodes = parameters[CONTROLLER], nodes_around(parameters)
     found = list(broken_assumptions(assumptions_of(law), law_of(law), nodes, duration=120.0))
     assert len(found) == 1
     assert told in found[0]
@@ -277,9 +275,9 @@ def test_full_inertia_and_every_error_are_designed_and_proved(
     assumed, _ = standard
     full = replace(assumed, inertia=(2.8, 0.1, -0.05, 0.1, 2.5, 0.08, -0.05, 0.08, 1.9))
     weak = replace(full, eta=0.8, e_S=0.05, e_A=1e-4, e_W=1e-5)
-    for case, gains in ((full, (1.0, 15.0, 0.2)), (weak, (0.6, 20.0, 0.5))):
-        found = designed(case, Wishes(), 0.01, *gains)
-        certificate = certify(_complete(case, found.law), rates=(1.0,))
+    for each, gains in ((full, (1.0, 15.0, 0.2)), (weak, (0.6, 20.0, 0.5))):
+        found = designed(each, Wishes(), 0.01, *gains)
+        certificate = certify(_complete(each, found.law), rates=(1.0,))
         assert certificate.holds
         assert certificate.promises[0].time < 130.0
 

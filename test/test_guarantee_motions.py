@@ -16,11 +16,11 @@
 """No motion of the error that is drawn at random passes what the certificate bounds it by."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import case
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.topics import CONTROLLER
@@ -31,15 +31,11 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumpt
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.bounds import bounds_of
 from ppc_attitude.science.guarantee.cells import FINE, Speed, cells
-from ppc_attitude.simulation.scenario import load
-
-CONFIG = Path(__file__).parent.parent / "config"
 
 
 @pytest.fixture(scope="module")
 def standard() -> tuple[Assumptions, Law]:
-    files = [CONFIG / "paper.yaml", CONFIG / "guaranteed.yaml"]
-    values = load(files).parameters[CONTROLLER]
+    values = case("guaranteed").parameters[CONTROLLER]
     return assumptions_of(values), law_of(values)
 
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import dotted
 from guidance_helpers import DEGREE, scenes
 from scipy.spatial.transform import Rotation
 
@@ -28,14 +29,13 @@ from ppc_attitude.science.references.goal import COMPONENT
 from ppc_attitude.science.stamps import nanoseconds
 from ppc_attitude.science.two_line import orbit_by_lines
 
-DEFAULTS = {parameter.name: parameter.default for parameter in COMPONENT.parameters}
 STRAIGHT = [0.0, 0.0, 0.0, 1.0]
 RADIUS, TILT = 6378137.0 + 550e3, math.radians(97.6)
 TURNING = math.sqrt(3.986004418e14 / RADIUS**3)  # [rad/s] of the default orbit
 
 
 def part_of(**values: Any) -> Part:
-    return Part(COMPONENT, {**DEFAULTS, **{k.replace("__", "."): v for k, v in values.items()}})
+    return Part(COMPONENT, {**COMPONENT.defaults, **dotted(values)})
 
 
 def said(part: Part, times: Any, attitude: Any = STRAIGHT) -> list[tuple[float, str, bool]]:

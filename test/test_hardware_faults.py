@@ -19,36 +19,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimation_helpers import ROOT, STEP_NS, Array
+from craft_helpers import case, part_of
+from estimation_helpers import STEP_NS, Array
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.actuators.ideal import PARTS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import KINDS, acting_of, fault_of, faults_of
 from ppc_attitude.science.kinds import ACTUATORS, SENSORS
-from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.replay import replay
-from ppc_attitude.simulation.scenario import Scenario, load
 
 STILL = [0.0, 0.0, 0.0, 1.0]
-
-
-def case(*overlays: str, faults: list[str], **plant: Any) -> Scenario:
-    """The paper's case with overlays and faults; dots of names as __."""
-    files = [ROOT / "config" / f"{name}.yaml" for name in ("paper", *overlays)]
-    values = {key.replace("__", "."): value for key, value in plant.items()}
-    return load(files, {PLANT: {"faults": faults, **values}})
-
-
-def part_of(kind: Any, name: str, *faults: str, **values: Any) -> Part:
-    component = kind.components[name]
-    given = {key.replace("__", "."): value for key, value in values.items()}
-    return Part(component, {**component.defaults, "rate": 100.0, "faults": [*faults], **given})
 
 
 @pytest.mark.parametrize(
@@ -102,10 +87,7 @@ def test_what_is_no_fault_of_this_craft_is_refused_by_name(
 
 def test_friction_that_is_a_little_too_fast_for_the_steps_is_told_with_its_digits() -> None:
     with pytest.raises(ConfigurationError, match=r"takes 1\.00038 times the speed"):
-        load(
-            [ROOT / "config" / f"{name}.yaml" for name in ("paper", "wheels")],
-            {PLANT: {"rate": 10.0}},
-        )
+        case("wheels", rate=10.0)
 
 
 def test_too_many_faults_are_refused() -> None:

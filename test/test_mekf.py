@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from docs_helpers import EXAMPLES
 from estimation_helpers import (
+    MOUNTING,
     ROOT,
     STEP_NS,
     Array,
@@ -43,7 +44,7 @@ from ppc_attitude.science.part import Part
 
 MOUNTINGS = {
     "smallsat_slew": [0.0, 0.573576436351046, 0.0, 0.819152044288992],
-    "cubesat_tumble": [0.33441742171096, 0.668834843421919, -0.33441742171096, 0.573576436351046],
+    "cubesat_tumble": MOUNTING,
 }
 REFUSED = {"smallsat_slew": 0, "cubesat_tumble": 7}  # the false fixes, and no other
 

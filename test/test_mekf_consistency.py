@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimation_helpers import STEP_NS, SUITES, known_now, new_memory, suite
+from estimation_helpers import MOUNTING, STEP_NS, SUITES, known_now, new_memory, suite
 
 from ppc_attitude.science.attitude import conjugate, exponential, logarithm, normalised, product
 from ppc_attitude.science.estimators.late_fixes import take_fix, take_sample
@@ -29,7 +29,6 @@ from ppc_attitude.science.sensors.gyro import gyro_record, gyro_sample, walked_b
 from ppc_attitude.science.sensors.star_tracker import is_slot, star_fix, star_tracker_record
 
 RUNS, SECONDS = 200, 100
-MOUNTING = [0.33441742171096, 0.668834843421919, -0.33441742171096, 0.573576436351046]
 
 
 @kernel

@@ -19,15 +19,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import case
 from test_goal_reference import STRAIGHT, flight, tour
-from test_layers import ROOT
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.command_line.proportions import slew_conditions
 from ppc_attitude.science.certificate import Condition
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.flight_plan import goals_told
-from ppc_attitude.simulation.scenario import load
 
 
 def needed(**reference: Any) -> dict[str, Condition]:
@@ -63,7 +62,7 @@ def test_default_limits_leave_the_law_its_margin() -> None:
 
 
 def test_shipped_mission_is_flown_and_meets_every_requirement() -> None:
-    mission = load([ROOT / "config" / name for name in ("paper.yaml", "mission.yaml")])
+    mission = case("mission")
     told = goals_told(mission)
     assert [each.time for each in told] == pytest.approx([10.0, 120.0, 330.0, 480.0])
     assert not any(each.advice.warning for each in told)

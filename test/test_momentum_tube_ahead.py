@@ -15,16 +15,16 @@
 """The momentum-tube law that is told what lies ahead goes the way round that takes less time."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import configs
 from record_helpers import inputs_of, outputs_of, state_of
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
+from test_momentum_tube import settled_after
 
-from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.controllers import momentum_tube_ahead, tube_parameters
 from ppc_attitude.science.errors import ConfigurationError
@@ -33,8 +33,7 @@ from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
-CONFIG = Path(__file__).parent.parent / "config"
-FILES = [CONFIG / "paper.yaml", CONFIG / "guaranteed_ahead.yaml"]
+FILES = configs("paper", "guaranteed_ahead")
 LEAD = 0.6
 
 
@@ -84,11 +83,6 @@ def test_a_way_is_chosen_by_how_far_the_desired_frame_comes_to_meet_it() -> None
     assert ways == {-1.0, 1.0}
 
 
-def settled(record: RunRecord) -> float:
-    error = np.abs(record["attitude_error"][:, :3]).max(axis=1)
-    return float(record.t[np.flatnonzero(error >= 5e-3)[-1]])
-
-
 def test_the_way_that_is_chosen_takes_less_time() -> None:
     """From near half a turn, against the same law that is told nothing."""
     case = load(FILES)
@@ -102,8 +96,8 @@ def test_the_way_that_is_chosen_takes_less_time() -> None:
             continue
         record = simulate(told, 100.0)
         assert (record["turn"] <= record["turn_envelope"]).all()
-        assert settled(record) < 68.0
-        gains.append(settled(simulate(untold, 100.0)) - settled(record))
+        assert settled_after(record) < 68.0
+        gains.append(settled_after(simulate(untold, 100.0)) - settled_after(record))
     assert len(gains) > 5
     assert min(gains) > -0.3, "near a tie either way will do"
     assert max(gains) > 3.0

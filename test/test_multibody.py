@@ -15,11 +15,13 @@
 """Wheels and flexible modes: the motion of a craft that has them."""
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 import truth_tables
+from craft_helpers import part_of
 from estimation_helpers import STEP_NS, Array, angles_between
 from scipy.spatial.transform import Rotation
 
@@ -35,10 +37,7 @@ def values_after(line: str, *names: str) -> list[float]:
     return [float(line.split(f"{name} ", 1)[1].split(maxsplit=1)[0].rstrip(";")) for name in names]
 
 
-def plant_of(name: str, **values: Any) -> Part:
-    component = PLANTS.components[name]
-    given = {key.replace("__", "."): value for key, value in values.items()}
-    return Part(component, {**component.defaults, "rate": 100.0, **given})
+plant_of = partial(part_of, PLANTS)
 
 
 def padded(torques: Array) -> Array:

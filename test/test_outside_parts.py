@@ -22,9 +22,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from craft_helpers import CONFIG
 from process_helpers import PATIENCE
 
-ROOT = Path(__file__).parent.parent
 OUTSIDE = Path(__file__).parent / "outside"
 POINTS = """[ppc_attitude.plants]
 ringed = outside_parts:PLANT
@@ -37,7 +37,7 @@ turn = outside_parts:REFERENCE
 [ppc_attitude.controllers]
 share = outside_parts:LAW
 """
-CONFIGS = ["--config", str(ROOT / "config/paper.yaml"), "--config", str(OUTSIDE / "outside.yaml")]
+CONFIGS = ["--config", str(CONFIG / "paper.yaml"), "--config", str(OUTSIDE / "outside.yaml")]
 OWN = {"ring_momentum", "rounded_attitude", "rounded_rate", "rate_change", "torque_use"}
 Run = Callable[..., subprocess.CompletedProcess[str]]
 

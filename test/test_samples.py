@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from estimation_helpers import ROOT
+from craft_helpers import case
 from numba.core.runtime import _nrt_python, rtsys
 
 from ppc_attitude.science.kernel import kernel
@@ -32,7 +32,7 @@ from ppc_attitude.simulation.closed_loop import (
     timetable_of,
 )
 from ppc_attitude.simulation.diagram import recorded_columns
-from ppc_attitude.simulation.scenario import load, scenario
+from ppc_attitude.simulation.scenario import scenario
 
 STEPS = 12_000
 
@@ -93,7 +93,7 @@ CASES = {
         for law in CONTROLLERS.components
     },
     **{
-        names[-1]: load([ROOT / "config" / f"{name}.yaml" for name in ("paper", *names)])
+        names[-1]: case(*names)
         for names in (
             ("sensors_cubesat",),
             ("orbit",),
@@ -101,10 +101,7 @@ CASES = {
             ("thrusters",),
         )
     },
-    "wheels that fail": load(
-        [ROOT / "config" / "paper.yaml", ROOT / "config" / "wheels.yaml"],
-        {"spacecraft_plant": {"faults": ["wheel/1 seized from 2", "wheel/0 drag 3"]}},
-    ),
+    "wheels that fail": case("wheels", faults=["wheel/1 seized from 2", "wheel/0 drag 3"]),
 }
 
 

@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import case, configs
 from docs_helpers import EXAMPLES
-from estimation_helpers import ROOT, Array, suite
+from estimation_helpers import Array, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
@@ -29,17 +30,10 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import simulate, stamps_of
 from ppc_attitude.simulation.diagram import selected
-from ppc_attitude.simulation.scenario import Scenario, load
+from ppc_attitude.simulation.scenario import load
 
 ARCSEC = math.radians(1.0 / 3600.0)
 PLANT, CONTROLLER = "spacecraft_plant", "ppc_controller"
-
-
-def scenario(name: str, *overlays: str, **plant: Any) -> Scenario:
-    """Return the paper's case with a suite; plant parameters by name, dots as __."""
-    files = ["paper", f"sensors_{name}", *overlays]
-    given = {key.replace("__", "."): value for key, value in plant.items()}
-    return load([ROOT / "config" / f"{file}.yaml" for file in files], {PLANT: given})
 
 
 def true_error(record: RunRecord) -> Array:
@@ -60,7 +54,7 @@ def knowledge_error(record: RunRecord, rows: Any) -> Array:
 @pytest.mark.parametrize(("rate", "overlay"), [(50.0, "cubesat"), (1000.0, "smallsat")])
 def test_parts_stepped_one_by_one_give_the_loops_bits(rate: float, overlay: str) -> None:
     """As the nodes step them, and a repeated instant changes nothing."""
-    given = scenario(overlay, rate=rate)
+    given = case(f"sensors_{overlay}", rate=rate)
     stamps = stamps_of(rate, 2.0)
     expected = simulate(given, 2.0)
     values: dict[str, Any] = {}
@@ -91,7 +85,7 @@ def test_parts_stepped_one_by_one_give_the_loops_bits(rate: float, overlay: str)
 
 
 def test_the_record_has_what_was_measured_and_the_truth() -> None:
-    record = simulate(scenario("cubesat"), 3.0)
+    record = simulate(case("sensors_cubesat"), 3.0)
     columns = record.columns
     # A fix stands at the instant of its validity; what has not arrived is not on record.
     slots = np.arange(0, 281, 20)
@@ -109,9 +103,8 @@ def test_the_record_has_what_was_measured_and_the_truth() -> None:
 
 
 def test_no_torque_until_the_first_estimate() -> None:
-    files = [ROOT / "config" / f"{file}.yaml" for file in ("paper", "sensors_smallsat")]
     late = {node: {"initial_fix": False} for node in (PLANT, "attitude_estimator")}
-    record = simulate(load(files, late), 0.5)
+    record = simulate(load(configs("paper", "sensors_smallsat"), late), 0.5)
     columns = record.columns
     assert not columns["attitude"][:10].any()
     assert not columns["torque_command"][:10].any()
@@ -131,12 +124,12 @@ def test_no_torque_until_the_first_estimate() -> None:
 )
 def test_what_does_not_fit_is_named(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
-        simulate(scenario("smallsat", **given), 0.1)
+        simulate(case("sensors_smallsat", **given), 0.1)
 
 
 def test_who_is_told_by_sensors_needs_an_estimator() -> None:
     with pytest.raises(ConfigurationError, match=r"reads attitude, which no selected"):
-        simulate(load([ROOT / "config" / "paper.yaml"], {PLANT: {"sensors": True}}), 0.1)
+        simulate(case(sensors=True), 0.1)
 
 
 # Suite: worst true terminal error, and its median over many seeds.
@@ -204,10 +197,8 @@ def test_a_minute_without_fixes_is_survived(name: str) -> None:
     """The gap's own random walk: 3σ of the filter hold it, whatever the seed."""
     knowledge, terminal = AFTER_GAP[name]
     assert sigma_after_a_minute(name) == pytest.approx(knowledge, rel=1e-3)
-    given = scenario(
-        name, star_tracker__blinding_times=[50.0], star_tracker__blinding_durations=[60.0]
-    )
-    record = simulate(given, 110.0)
+    gap = {"star_tracker__blinding_times": [50.0], "star_tracker__blinding_durations": [60.0]}
+    record = simulate(case(f"sensors_{name}", **gap), 110.0)
     columns = record.columns
     fixes = columns["star_fix"][:, 4]
     slots = np.flatnonzero(np.isfinite(fixes))
@@ -224,8 +215,8 @@ def test_a_minute_without_fixes_is_survived(name: str) -> None:
 
 
 def test_a_tracker_that_stops_in_the_slew_costs_nothing_visible() -> None:
-    free = simulate(scenario("smallsat"), 120.0)
-    given = scenario("smallsat", star_tracker__max_rate=math.radians(1.0))
+    free = simulate(case("sensors_smallsat"), 120.0)
+    given = case("sensors_smallsat", star_tracker__max_rate=math.radians(1.0))
     record = simulate(given, 120.0)
     assert (record.columns["star_fix"][:, 4] == -1.0).sum() > 50
     assert true_error(record)[10_000:].max() < 1.1 * true_error(free)[10_000:].max()

@@ -17,11 +17,11 @@
 from pathlib import Path
 
 import pytest
+from craft_helpers import CONFIG, ROOT
 
 from ppc_attitude.command_line.shipped import shipped_config
 from ppc_attitude.science.errors import ConfigurationError
 
-ROOT = Path(__file__).parents[1]
 LAYOUTS = {
     "sources": ("ppc_attitude", "config"),
     "pip": ("lib/python3.12/site-packages/ppc_attitude", "share/ppc_attitude/config"),
@@ -33,7 +33,7 @@ LAYOUTS = {
 
 
 def test_the_sources_have_what_they_ship() -> None:
-    assert shipped_config("campaign.yaml") == ROOT / "config" / "campaign.yaml"
+    assert shipped_config("campaign.yaml") == CONFIG / "campaign.yaml"
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -52,4 +52,4 @@ def test_a_linked_package_leads_to_its_sources(tmp_path: Path) -> None:
     link = tmp_path / "build" / "ppc_attitude"
     link.parent.mkdir()
     link.symlink_to(ROOT / "ppc_attitude")
-    assert shipped_config("campaign.yaml", link) == ROOT / "config" / "campaign.yaml"
+    assert shipped_config("campaign.yaml", link) == CONFIG / "campaign.yaml"

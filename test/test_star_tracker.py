@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimation_helpers import Array, suite
+from estimation_helpers import MOUNTING, Array, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -29,7 +29,6 @@ from ppc_attitude.science.sensors.star_tracker import (
     star_tracker_record,
 )
 
-MOUNTING = [0.33441742171096, 0.668834843421919, -0.33441742171096, 0.573576436351046]
 ATTITUDE = Rotation.from_quat([0.1554, 0.4271, 0.4792, 0.7509])
 REST = (0.0, 0.0, 0.0)
 

@@ -15,22 +15,18 @@
 """Thrusters: which fires how long, against linear programming, and what the pulses do."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import truth_tables
-from bag_helpers import assert_same
-from conftest import StartProcess
-from estimation_helpers import ROOT, STEP_NS, Array, angles_between
-from process_helpers import PAPER, Run
+from craft_helpers import case
+from estimation_helpers import STEP_NS, Array, angles_between
 from scipy.optimize import linprog
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER as PAPER_REQUIREMENTS
-from ppc_attitude.bags.reader import read_run
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.part import Part
@@ -43,11 +39,8 @@ from ppc_attitude.science.thrusters import (
     thrust,
 )
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.replay import replay
-from ppc_attitude.simulation.scenario import load
 
 THRUSTERS = ACTUATORS.components["thrusters"]
-OVERLAY = ROOT / "config" / "thrusters.yaml"
 G0 = 9.80665
 
 
@@ -249,7 +242,7 @@ def test_less_fuel_than_was_used_gives_nothing_and_more_gives_torque_again() -> 
 
 def test_a_specific_impulse_so_small_that_the_flow_is_no_number_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"impulse = 5e-324 s; allowed: finite, ≥ 1"):
-        load([PAPER, OVERLAY], {"spacecraft_plant": {"thrusters.specific_impulse": 5e-324}})
+        case("thrusters", thrusters__specific_impulse=5e-324)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -311,7 +304,7 @@ def test_thrusters_are_refused_if_some_torque_cannot_be_had(seed: int) -> None:
 
 
 def test_each_of_sixteen_thrusters_is_drawn() -> None:
-    flight = simulate(load([PAPER, OVERLAY]), 0.1)
+    flight = simulate(case("thrusters"), 0.1)
     on_times = np.random.default_rng(1).uniform(size=(11, 16))
     all_on = replace(flight, columns={**flight.columns, "thruster_on_time": on_times})
     (axes,) = column_figure(Measured(all_on, PAPER_REQUIREMENTS), "thruster_on_time").axes
@@ -319,22 +312,3 @@ def test_each_of_sixteen_thrusters_is_drawn() -> None:
     drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
     for k in range(16):
         assert np.array_equal(drawn[f"thruster {k}"], on_times[:, k])
-
-
-@pytest.mark.ros
-def test_nodes_with_thrusters_give_the_bits_of_the_loop(
-    tmp_path: Path, start_process: StartProcess
-) -> None:
-    scarce = tmp_path / "scarce.yaml"
-    scarce.write_text("/**/spacecraft_plant: {ros__parameters: {thrusters: {fuel: 5.0e-5}}}\n")
-    options = ("--config", str(OVERLAY), "--config", str(scarce))
-    run = Run(start_process, tmp_path / "bag", "--duration", "1", *options)
-    assert run.ends() == 0, run.err
-    assert "[ERROR]" in run.err
-    assert run.err.count("the fuel is used up") == 1
-    flight, expected = read_run(run.bag), simulate(load([PAPER, OVERLAY, scarce]), 1.0)
-    assert not flight.missing_messages
-    assert_same(flight, expected)
-    assert flight["thruster_on_time"].any()
-    again = replay(flight)
-    assert {each.largest for each in (again.law, *again.others)} == {0.0}

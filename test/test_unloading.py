@@ -14,21 +14,17 @@
 
 """Magnetorquers that unload wheels: the law, the field, and what becomes of the momentum."""
 
-import math
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import truth_tables
-from bag_helpers import assert_same
-from conftest import StartProcess
-from estimation_helpers import ROOT, STEP_NS, Array
-from process_helpers import PAPER, Run
+from craft_helpers import configs
+from estimation_helpers import STEP_NS, Array
+from guidance_helpers import mean_anomaly
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.errors import ConfigurationError
@@ -39,10 +35,9 @@ from ppc_attitude.science.orbit_elements import orbit_record
 from ppc_attitude.science.orbit_field import ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load
 
-OVERLAYS = [ROOT / "config" / f"{name}.yaml" for name in ("wheels", "orbit", "unloading")]
+FILES = configs("paper", "wheels", "orbit", "unloading")
 RODS = ACTUATORS.components["wheels_rods"]
 AXES = np.reshape(RODS.defaults["wheels.axes"], (4, 3))
 FIELD = (1.2e-5, -2.5e-5, 3.1e-5)  # [T]
@@ -67,10 +62,8 @@ def truth_field() -> tuple[Any, list[float]]:
     notes = " ".join(truth_tables.notes("unloading"))
     elements = notes.split("orbit (")[1].split(")")[0].split(",")
     (a, e), angles = map(float, elements[:2]), np.deg2rad(np.array(elements[2:], np.float64))
-    half = math.sqrt((1.0 - e) / (1.0 + e)) * math.tan(angles[3] / 2.0)  # the last is the true one
-    eccentric = 2.0 * math.atan(half)
     field = np.zeros((), ORBIT_FIELD)[()]
-    field["orbit"] = orbit_record(a, e, *angles[:3], eccentric - e * math.sin(eccentric))
+    field["orbit"] = orbit_record(a, e, *angles[:3], mean_anomaly(e, angles[3]))
     field["earth_angle"] = 1.0
     harmonics = field["harmonics"]
     harmonics["degree"] = 1
@@ -213,7 +206,7 @@ def test_the_field_takes_momentum_and_nothing_else_does() -> None:
 )
 def test_what_does_not_go_with_rods_is_refused(chosen: dict[str, Any], reason: str) -> None:
     with pytest.raises(ConfigurationError, match=reason):
-        load([PAPER, *OVERLAYS], {PLANT: chosen})
+        load(FILES, {PLANT: chosen})
 
 
 def test_the_torque_limit_has_room_for_the_rods() -> None:
@@ -225,31 +218,11 @@ def test_the_torque_limit_has_room_for_the_rods() -> None:
         assert certain - torque > with_rods[0]
 
 
-@pytest.mark.ros
-def test_nodes_with_rods_give_the_bits_of_the_loop(
-    tmp_path: Path, start_process: StartProcess
-) -> None:
-    spun = tmp_path / "spun.yaml"
-    spun.write_text(
-        "/**/spacecraft_plant: {ros__parameters: {wheels: {initial_speed: [300, 0, 0, 0]}, "
-        "magnetorquers: {period: 0.5, magnetometer_noise: 1.0e-7}}}\n"
-    )
-    options = [each for path in (*OVERLAYS, spun) for each in ("--config", str(path))]
-    run = Run(start_process, tmp_path / "bag", "--duration", "1", *options)
-    assert run.ends() == 0, run.err
-    flight, expected = read_run(run.bag), simulate(load([PAPER, *OVERLAYS, spun]), 1.0)
-    assert not flight.missing_messages
-    assert_same(flight, expected)
-    assert len(np.unique(flight["magnetorquer_dipole"], axis=0)) == 3
-    again = replay(flight)
-    assert {each.largest for each in (again.law, *again.others)} == {0.0}
-
-
 @pytest.mark.long
 def test_magnetorquers_empty_the_wheels_of_a_craft_that_holds_its_attitude() -> None:
     given = {PLANT: {"wheels.initial_speed": [500.0, 200.0, -100.0, 100.0]}}
     still = {REFERENCE: {"amplitude": [0.0, 0.0, 0.0]}}
-    flight = simulate(load([PAPER, *OVERLAYS], {**given, **still}), 7200.0)
+    flight = simulate(load(FILES, {**given, **still}), 7200.0)
     momenta = np.linalg.norm(8e-4 * flight["wheel_speed"][:, :4] @ AXES, axis=1)
     assert momenta[0] > 0.4
     assert momenta[-100:].max() < 0.02

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import case, part_of
 from estimation_helpers import STEP_NS, Array
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
-from test_hardware_faults import case, part_of
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.contract.run_record import RunRecord

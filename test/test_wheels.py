@@ -15,15 +15,17 @@
 """The drive of the wheels, and the laws with it."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from bag_helpers import assert_same
+from bag_helpers import assert_flown
 from conftest import StartProcess
-from estimation_helpers import ROOT, STEP_NS, Array
+from craft_helpers import case, configs, part_of
+from estimation_helpers import STEP_NS, Array
 from peer import peer
 from process_helpers import PAPER, Run
 from test_live_nodes import set_parameter
@@ -39,28 +41,20 @@ from ppc_attitude.science import wheels
 from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS
-from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import check_components, load, weakened
 
-CONFIG = ROOT / "config"
-
-
-def actuator_of(**values: Any) -> Part:
-    component = ACTUATORS.components["wheels"]
-    given = {key.replace("__", "."): value for key, value in values.items()}
-    return Part(component, {**component.defaults, "rate": 100.0, **given})
+drive = partial(part_of, ACTUATORS, "wheels")
 
 
 def test_the_drive_takes_friction_and_gyroscopic_torque_away() -> None:
     speeds, omega = wheel_speeds(100.0, -50.0, 0.03, 300.0), [0.02, -0.05, 0.03]
     command = [0.03, -0.02, 0.01]
-    exact = actuator_of()
+    exact = drive()
     given = np.array(exact.step(0, [*command, *omega, *speeds]))
     assert given[:3] == pytest.approx(command, abs=1e-16)
     # Without compensation the command lacks what friction and the wheels' momentum take.
-    plain = actuator_of(wheels__friction_knowledge=0.0, wheels__gyroscopic_compensation=False)
+    plain = drive(wheels__friction_knowledge=0.0, wheels__gyroscopic_compensation=False)
     axes = np.reshape(wheels.AXES.default, (4, 3))
     momentum = 8e-4 * axes.T @ speeds[:4]
     lost = axes.T @ frictions(speeds) - np.cross(omega, momentum)
@@ -81,7 +75,7 @@ def frictions(speeds: Array) -> Array:
 
 @pytest.mark.parametrize("overload", ["scale", "clip"])
 def test_too_much_torque_is_scaled_or_clipped(overload: str) -> None:
-    part = actuator_of(wheels__overload=overload, wheels__null_gain=0.0)
+    part = drive(wheels__overload=overload, wheels__null_gain=0.0)
     command = np.array([0.2, 0.01, -0.05])
     given = np.array(part.step(0, [*command, 0.0, 0.0, 0.0, *[0.0] * 8]))
     assert np.abs(given[3:]).max() == pytest.approx(0.05, rel=1e-12)
@@ -90,7 +84,7 @@ def test_too_much_torque_is_scaled_or_clipped(overload: str) -> None:
 
 
 def test_a_wheel_stops_at_its_largest_speed_and_the_drive_says_so() -> None:
-    part = actuator_of(wheels__axes=np.eye(3).ravel().tolist())
+    part = drive(wheels__axes=np.eye(3).ravel().tolist())
     assert not part.advice.warning
     part.step(0, [0.03, 0.0, 0.0, 0.0, 0.0, 0.0, *wheel_speeds(-628.2999)])
     assert part.advice.warning
@@ -103,7 +97,7 @@ def test_a_wheel_stops_at_its_largest_speed_and_the_drive_says_so() -> None:
 
 
 def test_what_is_clipped_leaves_the_other_axes_alone() -> None:
-    part = actuator_of(wheels__axes=np.eye(3).ravel().tolist(), wheels__overload="clip")
+    part = drive(wheels__axes=np.eye(3).ravel().tolist(), wheels__overload="clip")
     full = wheel_speeds(-628.3)
     given = np.array(part.step(0, [0.03, 0.02, -0.01, 0.0, 0.0, 0.0, *full]))
     assert given[:3] == pytest.approx([0.0, 0.02, -0.01], abs=1e-9)
@@ -112,7 +106,7 @@ def test_what_is_clipped_leaves_the_other_axes_alone() -> None:
 @pytest.mark.parametrize("knowledge", [1.05, 1.5, 2.0])
 def test_a_drive_that_believes_in_too_much_friction_keeps_the_limits(knowledge: float) -> None:
     given: dict[str, Any] = {"wheels__friction_knowledge": knowledge, "wheels__max_torque": [0.003]}
-    part, speeds = actuator_of(wheels__axes=np.eye(3).ravel().tolist(), **given), np.zeros(8)
+    part, speeds = drive(wheels__axes=np.eye(3).ravel().tolist(), **given), np.zeros(8)
     speeds[0] = 620.0
     for k in range(3000):
         motors = np.array(part.step(k * STEP_NS, [-0.05] + [0.0] * 5 + [*speeds]))[3:]
@@ -122,7 +116,7 @@ def test_a_drive_that_believes_in_too_much_friction_keeps_the_limits(knowledge: 
 
 
 def test_four_wheels_go_to_their_null_speed_without_a_torque() -> None:
-    part, speeds = actuator_of(), np.zeros(8)
+    part, speeds = drive(), np.zeros(8)
     for k in range(60_000):
         given = np.array(part.step(k * STEP_NS, [0.0] * 6 + [*speeds]))
         assert np.abs(given[:3]).max() < 1e-15
@@ -148,11 +142,11 @@ def test_nodes_with_wheels_modes_sensors_and_faults_give_the_bits_of_the_loop(
         "wheels.detection_delay": 0.3,
     }
     overlays = [
-        *(CONFIG / f"{name}.yaml" for name in ("flexible", "wheels", "sensors_smallsat")),
+        *configs("flexible", "wheels", "sensors_smallsat"),
         tmp_path / "failing.yaml",
     ]
     overlays[-1].write_text(yaml.safe_dump({f"/**/{PLANT}": {"ros__parameters": given}}))
-    options = [each for path in overlays for each in ("--config", str(path))]
+    options = [f"--config={path}" for path in overlays]
     run = Run(start_process, tmp_path / "bag", "--duration", "6", *options)
     with peer() as stack:
         run.reaches(0.1)
@@ -167,11 +161,8 @@ def test_nodes_with_wheels_modes_sensors_and_faults_give_the_bits_of_the_loop(
     ((since, *change),) = record.changes
     assert change == [PLANT, "faults", changed]
     at_once = [*schedule, f"wheel/3 stuck 0.01 from {since / 1e9!r}"]
-    case = load([PAPER, *overlays]).with_values(PLANT, faults=at_once)
-    assert not record.missing_messages
-    assert_same(record, simulate(case, 6.0))
-    again = replay(record)
-    assert {each.largest for each in (again.law, *again.others)} == {0.0}
+    craft = load([PAPER, *overlays]).with_values(PLANT, faults=at_once)
+    assert_flown(record, simulate(craft, 6.0))
     assert set(analyse(record).faults) == {
         "gyro bias 1e-4 0 0, 0 to 6 s",
         "wheel/1 effectiveness 0, 0.1 to 6 s",
@@ -181,15 +172,13 @@ def test_nodes_with_wheels_modes_sensors_and_faults_give_the_bits_of_the_loop(
     }
 
 
-def flown(*overlays: str, **changed: Any) -> RunRecord:
-    case = load([CONFIG / f"{name}.yaml" for name in ("paper", *overlays)])
-    for node, given in changed.items():
-        case = case.with_values(node, **given)
-    return simulate(case, case.number(PLANT, "duration"))
+def flown(**plant: Any) -> RunRecord:
+    craft = case("wheels", **plant)
+    return simulate(craft, craft.number(PLANT, "duration"))
 
 
 def test_the_papers_case_with_wheels_is_as_with_an_ideal_actuator() -> None:
-    verdict = analyse(flown("wheels"))
+    verdict = analyse(flown())
     assert all(each.met for each in verdict.requirements)
     rows = {each.key: each for each in verdict.requirements}
     assert rows["settling_time"].value == pytest.approx(48.9)
@@ -198,22 +187,23 @@ def test_the_papers_case_with_wheels_is_as_with_an_ideal_actuator() -> None:
 
 def test_what_friction_does_to_a_drive_that_does_not_know_it() -> None:
     """An independent study found 7.4 s outside ρ_ω and a terminal error of 1.7e-4."""
-    given = {"wheels.friction_knowledge": 0.0, "wheels.null_speed": 0.0, "wheels.null_gain": 0.0}
-    verdict = analyse(flown("wheels", spacecraft_plant=given))
+    verdict = analyse(
+        flown(wheels__friction_knowledge=0.0, wheels__null_speed=0.0, wheels__null_gain=0.0)
+    )
     rows = {each.key: each for each in verdict.requirements}
     assert rows["outside_rate_envelope"].value == pytest.approx(7.4, abs=2.0)
     assert rows["terminal_error"].value == pytest.approx(1.7e-4, abs=0.3e-4)
 
 
 def test_a_craft_whose_wheels_are_full_does_not_pass() -> None:
-    verdict = analyse(flown("wheels", spacecraft_plant={"duration": 300.0}))
+    verdict = analyse(flown(duration=300.0))
     rows = {each.key: each for each in verdict.requirements}
     assert rows["wheel_speed"].met is False
     assert rows["wheel_speed"].value == pytest.approx(1.0, abs=1e-3)
 
 
 def test_each_wheel_that_turned_is_drawn() -> None:
-    record = flown("wheels", spacecraft_plant={"duration": 2.0})
+    record = flown(duration=2.0)
     for column, label in (("wheel_speed", "[rad/s]"), ("wheel_torque", "[N·m]")):
         (axes,) = column_figure(Measured(record, PAPER_REQUIREMENTS), column).axes
         drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
@@ -237,7 +227,7 @@ def test_wheels_without_a_drive_and_a_drive_without_wheels_are_refused(
     chosen: dict[str, Any], reason: str
 ) -> None:
     """Also by the node alone, which would listen to a topic of its own."""
-    plant = {**load([PAPER]).parameters[PLANT], **chosen}
+    plant = {**case().parameters[PLANT], **chosen}
     with pytest.raises(ConfigurationError, match=reason):
         check_components(PLANT, plant)
 

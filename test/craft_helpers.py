@@ -1,0 +1,47 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The craft that are shipped, by the names of their files, and parts of a craft by themselves."""
+
+from pathlib import Path
+from typing import Any
+
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.part import Part
+from ppc_attitude.simulation.scenario import Scenario, load
+
+ROOT = Path(__file__).parents[1]
+CONFIG = ROOT / "config"
+
+
+def configs(*names: str) -> list[Path]:
+    """Configuration files by their names."""
+    return [CONFIG / f"{name}.yaml" for name in names]
+
+
+def dotted(values: dict[str, Any]) -> dict[str, Any]:
+    """Parameters whose names have __ for dots."""
+    return {name.replace("__", "."): value for name, value in values.items()}
+
+
+def case(*overlays: str, **plant: Any) -> Scenario:
+    """The paper's case with overlays, and parameters of the plant (`dotted`)."""
+    return load(configs("paper", *overlays), {PLANT: dotted(plant)})
+
+
+def part_of(kind: Any, name: str, *faults: str, **values: Any) -> Part:
+    """A component as it is run at 100 Hz, with faults and parameters (`dotted`)."""
+    component = kind.components[name]
+    given = {**component.defaults, "rate": 100.0, "faults": [*faults], **dotted(values)}
+    return Part(component, given)
