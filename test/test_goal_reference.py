@@ -99,11 +99,6 @@ def test_signs_of_the_quaternion_are_continuous() -> None:
     assert (np.sum(q[1:] * q[:-1], axis=1) > 0.9).all()
 
 
-def test_two_runs_give_the_same_bits() -> None:
-    first, second = (simulate(tour(), 60.0).columns["torque_command"] for _ in range(2))
-    assert np.array_equal(first, second)
-
-
 def test_what_becomes_of_the_goals_is_told() -> None:
     told = goals_told(
         flight(
@@ -235,12 +230,6 @@ def test_orders_before_the_begin_act_at_the_begin() -> None:
 def test_bad_parameters_are_refused(values: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         flight(**values)
-
-
-@pytest.mark.parametrize("frame", ["moon", ""])
-def test_unknown_frame_is_refused(frame: str) -> None:
-    with pytest.raises(ConfigurationError, match="allowed: inertial, nadir, ground, sun, spin"):
-        goal_order(0, frame, STRAIGHT)
 
 
 def test_torque_of_a_slew_is_the_largest_of_all_axes() -> None:
