@@ -152,6 +152,17 @@ class Peer:
 
 
 @contextmanager
+def node_apart(name: str) -> Iterator[Node]:
+    """Give a node of another context than that of nodes and commands in this process."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context)
+    node = Node(name, context=context)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
+
+
+@contextmanager
 def peer(*publishes: Topic) -> Iterator[Peer]:
     """Give a peer in this test's domain."""
     rclpy.init(args=[])

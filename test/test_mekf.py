@@ -200,44 +200,40 @@ def test_fixes_that_disagree_are_never_believed() -> None:
     assert angles_between(rows[-1, :4], truth[-1]) < 1e-3
 
 
-def test_a_fix_of_no_remembered_step_is_counted_and_changes_nothing() -> None:
+def begun(steps: int, at: int = 0, valid: int = 0) -> tuple[Any, Array, Any]:
+    """Settings, truth and memory after so many steps, at one of which the first fix came."""
     settings, rates, truth, *_ = noisy("smallsat", 12.0, 3)
     memory = new_memory()
-    for k, rate in enumerate(rates.tolist()):
+    for k, rate in enumerate(rates[:steps].tolist()):
         take_sample(memory, settings, k * STEP_NS, tuple(rate))
-        if k == 0:
-            take_fix(memory, settings, 0, tuple(truth[0]))
-    before = known_now(memory)
-    last = len(rates) - 1
-    for stamp in (0, last * STEP_NS + 1, (last + 1) * STEP_NS):
-        _, told = take_fix(memory, settings, stamp, tuple(truth[0]))
-        assert not told
-    assert memory["unmatched"] == 3
-    assert known_now(memory) == before
+        if k == at:
+            take_fix(memory, settings, valid * STEP_NS, tuple(truth[valid]))
+    return settings, truth, memory
 
 
-def test_a_fix_after_a_newer_one_and_a_repeated_one_are_counted_and_change_nothing() -> None:
-    settings, rates, truth, *_ = noisy("smallsat", 2.0, 3)
-    memory = new_memory()
-    for k, rate in enumerate(rates[:100].tolist()):
-        take_sample(memory, settings, k * STEP_NS, tuple(rate))
-        if k == 90:  # the filter begins here: nothing is known of the steps before
-            take_fix(memory, settings, 80 * STEP_NS, tuple(truth[80]))
+@pytest.mark.parametrize(
+    ("steps", "at", "valid", "stamps"),
+    [
+        # Of no step that is remembered: forgotten, between two, to come.
+        (1201, 0, 0, (0, 1200 * STEP_NS + 1, 1201 * STEP_NS)),
+        # Of steps before the first that the filter knows of, and the first fix once more.
+        (100, 90, 80, (0, 79 * STEP_NS, 80 * STEP_NS)),
+    ],
+)
+def test_a_fix_of_no_step_that_waits_for_one_is_counted_and_changes_nothing(
+    steps: int, at: int, valid: int, stamps: tuple[int, ...]
+) -> None:
+    settings, truth, memory = begun(steps, at, valid)
     before = known_now(memory)
-    for step in (0, 79, 80):
-        _, told = take_fix(memory, settings, step * STEP_NS, tuple(truth[step]))
+    for stamp in stamps:
+        _, told = take_fix(memory, settings, stamp, tuple(truth[stamp // STEP_NS % 1201]))
         assert not told
     assert (memory["unmatched"], memory["accepted"]) == (3, 1)
     assert known_now(memory) == before
 
 
 def test_a_refused_fix_that_comes_again_does_not_agree_with_itself() -> None:
-    settings, rates, truth, *_ = noisy("smallsat", 2.0, 3)
-    memory = new_memory()
-    for k, rate in enumerate(rates[:100].tolist()):
-        take_sample(memory, settings, k * STEP_NS, tuple(rate))
-        if k == 0:
-            take_fix(memory, settings, 0, tuple(truth[0]))
+    settings, truth, memory = begun(100)
     before = known_now(memory)
     false = Rotation.from_quat(truth[50]) * Rotation.from_rotvec([1.0, 0.0, 0.0])
     for _ in range(12):

@@ -22,6 +22,7 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from peer import node_apart
 from process_helpers import PATIENCE, node_here, serving
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import (
@@ -178,12 +179,8 @@ def assert_described(asker: Node, full_name: str) -> None:
 
 @pytest.fixture
 def asker() -> Iterator[Node]:
-    context = rclpy.Context()  # that of this process is for the nodes
-    rclpy.init(args=[], context=context)
-    node = Node("asker", context=context)
-    yield node
-    node.destroy_node()
-    context.try_shutdown()
+    with node_apart("asker") as node:
+        yield node
 
 
 @pytest.mark.ros

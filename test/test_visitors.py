@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 import rclpy
 from conftest import StartProcess
+from peer import node_apart
 from process_helpers import LOOP, PATIENCE, Node, Run, pace, until
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -57,13 +58,9 @@ Shown = pytest.CaptureFixture[str]
 
 @pytest.fixture
 def stranger(ros_domain: int) -> Iterator[rclpy.node.Node]:
-    """A node that is none of a run's, beside those of the commands that run in this process."""
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context)
-    node = rclpy.create_node("stranger", context=context)
-    yield node
-    node.destroy_node()
-    context.try_shutdown()
+    """A node that is none of a run's."""
+    with node_apart("stranger") as node:
+        yield node
 
 
 @pytest.mark.parametrize("mode", ["lock-step", pytest.param("--realtime", marks=long)])
