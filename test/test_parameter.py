@@ -64,44 +64,22 @@ def test_allowed_values_come_back_in_the_parameters_type(
         assert [type(x) for x in found] == [type(x) for x in expected]
 
 
+REFUSED: list[tuple[Parameter, list[Any]]] = [
+    (GAIN, [0.0, -1.0, 10.1, math.nan, math.inf, True, "1.0", None, [1.0]]),
+    (STEPS, [2.5, 6, -1, True, math.inf]),
+    (ON, [1, "true"]),
+    (LAW, ["c", 1]),
+    (PLACE, [3, ["a"]]),
+    (AXIS, [1.0, "xyz", {"x": 1.0}, [1.0, 0.0], [1.0, 0.0, 0.0, 0.0], []]),
+    (AXIS, [[1.0, 0.0, each] for each in (math.nan, False, 1.5, "0")]),
+    (TIMES, [[-1.0]]),
+    (TORQUES, [[1.0, 2.0]]),
+    (LAWS, [["c"], "a"]),
+]
+
+
 @pytest.mark.parametrize(
-    ("parameter", "value"),
-    [
-        (GAIN, 0.0),
-        (GAIN, -1.0),
-        (GAIN, 10.1),
-        (GAIN, math.nan),
-        (GAIN, math.inf),
-        (GAIN, True),
-        (GAIN, "1.0"),
-        (GAIN, None),
-        (GAIN, [1.0]),
-        (STEPS, 2.5),
-        (STEPS, 6),
-        (STEPS, -1),
-        (STEPS, True),
-        (STEPS, math.inf),
-        (ON, 1),
-        (ON, "true"),
-        (LAW, "c"),
-        (LAW, 1),
-        (PLACE, 3),
-        (PLACE, ["a"]),
-        (AXIS, 1.0),
-        (AXIS, "xyz"),
-        (AXIS, {"x": 1.0}),
-        (AXIS, [1.0, 0.0]),
-        (AXIS, [1.0, 0.0, 0.0, 0.0]),
-        (AXIS, []),
-        (AXIS, [1.0, 0.0, math.nan]),
-        (AXIS, [1.0, 0.0, False]),
-        (AXIS, [1.0, 0.0, 1.5]),
-        (AXIS, [1.0, 0.0, "0"]),
-        (TIMES, [-1.0]),
-        (TORQUES, [1.0, 2.0]),
-        (LAWS, ["c"]),
-        (LAWS, "a"),
-    ],
+    ("parameter", "value"), [(parameter, each) for parameter, values in REFUSED for each in values]
 )
 def test_refusal_names_parameter_value_and_what_is_allowed(
     parameter: Parameter, value: Any
