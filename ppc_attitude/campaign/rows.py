@@ -34,6 +34,7 @@ from ppc_attitude.simulation.closed_loop import Loop, simulate, stamps_of
 
 Row: TypeAlias = dict[str, Any]
 
+_TYPES: dict[str, type] = {"noise_seed": int, "fault": str}
 METRICS = tuple(each.name for each in fields(Metrics) if each.type == float | None)
 
 
@@ -47,10 +48,7 @@ def columns_of(campaign: Campaign) -> dict[str, type]:
     """
     return {
         "index": int,
-        **{
-            name: int if name == "noise_seed" else float
-            for name in drawn_columns(campaign.variables)
-        },
+        **{name: _TYPES.get(name, float) for name in drawn_columns(campaign.variables)},
         **dict.fromkeys(METRICS, float),
         "recovery_time_s": float,
         "converged": bool,
