@@ -21,7 +21,7 @@ import numpy as np
 
 from bench import SENSORS, alternating
 from ppc_attitude.contract.topics import PLANT
-from ppc_attitude.simulation.closed_loop import new_samples, run_samples, stamps_of
+from ppc_attitude.simulation.closed_loop import Loop, stamps_of
 from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
 DURATION = 120.0  # [s]
@@ -32,11 +32,11 @@ _OURS_AT_A_TIME = 10  # runs: as much wall time as one of Basilisk's
 def ours_s_per_s(run: Scenario, duration: float, repeats: int) -> float:
     """Simulated seconds in a second of wall time, full law, every sample kept."""
     stamps = stamps_of(run.number(PLANT, "rate"), duration)
-    samples = new_samples(run, stamps.size)
-    run_samples(run, stamps, samples)
+    loop = Loop(run, stamps)
+    loop.run(run)
     begin = time.perf_counter()
     for _ in range(repeats):
-        run_samples(run, stamps, samples)
+        loop.run(run)
     return repeats * duration / (time.perf_counter() - begin)
 
 

@@ -15,10 +15,12 @@
 """From the last input to the torque command: the controller node beside a bare echo."""
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -32,6 +34,7 @@ from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import scenario
 
 RATES = (100.0, 250.0, 500.0, 1000.0)  # [Hz]
+_PRIORITY = 20  # of SCHED_FIFO: before everything that has no real-time priority
 _PATIENCE = 60.0  # [s]
 
 Array = NDArray[np.float64]
@@ -77,11 +80,29 @@ def echo_trips(rate: float, seconds: float) -> Array:
 
 
 def measure(quick: bool) -> list[dict[str, Any]]:
-    """Measure ``latency``, one row for each rate; controller and echo in turns."""
+    """Measure ``latency``, one row for each rate; controller and echo in turns.
+
+    A last row is of the highest rate with a real-time priority, if this user may give one.
+    """
     rates, seconds, pairs = (RATES[:1], 1.0, 1) if quick else (RATES, 10.0, 2)
-    rows = []
-    for rate in rates:
-        turns = [(controller_trips(rate, seconds), echo_trips(rate, seconds)) for _ in range(pairs)]
-        ours, echo = (summary(np.concatenate(trips), rate) for trips in zip(*turns, strict=True))
-        rows.append({"rate": rate, **ours, **{f"echo_{k}": v for k, v in echo.items()}})
+    rows = [_row(rate, seconds, pairs, 0) for rate in rates]
+    with suppress(PermissionError), _real_time():
+        rows.append(_row(rates[-1], seconds, pairs, _PRIORITY))
     return rows
+
+
+def _row(rate: float, seconds: float, pairs: int, priority: int) -> dict[str, Any]:
+    turns = [(controller_trips(rate, seconds), echo_trips(rate, seconds)) for _ in range(pairs)]
+    ours, echo = (summary(np.concatenate(trips), rate) for trips in zip(*turns, strict=True))
+    others = {f"echo_{name}": value for name, value in echo.items()}
+    return {"rate": rate, "priority": priority, **ours, **others}
+
+
+@contextmanager
+def _real_time() -> Iterator[None]:
+    """Give this process a real-time priority, which those that it starts inherit."""
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

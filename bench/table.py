@@ -131,6 +131,7 @@ def _step_line(what: str, used: Figures) -> str:
 def _latency(found: Iterable[Figures]) -> str:
     head = [
         "rate [Hz]",
+        "priority",
         *(f"controller {name} [µs]" for name in ("p50", "p99", "p99.9")),
         "missed",
         *(f"echo {name} [µs]" for name in ("p50", "p99", "p99.9")),
@@ -139,6 +140,7 @@ def _latency(found: Iterable[Figures]) -> str:
     rows = [
         [
             number(each["rate"], 4),
+            f"FIFO {each['priority']}" if each.get("priority") else "",
             *(number(each[name]) for name in _PERCENTILES),
             f"{each['missed']} of {each['sent']}",
             *(number(each[f"echo_{name}"]) for name in _PERCENTILES),

@@ -15,7 +15,7 @@
 """`envelope: auto` with config/any_start.yaml: every start converges, inside, below 3°/s."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -29,10 +29,8 @@ from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.envelope_plan import MAX_STRETCH, PLAN, carry_on, plan_envelopes
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import (
-    columns_of,
+    Loop,
     first_instant,
-    new_samples,
-    run_samples,
     simulate,
     stamps_of,
     timetable_of,
@@ -84,7 +82,7 @@ def hard_starts() -> Iterator[tuple[Rotation, np.ndarray]]:
             yield Rotation.from_rotvec(np.deg2rad(angle) * axis), np.deg2rad(1.0) * axis
 
 
-def judged(samples: dict[str, np.ndarray], stamps: np.ndarray) -> list[str]:
+def judged(samples: Mapping[str, np.ndarray], stamps: np.ndarray) -> list[str]:
     """What a run breaks of the promise."""
     t = stamps * 1e-9
     error = np.abs(samples["attitude_error"][:, :3])
@@ -121,14 +119,11 @@ def judged(samples: dict[str, np.ndarray], stamps: np.ndarray) -> list[str]:
 )
 def test_every_start_converges_inside_its_envelope_below_the_limit(starts: Any) -> None:
     stamps = stamps_of(100.0, 180.0)
-    buffer, timetable = new_samples(ANY_START, stamps.size), timetable_of(ANY_START, stamps)
+    loop = Loop(ANY_START, stamps, timetable_of(ANY_START, stamps))
     wrong = []
     for k, (error, rate) in enumerate(starts()):
-        samples = run_samples(started(ANY_START, error, rate), stamps, buffer, timetable)
-        wrong += [
-            f"start {k} {complaint}"
-            for complaint in judged(columns_of(ANY_START, stamps, samples), stamps)
-        ]
+        record = loop.run(started(ANY_START, error, rate))
+        wrong += [f"start {k} {complaint}" for complaint in judged(record.columns, stamps)]
     assert not wrong, "\n".join(wrong)
 
 

@@ -139,6 +139,10 @@ def test_one_number_varies_once() -> None:
             "disturbance.duration can become 0; allowed: ≥ 0.0",
         ),
         ({"disturbance": {"time": 1, "duration": 1}}, "disturbance.torque = None; allowed"),
+        ({"fault": {"what": "x", "time": 1}}, "fault.what = 'x'; allowed: a list of faults"),
+        ({"fault": {"what": ["actuator/x stuck 0"], "time": 11}}, "fault.time can become 11; all"),
+        ({"fault": {"what": ["wheel/0 seized"], "time": 1}}, "fault.what: .* no part wheel/0"),
+        ({"fault": {"what": ["actuator/x dead"], "time": 1}}, "fault.what: .* has no fault dead"),
     ],
 )
 def test_refusals_name_the_thing_its_value_and_what_is_allowed(given: Any, message: str) -> None:

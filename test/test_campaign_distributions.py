@@ -28,6 +28,7 @@ from ppc_attitude.campaign.declaration import Campaign, campaign
 from ppc_attitude.campaign.distributions import Fixed, Range, number, on_sphere
 from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_of, stream
 from ppc_attitude.campaign.rows import rerun, run_one
+from ppc_attitude.campaign.summary import Summary
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
@@ -210,6 +211,7 @@ CRAFT = load(
         REFERENCE: {"mode": "goal", "goals.times": [0.0], "goals.attitudes": [0.0, 0.0, 0.0, 1.0]},
     },
 )
+WHEELED = load([ROOT / "config/paper.yaml", ROOT / "config/wheels.yaml"])
 UNIFORM = {"distribution": "uniform", "low": 0.01, "high": 0.02}
 
 
@@ -256,10 +258,50 @@ def test_sensor_numbers_and_a_goal_that_vary_are_in_run_and_row() -> None:
     np.testing.assert_allclose(change, [0.0, row[bias], 0.0], atol=2e-5)  # its resolution
 
 
-def test_the_example_of_the_guide_can_be_drawn() -> None:
-    (block,) = (b for b in blocks(ROOT / "docs/how-to.md", "yaml") if b.startswith("campaign:"))
-    drawn = draw(campaign(yaml.safe_load(block)["campaign"], CRAFT, 0), 0)
+def test_the_examples_of_the_guide_can_be_drawn() -> None:
+    guide = (b for b in blocks(ROOT / "docs/how-to.md", "yaml") if b.startswith("campaign:"))
+    sensors, losses = (yaml.safe_load(block)["campaign"] for block in guide)
+    drawn = draw(campaign(sensors, CRAFT, 0), 0)
     assert drawn[f"{ESTIMATOR}.star_tracker.cross_noise"] == 2e-5
+    assert draw(campaign(losses, WHEELED, 0), 0)["fault_duration"] == 30.0
+
+
+@pytest.mark.parametrize("lasting", [{}, {"duration": UNIFORM}], ids=["for ever", "for a time"])
+def test_a_fault_that_is_drawn_acts_from_its_time_behind_those_of_the_scenario(
+    lasting: dict[str, Any],
+) -> None:
+    own = WHEELED.with_values(PLANT, faults=["wheel/2 drag 2"], duration=3.0)
+    losses = ["wheel/0 seized", "wheel/1 effectiveness 0.5"]
+    time = {"distribution": "uniform", "low": 1.0, "high": 2.0}
+    varied = {"initial_rate": {"magnitude": UNIFORM, "direction": "sphere"}}
+    of = campaign({**varied, "fault": {"what": losses, "time": time, **lasting}}, own, 3)
+    without = campaign(varied, own, 3)
+    rows = [run_one(of, index).row for index in range(12)]
+    assert {row["fault"] for row in rows} == set(losses)
+    for index, row in enumerate(rows):
+        assert row["error"] is None
+        assert row["initial_rate"] == run_one(without, index).row["initial_rate"]
+        text = f"{row['fault']} from {row['fault_time']!r}"
+        if lasting:
+            text += f" for {row['fault_duration']!r}"
+        assert scenario_of(of, index).parameters[PLANT]["faults"] == ["wheel/2 drag 2", text]
+    record, _ = rerun(of, 1)
+    other, _ = rerun(without, 1)
+    same = (record["attitude"] == other["attitude"]).all(axis=1)
+    assert record.t[same][-1] == pytest.approx(rows[1]["fault_time"], abs=0.02)
+
+
+def test_the_shares_of_each_fault_add_up() -> None:
+    one = {"fault": {"what": ["wheel/0 seized", "wheel/1 bias 0"], "time": 1.0}}
+    of = campaign(one, WHEELED.with_values(PLANT, duration=2.0), 3)
+    summary = Summary(of.required, of.variables)
+    for index in range(8):
+        summary.add(run_one(of, index).row)
+    (_, together), *each = summary.shares()
+    assert [name.rpartition(", ")[2] for name, _ in each] == sorted(one["fault"]["what"])
+    assert sum(share.judged for _, share in each) == together.judged == 8
+    assert sum(share.met for _, share in each) == together.met
+    assert list(summary.to_json()["faults"]) == sorted(one["fault"]["what"])
 
 
 def test_a_reference_that_varies_is_no_part_of_what_runs_have_in_common() -> None:

@@ -28,13 +28,7 @@ from ppc_attitude.science.attitude import attitude_error
 from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
-from ppc_attitude.simulation.closed_loop import (
-    columns_of,
-    first_instant,
-    run_samples,
-    simulate,
-    stamps_of,
-)
+from ppc_attitude.simulation.closed_loop import Loop, first_instant, simulate, stamps_of
 from ppc_attitude.simulation.scenario import load, scenario
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -156,14 +150,30 @@ def test_stamps_include_both_ends() -> None:
     assert stamps_of(3.0, 1.0).tolist()[-1] == 1_000_000_000
 
 
-def test_a_buffer_is_filled_with_the_same_samples() -> None:
-    case, stamps = scenario({}), stamps_of(100.0, 1.0)
-    fresh = run_samples(case, stamps)
-    buffer = np.full(fresh.shape, 7, dtype=fresh.dtype)
-    assert run_samples(case, stamps, buffer) is buffer
-    columns = columns_of(case, stamps, buffer)
-    for name, column in columns_of(case, stamps, fresh).items():
-        assert columns[name].tobytes() == column.tobytes()
+@pytest.mark.parametrize("overlays", [("sensors_smallsat",), ("wheels", "orbit", "unloading")])
+def test_a_loop_remembers_nothing_of_the_scenario_before(overlays: tuple[str, ...]) -> None:
+    case, stamps = (
+        load([CONFIG / f"{name}.yaml" for name in ("paper", *overlays)]),
+        stamps_of(100.0, 1.0),
+    )
+    other = case.overlaid(
+        {
+            "spacecraft_plant": {"initial_attitude": [0.0, 0.0, 0.6, 0.8], "seed": 9},
+            "ppc_controller": {"k": 0.2},
+            "disturbance_injector": {
+                "pulse_times": [0.5],
+                "pulse_durations": [0.1],
+                "pulse_torques": [0.1, 0.0, 0.0],
+            },
+        }
+    )
+    loop = Loop(case, stamps)
+    for each in (other, case, other):
+        found, alone = loop.run(each), simulate(each, 1.0)
+        assert found.parameters == alone.parameters
+        for name, column in alone.columns.items():
+            assert found[name].tobytes() == column.tobytes(), name
+    assert not np.array_equal(simulate(case, 1.0)["attitude"], found["attitude"], equal_nan=True)
 
 
 def test_the_samples_of_an_instant_belong_together() -> None:

@@ -27,7 +27,7 @@ from ppc_attitude.science.controllers.brake import BLEND, brake, capped_brake, d
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.parameter import resolved
-from ppc_attitude.simulation.closed_loop import new_samples, simulate, stamps_of
+from ppc_attitude.simulation.closed_loop import simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import scenario
 
@@ -286,7 +286,7 @@ def test_an_assumption_that_is_seen_broken_is_named(
     for duration in (0.5, 1.0, 1.5, 5.0):
         stamps = stamps_of(100.0, duration)
         diagram = Diagram(case.parameters)
-        diagram.run(stamps, new_samples(case, stamps.size))
+        diagram.run(stamps)
         found.add(diagram.parts[CONTROLLERS.name].advice.text[: len(told)])
     assert told in found
     assert bool(nodes) == any("suspended" in each for each in found)

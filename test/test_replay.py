@@ -24,7 +24,7 @@ from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.stamps import stamp_of
-from ppc_attitude.simulation.closed_loop import columns_of, new_samples, simulate, stamps_of
+from ppc_attitude.simulation.closed_loop import columns_of, simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import Scenario, load, scenario
@@ -71,16 +71,15 @@ def changed_in_flight(
 ) -> RunRecord:
     """Run of a loop whose parts, each with its node, get other numbers before a step."""
     stamps = stamps_of(100.0, end / 100.0)
-    diagram, early = Diagram(before.parameters), new_samples(before, step)
-    diagram.run(stamps[:step], early)
+    diagram = Diagram(before.parameters)
+    early = diagram.run(stamps[:step])
     values = {node: dict(own) for node, own in before.parameters.items()}
     for change in changes:
         values[change.node][change.name] = change.value
     for part, node in parts.items():
         diagram.parts[part].configure(values[node])
-    late = new_samples(before, stamps.size - step)
-    diagram.run(stamps[step:], late)
-    columns = columns_of(before, stamps, np.concatenate([early, late], axis=1))
+    late = diagram.run(stamps[step:])
+    columns = columns_of(diagram.columns, stamps, np.concatenate([early, late], axis=1))
     parameters = before.with_values(PLANT, lockstep=True).parameters
     return RunRecord("simulate", "ppc", stamps, columns, parameters=parameters, changes=changes)
 

@@ -26,12 +26,10 @@ from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import (
     columns_of,
-    new_samples,
-    run_samples,
     stamps_of,
     timetable_of,
 )
-from ppc_attitude.simulation.diagram import recorded_columns
+from ppc_attitude.simulation.diagram import Diagram, recorded_columns
 from ppc_attitude.simulation.scenario import scenario
 
 STEPS = 12_000
@@ -40,12 +38,12 @@ STEPS = 12_000
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_every_recorded_column_has_its_own_rows(noise: float) -> None:
     case = scenario({"spacecraft_plant": {"attitude_noise": noise}})
-    samples = new_samples(case, 7)
-    samples += np.arange(len(samples))[:, None]
-    columns = columns_of(case, np.arange(7), samples)
+    recorded = recorded_columns(case.parameters)
+    samples = np.repeat(np.arange(sum(each.width for each in recorded)), 7).reshape(-1, 7)
+    columns = columns_of(recorded, np.arange(7), samples)
     assert ("truth_attitude" in columns) == bool(noise)
     assert [(name, rows.shape) for name, rows in columns.items()] == [
-        (column.name, (7, column.width)) for column in recorded_columns(case.parameters)
+        (column.name, (7, column.width)) for column in recorded
     ]
     together = np.concatenate(list(columns.values()), axis=1)
     assert np.array_equal(together, np.broadcast_to(np.arange(together.shape[1]), together.shape))
@@ -112,10 +110,11 @@ def test_a_step_allocates_nothing(name: str, counted: Callable[..., int]) -> Non
     def costs(steps: int) -> tuple[int, int]:
         """Blocks that the compiled loop takes, and the most that Python holds meanwhile."""
         stamps = stamps_of(100.0, steps / 100.0)
-        samples, timetable = new_samples(case, stamps.size), timetable_of(case, stamps)
-        run_samples(case, stamps, samples, timetable)
+        diagram = Diagram(case.parameters, timetable=timetable_of(case, stamps))
+        samples = diagram.run(stamps)
+        diagram.restart(case.parameters)
         tracemalloc.start()
-        blocks = counted(lambda: run_samples(case, stamps, samples, timetable))
+        blocks = counted(lambda: diagram.run(stamps, samples))
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         return blocks, peak

@@ -30,7 +30,8 @@ from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TRUE_ATTITUDE
-from ppc_attitude.simulation.closed_loop import run_samples, stamps_of
+from ppc_attitude.simulation.closed_loop import stamps_of
+from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import check_exchange, load, read_files, scenario
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -218,7 +219,8 @@ def test_no_allowed_gain_makes_a_law_give_nan(law: str, start: dict[str, dict[st
         for value in (least, most) if each.is_real and math.isfinite(least) else ():
             chosen = {"controller": law, each.name: [value] * each.length or value}
             with suppress(ConfigurationError):
-                samples = run_samples(scenario({**start, "ppc_controller": chosen}), STAMPS)
+                case = scenario({**start, "ppc_controller": chosen})
+                samples = Diagram(case.parameters).run(STAMPS)
                 found += [(each.name, value)] * bool(np.isnan(samples).any())
     assert not found
 

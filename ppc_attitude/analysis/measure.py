@@ -329,7 +329,10 @@ def lost(record: RunRecord) -> int:
     """Messages that are missing, and samples that are there but not finite."""
     count = record.missing_messages
     for column, rows in record.columns.items():
-        lacks = ~is_finite(record, column)
+        known = is_finite(record, column)
+        if column not in _ATTITUDES and known.all():
+            continue
+        lacks = ~known
         if column in _ATTITUDES:
             lacks |= ~np.logical_or.reduce(rows.T)
         late = column in BY_COLUMN and BY_COLUMN[column].late

@@ -20,6 +20,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from numpy.random import Generator
+
 from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.distributions import (
     Attitudes,
@@ -39,6 +41,7 @@ from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import fault_texts
 from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of
 from ppc_attitude.simulation.scenario import Scenario, weakened
 
@@ -61,6 +64,31 @@ class Pulse:
 
 
 @dataclass(frozen=True)
+class RandomFault:
+    """How the fault of every run is drawn."""
+
+    what: tuple[str, ...]  # texts of faults without times, equally likely
+    time: Number  # start [s]
+    duration: Number | None  # [s]; None: for ever
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """What is drawn, and its unit."""
+        return {"fault": "", "fault_time": "s"} | ({"fault_duration": "s"} if self.duration else {})
+
+    def draw(self, own: Generator) -> dict[str, Any]:
+        """Draw a number for each column, and for the first one a text."""
+        numbers = [each.draw(own) for each in (self.time, self.duration) if each]
+        return dict(zip(self.columns, [str(own.choice(self.what)), *numbers], strict=True))
+
+
+def with_fault(plant: Mapping[str, Any], drawn: Mapping[str, Any]) -> list[str]:
+    """The plant's own faults, and behind them the one that was drawn."""
+    lasts = f" for {drawn['fault_duration']!r}" if "fault_duration" in drawn else ""
+    return [*fault_texts(plant), f"{drawn['fault']} from {drawn['fault_time']!r}{lasts}"]
+
+
+@dataclass(frozen=True)
 class Variables:
     """Variables of a campaign; None leaves one as the scenario has it.
 
@@ -75,6 +103,8 @@ class Variables:
         the controller keeps the scenario's.
     disturbance : Pulse or None
         One sudden pulse, in addition to the scenario's.
+    fault : RandomFault or None
+        One fault of the craft's hardware, in addition to the scenario's.
     actuator_strength : Number or None
         Factor on the torque limits of the actuator, of which the controller does not know.
     parameters : mapping of str to Varied
@@ -85,6 +115,7 @@ class Variables:
     initial_rate: tuple[Number, Direction] | None = None
     inertia_error: Number | None = None
     disturbance: Pulse | None = None
+    fault: RandomFault | None = None
     actuator_strength: Number | None = None
     parameters: Mapping[str, Varied] = field(default_factory=dict)
 
@@ -187,6 +218,7 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
         initial_rate=_optional(declared, "initial_rate", _rate),
         inertia_error=_optional(declared, "inertia_error", number, _INERTIA),
         disturbance=_optional(declared, "disturbance", _pulse, base),
+        fault=_optional(declared, "fault", _fault, base),
         actuator_strength=_optional(declared, "actuator_strength", number, _STRENGTH),
         parameters=varied(declared, base),
     )
@@ -217,6 +249,28 @@ def _pulse(name: str, declared: Any, base: Scenario) -> Pulse:
         torque=number(f"{name}.torque", parts.get("torque"), _TORQUE),
         direction=direction(f"{name}.direction", parts.get("direction", "sphere")),
     )
+
+
+def _fault(name: str, declared: Any, base: Scenario) -> RandomFault:
+    length, step = base.number(PLANT, "duration"), 1.0 / base.number(PLANT, "rate")
+    parts = keys(name, declared, ("what", "time", "duration"))
+    what = parts.get("what")
+    if not isinstance(what, list) or not what or not all(isinstance(each, str) for each in what):
+        raise ConfigurationError(f"{name}.what = {what!r}; allowed: a list of faults without times")
+    within = Range(0.0, length, "s (the length of a run)")
+    lasting = Range(step, length, "s (the least that acts, the length of a run)")
+    found = RandomFault(
+        tuple(what),
+        number(f"{name}.time", parts.get("time"), within),
+        number(f"{name}.duration", parts["duration"], lasting) if "duration" in parts else None,
+    )
+    for each in what:
+        drawn = {"fault": each, "fault_time": 0.0}
+        try:
+            base.with_values(PLANT, faults=with_fault(base.parameters[PLANT], drawn))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{name}.what: {error}") from None
+    return found
 
 
 def _check_strength(strength: Number | None, base: Scenario) -> None:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables
+from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables, with_fault
 from ppc_attitude.campaign.distributions import random_axes
 from ppc_attitude.campaign.varied import values_of
 from ppc_attitude.contract.topics import ESTIMATOR, INJECTOR, PLANT, REFERENCE
@@ -78,13 +78,14 @@ def drawn_columns(variables: Variables) -> dict[str, str]:
         for name, each in variables.parameters.items()
         for column in each.columns(name)
     }
-    return {**DRAWN, **units}
+    return {**DRAWN, **(variables.fault.columns if variables.fault else {}), **units}
 
 
 def varying(variables: Variables) -> dict[str, str]:
     """Return the drawn columns that say how hard a run is, and their units."""
     units = drawn_columns(variables)
-    return {name: units[name] for name in units if name in _VARYING or name not in DRAWN}
+    known = {*DRAWN, "fault"}
+    return {name: units[name] for name in units if name in _VARYING or name not in known}
 
 
 def stream(campaign: Campaign, index: int, variable: str) -> Generator:
@@ -95,7 +96,7 @@ def stream(campaign: Campaign, index: int, variable: str) -> Generator:
     )
 
 
-def draw(campaign: Campaign, index: int) -> dict[str, float | int | None]:
+def draw(campaign: Campaign, index: int) -> dict[str, float | int | str | None]:
     """Draw one run.
 
     Parameters
@@ -123,6 +124,7 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | None]:
         varied |= zip(each.columns(name), numbers, strict=True)
     values = _with_varied(campaign, varied)
     plant, strength = values[PLANT], campaign.variables.actuator_strength
+    fault = campaign.variables.fault
     own = stream(campaign, index, "actuator_strength")
     return {
         **_attitude(campaign, index, values),
@@ -132,6 +134,7 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | None]:
         "actuator_strength": 1.0 if strength is None else strength.draw(own),
         "attitude_noise": float(plant["attitude_noise"]),
         "rate_noise": float(plant["rate_noise"]),
+        **(fault.draw(stream(campaign, index, "fault")) if fault else {}),
         "noise_seed": int(stream(campaign, index, "noise_seed").integers(_LARGEST_NOISE_SEED)),
         **varied,
     }
@@ -176,6 +179,8 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
         **weakened(values[PLANT], drawn["actuator_strength"]),
         "seed": drawn["noise_seed"],
     }
+    if variables.fault:
+        changed[PLANT]["faults"] = with_fault(values[PLANT], drawn)
     for node in (ESTIMATOR, INJECTOR):
         told = {name: changed[PLANT].get(name) for name in agreed(node, values[node])}
         known = {name: value for name, value in told.items() if value is not None}

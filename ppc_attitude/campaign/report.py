@@ -139,7 +139,7 @@ def _requirements(summary: Summary) -> str:
         _row(name, tally.limit_text, tally.fraction, tally.not_judged)
         for name, tally in summary.requirements()
     ]
-    rows.append(_row("every requirement that is judged", "", summary.fraction, 0))
+    rows += [_row(name, "", fraction, 0) for name, fraction in summary.shares()]
     note = "<p>A run is judged by the requirements that apply to it. 95 % Wilson intervals.</p>"
     head = ["requirement", "limit", "met", "judged", "not judged", "share (95 % interval)"]
     return note + table(head, rows)

@@ -30,10 +30,11 @@ from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of, scenari
 from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.versions import versions
-from ppc_attitude.simulation.closed_loop import new_samples, record_of, run_samples, stamps_of
+from ppc_attitude.simulation.closed_loop import Loop, simulate, stamps_of
 
 Row: TypeAlias = dict[str, Any]
 
+_TYPES: dict[str, type] = {"noise_seed": int, "fault": str}
 METRICS = tuple(each.name for each in fields(Metrics) if each.type == float | None)
 
 
@@ -47,10 +48,7 @@ def columns_of(campaign: Campaign) -> dict[str, type]:
     """
     return {
         "index": int,
-        **{
-            name: int if name == "noise_seed" else float
-            for name in drawn_columns(campaign.variables)
-        },
+        **{name: _TYPES.get(name, float) for name in drawn_columns(campaign.variables)},
         **dict.fromkeys(METRICS, float),
         "recovery_time_s": float,
         "converged": bool,
@@ -103,7 +101,13 @@ def grid_of(rate: float, duration: float) -> Grid:
     return Grid(stamps_ns, *time_bins(stamps_ns))
 
 
-def run_one(campaign: Campaign, index: int, samples: Array | None = None) -> Outcome:
+def loop_of(campaign: Campaign) -> Loop:
+    """The loop that every run of a campaign goes through."""
+    stamps_ns = grid_of(campaign.rate, campaign.duration).stamps_ns
+    return Loop(campaign.scenario, stamps_ns, campaign.timetable)
+
+
+def run_one(campaign: Campaign, index: int, loop: Loop | None = None) -> Outcome:
     """Run one index of a campaign; a failure is an outcome as well.
 
     Parameters
@@ -112,8 +116,8 @@ def run_one(campaign: Campaign, index: int, samples: Array | None = None) -> Out
         What to run.
     index : int
         Which run.
-    samples : ndarray, optional
-        As of `run_samples`: a buffer for many runs.
+    loop : Loop, optional
+        `loop_of` the campaign, to make it once for many runs.
 
     Returns
     -------
@@ -123,12 +127,10 @@ def run_one(campaign: Campaign, index: int, samples: Array | None = None) -> Out
     drawn: Mapping[str, Any] = {}
     try:
         drawn = draw(campaign, index)
-        grid = grid_of(campaign.rate, campaign.duration)
-        scenario = scenario_with(campaign, drawn)
-        samples = run_samples(scenario, grid.stamps_ns, samples, campaign.timetable)
-        record = record_of(scenario, grid.stamps_ns, samples)
+        record = (loop or loop_of(campaign)).run(scenario_with(campaign, drawn))
         judge = Judge(record, campaign.required)
-        levels = levels_of(record, pointing_errors(record).quaternions, grid.starts)
+        starts = grid_of(campaign.rate, campaign.duration).starts
+        levels = levels_of(record, pointing_errors(record).quaternions, starts)
         return Outcome(_row(campaign, index, drawn, judge), levels)
     except Exception as error:  # whatever it is, it must cost this run only
         return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
@@ -148,9 +150,8 @@ def run_chunk(campaign: Campaign, start: int, stop: int) -> list[Outcome]:
             f"a worker has other versions than this command and could give other numbers: "
             f"{difference}"
         )
-    stamps_ns = grid_of(campaign.rate, campaign.duration).stamps_ns
-    samples = new_samples(campaign.scenario, stamps_ns.size)
-    return [run_one(campaign, index, samples) for index in range(start, stop)]
+    loop = loop_of(campaign)
+    return [run_one(campaign, index, loop) for index in range(start, stop)]
 
 
 def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
@@ -164,8 +165,7 @@ def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
         The run cannot be judged.
     """
     scenario = scenario_of(campaign, index)
-    stamps_ns = grid_of(campaign.rate, campaign.duration).stamps_ns
-    record = record_of(scenario, stamps_ns, run_samples(scenario, stamps_ns))
+    record = simulate(scenario, campaign.duration)
     record = replace(record, source=f"campaign run {index}", metadata=campaign.made_with)
     return record, analyse(record, campaign.required)
 

@@ -121,12 +121,17 @@ class Summary:
         self.broken = 0
         self.first_broken: tuple[int, str] | None = None
         self.tallies: dict[str, Tally] = {}
+        self.faults: dict[str, Fraction] = {}
         self.passing: list[dict[str, float]] = []
         self.failing: list[dict[str, float]] = []
 
     def add(self, row: Row) -> None:
         """Count one run."""
         self.runs += 1
+        if fault := row.get("fault"):
+            before = self.faults.get(fault, Fraction(0, 0))
+            met = before.met + bool(row["all_met"])  # None if the run broke
+            self.faults[fault] = Fraction(met, before.judged + 1)
         if row["error"] is not None:
             self.broken += 1
             self.first_broken = self.first_broken or (row["index"], row["error"])
@@ -149,6 +154,12 @@ class Summary:
         """How many runs miss no requirement that they are judged by; one that broke misses all."""
         return Fraction(self.all_met, self.runs)
 
+    def shares(self) -> list[tuple[str, Fraction]]:
+        """Runs that miss nothing they are judged by: of all, and of those with each drawn fault."""
+        told = "every requirement judged"
+        faults = [(f"{told}, {fault}", each) for fault, each in sorted(self.faults.items())]
+        return [(told, self.fraction), *faults]
+
     def requirements(self) -> list[tuple[str, Tally]]:
         """Every requirement that applied to some run, in the order of a verdict."""
         return [(name, self.tallies[name]) for name in self._names.values() if name in self.tallies]
@@ -158,6 +169,7 @@ class Summary:
         return {
             "all_requirements": self.fraction.to_json(),
             "broken": self.broken,
+            "faults": {fault: each.to_json() for fault, each in sorted(self.faults.items())},
             "requirements": [
                 {
                     "name": name,

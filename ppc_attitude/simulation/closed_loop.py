@@ -19,14 +19,17 @@ the same numbers to the last bit. What depends on time alone (desired motion, to
 environment) can be computed before, so that a campaign does it once for all its runs.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.component import Column
 from ppc_attitude.science.part import Part, first_raised
 from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
-from ppc_attitude.simulation.diagram import Diagram, recorded_columns, selected
+from ppc_attitude.simulation.diagram import Diagram, selected
 from ppc_attitude.simulation.scenario import Scenario
 
 
@@ -36,22 +39,69 @@ def stamps_of(rate: float, duration: float) -> NDArray[np.int64]:
     return np.array([stamp_of(k, rate) for k in range(steps + 1)], dtype=np.int64)
 
 
-def new_samples(scenario: Scenario, size: int) -> Array:
-    """Room for the samples of `size` instants: a row for each number, a column an instant.
+class Loop:
+    """The closed loop over some stamps, run for one scenario or for many that differ in numbers.
 
-    So the instants of a number lie side by side, and who reads one topic need not pass the others.
+    Parameters
+    ----------
+    scenario : Scenario
+        Whose components run.
+    stamps_ns : ndarray of int64, shape (n,)
+        Instants [ns].
+    timetable : ndarray, optional
+        `timetable_of` all scenarios and the stamps, to compute it once.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is infeasible, or the selected components do not fit together.
     """
-    components = [component for _, component in selected(scenario.parameters)]
-    widths = [column.width for component in components for column in component.outputs]
-    return np.zeros((sum(widths), size))
+
+    def __init__(
+        self, scenario: Scenario, stamps_ns: NDArray[np.int64], timetable: Array | None = None
+    ) -> None:
+        self._stamps_ns = stamps_ns
+        self._diagram = Diagram(scenario.parameters, timetable=timetable)
+        # Numbers decide what goes on record: there is room for all that the components give.
+        components = [component for _, component in selected(scenario.parameters)]
+        widths = [column.width for component in components for column in component.outputs]
+        self._samples = np.zeros((sum(widths), stamps_ns.size))
+
+    def run(self, scenario: Scenario) -> RunRecord:
+        """Run a scenario that selects the same components.
+
+        Returns
+        -------
+        RunRecord
+            Samples that hold until the next run, which are the same as a recorded run of the nodes
+            gives.
+
+        Raises
+        ------
+        ConfigurationError
+            A parameter is infeasible.
+        """
+        self._diagram.restart(scenario.parameters)
+        samples = self._diagram.run(self._stamps_ns, self._samples)
+        return RunRecord(
+            source="simulate",
+            controller=scenario.controller.name,
+            stamps_ns=self._stamps_ns,
+            columns=columns_of(self._diagram.columns, self._stamps_ns, samples),
+            # In process every instant waits for its answers, whatever the nodes would do.
+            parameters={
+                **scenario.parameters,
+                PLANT: {**scenario.parameters[PLANT], "lockstep": True},
+            },
+        )
 
 
 def columns_of(
-    scenario: Scenario, stamps_ns: NDArray[np.int64], samples: Array
+    columns: Sequence[Column], stamps_ns: NDArray[np.int64], samples: Array
 ) -> dict[str, Array]:
-    """Return each recorded column, of shape (n, width), by its name: a view unless it is late."""
+    """Samples of each column, of shape (n, width), by its name: a view unless it is late."""
     found, start = {}, 0
-    for column in recorded_columns(scenario.parameters):
+    for column in columns:
         rows = samples[start : start + column.width]
         found[column.name] = (_where_valid(rows, stamps_ns) if column.late else rows).T
         start += column.width
@@ -70,77 +120,17 @@ def _where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> Array:
 
 def timetable_of(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Array:
     """The columns that depend on time alone, at the stamps [ns]: a row for each number."""
-    diagram = Diagram(scenario.parameters, ahead=True)
-    timetable = np.zeros((sum(column.width for column in diagram.columns), stamps_ns.size))
-    diagram.run(stamps_ns, timetable)
-    return timetable
-
-
-def run_samples(
-    scenario: Scenario,
-    stamps_ns: NDArray[np.int64],
-    samples: Array | None = None,
-    timetable: Array | None = None,
-) -> Array:
-    """Closed loop of a scenario over the stamps.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        What to run.
-    stamps_ns : ndarray of int64, shape (n,)
-        Instants [ns].
-    samples : ndarray, optional
-        Where to write (`new_samples`), to use one buffer for many runs.
-    timetable : ndarray, optional
-        `timetable_of` this scenario and stamps, to compute it once for many runs.
-
-    Returns
-    -------
-    ndarray
-        The samples; `columns_of` tells them apart.
-
-    Raises
-    ------
-    ConfigurationError
-        A parameter is infeasible, or the selected components do not fit together.
-    """
-    if samples is None:
-        samples = new_samples(scenario, stamps_ns.size)
-    Diagram(scenario.parameters, timetable=timetable).run(stamps_ns, samples)
-    return samples
+    return Diagram(scenario.parameters, ahead=True).run(stamps_ns)
 
 
 def simulate(scenario: Scenario, duration: float) -> RunRecord:
-    """Run a scenario in process for `duration` [s].
-
-    Returns
-    -------
-    RunRecord
-        The same samples that a recorded run of the nodes gives.
-    """
-    stamps_ns = stamps_of(scenario.number(PLANT, "rate"), duration)
-    return record_of(scenario, stamps_ns, run_samples(scenario, stamps_ns))
-
-
-def record_of(scenario: Scenario, stamps_ns: NDArray[np.int64], samples: Array) -> RunRecord:
-    """Samples of `run_samples` as a record; copied are late columns only."""
-    return RunRecord(
-        source="simulate",
-        controller=scenario.controller.name,
-        stamps_ns=stamps_ns,
-        columns=columns_of(scenario, stamps_ns, samples),
-        # In process every instant waits for its answers, whatever the nodes would do.
-        parameters={
-            **scenario.parameters,
-            PLANT: {**scenario.parameters[PLANT], "lockstep": True},
-        },
-    )
+    """Run a scenario in process for `duration` [s]; raises as `Loop`."""
+    return Loop(scenario, stamps_of(scenario.number(PLANT, "rate"), duration)).run(scenario)
 
 
 def warm_up(scenario: Scenario) -> None:
     """Compile every step of a scenario, so that processes started next find them cached."""
-    run_samples(scenario, stamps_of(scenario.number(PLANT, "rate"), 0.1))
+    simulate(scenario, 0.1)
 
 
 def first_instant(scenario: Scenario) -> dict[str, Part]:
@@ -152,7 +142,7 @@ def first_instant(scenario: Scenario) -> dict[str, Part]:
         A parameter is infeasible, or the selected components do not fit together.
     """
     diagram = Diagram(scenario.parameters)
-    diagram.run(np.zeros(1, np.int64), new_samples(scenario, 1))
+    diagram.run(np.zeros(1, np.int64))
     return diagram.parts
 
 
@@ -160,7 +150,7 @@ def raised_until(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> str:
     """Say which step raised, if one did, at the last of the stamps [ns] or at the one before."""
     for stamps in (stamps_ns[:-1], stamps_ns):  # a plant that raises does so an instant later
         diagram = Diagram(scenario.parameters)
-        diagram.run(stamps, new_samples(scenario, stamps.size))
+        diagram.run(stamps)
         if told := first_raised(diagram.parts.values()):
             return told
     return ""

@@ -20,7 +20,8 @@ then its step is called. A plant reads what was given at the instant before, sin
 from stamp to stamp.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -158,27 +159,49 @@ class Diagram:
         self._signals = np.zeros(starts[-1])
         self._places = _places([component for _, component in chosen], starts)
         self._timetable = np.zeros((0, 0)) if timetable is None else timetable
-        self._played: list[int] = []
+        played: list[int] = []
+        instants, first_source, sources = [], [0], []
         self.parts: dict[str, Part] = {}
-        self._instants, self._first_source, self._sources = [], [0], []
+        self._values: dict[str, Mapping[str, Any]] = {}
         for (kind, component), start, size in zip(chosen, starts, sizes, strict=False):
-            values = parameters.get(_NODE_OF[kind.name], {})
             if timetable is not None and not component.inputs:
-                self._played += self._places_of(component.outputs)
+                played += self._places_of(component.outputs)
                 continue
+            values = self._values[kind.name] = parameters.get(_NODE_OF[kind.name], {})
             signals = self._signals[start : start + size]
-            try:
+            with _naming(kind):
                 self.parts[kind.name] = Part(component, values, signals)
-            except ConfigurationError as error:
-                raise ConfigurationError(f"{_NODE_OF[kind.name]}: {error}") from None
-            self._sources += self._sources_of(kind, component, int(start))
-            self._first_source.append(len(self._sources))
-            self._instants.append(int(start))
+            sources += self._sources_of(kind, component, int(start))
+            first_source.append(len(sources))
+            instants.append(int(start))
+        self._instants, self._first_source, self._sources, self._played = (
+            np.array(each, np.uint64) for each in (instants, first_source, sources, played)
+        )
         self.columns = (
             tuple(column for _, component in chosen for column in component.outputs)
             if ahead
             else recorded_columns(parameters)
         )
+
+    def restart(self, parameters: Parameters) -> None:
+        """Begin anew, with other parameters of the same components.
+
+        Raises
+        ------
+        ConfigurationError
+            A parameter is infeasible.
+        """
+        self._signals[:] = 0.0
+        for kind in KINDS:
+            if kind.name not in self.parts:
+                continue
+            part, values = self.parts[kind.name], parameters.get(_NODE_OF[kind.name], {})
+            part.forget()
+            if values != self._values[kind.name]:
+                with _naming(kind):
+                    part.configure(values)
+                self._values[kind.name] = values
+        self.columns = recorded_columns(parameters)
 
     def _places_of(self, columns: Sequence[Column]) -> list[int]:
         """Place in the signals of every number of some columns."""
@@ -200,21 +223,48 @@ class Diagram:
                 )
         return self._places_of(component.inputs)
 
-    def run(self, stamps_ns: NDArray[np.int64], samples: Array) -> None:
-        """Run over the stamps [ns]; a row of `samples` for each number of `columns`."""
+    def run(self, stamps_ns: NDArray[np.int64], samples: Array | None = None) -> Array:
+        """Run over the stamps [ns].
+
+        Parameters
+        ----------
+        stamps_ns : ndarray of int64, shape (n,)
+            Instants [ns].
+        samples : ndarray, shape (≥ r, n), optional
+            Where to write.
+
+        Returns
+        -------
+        ndarray, shape (≥ r, n)
+            A row for each number of `columns`. So the instants of a number lie side by side, and
+            who reads one column need not pass the others.
+        """
+        recorded = np.array(self._places_of(self.columns), np.uint64)
+        if samples is None:
+            samples = np.zeros((recorded.size, stamps_ns.size))
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
-            np.array(self._instants, np.uint64),
-            np.array(self._first_source, np.uint64),
-            np.array(self._sources, np.uint64),
-            np.array(self._played, np.uint64),
+            self._instants,
+            self._first_source,
+            self._sources,
+            self._played,
             self._timetable,
-            np.array(self._places_of(self.columns), np.uint64),
+            recorded,
             stamps_ns,
             self._signals,
             self._signals.view(np.int64),
             samples,
         )
+        return samples
+
+
+@contextmanager
+def _naming(kind: Kind) -> Iterator[None]:
+    """Name the node of whose parameters an error tells."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{_NODE_OF[kind.name]}: {error}") from None
 
 
 def play(

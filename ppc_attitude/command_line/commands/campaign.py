@@ -183,7 +183,7 @@ def _tell(
         )
         return
     rows = [(name, share_text(tally.fraction)) for name, tally in summary.requirements()]
-    rows.append(("every requirement judged", share_text(summary.fraction)))
+    rows += [(name, share_text(fraction)) for name, fraction in summary.shares()]
     width = max(len(name) for name, _ in rows)
     print(
         f"{summary.runs} runs of {campaign.duration:g} s in {seconds:.1f} s, seed {campaign.seed}"
