@@ -86,7 +86,6 @@ def test_what_is_undone_is_what_sqlite_would_undo(tmp_path: Path, change: str) -
 
 def test_a_journal_beside_a_finished_bag_is_not_its_own(tmp_path: Path) -> None:
     write_run(RUN, tmp_path / "bag", storage="sqlite3")
-    journal = Path(f"{storage_file(tmp_path / 'bag')}-journal")
     for kind in ("-journal", "-wal"):
         journal = Path(f"{storage_file(tmp_path / 'bag')}{kind}")
         journal.write_bytes(b"whatever")
