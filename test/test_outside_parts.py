@@ -222,3 +222,34 @@ def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path:
     done = run_outside(*command, "--config", str(selection), code=3)
     assert "diverged: angular velocity (nan, nan, nan)" in done.stderr
     assert "at 0.11 s; the step of component table raised ValueError: beyond my" in done.stderr
+
+
+BOUNDLESS = """
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TRUE_ATTITUDE
+
+@kernel
+def step(inputs, state, configuration, outputs):
+    outputs.environment_torque[0] = 0.0
+
+ENVIRONMENT = Component(
+    name="table",
+    inputs=(TRUE_ATTITUDE,),
+    outputs=(ENVIRONMENT_TORQUE,),
+    step=step,
+    bound=lambda values: values["table.bound"],
+)
+"""
+
+
+def test_a_hook_that_raises_is_bad_input_and_no_traceback(run_outside: Run, tmp_path: Path) -> None:
+    installed, selection = tmp_path / "installed", tmp_path / "selection.yaml"
+    (installed / "boundless.py").write_text(BOUNDLESS)
+    points = installed / "outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text("[ppc_attitude.environments]\ntable = boundless:ENVIRONMENT\n")
+    selection.write_text("disturbance_injector: {ros__parameters: {environment: table}}\n")
+    command = ["-m", "ppc_attitude.command_line.main", "check", "--config", str(selection)]
+    done = run_outside(*command, code=2)
+    assert "component table: bound raised KeyError: 'table.bound'" in done.stderr
+    assert "Traceback" not in done.stderr

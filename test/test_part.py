@@ -140,7 +140,7 @@ def _refuses(values: Any) -> None:
     [
         (lambda values: values["gain"], "component mine: configure raised KeyError: 'gain'"),
         (_exits, "component mine: configure raised SystemExit: 5"),
-        (lambda values: (), "component mine: configure raised ValueError: not enough values"),
+        (lambda values: (), r"component mine: configure made \(\), which is no record of"),
         (lambda values: None, "component mine: configure made None, which is no record of"),
         (lambda values: np.zeros(()), r"component mine: configure made array\(0.\), which is no"),
         (_refuses, "gain = 0; allowed: > 0"),
@@ -157,7 +157,35 @@ def test_a_configuration_that_cannot_be_made_is_told_with_its_component(
         check_components(INJECTOR, {})
 
 
-def test_parts_that_cannot_be_told_are_told_with_their_component(
+@pytest.mark.parametrize(
+    "hook", ["advice", "advices", "exact", "torque", "faults", "least_impulse", "bound"]
+)
+def test_a_hook_that_raises_is_told_with_its_component(hook: str) -> None:
+    broken = replace(ONE, **{hook: lambda given: given["wheels"]})
+    with pytest.raises(ConfigurationError, match=f"^component mine: {hook} raised KeyError: 'whe"):
+        getattr(broken, hook)({})
+
+
+@pytest.mark.parametrize(
+    ("hook", "answer", "told"),
+    [
+        ("bound", math.nan, "ValueError: nan; allowed: a number ≥ 0"),
+        ("least_impulse", -1.0, "ValueError: -1.0; allowed: a number ≥ 0"),
+        ("torque", (1.0,), "ValueError: not enough values"),
+        ("torque", (1.0, None), "TypeError: float.* not 'NoneType'"),
+        ("faults", None, "TypeError: 'NoneType' object is not iterable"),
+        ("advices", "many", "ValueError: invalid literal"),
+    ],
+)
+def test_an_answer_that_is_none_is_told_with_its_component(
+    hook: str, answer: Any, told: str
+) -> None:
+    broken = replace(ONE, **{hook: lambda given: answer})
+    with pytest.raises(ConfigurationError, match=f"^component mine: {hook} raised {told}"):
+        getattr(broken, hook)({})
+
+
+def test_parts_that_cannot_be_told_are_told_with_their_node(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     broken = replace(ONE, faults=lambda values: values["wheels"])

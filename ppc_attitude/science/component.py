@@ -24,12 +24,13 @@ This file and `kinds` import neither kernels nor Numba, so that who only needs n
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, wraps
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter
 
 INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tracker"
@@ -194,9 +195,56 @@ def _never(values: Mapping[str, Any]) -> bool:
     return False
 
 
+def _as_made(made: Any) -> Any:
+    return made
+
+
+def _size(given: Any) -> float:
+    if not float(given) >= 0.0:  # NaN is not either: it would be below every limit
+        raise ValueError(f"{given!r}; allowed: a number ≥ 0")
+    return float(given)
+
+
+def _sizes(given: Any) -> tuple[float, float]:
+    certain, most = given
+    return _size(certain), _size(most)
+
+
+_HOOKS: dict[str, Callable[[Any], Any]] = {
+    "configure": _as_made,
+    "advice": _as_made,
+    "advices": int,
+    "exact": bool,
+    "torque": _sizes,
+    "faults": dict,
+    "least_impulse": _size,
+    "bound": _size,
+}
+"""What a component may be asked, and what is made of the answer."""
+
+
+def _named(component: str, hook: str, ask: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Let an error of a hook name both: it may be of a package that its user did not write."""
+
+    @wraps(ask)
+    def asked(given: Any) -> Any:
+        try:
+            return _HOOKS[hook](ask(given))
+        except ConfigurationError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise ConfigurationError(
+                f"component {component}: {hook} raised {type(error).__name__}: {error}"
+            ) from error
+
+    return asked
+
+
 @dataclass(frozen=True, kw_only=True)
 class Component:
     """A part of the craft, or of what surrounds and steers it; it says nothing of what it has not.
+
+    Whatever else than a ConfigurationError a hook raises becomes one that names both.
 
     Attributes
     ----------
@@ -259,7 +307,10 @@ class Component:
     observes: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a declaration that contradicts itself."""
+        """Refuse a declaration that contradicts itself; name each hook in its errors."""
+        for hook in _HOOKS:
+            if ask := getattr(self, hook):
+                object.__setattr__(self, hook, _named(self.name, hook, ask))
         for columns in (self.inputs, self.outputs):
             names = ["stamp_ns", "t", *(column.name for column in columns)]
             twice = [name for name in names if names.count(name) > 1]

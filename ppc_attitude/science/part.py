@@ -163,15 +163,8 @@ def configured(component: Component, values: Mapping[str, Any]) -> tuple[Any, li
     ConfigurationError
         A parameter is infeasible, or `configure` fails or makes something else.
     """
-    try:
-        made = component.configure(values)
-        record, *kept = made if isinstance(made, tuple) else (made,)
-    except ConfigurationError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise ConfigurationError(
-            f"component {component.name}: configure raised {type(error).__name__}: {error}"
-        ) from error
+    made = component.configure(values)
+    record, *kept = made if isinstance(made, tuple) and made else (made,)
     if not isinstance(record, np.generic | np.ndarray) or (record.dtype, record.shape) != (
         component.configuration,
         (),
@@ -181,22 +174,6 @@ def configured(component: Component, values: Mapping[str, Any]) -> tuple[Any, li
             f"which is no record of {component.configuration}"
         )
     return record, kept
-
-
-def parts_that_fail(component: Component, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what of a component can fail, and how, by name.
-
-    Raises
-    ------
-    ConfigurationError
-        `faults` fails.
-    """
-    try:
-        return dict(component.faults(values))
-    except Exception as error:
-        raise ConfigurationError(
-            f"component {component.name}: faults raised {type(error).__name__}: {error}"
-        ) from error
 
 
 class Part:

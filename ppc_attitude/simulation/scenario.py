@@ -35,7 +35,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import see_that_parts_exist
 from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
 from ppc_attitude.science.parameter import Value, checked, resolved
-from ppc_attitude.science.part import configured, parts_that_fail
+from ppc_attitude.science.part import configured
 from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import seconds, stamp_of, step_of
 
@@ -269,7 +269,7 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
     given = {column for component in chosen for column in component.outputs}
     possible = _given_by(node) - given
     try:
-        parts = (parts_that_fail(component, values).items() for component in chosen)
+        parts = (component.faults(values).items() for component in chosen)
         see_that_parts_exist(values, dict(chain.from_iterable(parts)))
         for component in chosen:
             configured(component, values)
