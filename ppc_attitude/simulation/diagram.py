@@ -203,6 +203,11 @@ class Diagram:
                 self._values[kind.name] = values
         self.columns = recorded_columns(parameters)
 
+    @property
+    def memory(self) -> list[NDArray[Any]]:
+        """All that a run changes: who puts it back may run from there again."""
+        return [self._signals, *(part.state for part in self.parts.values())]
+
     def _places_of(self, columns: Sequence[Column]) -> list[int]:
         """Place in the signals of every number of some columns."""
         return [self._places[column.name] + k for column in columns for k in range(column.width)]

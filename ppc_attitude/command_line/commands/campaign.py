@@ -33,6 +33,7 @@ from ppc_attitude.campaign.draw import scenario_of as scenario_of_run
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text, write_campaign_report
 from ppc_attitude.campaign.rows import CampaignError, rerun
+from ppc_attitude.command_line.concerns import tell_concerns
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
@@ -139,6 +140,7 @@ def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
     """Run one index again, in process or through the nodes, and judge it as any run."""
     if not (arguments.record or arguments.bag):
         record, verdict = rerun(campaign, arguments.only)
+        tell_concerns(scenario_of_run(campaign, arguments.only), record)
         _tell_one(arguments, campaign, record, verdict)
         return exit_code(verdict)
     recording = Recording(arguments.bag)

@@ -19,11 +19,10 @@ import shlex
 import sys
 from dataclasses import replace
 
-import numpy as np
-
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.command_line.concerns import first_lost, tell_concerns
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
@@ -37,12 +36,10 @@ from ppc_attitude.command_line.options import (
     write_report_of,
 )
 from ppc_attitude.command_line.paths import new_bag, new_file
-from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import raised_until, simulate
-from ppc_attitude.simulation.flight_plan import goals_told
 from ppc_attitude.simulation.scenario import Scenario
 
 
@@ -51,7 +48,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "simulate",
         help="run the closed loop in process, without ROS",
-        description="The same loop as `run`, with the same kernels, in one process.",
+        description="The same loop as `run`, with the same kernels, in one process. What the log of "
+        "the nodes would warn of goes to standard error, with the simulated time.",
     )
     add_scenario_options(parser)
     add_bag_option(parser, "none")
@@ -72,12 +70,10 @@ def execute(arguments: argparse.Namespace) -> int:
     scenario, required = scenario_of(arguments), requirements_of(arguments)
     check_memory(scenario)
     record = simulate(scenario, scenario.number(PLANT, "duration"))
+    tell_concerns(scenario, record)
     _see_that_it_is_bounded(scenario, record)
     record = replace(record, metadata={**versions(), "command": shlex.join(sys.argv)})
     verdict = analyse(record, required)
-    for told in goals_told(scenario):
-        if told.advice.warning:
-            print(f"warning: at t = {told.time:.3f} s {told.advice.text}", file=sys.stderr)
     if arguments.json:
         print_json(verdict.to_json())
     else:
@@ -95,9 +91,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
     """Raise RunError if a rate is larger than a craft can have, where the plant of `run` ends."""
-    omega = record.columns.get("truth_angular_velocity", record["angular_velocity"])
-    lost = np.flatnonzero(~(np.abs(omega).sum(axis=1) <= LARGEST))  # NaN is not either
-    if lost.size:
-        rate, t = tuple(omega[lost[0]].tolist()), record.t[max(lost[0] - 1, 0)]
-        why = raised_until(scenario, record.stamps_ns[: lost[0] + 1])
+    lost = first_lost(record)
+    if lost < record.t.size:
+        omega = record.columns.get("truth_angular_velocity", record["angular_velocity"])
+        rate, t = tuple(omega[lost].tolist()), record.t[max(lost - 1, 0)]
+        why = raised_until(scenario, record.stamps_ns[: lost + 1])
         raise RunError(f"diverged: angular velocity {rate} rad/s at {t:g} s{why}")

@@ -1,0 +1,38 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a run in process tells on standard error while `run` has it in the log of its nodes."""
+
+import sys
+
+import numpy as np
+
+from ppc_attitude.contract.cdr import LARGEST
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.simulation.news import concerns
+from ppc_attitude.simulation.scenario import Scenario
+
+
+def first_lost(record: RunRecord) -> int:
+    """First instant at which a rate is larger than a craft can have; else how many there are."""
+    omega = record.columns.get("truth_angular_velocity", record["angular_velocity"])
+    kept = np.abs(omega).sum(axis=1) <= LARGEST  # NaN is not either
+    return int(kept.size if kept.all() else kept.argmin())
+
+
+def tell_concerns(scenario: Scenario, record: RunRecord) -> None:
+    """Say what parts warned of in a run, and when; where the motion is none they say nothing."""
+    for time, advice in concerns(scenario, record.stamps_ns[: first_lost(record)]):
+        kind = "error: " if advice.failed else "warning: " if advice.warning else ""
+        print(f"{kind}at t = {time:.3f} s {advice.text}", file=sys.stderr)

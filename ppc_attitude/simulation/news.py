@@ -1,0 +1,72 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the parts of a run tell their user, and when: the nodes log the same."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.stamps import seconds
+from ppc_attitude.simulation.diagram import Diagram
+from ppc_attitude.simulation.flight_plan import Told
+from ppc_attitude.simulation.scenario import Scenario
+
+_BLOCK = 4096  # instants after which the parts are asked
+_MOST = 10  # words of one part; nobody reads what a noisy one says every second of a day
+
+
+def concerns(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Iterator[Told]:
+    """Yield each warning that a part gives over the stamps [ns], and the word that it is over.
+
+    The loop runs once more, so that it need not ask its parts at every instant when it counts.
+    Where a part has something new, the instants are halved until it is known when.
+    """
+    diagram = Diagram(scenario.parameters)
+    samples = np.zeros((sum(column.width for column in diagram.columns), _BLOCK))
+    listened = list(diagram.parts.values())
+    warned: dict[int, list[bool]] = {id(part): [] for part in listened}
+    # Most have something to say at the first instant.
+    starts = (0, *range(1, stamps_ns.size, _BLOCK), stamps_ns.size)
+    for start, end in pairwise(starts):
+        for time, part in _news(diagram, listened, stamps_ns[start:end], samples):
+            part.told, advice, words = part.advices, part.advice, warned[id(part)]
+            severe = advice.warning or advice.failed
+            if severe or (words and words[-1]):
+                words.append(severe)
+                if len(words) == _MOST:
+                    listened.remove(part)
+                    left = f"{advice.text}; what {part.component.name} says later is left out"
+                    advice = advice._replace(text=left)
+                yield Told(time, advice)
+
+
+def _news(
+    diagram: Diagram, parts: list[Part], stamps_ns: NDArray[np.int64], samples: Array
+) -> Iterator[tuple[float, Part]]:
+    """Yield each part that has something new, at the instant [s] at which it has."""
+    before = [each.copy() for each in diagram.memory]
+    diagram.run(stamps_ns, samples)
+    new = [part for part in parts if part.advices != part.told]
+    if new and stamps_ns.size > 1:
+        for each, was in zip(diagram.memory, before, strict=True):
+            each[:] = was
+        for half in np.array_split(stamps_ns, 2):
+            yield from _news(diagram, parts, half, samples)
+    else:
+        yield from ((seconds(int(stamp)), part) for stamp in stamps_ns for part in new)
