@@ -204,6 +204,23 @@ def test_a_run_whose_promise_is_suspended_all_along_is_not_judged(
     )
 
 
+def test_wheels_that_cannot_hold_the_assumed_momentum_are_warned_of(
+    gains: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    overlay = tmp_path / "slow.yaml"
+    # J_s 110 rad/s √(8/3), less what a sample may add, of four wheels in a pyramid
+    overlay.write_text("spacecraft_plant: {ros__parameters: {wheels: {max_speed: [110.0]}}}")
+    warning = "warning: in some direction the wheels hold no more than 0.1429 N·m·s"
+    chosen = (f"--config={overlay}", "--gains", "0.8", "78.4", "1")
+    for command in (["check", f"--config={gains}", chosen[0]], ["design", *chosen]):
+        for options, expected in ((command, True), ([*command, "--config", str(FILES[1])], False)):
+            name, *rest = options
+            assert main([name, *OPTIONS, *rest]) == 0
+            told = " ".join(capsys.readouterr().out.split())
+            assert (warning in told) == expected, told
+            assert "a hit or magnetorquers may add to it" in told
+
+
 def test_the_papers_environment_fills_the_wheels_and_is_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

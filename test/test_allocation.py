@@ -111,3 +111,14 @@ def least_load(t: Array, axes: Array, low: Array, high: Array) -> float:
 def test_what_an_array_gives_on_every_axis(name: str, certain: float) -> None:
     axes = arrays()[name]
     assert certain_torque(axes, np.ones(len(axes))) == pytest.approx(certain, rel=1e-7)
+
+
+@pytest.mark.parametrize("name", ["pyramid", "pyramid_without_0", "orthogonal_3_and_skew"])
+def test_what_an_array_gives_in_every_direction(name: str) -> None:
+    axes = arrays()[name]
+    limits = np.ones(len(axes))
+    certain = certain_torque(axes, limits, 2)
+    directions = np.random.default_rng(1).normal(size=(1000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    heaviest = max(least_load(certain * each, axes, -limits, limits) for each in directions)
+    assert 0.98 < heaviest < 1.0 + 1e-9

@@ -91,7 +91,8 @@ def promise_lines(certificate: Certificate, assumed: Assumptions) -> list[str]:
         most = float(np.linalg.eigvalsh(np.reshape(assumed.inertia, (3, 3)))[-1])
         lines.append(
             f"while the momentum ‖Jω + h‖ of craft and wheels is at most {momentum:g} N·m·s (from "
-            f"about {math.degrees(momentum / most):.3g} deg/s on the craft alone may have more) "
+            f"about {math.degrees(momentum / most):.3g} deg/s on the craft alone may have more; "
+            "a hit or magnetorquers may add to it) "
             "and no wheel is a sample away from its largest speed"
         )
     return lines

@@ -163,8 +163,10 @@ def _give(heaviest: tuple[float, Vector], t: Vector, wheels: WheelArray) -> Vect
     return t
 
 
-def certain_torque(axes: NDArray[np.float64], limits: NDArray[np.float64]) -> float:
+def certain_torque(axes: NDArray[np.float64], limits: NDArray[np.float64], order: int = 1) -> float:
     """Torque per axis [N·m] that wheels give in any direction: any |τ_i| up to it can be had.
+
+    So it is with the momentum [N·m·s] that they hold, if that is what limits it.
 
     Parameters
     ----------
@@ -172,10 +174,12 @@ def certain_torque(axes: NDArray[np.float64], limits: NDArray[np.float64]) -> fl
         Unit axes.
     limits : ndarray, shape (n,)
         Largest torque of each wheel [N·m].
+    order : int
+        2 for the norm: any ‖τ‖ up to it can be had.
     """
     normals = [np.cross(a, b) for k, a in enumerate(axes) for b in axes[:k]]
     return min(
-        float(np.sum(limits * np.abs(axes @ normal)) / np.sum(np.abs(normal)))
+        float(np.sum(limits * np.abs(axes @ normal)) / np.linalg.norm(normal, order))
         for normal in normals
         if np.linalg.norm(normal) > _PARALLEL
     )

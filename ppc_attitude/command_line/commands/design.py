@@ -64,6 +64,7 @@ from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
 from ppc_attitude.science.guarantee.surroundings import (
     TUBE,
     assumptions_from,
+    suspensions,
     tube_of,
     white_noise,
 )
@@ -229,6 +230,9 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"the search found numbers that cannot be proved: {', '.join(failing)}")
         return BAD_INPUT
     _tell(found, certificate, assumed)
+    nodes, duration = nodes_around(scenario.parameters), scenario.number(PLANT, "duration")
+    for suspension in suspensions(assumed, nodes, duration):
+        print(f"warning: {suspension}")
     if arguments.output:
         law = scenario.controller.name if scenario.controller.name in LAWS else LAW
         write_whole(arguments.output, _file(law, values, certificate, assumed))

@@ -48,8 +48,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "simulate",
         help="run the closed loop in process, without ROS",
-        description="The same loop as `run`, with the same kernels, in one process. What the log of "
-        "the nodes would warn of goes to standard error, with the simulated time.",
+        description="The same loop as `run`, with the same kernels, in one process. What the log "
+        "of the nodes would warn of goes to standard error, with the simulated time.",
     )
     add_scenario_options(parser)
     add_bag_option(parser, "none")

@@ -134,6 +134,12 @@ def first_momentum(plant: Mapping[str, Any], rate: ArrayLike) -> float:
     return float(momentum_of(plant, rate, _wheels(plant)["initial_speed"]))
 
 
+def held_momentum(plant: Mapping[str, Any]) -> float:
+    """‖h‖ [N·m·s] that the wheels can hold in any direction before one of them is full."""
+    craft = _wheels(plant)
+    return certain_torque(craft["axes"], craft["inertia"] * np.maximum(craft["full"], 0.0), 2)
+
+
 def are_full(plant: Mapping[str, Any], speeds: Floats) -> NDArray[np.bool_]:
     """Whether some wheel, at speeds [rad/s] of a row each, may reach its largest in a sample."""
     full = _wheels(plant)["full"]

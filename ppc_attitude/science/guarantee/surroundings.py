@@ -28,7 +28,12 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import first_knowledge
 from ppc_attitude.science.faults import FAULTS, fault_texts
-from ppc_attitude.science.guarantee.actuation import actuation_of, first_momentum, has_wheels
+from ppc_attitude.science.guarantee.actuation import (
+    actuation_of,
+    first_momentum,
+    has_wheels,
+    held_momentum,
+)
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import body_of
@@ -156,7 +161,7 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
     """Yield what may suspend the promise in flight; parameters as of `broken_assumptions`.
 
     Without fixes the filter's covariance grows beyond the assumed errors, and the torque of the
-    environment lets the momentum of a craft with wheels grow.
+    environment lets the momentum of a craft with wheels grow, beyond what they can hold.
     """
     plant, torque = nodes.plant, nodes.torque_bound
     if has_wheels(plant):
@@ -166,6 +171,12 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
             yield (
                 f"the promise holds while the momentum is at most {assumed.momentum:.4g} N·m·s: it "
                 f"is {first:.4g} at the start, and may be {last:.4g} after {duration:g} s"
+            )
+        most = held_momentum(plant)
+        if most < assumed.momentum:
+            yield (
+                f"in some direction the wheels hold no more than {most:.4g} N·m·s: the promise "
+                f"ends there, and not at the assumed momentum of {assumed.momentum:.4g} N·m·s"
             )
     if not nodes.estimated:
         return
