@@ -154,10 +154,14 @@ def test_one_sample_is_a_run():
     json.dumps(verdict.to_json(), allow_nan=False)
 
 
-@pytest.mark.parametrize("limits", [[], "fast", [628.3] * 9])
-def test_wheels_whose_limits_nobody_can_read_are_not_judged(limits):
+@pytest.mark.parametrize(
+    "plant", [{}, *({"wheels.max_speed": each} for each in ([], "fast", [628.3] * 9))]
+)
+def test_wheels_whose_limits_nobody_can_read_are_not_judged(plant):
     speeds = np.full((normal_run().stamps_ns.size, 4), 600.0)
     run = with_columns(normal_run(), wheel_speed=speeds)
-    told = replace(run, parameters={"spacecraft_plant": {"wheels.max_speed": limits}})
-    verdict = analyse(told)
-    assert "wheel_speed" not in {each.key for each in verdict.requirements}
+    verdict = analyse(replace(run, parameters={"spacecraft_plant": plant}))
+    judged = requirement(verdict, "speed of a wheel, share of its largest")
+    why = "no limits (wheels.max_speed of spacecraft_plant) on record"
+    assert (judged.met, judged.reason) == (None, why)
+    assert "wheel_speed" not in {each.key for each in analyse(normal_run()).requirements}

@@ -353,9 +353,10 @@ class Judge(Measured):
 
     def _wheels(self) -> Iterator[Requirement]:
         """Judge whether the wheels could take up the momentum; one at its limit gives no torque."""
-        share = self.fastest_wheel
-        if share is not None:
-            why = self.changed(PLANT, wheels.MAX_SPEED.name)
+        if has(self.record, wheels.SPEED.name):
+            share, why = self.fastest_wheel, self.changed(PLANT, wheels.MAX_SPEED.name)
+            if share is None and not why:
+                why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
             yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole, why)
 
     def _reported(self) -> Iterator[Requirement]:
