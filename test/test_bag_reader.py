@@ -97,6 +97,21 @@ def test_the_only_namespace_is_found(tmp_path: Path, namespace: str) -> None:
 # What others write
 
 
+@pytest.mark.parametrize("frame", ["", "inertia", "world", "inertial_2"])
+def test_messages_that_a_node_refuses_for_their_frame_are_counted(
+    tmp_path: Path, frame: str
+) -> None:
+    other = Codec(replace(ATTITUDE, frame_id=frame))
+    sequence = list(messages(RUN))
+    for k in [k for k, (topic, *_) in enumerate(sequence) if topic == ATTITUDE][10:13]:
+        topic, stamp, data = sequence[k]
+        sequence[k] = topic, stamp, other.encode(stamp, Codec(topic).decode(data).values)
+    read = read_run(write_messages(tmp_path / "bag", sequence))
+    assert_same(read, RUN)
+    told = f"3 messages of /attitude are read as if in its frame: frame_id {frame!r}; allowed: "
+    assert read.warnings == (f"{told}'inertial'",)
+
+
 def test_every_message_in_another_encoding(tmp_path: Path) -> None:
     """XCDR2 (float64 on 4 bytes), both byte orders and frame names of all lengths in one topic."""
     sequence = []
@@ -111,7 +126,10 @@ def test_every_message_in_another_encoding(tmp_path: Path) -> None:
         tail = struct.pack(f"{order}{len(values)}d", *values)
         pad = b"\xaa" * (-len(head) % align)
         sequence.append((topic, stamp, bytes([0, kind, 0, 0]) + head + pad + tail))
-    assert_same(read_run(write_messages(tmp_path / "bag", sequence)), RUN)
+    read = read_run(write_messages(tmp_path / "bag", sequence))
+    assert_same(read, RUN)
+    assert len(read.warnings) == len(RUN.columns)  # none has its own frame
+    assert all(each.startswith(f"{STEPS} messages of /") for each in read.warnings)
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,13 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppc_attitude.bags.changes import MOST, changes_of
 from ppc_attitude.bags.source import Block, Channel, Integers, split_rows
 from ppc_attitude.bags.timeline import Series
 from ppc_attitude.contract.carriers import carriers, decode_rows, is_stamped
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED
 from ppc_attitude.contract.run_record import Array, Change
 from ppc_attitude.contract.topics import CHANGES_TOPIC, Topic
@@ -65,6 +67,8 @@ class Collected:
         self._names = names
         self._parts: dict[str, list[_Part]] = {}
         self._unreadable: dict[str, int] = {}
+        # How many messages have another frame, and what a node says of the first.
+        self._strange: dict[str, tuple[int, str]] = {}
         self._notes: list[str] = []
         self._changes: dict[str, list[bytes]] = {}
         self._met = 0
@@ -82,6 +86,8 @@ class Collected:
             for name, topic in self._uses(channel):
                 stamps, values, readable = decode_rows(topic, channel.msgtype, rows)
                 readable &= stamps >= 0  # every node refuses what was before time
+                if channel.msgtype == topic.msgtype:  # another type has another header's frame
+                    self._look_at_frames(channel.topic, Codec(topic), rows, readable)
                 received = None if stamps.any() else block.time[indices]
                 arrival = indices + self._met
                 bad = len(rows) - int(readable.sum())
@@ -91,6 +97,17 @@ class Collected:
                     received = None if received is None else received[readable]
                 self._parts.setdefault(name, []).append(_Part(stamps, values, arrival, received))
         self._met += len(block.channel)
+
+    def _look_at_frames(
+        self, name: str, codec: Codec, rows: NDArray[np.uint8], readable: NDArray[np.bool_]
+    ) -> None:
+        """Count the messages that a node would have refused for their frame."""
+        others = readable & codec.other_frames(rows)
+        if others.any():
+            frame = codec.decode(rows[others.argmax()].tobytes()).frame_id
+            told = f"frame_id {frame!r}; allowed: {codec.topic.frame_id!r}"
+            count, told = self._strange.get(name, (0, told))
+            self._strange[name] = count + int(others.sum()), told
 
     def series(self, namespace: str, types: Mapping[str, str]) -> dict[Topic, Series]:
         """Messages of the run in a namespace; what was collected is given away.
@@ -141,9 +158,16 @@ class Collected:
 
     def warnings(self, namespace: str) -> list[str]:
         """Say which topics of the run hold messages that are none, or are read otherwise."""
+        found = [
+            (name, f"{n} messages of {name} cannot be used") for name, n in self._unreadable.items()
+        ]
+        found += [
+            (name, f"{n} messages of {name} are read as if in its frame: {why}")
+            for name, (n, why) in self._strange.items()
+        ]
         told = [
-            f"{count} messages of {name} cannot be used"
-            for name, count in self._unreadable.items()
+            text
+            for name, text in found
             if name.startswith(f"{namespace}/") or name in self._names.values()
         ]
         told += self._notes

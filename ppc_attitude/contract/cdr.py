@@ -200,8 +200,8 @@ class Codec:
             # Rows with the encoding and the name length of the first have its layout; those of
             # joints with the same names.
             named = slice(12, start if self.topic.form in JOINTS else 16)
-            alike = (rows[:, :2] == rows[0, :2]).all(axis=1)
-            alike &= (rows[:, named] == rows[0, named]).all(axis=1)
+            alike = _hold(rows, 0, rows[0, :2].tobytes())
+            alike &= _hold(rows, named.start, rows[0, named].tobytes())
             begin = start + 8 * self._skipped
             end = begin + 8 * self._width
             stamps = stamps_of_rows(rows, order)
@@ -214,6 +214,11 @@ class Codec:
                 continue
             stamps[row], values[row], alike[row] = sample.stamp_ns, sample.values, True
         return stamps, values, alike
+
+    def other_frames(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Which messages, a row each as of `decode_rows`, have another frame than the topic."""
+        # With the NUL that ends it: a longer one is another.
+        return ~_hold(rows, _AFTER_STAMP + 4, self.topic.frame_id.encode() + b"\0")
 
     def _decode_general(self, data: bytes) -> Sample:
         order, length, start = self._layout(data)
@@ -293,6 +298,18 @@ def stamped_layout(data: bytes, msgtype: str, count: int) -> tuple[str, int, int
     if len(data) < start + 8 * count:
         raise CdrError(f"{len(data)} bytes are too few for a {msgtype}")
     return order, length, start
+
+
+def _hold(rows: NDArray[np.uint8], at: int, what: bytes) -> NDArray[np.bool_]:
+    """Which messages, a row each, hold some bytes at a place, compared by words of them."""
+    size = next(each for each in (8, 4, 2, 1) if each <= len(what))
+    if rows.shape[1] < at + len(what):
+        return np.zeros(len(rows), np.bool_)
+    held = np.ones(len(rows), np.bool_)
+    for first in (*range(0, len(what) - size, size), len(what) - size):
+        words = rows[:, at + first : at + first + size].view(f"u{size}")[:, 0]
+        held &= words == np.frombuffer(what, f"u{size}", 1, first)
+    return held
 
 
 def stamps_of_rows(rows: NDArray[np.uint8], order: str) -> NDArray[np.int64]:
