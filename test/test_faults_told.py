@@ -24,14 +24,19 @@ import yaml
 from craft_helpers import case, configs
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from synthetic import normal_run
 from test_hardware_faults import WORDS
 from test_report import nothing_drawn
 
+from ppc_attitude.analysis.comparison import comparisons_of
+from ppc_attitude.analysis.drawing import RED
 from ppc_attitude.analysis.envelopes import ENVELOPES
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.figures import error_figure
 from ppc_attitude.analysis.guarantee import certificate_held
+from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.report import write_report
@@ -115,6 +120,12 @@ def test_any_texts_of_a_bag_are_told_or_left_out(texts: list[str]) -> None:
 SHORT = normal_run(duration=1.0)
 
 
+def ends_of(axes: Axes) -> list[float]:
+    """Where the bands of a figure begin and end [s]."""
+    bands = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
+    return [end for band in bands for end in (band.x0, band.x1)]
+
+
 def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
     record = failed([f"{STUCK} from 2 for 3"], (7.0, [f"{WEAK} from 7"]))
     page = tmp_path / "report.html"
@@ -122,16 +133,26 @@ def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
         write_report([(record, analyse(record))], page)
     text = page.read_text(encoding="utf-8")
     assert f"<h3>Faults</h3>\n<ul><li>{STUCK}, 2 to 5 s</li><li>{WEAK}, 7 to 10 s</li></ul>" in text
-    axes = error_figure(Measured(record, PAPER), ENVELOPES[0]).axes[0]
-    bands = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
-    ends = [end for band in bands for end in (band.x0, band.x1)]
-    assert ends == pytest.approx([2.0, 5.0, 7.0, 10.0])
+    figure = error_figure(Measured(record, PAPER), ENVELOPES[0])
+    axes = figure.axes[0]
+    assert ends_of(axes) == pytest.approx([2.0, 5.0, 7.0, 10.0])
+    for panel in json.loads(plotted(figure).partition(">")[2].rpartition("<")[0]):
+        ends = [end for band in panel["bands"] for end in (band["from"], band["to"])]
+        assert ends == pytest.approx([2.0, 5.0, 7.0, 10.0])
+        assert {band["colour"] for band in panel["bands"]} == {to_hex(RED) + "14"}
     assert "fault" in axes.get_legend_handles_labels()[1]
     whole = failed([""])
     with nothing_drawn():
         write_report([(whole, analyse(whole))], page)
     assert "Faults" not in page.read_text(encoding="utf-8")
     assert not error_figure(Measured(whole, PAPER), ENVELOPES[0]).axes[0].patches
+
+
+def test_a_comparison_shows_the_faults_of_every_run_each_once() -> None:
+    runs = [failed([f"{STUCK} from 2 for 3"]), failed([f"{STUCK} from 2 for 3", f"{WEAK} from 7"])]
+    for _, figure in comparisons_of(runs, ["one", "other"]).values():
+        assert ends_of(figure.axes[0]) == pytest.approx([2.0, 5.0, 7.0, 10.0])
+        assert "fault" in figure.axes[0].get_legend_handles_labels()[1]
 
 
 def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:

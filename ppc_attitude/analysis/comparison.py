@@ -32,11 +32,13 @@ from ppc_attitude.analysis.drawing import (
     legend,
     limit_lines,
     log_axis,
+    mark_faults,
     mark_hits,
     panels,
     time_axis,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope
+from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.analysis.run_panels import (
@@ -258,6 +260,7 @@ def _side_by_side(
     Logarithmic from `floor` up, if that is given.
     """
     hits = sorted({hit.start_s for run in runs for hit in run.hits})
+    faults = sorted({(each.start_s, each.end_s) for run in runs for each in faults_of(run.record)})
     longest = max((t for t, _, _ in series), key=lambda t: float(t[-1]))
     window = zoom_window(longest, hits, runs[0].required.settling_deadline)
     figure, rows = panels(
@@ -275,6 +278,7 @@ def _side_by_side(
                 log_axis(axes, floor)
             time_axis(axes, longest)
             mark_hits(axes, hits)
+            mark_faults(axes, faults)
             axes.set_xlabel("time [s]" if row is rows[-1] else "")
     legend(rows[0][0])
     return figure, rows

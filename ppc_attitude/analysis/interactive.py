@@ -26,6 +26,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import has
@@ -90,6 +91,7 @@ def _panel(axes: Axes) -> dict[str, Any]:
         "label": _plain(axes.get_ylabel()),
         "scale": axes.get_yscale(),
         "limits": None if axes.get_autoscaley_on() else axes.get_ylim(),
+        "bands": [_band(each) for each in axes.patches if _is_band(axes, each)],
         "lines": [_line(axes, each) for each in axes.get_lines() if _is_line(axes, each)],
     }
 
@@ -98,6 +100,17 @@ def _is_line(axes: Axes, line: Line2D) -> bool:
     """Whether it is a line over time: no mark of a hit, no entry of a legend alone."""
     mark = line.get_transform() == axes.get_xaxis_transform()
     return len(np.asarray(line.get_xdata())) > 1 and not mark
+
+
+def _is_band(axes: Axes, patch: Patch) -> bool:
+    """Whether it is a band over all of the ordinate, such as that of a fault."""
+    return bool(patch.get_data_transform() == axes.get_xaxis_transform())
+
+
+def _band(patch: Patch) -> dict[str, Any]:
+    extent = patch.get_path().get_extents(patch.get_patch_transform())
+    colour = to_hex(patch.get_facecolor(), keep_alpha=True)
+    return {"from": float(extent.x0), "to": float(extent.x1), "colour": colour}
 
 
 def _line(axes: Axes, line: Line2D) -> dict[str, Any]:

@@ -26,7 +26,14 @@ function chart(box, panel, sync) {
     const log = distribution === 3;
     return log ? uPlot.rangeLog(from, to, 10, false) : uPlot.rangeNum(from, to, 0.1, true);
   };
+  const bands = ({ ctx, bbox, valToPos }) => panel.bands.forEach((band) => {
+    const [from, to] = [band.from, band.to].map((each) =>
+      Math.min(Math.max(valToPos(each, "x", true), bbox.left), bbox.left + bbox.width));
+    ctx.fillStyle = band.colour;
+    ctx.fillRect(from, bbox.top, to - from, bbox.height);
+  });
   new uPlot({
+    hooks: { drawClear: [bands] },
     // So high that the axis title is not cut.
     width: box.clientWidth, height: Math.max(260, 7.8 * panel.label.length), cursor: { sync: { key: sync } },
     scales: { x: { time: false }, y: { distr: distribution, range } },
