@@ -14,12 +14,16 @@
 
 """Replay finds no difference in a run of ours, whatever was changed in flight."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from estimation_helpers import ROOT
 
+from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
@@ -35,10 +39,10 @@ NOISY = {"spacecraft_plant": {"attitude_noise": 1e-4, "rate_noise": 1e-5, "seed"
 @pytest.mark.parametrize("given", [{}, NOISY], ids=["exact", "noisy"])
 def test_every_component_gives_again_what_is_on_record(given: dict[str, dict[str, float]]) -> None:
     found = replay(simulate(scenario(given), 5.0))
-    names = [each.component for each in (found.law, *found.others)]
+    names = [each.component for each in found.found]
     assert names == ["ppc", "rigid_body", "direct", "ideal", "paper"]
-    assert all(each.largest == 0.0 for each in (found.law, *found.others))
-    assert {(each.steps, each.skipped) for each in (found.law, *found.others)} == {(501, 0)}
+    assert all(each.largest == 0.0 for each in found.found)
+    assert {(each.steps, each.skipped) for each in found.found} == {(501, 0)}
 
 
 def estimated(**tracker: float) -> Scenario:
@@ -57,8 +61,8 @@ def test_an_estimator_gives_again_what_late_fixes_made_it_give() -> None:
     found = replay(record)
     components = [each.component for each in found.others]
     assert {"gyro_star_tracker", "mekf"} <= set(components)
-    assert all(each.largest == 0.0 for each in (found.law, *found.others))
-    assert {(each.steps, each.skipped) for each in (found.law, *found.others)} == {(1201, 0)}
+    assert all(each.largest == 0.0 for each in found.found)
+    assert {(each.steps, each.skipped) for each in found.found} == {(1201, 0)}
     fixes = record["star_fix"].copy()
     fixes[200, 0] += 1e-6
     changed = replay(replace(record, columns={**record.columns, "star_fix": fixes}))
@@ -97,8 +101,12 @@ def test_another_number_is_found_where_it_is() -> None:
     torque = record["torque_command"].copy()
     torque[77, 1] += 1e-3
     found = replay(replace(record, columns={**record.columns, "torque_command": torque}))
-    assert found.law.largest == pytest.approx(1e-3)
-    assert (found.law.column, found.law.at, found.law.unit) == ("torque_command", 0.77, "N·m")
+    assert found.found[0].largest == pytest.approx(1e-3)
+    assert (found.found[0].column, found.found[0].at, found.found[0].unit) == (
+        "torque_command",
+        0.77,
+        "N·m",
+    )
 
 
 def test_what_was_changed_in_flight_is_applied_at_its_stamp() -> None:
@@ -112,9 +120,9 @@ def test_what_was_changed_in_flight_is_applied_at_its_stamp() -> None:
     parts = {"controllers": CONTROLLER, "actuators": PLANT, "plants": PLANT}
     record = changed_in_flight(scenario(NOISY), 100, 300, changes, **parts)
     found = replay(record)
-    assert [each.largest for each in (found.law, *found.others)] == [0.0] * 5
+    assert [each.largest for each in found.found] == [0.0] * 5
     without = replay(replace(record, changes=()))
-    assert without.law.largest > 0.0
+    assert without.found[0].largest > 0.0
     assert {each.component for each in without.others if each.largest > 0.0} == {
         "rigid_body",
         "ideal",
@@ -123,8 +131,31 @@ def test_what_was_changed_in_flight_is_applied_at_its_stamp() -> None:
 
 def test_a_law_that_nobody_knows_is_named() -> None:
     record = replace(simulate(scenario({}), 0.1), controller="theirs")
+    found = replay(record)
+    assert found.law is None
+    assert [each.component for each in found.found] == ["rigid_body", "direct", "ideal", "paper"]
+    assert all(each.largest == 0.0 for each in found.found)
+    assert found.missing == ("controller = theirs",)
     with pytest.raises(ConfigurationError, match="controller 'theirs' is not one of ppc"):
-        replay(record)
+        replay(replace(record, parameters={}))
+
+
+def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = simulate(scenario({}), 0.1)
+    law = {**record.parameters[CONTROLLER], "controller": "theirs", "theirs.gain": 1.0}
+    parameters = {**record.parameters, CONTROLLER: law}
+    write_run(replace(record, controller="theirs", parameters=parameters), tmp_path / "bag")
+    assert main(["replay", str(tmp_path / "bag")]) == 0
+    told = capsys.readouterr().out
+    assert "rigid_body: 11 steps replayed" in told
+    assert told.count("not installed, so not replayed: controller = theirs\n") == 1
+    assert "not installed, so not replayed: theirs.gain" in told
+    assert main(["replay", str(tmp_path / "bag"), "--json"]) == 0
+    page = json.loads(capsys.readouterr().out)
+    assert page["largest_difference"] is page["steps"] is None
+    assert len(page["components"]) == 4
 
 
 def test_what_is_installed_is_replayed_beside_what_is_not() -> None:
@@ -136,7 +167,7 @@ def test_what_is_installed_is_replayed_beside_what_is_not() -> None:
         CONTROLLER: {**record.parameters[CONTROLLER], "their_law.gain": 3.0},
     }
     found = replay(replace(record, parameters=parameters))
-    names = [each.component for each in (found.law, *found.others)]
+    names = [each.component for each in found.found]
     assert names == ["ppc", "direct", "ideal", "paper"]
-    assert all(each.largest == 0.0 for each in (found.law, *found.others))
+    assert all(each.largest == 0.0 for each in found.found)
     assert set(found.missing) == {"plant = theirs", "theirs.spin", "their_law.gain"}

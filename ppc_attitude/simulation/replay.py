@@ -78,17 +78,22 @@ class Replay:
 
     Attributes
     ----------
-    law : Difference
-        Of the control law, in its torque command.
+    law : Difference or None
+        Of the control law, in its torque command; None if it is not installed.
     others : tuple of Difference
         Of every other component whose inputs and outputs are on record.
     missing : tuple of str
         Selections and parameters on record that nothing installed knows.
     """
 
-    law: Difference
+    law: Difference | None
     others: tuple[Difference, ...]
     missing: tuple[str, ...]
+
+    @property
+    def found(self) -> tuple[Difference, ...]:
+        """Result of each component, that of the law first."""
+        return self.others if self.law is None else (self.law, *self.others)
 
 
 def replay(record: RunRecord) -> Replay:
@@ -97,9 +102,13 @@ def replay(record: RunRecord) -> Replay:
     Raises
     ------
     ConfigurationError
-        The record names no known law, has no parameters for it, or lacks an input.
+        The record names no known law and nothing else can be replayed, or it has no parameters for
+        the law, or lacks an input of it.
     """
     if record.controller not in CONTROLLERS.components:
+        if others := _others(record):
+            unknown = f"{CONTROLLERS.selector} = {record.controller}"
+            return Replay(None, others, tuple(dict.fromkeys((unknown, *_missing(record)))))
         raise ConfigurationError(
             f"{record.source}: controller {record.controller!r} is not one of "
             f"{', '.join(CONTROLLERS.components)}: it cannot be replayed"
@@ -110,13 +119,14 @@ def replay(record: RunRecord) -> Replay:
     absent = [c.topic for c in (*law.inputs, TORQUE_COMMAND) if c.name not in record]
     if absent:
         raise ConfigurationError(f"{record.source}: no messages of {', '.join(absent)}")
-    return Replay(
-        _replayed(record, CONTROLLER, CONTROLLERS, law, (TORQUE_COMMAND,)),
-        tuple(
-            _replayed(record, node, kind, component, component.outputs)
-            for node, kind, component in _replayable(record)
-        ),
-        tuple(_missing(record)),
+    of_law = _replayed(record, CONTROLLER, CONTROLLERS, law, (TORQUE_COMMAND,))
+    return Replay(of_law, _others(record), tuple(_missing(record)))
+
+
+def _others(record: RunRecord) -> tuple[Difference, ...]:
+    return tuple(
+        _replayed(record, node, kind, component, component.outputs)
+        for node, kind, component in _replayable(record)
     )
 
 

@@ -37,9 +37,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Replay and report."""
     result = replay(record_of(arguments))
-    found = (result.law, *result.others)
     if arguments.json:
-        law = asdict(result.law)
+        law = dict.fromkeys(("steps", "skipped", "largest", "at"))
+        if result.law is not None:
+            law |= asdict(result.law)
         print_json(
             {
                 "bag": str(arguments.bag),
@@ -47,12 +48,12 @@ def execute(arguments: argparse.Namespace) -> int:
                 "skipped": law["skipped"],
                 "largest_difference": law["largest"],
                 "at": law["at"],
-                "components": [asdict(each) for each in found],
+                "components": [asdict(each) for each in result.found],
                 "missing": result.missing,
             }
         )
     else:
-        for each in found:
+        for each in result.found:
             unit = "" if each.unit == "1" else f" {each.unit}"
             print(
                 f"{each.component}: {each.steps} steps replayed, {each.skipped} skipped, largest "
@@ -60,4 +61,4 @@ def execute(arguments: argparse.Namespace) -> int:
             )
         for name in result.missing:
             print(f"not installed, so not replayed: {name}")
-    return REQUIREMENT_FAILED if any(each.largest for each in found) else DONE
+    return REQUIREMENT_FAILED if any(each.largest for each in result.found) else DONE
