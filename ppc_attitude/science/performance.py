@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Vector, kernel
+from ppc_attitude.science.kernel import Vector, add, divide, kernel, scale
 
 SHAPE = np.dtype(
     [
@@ -302,8 +302,4 @@ def widened_rate_envelope(
 def widened_attitude_envelope(delta: Vector, drive: Vector, decay: float, h: float) -> Vector:
     """Δρ_q after h [s] by the implicit Euler step of Δρ_q' = −C_q Δρ_q + drive."""
     fall = 1.0 + h * decay
-    return (
-        (delta[0] + h * drive[0]) / fall,
-        (delta[1] + h * drive[1]) / fall,
-        (delta[2] + h * drive[2]) / fall,
-    )
+    return divide(add(delta, scale(h, drive)), (fall, fall, fall))

@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppc_attitude.science.component import BODY, VECTOR, Column
+from ppc_attitude.science.kernel import Vector, divide, kernel, scale, tanh
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import Envelope, EnvelopeTable, solve_envelope
 
@@ -99,6 +100,12 @@ def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
     """
     fields = EnvelopeTable.__dataclass_fields__
     return solve_envelope(prefix, EnvelopeTable(*(values[f"{prefix}.{name}"] for name in fields)))
+
+
+@kernel
+def smooth_sign(a: Vector, size: float, width: float) -> Vector:
+    """Size · tanh(a/width): the estimate D_m tanh(·/μ) of a disturbance [N·m]."""
+    return scale(size, tanh(divide(a, (width, width, width))))
 
 
 def is_diagonal(inertia: Any) -> bool:
