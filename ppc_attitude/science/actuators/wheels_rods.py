@@ -37,6 +37,7 @@ from ppc_attitude.science.faults import (
     faults_of,
     faulty,
 )
+from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
 from ppc_attitude.science.kernel import Vector, add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import (
     DIPOLE,
@@ -46,7 +47,6 @@ from ppc_attitude.science.magnetorquers import (
     magnetorquer_record,
     unloading_dipole,
 )
-from ppc_attitude.science.orbit_field import MAGNETIC_FIELD
 from ppc_attitude.science.wheels import momentum
 
 _RODS = dict.fromkeys(

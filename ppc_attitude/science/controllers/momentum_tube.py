@@ -25,9 +25,14 @@ import math
 from typing import Any
 
 from ppc_attitude.science.component import Component
-from ppc_attitude.science.controllers.brake import capped_brake, deceleration
+from ppc_attitude.science.controllers.brake import (
+    axis_rate,
+    capped_brake,
+    deceleration,
+    error_axis,
+    speed_limit,
+)
 from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
-from ppc_attitude.science.controllers.error_axis import axis_rate, error_axis, speed_limit
 from ppc_attitude.science.controllers.interface import (
     INPUTS,
     OUTPUTS,
@@ -50,9 +55,12 @@ from ppc_attitude.science.controllers.tube_state import (
     TURN_ENVELOPE,
     advice,
     advices,
+    hear,
+    is_hit,
     phase,
+    slip,
+    watch,
 )
-from ppc_attitude.science.controllers.tube_watch import hear, is_hit, slip, watch
 from ppc_attitude.science.kernel import (
     Matrix,
     Quaternion,

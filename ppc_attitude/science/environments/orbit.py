@@ -26,7 +26,8 @@ import numpy as np
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.geomagnetic import largest_field
+from ppc_attitude.science.geomagnetic import ORBIT_FIELD, largest_field, magnetic_field, orbit_field
+from ppc_attitude.science.geomagnetic import PARAMETERS as FIELD_PARAMETERS
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Matrix,
@@ -44,8 +45,6 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, orbit_at
 from ppc_attitude.science.orbit_elements import epoch_of
-from ppc_attitude.science.orbit_field import ORBIT_FIELD, magnetic_field, orbit_field
-from ppc_attitude.science.orbit_field import PARAMETERS as FIELD_PARAMETERS
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.plates import (

@@ -11,11 +11,13 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""Orders to guidance: goals, holds and timed profiles, scheduled or given in flight.
 
-"""Orders to guidance: goals, holds and timed profiles, scheduled or given in flight."""
+The book of a run has them in the order in which they act.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -28,7 +30,7 @@ from ppc_attitude.science.guidance.cones import each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
 from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
+from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
 HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
 GOAL_TIMES = Parameter(
@@ -66,6 +68,7 @@ GOAL_POINTS = Parameter(
     read_only=True,
 )
 _OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
+_MOST = 10_000  # orders of a run
 GOAL_PARAMETERS = (GOAL_TIMES, GOAL_FRAMES, GOAL_ATTITUDES, GOAL_POINTS)
 
 HOLD, PROFILE = -1, -2  # in place of an order's frame
@@ -180,3 +183,67 @@ def schedule_of(orders: Orders) -> dict[str, Any]:
         GOAL_ATTITUDES.name: orders.listed["attitude"].ravel().tolist(),
         GOAL_POINTS.name: [float(number) for row in rows for number in row],
     }
+
+
+Make = Callable[[int], NDArray[Any]]
+"""From the stamp [ns] at which an order acts to the order: array of dtype `ORDER`, length 1."""
+
+
+class OrderBook:
+    """Orders, of which those that have acted come first.
+
+    Parameters
+    ----------
+    scheduled : ndarray of dtype ORDER
+        Orders of the scenario.
+    """
+
+    def __init__(self, scheduled: NDArray[Any]) -> None:
+        self._scheduled = scheduled
+        self._orders = scheduled
+        self._beginning: list[Make] = []  # act from the next instant on
+        self.begin_again()
+
+    def accept(self, make: Make, stamp_ns: int) -> str:
+        """Take an order that acts from a stamp [ns] on; what is past acts at the next instant.
+
+        Returns
+        -------
+        str
+            From when it acts, in words.
+
+        Raises
+        ------
+        ConfigurationError
+            There are too many orders.
+        """
+        if len(self._orders) + len(self._beginning) >= _MOST:
+            raise ConfigurationError(f"{_MOST} orders were given; allowed: no more in one run")
+        self.in_flight += 1
+        if stamp_ns <= self._stamp:
+            self._beginning.append(make)
+            return "from the next state on"
+        self._insert(make(stamp_ns))
+        return f"from t = {seconds(stamp_ns):.6f} s on"
+
+    def _insert(self, order: NDArray[Any]) -> None:
+        orders = np.concatenate([self._orders, order])
+        self._orders = orders[np.argsort(orders["stamp_ns"], kind="stable")]
+        self._changed = True
+
+    def at(self, stamp_ns: int) -> NDArray[Any] | None:
+        """Let act what waits for the next instant [ns]; all orders, if they have changed."""
+        self._stamp = stamp_ns
+        for make in self._beginning:
+            self._insert(make(stamp_ns))
+        self._beginning.clear()
+        changed, self._changed = self._changed, False
+        return self._orders if changed else None
+
+    def begin_again(self) -> None:
+        """Forget what was given in flight, since time began again."""
+        self._orders = self._scheduled
+        self._beginning.clear()
+        self.in_flight = 0  # how many came in flight
+        self._stamp = -1  # the latest instant [ns] that was asked for
+        self._changed = True
