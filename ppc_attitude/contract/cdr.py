@@ -345,8 +345,7 @@ def header_stamp(data: bytes, msgtype: str) -> int | None:
     if msgtype not in _STAMPED:
         return None
     if len(data) >= _AFTER_STAMP and data.startswith(_OURS):  # the recorder reads every stamp
-        sec, nanosec = _STAMPS["<"].unpack_from(data, _STAMP_OFFSET)
-        return int(sec) * NANOSECONDS + int(nanosec)
+        return _stamp(data)
     try:
         return decode_clock(data)  # a header begins as a clock does
     except CdrError:

@@ -61,6 +61,7 @@ from ppc_attitude.science.sensors.star_tracker import (
     CROSS_NOISE,
     LATENCY,
     MOUNTING,
+    NO_FIX,
     RATE,
     sigmas,
     unit_mounting,
@@ -242,7 +243,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     take_sample(state, configuration, inputs.stamp_ns, rate)
     row = inputs.star_fix
     fix = quaternion(row)
-    if fix[0] != 0.0 or fix[1] != 0.0 or fix[2] != 0.0 or fix[3] != 0.0:
+    if fix != NO_FIX:
         # The age is a whole number of nanoseconds, rounded by the conversion to seconds.
         valid_ns = inputs.stamp_ns - round(row[7] * 1e9)
         whitened, told = take_fix(state, configuration, valid_ns, fix)

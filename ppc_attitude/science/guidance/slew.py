@@ -36,7 +36,7 @@ from ppc_attitude.science.guidance.rotation import (
     exponential_motion,
     relative_to,
 )
-from ppc_attitude.science.kernel import Quaternion, Vector, add, kernel, norm, scale
+from ppc_attitude.science.kernel import Quaternion, Vector, add, kernel, norm, quaternion, scale
 
 MOST_ATTEMPTS = 40
 _SAMPLES = 64  # intervals
@@ -171,28 +171,20 @@ def append_slew(
 
 @kernel
 def append_approach(
-    plan: Any,
-    frame: int,
-    goal: Quaternion,
-    t: float,
-    motion: Motion,
-    at_rest: bool,
-    limits: Any,
-    sky: Any,
-    look: Any,
+    plan: Any, t: float, motion: Motion, at_rest: bool, limits: Any, sky: Any, look: Any
 ) -> bool:
-    """Add brake and turn from a motion at t [s] to rest at a goal in a frame.
+    """Add brake and turn from a motion at t [s] to rest at the plan's goal; False if none is found.
 
-    `at_rest` says that the motion is at rest in this frame, so that no brake is needed.
+    `at_rest` says that the motion is at rest in the goal's frame, so that no brake is needed.
     """
     start = motion[0]
     if not at_rest:
-        if not append_brake(plan, frame, t, motion, limits, sky, look):
+        if not append_brake(plan, plan.frame, t, motion, limits, sky, look):
             return False
         t = plan.end
         start = end_attitude(plan)
-    axis, angle = axis_and_angle(product(conjugate(start), goal))
-    return append_slew(plan, frame, t, start, axis, angle, limits, sky, look)
+    axis, angle = axis_and_angle(product(conjugate(start), quaternion(plan.attitude)))
+    return append_slew(plan, plan.frame, t, start, axis, angle, limits, sky, look)
 
 
 def slew_torque(inertia: ArrayLike, rate: float, acceleration: float) -> float:

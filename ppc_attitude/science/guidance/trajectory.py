@@ -61,7 +61,6 @@ POINTS = np.dtype(
 _SAMPLES = 64  # intervals of a segment
 _ROUNDING = 1.0 + 1e-9
 _OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
-_NOTHING: Vector = (0.0, 0.0, 0.0)
 
 Floats = NDArray[np.float64]
 

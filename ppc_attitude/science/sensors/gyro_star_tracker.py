@@ -250,10 +250,9 @@ def _sense_stars(inputs: Any, state: Any, configuration: Any, outputs: Any, step
         return
     fix = quaternion(state.fixes[valid // tracker.every % _SLOTS])
     store_quaternion(row, fix)
-    there = fix[0] != 0.0 or fix[1] != 0.0 or fix[2] != 0.0 or fix[3] != 0.0
     for i in range(3):
         row[4 + i] = tracker.sigma[i] * tracker.sigma[i]
-    if not there:
+    if fix == NO_FIX:
         row[4] = -1.0
     row[7] = seconds(inputs.stamp_ns - stamp_of(valid, configuration.rate))
 
