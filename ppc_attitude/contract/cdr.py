@@ -48,12 +48,7 @@ from ppc_attitude.science.stamps import NANOSECONDS
 
 LARGEST = 1e6
 """No rate [rad/s] or torque [N·m] of a spacecraft is larger."""
-_DOUBLES = {
-    MSGTYPES[QUATERNION]: 4,
-    MSGTYPES[VECTOR]: 3,
-    MSGTYPES[WRENCH]: 6,
-    MSGTYPES[GYRO]: 37,
-}
+_DOUBLES = {MSGTYPES[QUATERNION]: 4, MSGTYPES[VECTOR]: 3, MSGTYPES[WRENCH]: 6, MSGTYPES[GYRO]: 37}
 _SKIPPED = {MSGTYPES[WRENCH]: 3}  # the force of a wrench is not ours
 _MAX_FRAME_ID = 4096
 # Where the numbers of a form lie among an Imu's: orientation, its covariance (9), angular velocity,

@@ -19,7 +19,7 @@ table is tested against them. Those of a component come with it.
 """
 
 from collections.abc import Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 
 from ppc_attitude.contract.topics import (
     CONTROLLER,
@@ -36,40 +36,27 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science.kinds import ours_first
 from ppc_attitude.science.parameter import Parameter
 
-WAIT_FOR_RECORDER = Parameter(
+_at_start = partial(Parameter, read_only=True)
+WAIT_FOR_RECORDER = _at_start(
     "wait_for_recorder",
     False,
     "begin when `bag_recorder` listens to every topic of this node, so that nothing is missing",
-    read_only=True,
 )
-SEND_TRUTH = Parameter(
-    "send_truth",
-    False,
-    "send the truth even where sensing is exact, because a node reads it",
-    read_only=True,
+SEND_TRUTH = _at_start(
+    "send_truth", False, "send the truth even where sensing is exact, because a node reads it"
 )
 _PLANT = (
-    Parameter(
-        "rate",
-        100.0,
-        "steps per second of simulated time",
-        "Hz",
-        low=1.0,
-        high=10000.0,
-        read_only=True,
-    ),
-    Parameter(
+    _at_start("rate", 100.0, "steps per second of simulated time", "Hz", low=1.0, high=10000.0),
+    _at_start(
         "lockstep",
         False,
         "step when every input of `wait_for` has arrived, instead of on the wall clock",
-        read_only=True,
     ),
-    Parameter(
+    _at_start(
         "wait_for",
         [TORQUE_COMMAND.name, DISTURBANCE.name],
         "inputs that lock-step waits for at every step",
         choices=(TORQUE_COMMAND.name, DISTURBANCE.name),
-        read_only=True,
     ),
     WAIT_FOR_RECORDER,
     SEND_TRUTH,
@@ -80,14 +67,13 @@ _PLANT = (
         low=0.0,
         high=1e6,
     ),
-    Parameter(
+    _at_start(
         "duration",
         0.0,
         "simulated time after which the plant ends; 0: never",
         "s",
         low=0.0,
         high=1e8,
-        read_only=True,
     ),
     Parameter(
         "command_timeout",
@@ -113,19 +99,17 @@ _INJECTOR = (
     WAIT_FOR_RECORDER,
 )
 _RECORDER = (
-    Parameter("bag", "", "folder of the bag; empty: a new, dated one under bags/", read_only=True),
-    Parameter(
+    _at_start("bag", "", "folder of the bag; empty: a new, dated one under bags/"),
+    _at_start(
         "namespaces",
         [""],
         "namespaces whose topics go into the bag; an empty one: the recorder's own",
-        read_only=True,
     ),
-    Parameter("storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3"), read_only=True),
-    Parameter(
+    _at_start("storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3")),
+    _at_start(
         "run_info",
         "",
         "JSON object with what the starter knows of the run: parameters, versions, seed",
-        read_only=True,
     ),
 )
 _MARKERS = (

@@ -65,12 +65,7 @@ FREQUENCY = Parameter(
     read_only=True,
 )
 DAMPING = Parameter(
-    "flexible.damping",
-    [],
-    "damping ratio of each mode",
-    low=0.0,
-    high=0.99,
-    read_only=True,
+    "flexible.damping", [], "damping ratio of each mode", low=0.0, high=0.99, read_only=True
 )
 COUPLING = Parameter(
     "flexible.coupling",

@@ -79,16 +79,14 @@ class Envelope:
         The feasibility number; at most e/2.
     t1 : float
         Joint of exponential and parabola [s].
-    a1, a2, a3 : float
-        Coefficients of the parabola a1 t² + a2 t + a3.
+    a1 : float
+        Of the parabola a1 (t − t2)² + g∞ [1/s²].
     """
 
     table: EnvelopeTable
     r: float
     t1: float
     a1: float
-    a2: float
-    a3: float
 
     def shape(self) -> Any:
         """The envelope as the record (dtype `SHAPE`) that the kernels read."""
@@ -131,10 +129,7 @@ def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
     amplitude = table.initial - table.exponential_terminal
     fall = table.decay * amplitude * math.exp(-table.decay * t1)
     a1 = fall / (2.0 * (table.settling_time - t1))
-    t2 = table.settling_time
-    return Envelope(
-        table, feasibility(table), t1, a1, -2.0 * a1 * t2, table.terminal + a1 * t2 * t2
-    )
+    return Envelope(table, feasibility(table), t1, a1)
 
 
 def feasibility(table: EnvelopeTable) -> float:

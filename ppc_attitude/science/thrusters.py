@@ -100,16 +100,7 @@ CARRY = Parameter(
     "made as long as the shortest if it has half of it, and else lost",
 )
 FUEL = Parameter("thrusters.fuel", 0.5, "fuel at t = 0", "kg", low=0.0, high=1e6)
-PARAMETERS = (
-    POSITIONS,
-    DIRECTIONS,
-    FORCE,
-    SPECIFIC_IMPULSE,
-    PERIOD,
-    MIN_ON_TIME,
-    CARRY,
-    FUEL,
-)
+PARAMETERS = (POSITIONS, DIRECTIONS, FORCE, SPECIFIC_IMPULSE, PERIOD, MIN_ON_TIME, CARRY, FUEL)
 THRUSTERS = np.dtype(
     [
         ("count", np.int64),

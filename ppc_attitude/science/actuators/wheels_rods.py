@@ -29,14 +29,7 @@ from ppc_attitude.science.actuators import wheels
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.faults import (
-    EFFECTIVENESS,
-    RECORD,
-    STUCK,
-    Failure,
-    faults_of,
-    faulty,
-)
+from ppc_attitude.science.faults import EFFECTIVENESS, RECORD, STUCK, Failure, faults_of, faulty
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
 from ppc_attitude.science.kernel import Vector, add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import (

@@ -37,12 +37,7 @@ from ppc_attitude.science.controllers.common import (
     envelope_of,
     smooth_sign,
 )
-from ppc_attitude.science.controllers.interface import (
-    INPUTS,
-    OUTPUTS,
-    error_state,
-    store_command,
-)
+from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Vector,

@@ -33,12 +33,7 @@ from ppc_attitude.science.controllers.brake import (
     speed_limit,
 )
 from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
-from ppc_attitude.science.controllers.interface import (
-    INPUTS,
-    OUTPUTS,
-    error_state,
-    store_command,
-)
+from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.controllers.tube_parameters import (
     CONFIGURATION,
     LAW,

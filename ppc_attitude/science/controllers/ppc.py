@@ -70,11 +70,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.performance import (
-    SHAPE,
-    widened_attitude_envelope,
-    widened_rate_envelope,
-)
+from ppc_attitude.science.performance import SHAPE, widened_attitude_envelope, widened_rate_envelope
 from ppc_attitude.science.virtual_control import virtual_control
 
 GAINS = (
@@ -220,10 +216,7 @@ def integrate(memory: Any, gains: Any, drive: Vector, rate_value: float, h: floa
         store(
             memory.delta_rho_q,
             widened_attitude_envelope(
-                vector(memory.delta_rho_q),
-                scale(gains.C_tau, multiply(xi, drive)),
-                gains.C_q,
-                h,
+                vector(memory.delta_rho_q), scale(gains.C_tau, multiply(xi, drive)), gains.C_q, h
             ),
         )
     xi = inverse_envelope(rate_value, delta_omega)
@@ -247,11 +240,7 @@ def _bounded_axis(rho: float, rho_rate: float) -> tuple[float, float]:
 
 @kernel
 def composite_envelopes(
-    memory: Any,
-    gains: Any,
-    drive: Vector,
-    attitude: tuple[float, float],
-    rate: tuple[float, float],
+    memory: Any, gains: Any, drive: Vector, attitude: tuple[float, float], rate: tuple[float, float]
 ) -> tuple[Vector, Vector, Vector, Vector]:
     """ρ_q, ρ_q', ρ_ω and ρ_ω': nominal plus adaptive part, the latter's rate by eq. 24."""
     delta_q = vector(memory.delta_rho_q)

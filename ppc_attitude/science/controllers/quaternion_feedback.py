@@ -26,12 +26,7 @@ import numpy as np
 
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
-from ppc_attitude.science.controllers.interface import (
-    INPUTS,
-    OUTPUTS,
-    error_state,
-    store_command,
-)
+from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Vector,

@@ -93,12 +93,7 @@ ALTITUDE = Parameter(
     high=1e7,
 )
 SCALE_HEIGHT = Parameter(
-    "orbit.air.scale_height",
-    63.8e3,
-    "over which the density falls to 1/e",
-    "m",
-    low=1e3,
-    high=1e7,
+    "orbit.air.scale_height", 63.8e3, "over which the density falls to 1/e", "m", low=1e3, high=1e7
 )
 CONFIGURATION = np.dtype(
     [
@@ -230,15 +225,7 @@ def bound(values: Mapping[str, Any]) -> float:
 
 COMPONENT = Component(
     name="orbit",
-    parameters=(
-        INERTIA,
-        *FIELD_PARAMETERS,
-        DIPOLE,
-        DENSITY,
-        ALTITUDE,
-        SCALE_HEIGHT,
-        PLATES,
-    ),
+    parameters=(INERTIA, *FIELD_PARAMETERS, DIPOLE, DENSITY, ALTITUDE, SCALE_HEIGHT, PLATES),
     configure=configure,
     configuration=CONFIGURATION,
     state=CURSOR,

@@ -258,10 +258,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     store(outputs.angular_velocity, estimate)
     store(outputs.gyro_bias, b)
     sigma = diagonal(bias)
-    store(
-        outputs.gyro_bias_sigma,
-        (math.sqrt(sigma[0]), math.sqrt(sigma[1]), math.sqrt(sigma[2])),
-    )
+    store(outputs.gyro_bias_sigma, (math.sqrt(sigma[0]), math.sqrt(sigma[1]), math.sqrt(sigma[2])))
     # x y z w, P_θθ, rate, its covariance P_bb + variance of a sample.
     message = outputs.estimate
     store_quaternion(message, q)

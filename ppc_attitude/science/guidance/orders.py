@@ -18,6 +18,7 @@ The book of a run has them in the order in which they act.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -33,39 +34,31 @@ from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
 HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
-GOAL_TIMES = Parameter(
-    "goals.times",
-    [],
-    "when each scheduled goal comes, in this order",
-    "s",
-    low=0.0,
-    high=1e8,
-    read_only=True,
+_at_start = partial(Parameter, read_only=True)
+GOAL_TIMES = _at_start(
+    "goals.times", [], "when each scheduled goal comes, in this order", "s", low=0.0, high=1e8
 )
-GOAL_FRAMES = Parameter(
+GOAL_FRAMES = _at_start(
     "goals.frames",
     ["inertial"],
     "frame of each scheduled goal, or `hold` to brake and stay, or `profile` to go through "
     "goals.points; once each, or one for all",
     choices=(*FRAME_NAMES, HOLDING, PROFILING),
-    read_only=True,
 )
-GOAL_ATTITUDES = Parameter(
+GOAL_ATTITUDES = _at_start(
     "goals.attitudes",
     [],
     "attitude of each scheduled goal in its frame, x y z w each; normalised if within 1e-3; "
     "without meaning for `hold` and `profile`",
     length=-4,
-    read_only=True,
 )
 _POINT = 12
-GOAL_POINTS = Parameter(
+GOAL_POINTS = _at_start(
     "goals.points",
     [],
     "points of timed profiles, 12 numbers each: which of the goals, counted from 0, it belongs to; "
     "time [s]; inertial attitude x y z w; rate [rad/s] and acceleration [rad/s²], desired frame",
     length=-_POINT,
-    read_only=True,
 )
 _OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
 _MOST = 10_000  # orders of a run

@@ -19,12 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import (
-    euler_step,
-    kinematics,
-    runge_kutta,
-    unit_quaternion,
-)
+from ppc_attitude.science.attitude import euler_step, kinematics, runge_kutta, unit_quaternion
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
@@ -129,12 +124,7 @@ def angular_acceleration(
 
 @inlined
 def rigid_body_step(
-    q: Quaternion,
-    omega: Vector,
-    torque: Vector,
-    inertia: Matrix,
-    inertia_inverse: Matrix,
-    h: float,
+    q: Quaternion, omega: Vector, torque: Vector, inertia: Matrix, inertia_inverse: Matrix, h: float
 ) -> tuple[Quaternion, Vector]:
     """Attitude and rate after h [s] under a torque held over the step: classical Runge-Kutta.
 
