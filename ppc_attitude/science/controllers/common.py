@@ -72,22 +72,16 @@ ATTITUDE_PARAMETERS = envelope_parameters(
 )
 RATE_PARAMETERS = envelope_parameters("rate_envelope", "rate envelope", "rad/s", RATE_TABLE)
 
-ATTITUDE_ENVELOPE = Column(
-    "attitude_envelope",
-    "control/attitude_envelope",
-    VECTOR,
-    BODY,
-    "1",
-    "envelope ρ_q of the attitude error",
+
+def of_law(name: str, form: str, frame: str, unit: str, meaning: str, **options: Any) -> Column:
+    """Column that a law gives, on the topic control/<name>; arguments as of `Column`."""
+    return Column(name, f"control/{name}", form, frame, unit, meaning, **options)
+
+
+ATTITUDE_ENVELOPE = of_law(
+    "attitude_envelope", VECTOR, BODY, "1", "envelope ρ_q of the attitude error"
 )
-RATE_ENVELOPE = Column(
-    "rate_envelope",
-    "control/rate_envelope",
-    VECTOR,
-    BODY,
-    "rad/s",
-    "envelope ρ_ω of the rate error",
-)
+RATE_ENVELOPE = of_law("rate_envelope", VECTOR, BODY, "rad/s", "envelope ρ_ω of the rate error")
 
 
 def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:

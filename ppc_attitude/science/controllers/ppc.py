@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import jacobian_transposed
-from ppc_attitude.science.component import BODY, VECTOR, Advice, Column, Component
+from ppc_attitude.science.component import BODY, VECTOR, Advice, Component
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
     ATTITUDE_PARAMETERS,
@@ -39,6 +39,7 @@ from ppc_attitude.science.controllers.common import (
     RATE_PARAMETERS,
     envelope_of,
     is_diagonal,
+    of_law,
     smooth_sign,
 )
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
@@ -144,9 +145,7 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-AUXILIARY_STATE = Column(
-    "auxiliary_state", "control/auxiliary_state", VECTOR, BODY, "1", "anti-saturation state θ"
-)
+AUXILIARY_STATE = of_law("auxiliary_state", VECTOR, BODY, "1", "anti-saturation state θ")
 # δ of the auxiliary system: the smallest |θ| that divides; the paper divides by zero at θ = 0.
 _DELTA = 1e-3
 

@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.component import BODY, VECTOR, Advice, Column
+from ppc_attitude.science.component import BODY, VECTOR, Advice
+from ppc_attitude.science.controllers.common import of_law
 from ppc_attitude.science.kernel import Vector, kernel, largest, subtract, vector
 
 MEMORY = np.dtype(
@@ -64,21 +65,12 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-MOMENTUM_ERROR = Column(
-    "momentum_error",
-    "control/momentum_error",
-    VECTOR,
-    BODY,
-    "N·m·s",
-    "momentum error y = J (ω_e − v)",
-    bound="momentum_tube",
+MOMENTUM_ERROR = of_law(
+    "momentum_error", VECTOR, BODY, "N·m·s", "momentum error y = J (ω_e − v)", bound="momentum_tube"
 )
-MOMENTUM_TUBE = Column(
-    "momentum_tube", "control/momentum_tube", VECTOR, BODY, "N·m·s", "tube Y of the momentum error"
-)
-TURN = Column(
+MOMENTUM_TUBE = of_law("momentum_tube", VECTOR, BODY, "N·m·s", "tube Y of the momentum error")
+TURN = of_law(
     "turn",
-    "control/turn",
     VECTOR,
     BODY,
     "rad",
@@ -86,12 +78,9 @@ TURN = Column(
     width=1,
     bound="turn_envelope",
 )
-TURN_ENVELOPE = Column(
-    "turn_envelope", "control/turn_envelope", VECTOR, BODY, "rad", "envelope Φ of φ", width=1
-)
-PHASE = Column(
+TURN_ENVELOPE = of_law("turn_envelope", VECTOR, BODY, "rad", "envelope Φ of φ", width=1)
+PHASE = of_law(
     "phase",
-    "control/phase",
     VECTOR,
     BODY,
     "1",
