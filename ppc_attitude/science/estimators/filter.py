@@ -60,6 +60,8 @@ from ppc_attitude.science.symmetric import (
 # q̂, b̂ [rad/s], and the blocks of P: P_θθ [rad²], P_θb [rad²/s], P_bb [rad²/s²].
 Knowledge: TypeAlias = tuple[Quaternion, Vector, Symmetric, Matrix, Symmetric]
 _ZERO: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+_NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOTHING: Knowledge = ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), _NONE, _ZERO, _NONE)
 
 
 @kernel

@@ -28,7 +28,7 @@ from ppc_attitude.science.attitude import conjugate, rotation_matrix
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import BODY, MOTION, VECTOR, Advice, Column, Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.estimators.filter import Knowledge
+from ppc_attitude.science.estimators.filter import NOTHING, Knowledge
 from ppc_attitude.science.estimators.late_fixes import (
     FILTER,
     INNOVATIONS,
@@ -216,12 +216,10 @@ def advices(memory: Any) -> int:
 @kernel
 def _lose(stamp_ns: int, state: Any, settings: Any, outputs: Any) -> None:
     """Give no estimate where there is no rate to carry one on; then begin anew."""
-    if state.count > 0:
-        state.steps[:] = 0.0
     state.count = 0
     state.knows = 0.0
     state.agreeing = 0
-    _judge(state, settings, stamp_ns, recalled(state, newest(state)))
+    _judge(state, settings, stamp_ns, NOTHING)
     store_quaternion(outputs.attitude, (0.0, 0.0, 0.0, 0.0))
     store(outputs.angular_velocity, (0.0, 0.0, 0.0))
     store(outputs.gyro_bias, (0.0, 0.0, 0.0))
