@@ -19,7 +19,7 @@ table is tested against them. Those of a component come with it.
 """
 
 from collections.abc import Iterator, Mapping
-from functools import cache, partial
+from functools import cache
 
 from ppc_attitude.contract.topics import (
     CONTROLLER,
@@ -34,25 +34,24 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.science.kinds import ours_first
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 
-_at_start = partial(Parameter, read_only=True)
-WAIT_FOR_RECORDER = _at_start(
+WAIT_FOR_RECORDER = at_start(
     "wait_for_recorder",
     False,
     "begin when `bag_recorder` listens to every topic of this node, so that nothing is missing",
 )
-SEND_TRUTH = _at_start(
+SEND_TRUTH = at_start(
     "send_truth", False, "send the truth even where sensing is exact, because a node reads it"
 )
 _PLANT = (
-    _at_start("rate", 100.0, "steps per second of simulated time", "Hz", low=1.0, high=10000.0),
-    _at_start(
+    at_start("rate", 100.0, "steps per second of simulated time", "Hz", low=1.0, high=10000.0),
+    at_start(
         "lockstep",
         False,
         "step when every input of `wait_for` has arrived, instead of on the wall clock",
     ),
-    _at_start(
+    at_start(
         "wait_for",
         [TORQUE_COMMAND.name, DISTURBANCE.name],
         "inputs that lock-step waits for at every step",
@@ -67,7 +66,7 @@ _PLANT = (
         low=0.0,
         high=1e6,
     ),
-    _at_start(
+    at_start(
         "duration",
         0.0,
         "simulated time after which the plant ends; 0: never",
@@ -99,14 +98,14 @@ _INJECTOR = (
     WAIT_FOR_RECORDER,
 )
 _RECORDER = (
-    _at_start("bag", "", "folder of the bag; empty: a new, dated one under bags/"),
-    _at_start(
+    at_start("bag", "", "folder of the bag; empty: a new, dated one under bags/"),
+    at_start(
         "namespaces",
         [""],
         "namespaces whose topics go into the bag; an empty one: the recorder's own",
     ),
-    _at_start("storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3")),
-    _at_start(
+    at_start("storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3")),
+    at_start(
         "run_info",
         "",
         "JSON object with what the starter knows of the run: parameters, versions, seed",

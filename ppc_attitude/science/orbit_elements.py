@@ -27,10 +27,10 @@ import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.orbit import EARTH_RADIUS, MU, ORBIT
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import at_start
 from ppc_attitude.science.sky import days_of
 
-_of_orbit = partial(Parameter, read_only=True, agreed=True)
+_of_orbit = partial(at_start, agreed=True)
 _angle = partial(_of_orbit, unit="rad", low=-math.tau, high=math.tau)
 ALTITUDE = _of_orbit(
     "orbit.altitude",

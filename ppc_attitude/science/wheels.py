@@ -27,16 +27,15 @@ from numpy.typing import NDArray
 from ppc_attitude.science.component import BODY, MAX_WHEELS, WHEEL_SPEEDS, WHEEL_TORQUES, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, kernel, scale, vector
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 
 _S = 3.0**-0.5
-AXES = Parameter(
+AXES = at_start(
     "wheels.axes",
     [_S, _S, _S, -_S, _S, _S, -_S, -_S, _S, _S, -_S, _S],
     f"spin axis of each wheel, body axes, three numbers each, up to {MAX_WHEELS} wheels; "
     "normalised",
     length=-3,
-    read_only=True,
 )
 
 

@@ -18,7 +18,6 @@ The book of a run has them in the order in which they act.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -30,22 +29,21 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
 from ppc_attitude.science.guidance.trajectory import POINTS, points
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import at_start
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
 HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
-_at_start = partial(Parameter, read_only=True)
-GOAL_TIMES = _at_start(
+GOAL_TIMES = at_start(
     "goals.times", [], "when each scheduled goal comes, in this order", "s", low=0.0, high=1e8
 )
-GOAL_FRAMES = _at_start(
+GOAL_FRAMES = at_start(
     "goals.frames",
     ["inertial"],
     "frame of each scheduled goal, or `hold` to brake and stay, or `profile` to go through "
     "goals.points; once each, or one for all",
     choices=(*FRAME_NAMES, HOLDING, PROFILING),
 )
-GOAL_ATTITUDES = _at_start(
+GOAL_ATTITUDES = at_start(
     "goals.attitudes",
     [],
     "attitude of each scheduled goal in its frame, x y z w each; normalised if within 1e-3; "
@@ -53,7 +51,7 @@ GOAL_ATTITUDES = _at_start(
     length=-4,
 )
 _POINT = 12
-GOAL_POINTS = _at_start(
+GOAL_POINTS = at_start(
     "goals.points",
     [],
     "points of timed profiles, 12 numbers each: which of the goals, counted from 0, it belongs to; "

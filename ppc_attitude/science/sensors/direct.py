@@ -47,7 +47,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.noise import normal_pair
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.signals import TOLD, TRUTH
 
 _size = partial(Parameter, low=0.0, high=1.0)
@@ -55,7 +55,7 @@ _SIZES = (
     _size("attitude_noise", 0.0, "standard deviation of the measured attitude, per axis", "rad"),
     _size("rate_noise", 0.0, "standard deviation of the measured rate, per axis", "rad/s"),
 )
-SEED = Parameter("seed", 0, "seed of the sensor noise", low=0, high=2**53, read_only=True)
+SEED = at_start("seed", 0, "seed of the sensor noise", low=0, high=2**53)
 _ATTITUDE, _RATE = 0, 1
 PARTS = {
     f"sensor/{name}": (

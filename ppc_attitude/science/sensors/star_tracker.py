@@ -38,10 +38,9 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.noise import normal_vector, uniform
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 
 _share = partial(Parameter, low=0.0, high=1.0)
-_at_start = partial(Parameter, read_only=True)
 CROSS_NOISE = _share(
     "star_tracker.cross_noise", 0.0, "σ of a fix about each axis across the boresight", "rad"
 )
@@ -54,7 +53,7 @@ MOUNTING = Parameter(
     "attitude of the tracker in the body, x y z w, tracker to body; boresight z",
     length=4,
 )
-RATE = _at_start(
+RATE = at_start(
     "star_tracker.rate",
     10.0,
     "fixes per second; divides the steps per second",
@@ -62,7 +61,7 @@ RATE = _at_start(
     above=0.0,
     agreed=True,
 )
-LATENCY = _at_start(
+LATENCY = at_start(
     "star_tracker.latency",
     0.0,
     "from a fix's validity to its arrival; rounded up to whole steps",
@@ -92,8 +91,8 @@ PARAMETERS = (
     _share("star_tracker.outlier_probability", 0.0, "share of false fixes"),
     OUTLIER_SIZE,
     # At start only: one without the other would be refused, and `ros2 param set` sets one.
-    _at_start("star_tracker.blinding_times", [], "start of each blinding", "s", low=0.0, high=1e8),
-    _at_start(
+    at_start("star_tracker.blinding_times", [], "start of each blinding", "s", low=0.0, high=1e8),
+    at_start(
         "star_tracker.blinding_durations", [], "duration of each blinding", "s", above=0.0, high=1e8
     ),
 )
