@@ -58,6 +58,7 @@ KINDS = (
     "stuck_closed",
     "stuck_open",
 )
+# Places among them.
 EFFECTIVENESS, BIAS, STUCK, DRAG, SEIZED, FROZEN, NOISE = range(7)
 SATURATED, DEAD, BLIND, OUTLIERS, STUCK_CLOSED, STUCK_OPEN = range(7, 13)
 

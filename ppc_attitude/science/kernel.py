@@ -155,7 +155,7 @@ def array_at(address: int, count: int, dtype: Any) -> Any:
 
 @kernel
 def vector(a: Any) -> Vector:
-    """Tuple of the first three numbers of an array."""
+    """Tuple of the first three numbers of an array, or of a quaternion."""
     return (a[0], a[1], a[2])
 
 

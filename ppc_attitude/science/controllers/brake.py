@@ -33,6 +33,7 @@ from ppc_attitude.science.kernel import (
     norm,
     scale,
     subtract,
+    vector,
 )
 
 BLEND = 0.25  # c, half the width of the parabola
@@ -43,11 +44,11 @@ _ZERO: Vector = (0.0, 0.0, 0.0)
 @kernel
 def error_axis(q_e: Quaternion, way: float) -> tuple[Vector, float]:
     """Axis n and angle φ in [0, 2π) [rad] of the error, going round the given way."""
-    length = norm((q_e[0], q_e[1], q_e[2]))
+    length = norm(vector(q_e))
     phi = 2.0 * math.atan2(length, way * q_e[3])
     if length == 0.0:
         return _ZERO, phi
-    return scale(way / length, (q_e[0], q_e[1], q_e[2])), phi
+    return scale(way / length, vector(q_e)), phi
 
 
 @kernel

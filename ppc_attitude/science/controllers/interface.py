@@ -59,7 +59,7 @@ def error_state(measurement: Any, inertia: Any) -> tuple[Quaternion, Vector, Vec
     q_e = attitude_error(
         quaternion(measurement.attitude), quaternion(measurement.reference_attitude)
     )
-    q, q0 = (q_e[0], q_e[1], q_e[2]), q_e[3]
+    q, q0 = vector(q_e), q_e[3]
     omega_s = vector(measurement.angular_velocity)
     omega_d = to_body(vector(measurement.reference_angular_velocity), q, q0)
     acceleration_d = to_body(vector(measurement.reference_angular_acceleration), q, q0)

@@ -53,6 +53,7 @@ from ppc_attitude.science.kernel import (
     scale,
     store,
     subtract,
+    vector,
 )
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import SHAPE, nominal
@@ -158,7 +159,7 @@ def _second_derivative(t: float, shape: Any) -> float:
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     q_e, omega_e, m_0 = error_state(measurement, matrix(gains.inertia))
-    q, q0 = (q_e[0], q_e[1], q_e[2]), _away_from_zero(q_e[3])
+    q, q0 = vector(q_e), _away_from_zero(q_e[3])
     if memory.started == 0.0:
         memory.started = 1.0
         memory.start = measurement.t

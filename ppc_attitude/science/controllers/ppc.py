@@ -301,7 +301,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     inertia = matrix(gains.inertia)
     q_e, omega_e, m_0 = error_state(measurement, inertia)
-    q, q0 = (q_e[0], q_e[1], q_e[2]), q_e[3]
+    q, q0 = vector(q_e), q_e[3]
     t = measurement.t
 
     if memory.started == 0.0:

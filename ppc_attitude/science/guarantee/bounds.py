@@ -60,8 +60,8 @@ class Bounds:
         T for which the load would be all of B [N·m].
     variation, variation_at_stop : triple
         Change of F within a sample [N·m]: in the main phase, and while p > 0.
-    noise, noise_of_torque : triple
-        N_i [N·m·s] and N_F,i [N·m].
+    noise : triple
+        N_i [N·m·s].
     B, Y : triple
         Largest B [N·m] and least Y [N·m·s] that the proof admits.
     stop_load : number
@@ -84,7 +84,6 @@ class Bounds:
     variation: Numbers
     variation_at_stop: Numbers
     noise: Numbers
-    noise_of_torque: Numbers
     B: Numbers
     Y: Numbers
     stop_load: Number
@@ -340,7 +339,6 @@ def bounds_of(
         variation=variation,
         variation_at_stop=at_stop,
         noise=noise,
-        noise_of_torque=noise_of_torque,
         B=make.allowed(variation, noise_of_torque),
         Y=make.tube(variation, noise, noise_of_torque, make.h * V_rate),
         stop_load=nu_stop * (w_far * w_far / 2 + w_far * make.z),

@@ -28,7 +28,7 @@ from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
-from ppc_attitude.science.guidance.trajectory import POINTS, points
+from ppc_attitude.science.guidance.trajectory import OWN_TOLERANCE, POINTS, points
 from ppc_attitude.science.parameter import at_start
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
@@ -58,7 +58,6 @@ GOAL_POINTS = at_start(
     "time [s]; inertial attitude x y z w; rate [rad/s] and acceleration [rad/s²], desired frame",
     length=-_POINT,
 )
-_OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
 _MOST = 10_000  # orders of a run
 GOAL_PARAMETERS = (GOAL_TIMES, GOAL_FRAMES, GOAL_ATTITUDES, GOAL_POINTS)
 
@@ -101,7 +100,7 @@ def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[
     if frame not in FRAME_NAMES:
         raise ConfigurationError(f"frame of a goal = {frame!r}; allowed: {', '.join(FRAME_NAMES)}")
     unit = unit_quaternion("attitude of a goal", attitude)
-    if abs(math.hypot(*attitude) - 1.0) <= _OWN_TOLERANCE:
+    if abs(math.hypot(*attitude) - 1.0) <= OWN_TOLERANCE:
         unit = np.asarray(attitude, np.float64)  # to normalise it again would change its last bits
     return np.array([(stamp_ns, FRAME_NAMES.index(frame), tuple(unit), 0)], ORDER)
 
