@@ -148,21 +148,17 @@ def orbit_record(
             "allowed: > 0"
         )
     eccentric = _eccentric_anomaly(mean_anomaly, eccentricity)
-    root = math.sqrt(1.0 - eccentricity**2)
-    distance = semi_major_axis * (1.0 - eccentricity * math.cos(eccentric))
-    speed = math.sqrt(MU * semi_major_axis) / distance
-    x = semi_major_axis * (math.cos(eccentric) - eccentricity)
-    y = semi_major_axis * root * math.sin(eccentric)
-    axes = (
-        _about(2, raan) @ _about(0, inclination) @ _about(2, argument_of_perigee)
-    )  # perifocal to inertial
+    c, s, root = math.cos(eccentric), math.sin(eccentric), math.sqrt(1.0 - eccentricity**2)
+    speed = math.sqrt(MU * semi_major_axis) / (semi_major_axis * (1.0 - eccentricity * c))
+    # From perifocal to inertial axes.
+    axes = _about(2, raan) @ _about(0, inclination) @ _about(2, argument_of_perigee)
     record = np.zeros((), ORBIT)[()]
-    record["position"] = axes @ (x, y, 0.0)
-    record["velocity"] = axes @ (
-        -speed * math.sin(eccentric),
-        speed * root * math.cos(eccentric),
+    record["position"] = axes @ (
+        semi_major_axis * (c - eccentricity),
+        semi_major_axis * root * s,
         0.0,
     )
+    record["velocity"] = axes @ (-speed * s, speed * root * c, 0.0)
     return record
 
 

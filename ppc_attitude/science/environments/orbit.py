@@ -125,12 +125,9 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["days"] = epoch_of(values)
     record["inertia"] = inertia_matrix(INERTIA.name, values[INERTIA.name])
     record["dipole"] = values[DIPOLE.name]
-    for name, parameter in (
-        ("density", DENSITY),
-        ("altitude", ALTITUDE),
-        ("scale_height", SCALE_HEIGHT),
-    ):
-        record[name] = values[parameter.name]
+    record["density"] = values[DENSITY.name]
+    record["altitude"] = values[ALTITUDE.name]
+    record["scale_height"] = values[SCALE_HEIGHT.name]
     plates = plates_of(values)
     record["plates"][: plates.size], record["count"] = plates, plates.size
     density = air_density((_lowest(record)[0], 0.0, 0.0), record)

@@ -102,9 +102,8 @@ def points(
             f"{lengths[wrong[0]]:.6g}; allowed: 1 within 0.001"
         )
     # To normalise one again would change its last bits, and a replay would not be exact.
-    quaternions = (
-        quaternions / np.where(np.abs(lengths - 1.0) > OWN_TOLERANCE, lengths, 1.0)[:, None]
-    )
+    lengths[np.abs(lengths - 1.0) <= OWN_TOLERANCE] = 1.0
+    quaternions = quaternions / lengths[:, None]
     if not (np.diff(times) > 0.0).all():
         raise ConfigurationError(
             f"times of the points are {list(times)}; allowed: finite and increasing"

@@ -161,13 +161,9 @@ def configuration_of(
     record["sky"]["days"] = days
     record["sky"]["earth_angle"] = earth_angle(days)
     latitude, longitude = values[LATITUDE.name], values[LONGITUDE.name]
-    record["sky"]["target"] = EARTH_RADIUS * np.array(
-        [
-            math.cos(latitude) * math.cos(longitude),
-            math.cos(latitude) * math.sin(longitude),
-            math.sin(latitude),
-        ]
-    )
+    c, s = math.cos(latitude), math.sin(latitude)
+    target = np.array([c * math.cos(longitude), c * math.sin(longitude), s])
+    record["sky"]["target"] = EARTH_RADIUS * target
     record["spin_axis"] = unit_vector(SPIN_AXIS.name, values[SPIN_AXIS.name])
     record["spin_rate"] = values[SPIN_RATE.name]
     record["cones"] = cones_of(values)

@@ -132,21 +132,16 @@ def gyro_record(values: Mapping[str, Any], seed: int) -> Any:
     record["resolution"] = values["gyro.resolution"]
     record["full_scale"] = values["gyro.full_scale"]
     record["seed"] = seed
-    record["initial_bias"] = np.add(
-        values["gyro.initial_bias"],
-        np.multiply(values["gyro.initial_bias_sigma"], normal_vector(seed, 0, _INITIAL_BIAS)),
-    )
-    drawn = [x for i in range(3) for x in normal_pair(seed, 0, _MISALIGNMENT + i)]
-    sides = np.add(
-        values["gyro.misalignment"], np.multiply(values["gyro.misalignment_sigma"], drawn)
-    )
-    response = np.eye(3) + np.diag(
-        np.add(
-            values["gyro.scale_factor"],
-            np.multiply(values["gyro.scale_factor_sigma"], normal_vector(seed, 0, _SCALE)),
-        )
-    )
-    response[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]] += sides
+
+    def with_drawn(name: str, drawn: Any) -> Any:
+        return np.asarray(values[name]) + values[f"{name}_sigma"] * np.ravel(drawn)
+
+    bias = normal_vector(seed, 0, _INITIAL_BIAS)
+    record["initial_bias"] = with_drawn("gyro.initial_bias", bias)
+    scales = normal_vector(seed, 0, _SCALE)
+    sides = [normal_pair(seed, 0, _MISALIGNMENT + i) for i in range(3)]
+    response = np.eye(3) + np.diag(with_drawn("gyro.scale_factor", scales))
+    response[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]] += with_drawn("gyro.misalignment", sides)
     record["response"] = response
     return record
 
