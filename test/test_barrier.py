@@ -19,7 +19,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ppc_attitude.science.barrier import barrier_gain, log_barrier_force
+from ppc_attitude.science.controllers.log_barrier import log_barrier_force
+from ppc_attitude.science.controllers.ppc import barrier_gain
 from ppc_attitude.science.kernel import Vector
 
 components = st.floats(-3.0, 3.0)

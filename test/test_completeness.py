@@ -35,7 +35,7 @@ from ppc_attitude.contract.topics import (
     TRUE_ATTITUDE,
     Topic,
 )
-from ppc_attitude.runtime.completeness import Completeness
+from ppc_attitude.runtime.recording import Completeness
 from ppc_attitude.science.stamps import stamp_of
 
 ALL = [topic.name for topic in SAMPLED]

@@ -24,8 +24,7 @@ from craft_helpers import case
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.topics import CONTROLLER
-from ppc_attitude.science.controllers.brake import capped_brake, deceleration
-from ppc_attitude.science.controllers.error_axis import axis_rate
+from ppc_attitude.science.controllers.brake import axis_rate, capped_brake, deceleration
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
 from ppc_attitude.science.guarantee.body import body_of

@@ -24,10 +24,10 @@ from guidance_helpers import DEGREE, scenes
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
+from ppc_attitude.science.orbit_elements import orbit_by_lines
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT
 from ppc_attitude.science.stamps import nanoseconds
-from ppc_attitude.science.two_line import orbit_by_lines
 
 STRAIGHT = [0.0, 0.0, 0.0, 1.0]
 RADIUS, TILT = 6378137.0 + 550e3, math.radians(97.6)

@@ -27,8 +27,8 @@ from ppc_attitude.science.controllers import quaternion_feedback
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
-from ppc_attitude.science.observed_law import with_front
 from ppc_attitude.science.part import Part, first_raised
+from ppc_attitude.science.rate_observer import with_front
 from ppc_attitude.science.signals import APPLIED_TORQUE, ENVIRONMENT_TORQUE
 from ppc_attitude.simulation.scenario import check_components, scenario
 

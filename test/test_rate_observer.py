@@ -24,7 +24,6 @@ from record_helpers import new_record
 from ppc_attitude.science.controllers import momentum_tube, ppc
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel, matrix
-from ppc_attitude.science.observed_law import with_front
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
 from ppc_attitude.science.rate_observer import (
     MEMORY,
@@ -34,6 +33,7 @@ from ppc_attitude.science.rate_observer import (
     observe,
     observer_record,
     rate_sigma,
+    with_front,
 )
 
 INERTIA = np.array([[2.8, 0.15, -0.1], [0.15, 2.5, 0.2], [-0.1, 0.2, 1.9]])

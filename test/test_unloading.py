@@ -28,11 +28,11 @@ from scipy.spatial.transform import Rotation
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.geomagnetic import ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.magnetorquers import unloading_dipole
 from ppc_attitude.science.orbit import CURSOR, orbit_at
 from ppc_attitude.science.orbit_elements import orbit_record
-from ppc_attitude.science.orbit_field import ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load

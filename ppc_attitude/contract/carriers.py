@@ -19,13 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import (
-    CdrError,
-    Codec,
-    encapsulation,
-    stamped_layout,
-    stamps_of_rows,
-)
+from ppc_attitude.contract.cdr import CdrError, Codec, encapsulation, stamped_layout, stamps_of_rows
 from ppc_attitude.contract.topics import MSGTYPES, Topic
 from ppc_attitude.science.component import GYRO, QUATERNION, VECTOR, WRENCH
 

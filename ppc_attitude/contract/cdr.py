@@ -48,12 +48,7 @@ from ppc_attitude.science.stamps import NANOSECONDS
 
 LARGEST = 1e6
 """No rate [rad/s] or torque [N·m] of a spacecraft is larger."""
-_DOUBLES = {
-    MSGTYPES[QUATERNION]: 4,
-    MSGTYPES[VECTOR]: 3,
-    MSGTYPES[WRENCH]: 6,
-    MSGTYPES[GYRO]: 37,
-}
+_DOUBLES = {MSGTYPES[QUATERNION]: 4, MSGTYPES[VECTOR]: 3, MSGTYPES[WRENCH]: 6, MSGTYPES[GYRO]: 37}
 _SKIPPED = {MSGTYPES[WRENCH]: 3}  # the force of a wrench is not ours
 _MAX_FRAME_ID = 4096
 # Where the numbers of a form lie among an Imu's: orientation, its covariance (9), angular velocity,
@@ -362,8 +357,7 @@ def header_stamp(data: bytes, msgtype: str) -> int | None:
     if msgtype not in _STAMPED:
         return None
     if len(data) >= _AFTER_STAMP and data.startswith(_OURS):  # the recorder reads every stamp
-        sec, nanosec = _STAMPS["<"].unpack_from(data, _STAMP_OFFSET)
-        return int(sec) * NANOSECONDS + int(nanosec)
+        return _stamp(data)
     try:
         return decode_clock(data)  # a header begins as a clock does
     except CdrError:

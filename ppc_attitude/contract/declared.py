@@ -19,7 +19,6 @@ from typing import Any
 
 from ppc_attitude.contract.parameters import SEND_TRUTH
 from ppc_attitude.contract.topics import (
-    CONTROLLER,
     ESTIMATOR,
     EVENTS,
     HOSTED,
@@ -33,7 +32,7 @@ from ppc_attitude.contract.topics import (
     topic_of,
 )
 from ppc_attitude.science.component import Column, Component
-from ppc_attitude.science.kinds import CONTROLLERS, KINDS, SENSORS, ours_first
+from ppc_attitude.science.kinds import KINDS, SENSORS, ours_first
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
@@ -153,9 +152,3 @@ def is_told_the_truth(values: Mapping[str, Any]) -> bool:
     """True if the plant's sensors, by its parameters, give nothing but the truth."""
     sensors = SENSORS.selected(values)
     return sensors is not None and sensors.exact({**sensors.defaults, **values})
-
-
-def law_of(parameters: Mapping[str, Mapping[str, Any]]) -> Component | None:
-    """Control law by the parameters of a run's nodes; None if nobody knows it."""
-    name = parameters.get(CONTROLLER, {}).get(CONTROLLERS.selector)
-    return CONTROLLERS.components.get(str(name))

@@ -34,42 +34,28 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.science.kinds import ours_first
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 
-WAIT_FOR_RECORDER = Parameter(
+WAIT_FOR_RECORDER = at_start(
     "wait_for_recorder",
     False,
     "begin when `bag_recorder` listens to every topic of this node, so that nothing is missing",
-    read_only=True,
 )
-SEND_TRUTH = Parameter(
-    "send_truth",
-    False,
-    "send the truth even where sensing is exact, because a node reads it",
-    read_only=True,
+SEND_TRUTH = at_start(
+    "send_truth", False, "send the truth even where sensing is exact, because a node reads it"
 )
 _PLANT = (
-    Parameter(
-        "rate",
-        100.0,
-        "steps per second of simulated time",
-        "Hz",
-        low=1.0,
-        high=10000.0,
-        read_only=True,
-    ),
-    Parameter(
+    at_start("rate", 100.0, "steps per second of simulated time", "Hz", low=1.0, high=10000.0),
+    at_start(
         "lockstep",
         False,
         "step when every input of `wait_for` has arrived, instead of on the wall clock",
-        read_only=True,
     ),
-    Parameter(
+    at_start(
         "wait_for",
         [TORQUE_COMMAND.name, DISTURBANCE.name],
         "inputs that lock-step waits for at every step",
         choices=(TORQUE_COMMAND.name, DISTURBANCE.name),
-        read_only=True,
     ),
     WAIT_FOR_RECORDER,
     SEND_TRUTH,
@@ -80,14 +66,13 @@ _PLANT = (
         low=0.0,
         high=1e6,
     ),
-    Parameter(
+    at_start(
         "duration",
         0.0,
         "simulated time after which the plant ends; 0: never",
         "s",
         low=0.0,
         high=1e8,
-        read_only=True,
     ),
     Parameter(
         "command_timeout",
@@ -113,19 +98,17 @@ _INJECTOR = (
     WAIT_FOR_RECORDER,
 )
 _RECORDER = (
-    Parameter("bag", "", "folder of the bag; empty: a new, dated one under bags/", read_only=True),
-    Parameter(
+    at_start("bag", "", "folder of the bag; empty: a new, dated one under bags/"),
+    at_start(
         "namespaces",
         [""],
         "namespaces whose topics go into the bag; an empty one: the recorder's own",
-        read_only=True,
     ),
-    Parameter("storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3"), read_only=True),
-    Parameter(
+    at_start("storage", "mcap", "storage of the bag", choices=("mcap", "sqlite3")),
+    at_start(
         "run_info",
         "",
         "JSON object with what the starter knows of the run: parameters, versions, seed",
-        read_only=True,
     ),
 )
 _MARKERS = (

@@ -30,11 +30,12 @@ from ppc_attitude.nodes.messages import diagnostics
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.runtime.health import OK, WARN, Status
 from ppc_attitude.science.component import INERTIAL
-from ppc_attitude.science.guidance.order_book import Make, OrderBook
 from ppc_attitude.science.guidance.orders import (
     GOAL_ATTITUDES,
     GOAL_FRAMES,
     PROFILING,
+    Make,
+    OrderBook,
     Orders,
     goal_order,
     hold_order,

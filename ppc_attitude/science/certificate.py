@@ -23,7 +23,7 @@ that limits the start.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,127 +119,66 @@ def certificate(
     """
     attitude = envelope_of("attitude_envelope", values)
     rate = envelope_of("rate_envelope", values)
-    for_every_law = (
-        *(_feasibility(name, each) for name, each in (("ρ_q", attitude), ("ρ_ω", rate))),
-        Condition(
-            "torque authority",
-            float(values["max_torque"]),
-            environment,
-            ">",
-            "N·m",
-            True,
-            "the actuator is stronger than the configured environment's torque",
-        ),
-    )
-    if values["controller"] != "ppc":
-        return for_every_law
-    return (
-        *for_every_law,
-        *_lyapunov(values, abs(q_e0), steepest_fall(attitude)),
-        *_following(values, abs(q_e0), steepest_fall(attitude)),
-        Condition(
-            "bound of v",
-            math.degrees(virtual_control_bound(values)),
-            math.degrees(float(values["k"]) * float(values["M_omega"])),
-            "≤",
-            "deg/s",
-            False,
-            "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only",
-        ),
-        Condition(
-            "rate bound",
-            math.degrees(
-                virtual_control_bound(values) + desired_rate + math.sqrt(3.0) * rate.table.terminal
-            ),
-            math.degrees(RATE_LIMIT),
-            "≤",
-            "deg/s",
-            False,
-            "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in",
-        ),
-    )
+    found = [_feasibility(name, each) for name, each in (("ρ_q", attitude), ("ρ_ω", rate))]
+    meaning = "the actuator is stronger than the configured environment's torque"
+    torque = float(values["max_torque"])
+    found.append(Condition("torque authority", torque, environment, ">", "N·m", True, meaning))
+    if values["controller"] == "ppc":
+        found += _lyapunov(values, abs(q_e0), steepest_fall(attitude))
+        found += _following(values, abs(q_e0), steepest_fall(attitude))
+        found += _rates(values, desired_rate, rate)
+    return tuple(found)
 
 
 def _feasibility(name: str, envelope: Envelope) -> Condition:
-    return Condition(
-        f"r of {name}",
-        envelope.r,
-        math.e / 2.0,
-        "≤",
-        "",
-        True,
-        f"the envelope has a smooth joint: t1 = {envelope.t1:.9g} s, a1 = {envelope.a1:.12g} 1/s²",
-    )
+    joint = f"t1 = {envelope.t1:.9g} s, a1 = {envelope.a1:.12g} 1/s²"
+    meaning = f"the envelope has a smooth joint: {joint}"
+    return Condition(f"r of {name}", envelope.r, math.e / 2.0, "≤", "", True, meaning)
 
 
-def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> tuple[Condition, ...]:
+def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[Condition]:
     gain = {name: float(values[name]) for name in _GAINS}
     s1 = q_e0 * gain["M_omega"] - 4.0 * fall
+    papers = q_e0 * gain["M_omega"] - 4.0 * float(values["attitude_envelope.decay"])
     s2 = 2.0 * gain["K_omega"] - 2.0 * gain["K_u"] - 2.0
     s3 = 2.0 * gain["K_a"] - 1.0 - gain["K_u"] * gain["k2"]
     s4 = min(2.0 * gain["C_q"] - gain["C_tau"], 2.0 * gain["C_omega"] - gain["B_tau"])
     s5 = 2.0 * gain["K_b"] - 1.0 - gain["k2"] - gain["C_tau"] - gain["B_tau"]
-    return (
-        Condition(
-            "S1", s1, 0.0, ">", "", False, "|q_e0| M_ω − 4 max(−ρ_q'/ρ_q): V1 decreases by itself"
-        ),
-        Condition(
-            "S1 of the paper",
-            q_e0 * gain["M_omega"] - 4.0 * float(values["attitude_envelope.decay"]),
-            0.0,
-            ">",
-            "",
-            False,
-            "|q_e0| M_ω − 4 l, with the paper's approximation max(−ρ_q'/ρ_q) ≈ l",
-        ),
-        Condition("S2", s2, 0.0, ">", "", True, "2 K_ω − 2 K_u − 2: V2 decreases"),
-        Condition("S3", s3, 0.0, ">", "", True, "2 K_a − 1 − K_u k2: V3 decreases"),
-        Condition("S4", s4, 0.0, ">", "", True, "min(2 C_q − C_τ, 2 C_ω − B_τ): V4 decreases"),
-        Condition(
-            "S5",
-            s5,
-            0.0,
-            "≥",
-            "",
-            True,
-            "2 K_b − 1 − k2 − C_τ − B_τ: the saturation term is dominated (the paper printed < 0)",
-        ),
-    )
+    meaning = "|q_e0| M_ω − 4 max(−ρ_q'/ρ_q): V1 decreases by itself"
+    yield Condition("S1", s1, 0.0, ">", "", False, meaning)
+    meaning = "|q_e0| M_ω − 4 l, with the paper's approximation max(−ρ_q'/ρ_q) ≈ l"
+    yield Condition("S1 of the paper", papers, 0.0, ">", "", False, meaning)
+    yield Condition("S2", s2, 0.0, ">", "", True, "2 K_ω − 2 K_u − 2: V2 decreases")
+    yield Condition("S3", s3, 0.0, ">", "", True, "2 K_a − 1 − K_u k2: V3 decreases")
+    meaning = "min(2 C_q − C_τ, 2 C_ω − B_τ): V4 decreases"
+    yield Condition("S4", s4, 0.0, ">", "", True, meaning)
+    meaning = "2 K_b − 1 − k2 − C_τ − B_τ: the saturation term is dominated (the paper printed < 0)"
+    yield Condition("S5", s5, 0.0, "≥", "", True, meaning)
 
 
-def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> tuple[Condition, ...]:
+def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[Condition]:
     shrink = 0.5 * q_e0 * float(values["k"]) * float(values["M_omega"])
     beta = float(values["beta"])
-    return (
-        Condition(
-            "small error follows",
-            shrink * beta,
-            fall,
-            ">",
-            "1/s",
-            False,
-            "relative rate of a small error against max(−ρ_q'/ρ_q): no error gains on its envelope",
-        ),
-        Condition(
-            "edge follows",
-            shrink * math.tanh(beta),
-            fall,
-            ">",
-            "1/s",
-            False,
-            "the same of an error on its envelope: none can leave, whatever the start",
-        ),
-        Condition(
-            "largest start",
-            largest_start(values),
-            0.0,
-            ">",
-            "",
-            False,
-            "largest single component of q_ev that follows the table from rest, with reserve; "
-            "beyond, use envelope: auto",
-        ),
+    meaning = (
+        "relative rate of a small error against max(−ρ_q'/ρ_q): no error gains on its envelope"
     )
+    yield Condition("small error follows", shrink * beta, fall, ">", "1/s", False, meaning)
+    meaning = "the same of an error on its envelope: none can leave, whatever the start"
+    yield Condition("edge follows", shrink * math.tanh(beta), fall, ">", "1/s", False, meaning)
+    meaning = "largest single component of q_ev that follows the table from rest, with reserve; "
+    meaning += "beyond, use envelope: auto"
+    yield Condition("largest start", largest_start(values), 0.0, ">", "", False, meaning)
+
+
+def _rates(values: Mapping[str, Any], desired_rate: float, rate: Envelope) -> Iterator[Condition]:
+    bound = virtual_control_bound(values)
+    speed = math.degrees(float(values["k"]) * float(values["M_omega"]))
+    meaning = "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only"
+    yield Condition("bound of v", math.degrees(bound), speed, "≤", "deg/s", False, meaning)
+    total = math.degrees(bound + desired_rate + math.sqrt(3.0) * rate.table.terminal)
+    limit = math.degrees(RATE_LIMIT)
+    meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in"
+    yield Condition("rate bound", total, limit, "≤", "deg/s", False, meaning)
 
 
 def largest_start(values: Mapping[str, Any]) -> float:

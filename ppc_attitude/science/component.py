@@ -175,26 +175,6 @@ class Advice(NamedTuple):
 _NOTHING = np.dtype([("nothing", np.float64)])  # state or configuration of who has none
 
 
-def _no_configuration(values: Mapping[str, Any]) -> Any:
-    return np.zeros((), _NOTHING)[()]
-
-
-def _no_advice(state: Any) -> Advice:
-    return Advice("", warning=False)
-
-
-def _no_advices(state: Any) -> int:
-    return 0
-
-
-def _no_parts(values: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
-    return {}
-
-
-def _never(values: Mapping[str, Any]) -> bool:
-    return False
-
-
 def _as_made(made: Any) -> Any:
     return made
 
@@ -290,18 +270,18 @@ class Component:
 
     name: str
     parameters: tuple[Parameter, ...] = ()
-    configure: Callable[[Mapping[str, Any]], Any] = _no_configuration
+    configure: Callable[[Mapping[str, Any]], Any] = lambda _: np.zeros((), _NOTHING)[()]
     configuration: np.dtype[Any] = _NOTHING
     state: np.dtype[Any] = _NOTHING
     inputs: tuple[Column, ...] = ()
     outputs: tuple[Column, ...]
     step: Callable[[Any, Any, Any, Any], None]
-    advice: Callable[[Any], Advice] = _no_advice
-    advices: Callable[[Any], int] = _no_advices
-    exact: Callable[[Mapping[str, Any]], bool] = _never
+    advice: Callable[[Any], Advice] = lambda _: Advice("", warning=False)
+    advices: Callable[[Any], int] = lambda _: 0
+    exact: Callable[[Mapping[str, Any]], bool] = lambda _: False
     limits: tuple[str, ...] = ()
     torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
-    faults: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, ...]]] = _no_parts
+    faults: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, ...]]] = lambda _: {}
     least_impulse: Callable[[Mapping[str, Any]], float] | None = None
     bound: Callable[[Mapping[str, Any]], float] | None = None
     observes: bool = False

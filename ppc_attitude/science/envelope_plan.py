@@ -53,6 +53,7 @@ from ppc_attitude.science.kernel import (
     norm,
     scale,
     subtract,
+    vector,
 )
 from ppc_attitude.science.performance import clock_at, nominal
 from ppc_attitude.science.virtual_control import sign, virtual_control
@@ -101,7 +102,7 @@ def _present_turn(
     phi: float, q_e: Quaternion, omega_e: Vector, gains: Any
 ) -> tuple[float, float, float]:
     """φ' [rad/s] now; time [s] and φ'' [rad/s²] with which torque makes it the asked one."""
-    q = (q_e[0], q_e[1], q_e[2])
+    q = vector(q_e)
     length = norm(q)
     axis = scale(sign(q_e[3]) / length, q) if length > 0.0 else (1.0, 0.0, 0.0)
     rate = dot(axis, omega_e)
@@ -146,7 +147,7 @@ def _hold(
 def _asked_rate(q_e: Quaternion, rho: float, gains: Any) -> Vector:
     """The virtual control v [rad/s] for an error under the same ρ on every axis."""
     v, _ = virtual_control(
-        (q_e[0], q_e[1], q_e[2]),
+        vector(q_e),
         q_e[3],
         (0.0, 0.0, 0.0),
         (rho, rho, rho),
@@ -166,7 +167,7 @@ def _follows_table(
     shape = gains.attitude_shape
     h = (shape.t2 - clock) / _TABLE_STEPS
     for step in range(_TABLE_STEPS):
-        if largest((q_e[0], q_e[1], q_e[2])) > _MODEL_SHARE * nominal(clock, shape)[0]:
+        if largest(vector(q_e)) > _MODEL_SHARE * nominal(clock, shape)[0]:
             return False
         rho = nominal(clock + 0.5 * h, shape)[0]
         omega = _asked_rate(q_e, rho, gains)
@@ -176,7 +177,7 @@ def _follows_table(
         middle = euler_step(q_e, 0.5 * h, kinematics(q_e, omega))
         q_e = normalised(euler_step(q_e, h, kinematics(middle, omega)))
         clock += h
-    return bool(largest((q_e[0], q_e[1], q_e[2])) <= _MODEL_SHARE * shape.terminal)
+    return bool(largest(vector(q_e)) <= _MODEL_SHARE * shape.terminal)
 
 
 @kernel
@@ -208,7 +209,7 @@ def least_settling_time(q_e: Quaternion, component: float, whole: float, gains: 
     """
     t = 0.0
     while t < _LONGEST_HOLD:
-        error = (q_e[0], q_e[1], q_e[2])
+        error = vector(q_e)
         if largest(error) <= component and norm(error) <= whole:
             return t
         omega = _asked_rate(q_e, 1.0, gains)
@@ -300,7 +301,7 @@ def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains:
     plan.waiting = 0.0
     plan.count += 1.0
     if t > 0.0:
-        reach = largest((q_e[0], q_e[1], q_e[2]))
+        reach = largest(vector(q_e))
         if gains.auto != 0.0:
             peak = _hold(phi, rate, 1.0, 1.0, ready, brake, gains)[2]
             reach = max(reach, math.sin(0.5 * peak))

@@ -58,21 +58,9 @@ KINDS = (
     "stuck_closed",
     "stuck_open",
 )
-(
-    EFFECTIVENESS,
-    BIAS,
-    STUCK,
-    DRAG,
-    SEIZED,
-    FROZEN,
-    NOISE,
-    SATURATED,
-    DEAD,
-    BLIND,
-    OUTLIERS,
-    STUCK_CLOSED,
-    STUCK_OPEN,
-) = range(len(KINDS))
+# Places among them.
+EFFECTIVENESS, BIAS, STUCK, DRAG, SEIZED, FROZEN, NOISE = range(7)
+SATURATED, DEAD, BLIND, OUTLIERS, STUCK_CLOSED, STUCK_OPEN = range(7, 13)
 
 
 class Failure(NamedTuple):

@@ -11,8 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-"""Earth's magnetic field by the International Geomagnetic Reference Field, IGRF-14.
+"""Earth's magnetic field, also along the orbit, by the reference field IGRF-14.
 
 B = −∇V with V = a Σ (a/r)ⁿ⁺¹ (g cos mλ + h sin mλ) P_nm(sin φ), a = 6371.2 km. The harmonics are
 those of Cunningham, in Cartesian coordinates, so that nothing is singular over a pole (Montenbruck
@@ -20,6 +19,7 @@ and Gill, section 3.2).
 """
 
 import math
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,20 +27,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.science.component import BODY, VECTOR, Column
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Vector, kernel
-from ppc_attitude.science.sky import days_of
+from ppc_attitude.science.kernel import Vector, divide, dot, kernel, scale
+from ppc_attitude.science.orbit import ORBIT
+from ppc_attitude.science.orbit_elements import EPOCH, ORBIT_PARAMETERS, epoch_of, orbit_of
+from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.sky import EARTH_RATE, days_of, earth_angle
 
 REFERENCE_RADIUS = 6371.2e3  # a [m]
 MOST_DEGREE = 13
 _TABLE = Path(__file__).with_name("igrf14.csv")
 _TESLA = 1e-9  # of the table's nanotesla
-
+_DEGREES = {"igrf": MOST_DEGREE, "dipole": 1}
+MODEL = Parameter(
+    "orbit.field",
+    "igrf",
+    "Earth's magnetic field: IGRF-14 to degree 13, or its first degree, which is up to 67 % off",
+    choices=tuple(_DEGREES),
+    agreed=True,
+)
+PARAMETERS = (*ORBIT_PARAMETERS, MODEL)
+MAGNETIC_FIELD = Column(
+    "magnetic_field", "magnetic_field", VECTOR, BODY, "T", "Earth's magnetic field at the craft"
+)
 FIELD = np.dtype(
     [
         ("degree", np.int64),
         ("g", np.float64, (MOST_DEGREE + 1, MOST_DEGREE + 1)),  # [T] of harmonics not normalised
         ("h", np.float64, (MOST_DEGREE + 1, MOST_DEGREE + 1)),
+    ],
+    align=True,
+)
+ORBIT_FIELD = np.dtype(
+    [
+        ("orbit", ORBIT),
+        ("earth_angle", np.float64),  # Greenwich at t = 0 [rad]
+        ("harmonics", FIELD),
     ],
     align=True,
 )
@@ -101,13 +124,9 @@ def field_at(r: Vector, field: Any) -> Vector:
     field
         Record of dtype `FIELD`.
     """
-    squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    squared = dot(r, r)
     shrink = REFERENCE_RADIUS * REFERENCE_RADIUS / squared
-    x, y, z = (
-        r[0] * REFERENCE_RADIUS / squared,
-        r[1] * REFERENCE_RADIUS / squared,
-        r[2] * REFERENCE_RADIUS / squared,
-    )
+    x, y, z = divide(scale(REFERENCE_RADIUS, r), (squared, squared, squared))
     bx, by, bz = 0.0, 0.0, 0.0
     # V + iW of degree n and order m, by columns of equal order: first the diagonal n = m.
     v_m, w_m = REFERENCE_RADIUS / math.sqrt(squared), 0.0
@@ -118,12 +137,8 @@ def field_at(r: Vector, field: Any) -> Vector:
         for n in range(m, field.degree + 2):
             if n > m:
                 rise, fall = (2 * n - 1) * z / (n - m), (n + m - 1) * shrink / (n - m)
-                v, w, v_below, w_below = (
-                    rise * v - fall * v_below,
-                    rise * w - fall * w_below,
-                    v,
-                    w,
-                )
+                v, v_below = rise * v - fall * v_below, v
+                w, w_below = rise * w - fall * w_below, w
             # The gradient of a coefficient of degree n − 1 is made of harmonics of degree n.
             c = n - 1
             if c < 1:
@@ -159,3 +174,28 @@ def largest_field(radius: float, field: Any) -> float:
             squares += ratio * (field["g"][n, order] ** 2 + field["h"][n, order] ** 2)
         bound += (n + 1) * (REFERENCE_RADIUS / radius) ** (n + 2) * math.sqrt(squares)
     return bound
+
+
+def orbit_field(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `ORBIT_FIELD` from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The orbit is impossible, or the date is outside the field's model.
+    """
+    record = np.zeros((), ORBIT_FIELD)[()]
+    days = epoch_of(values)
+    record["orbit"] = orbit_of(values)
+    record["earth_angle"] = earth_angle(days)
+    record["harmonics"] = field_of(EPOCH.name, days, _DEGREES[values[MODEL.name]])
+    return record
+
+
+@kernel
+def magnetic_field(r: Vector, t: float, field: Any) -> Vector:
+    """B [T] at r [m] and t [s], inertial axes; the field is a record of dtype `ORBIT_FIELD`."""
+    angle = field.earth_angle + EARTH_RATE * t
+    c, s = math.cos(angle), math.sin(angle)
+    bx, by, bz = field_at((c * r[0] + s * r[1], c * r[1] - s * r[0], r[2]), field.harmonics)
+    return (c * bx - s * by, s * bx + c * by, bz)

@@ -22,7 +22,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import conjugate, normalised, product, rotate
 from ppc_attitude.science.guidance.profile import duration, profile
@@ -67,8 +66,6 @@ _EACH = len(_DISTANCES) * _BEARINGS * 2 * _ROLLS  # stops beside each cone, at m
 _HALF_TURN = math.pi - 1e-11  # [rad] from here on a turn may as well go the other way round
 _ROUNDING = 1e-12  # [rad]
 _INFINITE = math.inf
-
-Floats = NDArray[np.float64]
 
 
 @kernel

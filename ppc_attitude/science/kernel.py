@@ -19,6 +19,7 @@ allocates nothing, and they are values, so no function changes its caller's vect
 """
 
 import hashlib
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -154,7 +155,7 @@ def array_at(address: int, count: int, dtype: Any) -> Any:
 
 @kernel
 def vector(a: Any) -> Vector:
-    """Tuple of the first three numbers of an array."""
+    """Tuple of the first three numbers of an array, or of a quaternion."""
     return (a[0], a[1], a[2])
 
 
@@ -238,6 +239,18 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @kernel
+def magnitudes(a: Vector) -> Vector:
+    """|a_i| of every component."""
+    return (abs(a[0]), abs(a[1]), abs(a[2]))
+
+
+@kernel
+def tanh(a: Vector) -> Vector:
+    """tanh(a_i) of every component."""
+    return (math.tanh(a[0]), math.tanh(a[1]), math.tanh(a[2]))
+
+
+@kernel
 def norm(a: Vector) -> float:
     """‖a‖."""
     return float((a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) ** 0.5)
@@ -256,10 +269,16 @@ def apply(m: Matrix, a: Vector) -> Vector:
 
 
 @kernel
+def bounded(a: Vector, limit: Vector) -> Vector:
+    """Every component of a limited to its ±limit."""
+    return (
+        min(max(a[0], -limit[0]), limit[0]),
+        min(max(a[1], -limit[1]), limit[1]),
+        min(max(a[2], -limit[2]), limit[2]),
+    )
+
+
+@kernel
 def clamp(a: Vector, limit: float) -> Vector:
     """Every component of a limited to ±limit: sat(a)."""
-    return (
-        min(max(a[0], -limit), limit),
-        min(max(a[1], -limit), limit),
-        min(max(a[2], -limit), limit),
-    )
+    return bounded(a, (limit, limit, limit))

@@ -219,7 +219,7 @@ CONTROLLERS = Kind(
     "the control law",
     ("ppc", "log_barrier", "quaternion_feedback", "momentum_tube", "momentum_tube_ahead"),
     (TORQUE_COMMAND,),
-    front="ppc_attitude.science.observed_law",
+    front="ppc_attitude.science.rate_observer",
 )
 ACTUATORS = Kind(
     "actuators",

@@ -27,7 +27,7 @@ import numpy as np
 from ppc_attitude.science.component import BODY, VECTOR, Column
 from ppc_attitude.science.kernel import Vector, add, cross, dot, kernel, largest, norm, scale
 from ppc_attitude.science.noise import normal_vector
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.stamps import whole_steps
 
@@ -57,14 +57,13 @@ DEADBAND = Parameter(
     low=0.0,
     high=1e6,
 )
-PERIOD = Parameter(
+PERIOD = at_start(
     "magnetorquers.period",
     1.0,
     "time for which a dipole is held, a whole number of steps",
     "s",
     above=0.0,
     high=1e3,
-    read_only=True,
 )
 LAW = Parameter(
     "magnetorquers.law",

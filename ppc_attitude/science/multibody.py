@@ -50,35 +50,26 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import at_start
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.wheels import WHEELS, friction, momentum
 
 MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
-FREQUENCY = Parameter(
+FREQUENCY = at_start(
     "flexible.frequency",
     [],
     f"frequency of each mode with the body held fast, up to {MAX_MODES} modes",
     "Hz",
     above=0.0,
-    read_only=True,
 )
-DAMPING = Parameter(
-    "flexible.damping",
-    [],
-    "damping ratio of each mode",
-    low=0.0,
-    high=0.99,
-    read_only=True,
-)
-COUPLING = Parameter(
+DAMPING = at_start("flexible.damping", [], "damping ratio of each mode", low=0.0, high=0.99)
+COUPLING = at_start(
     "flexible.coupling",
     [],
     "coupling δ of each mode with the body's rotation, three numbers a mode, body axes",
     "kg^½·m",
     length=-3,
-    read_only=True,
 )
 PARAMETERS = (*rigid_body.COMPONENT.parameters, FREQUENCY, DAMPING, COUPLING)
 _MODES = np.dtype(

@@ -22,16 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.kernel import (
-    Vector,
-    add,
-    dot,
-    kernel,
-    norm,
-    scale,
-    store,
-    vector,
-)
+from ppc_attitude.science.kernel import Vector, add, dot, kernel, norm, scale, store, vector
 
 ORBIT = np.dtype(
     [
@@ -41,11 +32,7 @@ ORBIT = np.dtype(
     align=True,
 )
 CURSOR = np.dtype(
-    [
-        ("steps", np.int64),
-        ("position", np.float64, (3,)),
-        ("velocity", np.float64, (3,)),
-    ],
+    [("steps", np.int64), ("position", np.float64, (3,)), ("velocity", np.float64, (3,))],
     align=True,
 )
 MU = 3.986004418e14  # [m³/s²]
@@ -77,8 +64,7 @@ def gravity_rate(r: Vector, v: Vector) -> Vector:
     point = scale(-MU / radius**3, add(v, scale(-3.0 * growth, r)))
     oblate = add(scale(1.0 - 5.0 * squared, r), scale(2.0 * r[2], _POLE))
     oblate_rate = add(
-        add(scale(-5.0 * squared_rate, r), scale(1.0 - 5.0 * squared, v)),
-        scale(2.0 * v[2], _POLE),
+        add(scale(-5.0 * squared_rate, r), scale(1.0 - 5.0 * squared, v)), scale(2.0 * v[2], _POLE)
     )
     oblate_term = add(oblate_rate, scale(-5.0 * growth, oblate))
     return add(point, scale(-_OBLATENESS / radius**5, oblate_term))

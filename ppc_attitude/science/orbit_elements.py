@@ -11,91 +11,50 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""Orbit and date from a node's parameters: by classical elements, or by two lines.
 
-"""Orbit, date and ground point from a node's parameters."""
+A two-line element set is propagated to the start of the run by SGP4. Its true equator and mean
+equinox (TEME) are taken as our inertial frame: they differ by the nutation, less than 0.006°.
+"""
 
 import math
+import re
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.orbit import EARTH_RADIUS, MU, ORBIT
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import at_start
 from ppc_attitude.science.sky import days_of
-from ppc_attitude.science.two_line import orbit_by_lines
 
-_TURN = math.tau
-ALTITUDE = Parameter(
+_of_orbit = partial(at_start, agreed=True)
+_angle = partial(_of_orbit, unit="rad", low=-math.tau, high=math.tau)
+ALTITUDE = _of_orbit(
     "orbit.altitude",
     550e3,
     "semi-major axis less Earth's equatorial radius",
     "m",
     low=100e3,
     high=1e9,
-    read_only=True,
-    agreed=True,
 )
-ECCENTRICITY = Parameter(
-    "orbit.eccentricity",
-    0.0,
-    "eccentricity; the perigee is above ground",
-    low=0.0,
-    high=0.99,
-    read_only=True,
-    agreed=True,
+ECCENTRICITY = _of_orbit(
+    "orbit.eccentricity", 0.0, "eccentricity; the perigee is above ground", low=0.0, high=0.99
 )
-INCLINATION = Parameter(
-    "orbit.inclination",
-    1.7034413499,
-    "inclination (97.6°)",
-    "rad",
-    low=0.0,
-    high=math.pi,
-    read_only=True,
-    agreed=True,
+INCLINATION = _of_orbit(
+    "orbit.inclination", 1.7034413499, "inclination (97.6°)", "rad", low=0.0, high=math.pi
 )
-RAAN = Parameter(
-    "orbit.raan",
-    0.0,
-    "right ascension of the ascending node",
-    "rad",
-    low=-_TURN,
-    high=_TURN,
-    read_only=True,
-    agreed=True,
-)
-ARGUMENT_OF_PERIGEE = Parameter(
-    "orbit.argument_of_perigee",
-    0.0,
-    "argument of perigee",
-    "rad",
-    low=-_TURN,
-    high=_TURN,
-    read_only=True,
-    agreed=True,
-)
-MEAN_ANOMALY = Parameter(
-    "orbit.mean_anomaly",
-    0.0,
-    "mean anomaly at t = 0",
-    "rad",
-    low=-_TURN,
-    high=_TURN,
-    read_only=True,
-    agreed=True,
-)
-EPOCH = Parameter(
-    "orbit.epoch", "2025-01-01", "date of t = 0, ISO 8601, UTC", read_only=True, agreed=True
-)
-TLE = Parameter(
+RAAN = _angle("orbit.raan", 0.0, "right ascension of the ascending node")
+ARGUMENT_OF_PERIGEE = _angle("orbit.argument_of_perigee", 0.0, "argument of perigee")
+MEAN_ANOMALY = _angle("orbit.mean_anomaly", 0.0, "mean anomaly at t = 0")
+EPOCH = _of_orbit("orbit.epoch", "2025-01-01", "date of t = 0, ISO 8601, UTC")
+TLE = _of_orbit(
     "orbit.tle",
     "",
     "two-line element set, whose epoch is within 30 days of orbit.epoch; then the elements above "
     "have no meaning",
-    read_only=True,
-    agreed=True,
 )
 ORBIT_PARAMETERS = (
     ALTITUDE,
@@ -108,6 +67,23 @@ ORBIT_PARAMETERS = (
     TLE,
 )
 """Parameters of every node that knows the orbit."""
+J2000 = 2451545.0  # Julian date
+OLDEST = 30.0  # [d] SGP4 is off by tens of kilometres beyond
+_HIGHEST = 1e9  # [m] the Earth holds nothing that far away
+_LENGTH = 69
+_CRAFT = slice(2, 7)
+_NUMBERS = {
+    1: {"epoch": slice(18, 32)},
+    2: {
+        "inclination": slice(8, 16),
+        "right ascension": slice(17, 25),
+        "eccentricity": slice(26, 33),
+        "argument of perigee": slice(34, 42),
+        "mean anomaly": slice(43, 51),
+        "mean motion": slice(52, 63),
+    },
+}
+"""Where the numbers of each line are that an orbit cannot be without."""
 
 
 def orbit_of(values: Mapping[str, Any]) -> Any:
@@ -172,21 +148,17 @@ def orbit_record(
             "allowed: > 0"
         )
     eccentric = _eccentric_anomaly(mean_anomaly, eccentricity)
-    root = math.sqrt(1.0 - eccentricity**2)
-    distance = semi_major_axis * (1.0 - eccentricity * math.cos(eccentric))
-    speed = math.sqrt(MU * semi_major_axis) / distance
-    x = semi_major_axis * (math.cos(eccentric) - eccentricity)
-    y = semi_major_axis * root * math.sin(eccentric)
-    axes = (
-        _about(2, raan) @ _about(0, inclination) @ _about(2, argument_of_perigee)
-    )  # perifocal to inertial
+    c, s, root = math.cos(eccentric), math.sin(eccentric), math.sqrt(1.0 - eccentricity**2)
+    speed = math.sqrt(MU * semi_major_axis) / (semi_major_axis * (1.0 - eccentricity * c))
+    # From perifocal to inertial axes.
+    axes = _about(2, raan) @ _about(0, inclination) @ _about(2, argument_of_perigee)
     record = np.zeros((), ORBIT)[()]
-    record["position"] = axes @ (x, y, 0.0)
-    record["velocity"] = axes @ (
-        -speed * math.sin(eccentric),
-        speed * root * math.cos(eccentric),
+    record["position"] = axes @ (
+        semi_major_axis * (c - eccentricity),
+        semi_major_axis * root * s,
         0.0,
     )
+    record["velocity"] = axes @ (-speed * s, speed * root * c, 0.0)
     return record
 
 
@@ -210,3 +182,78 @@ def _about(axis: int, angle: float) -> Any:
     matrix[i, i] = matrix[j, j] = math.cos(angle)
     matrix[i, j], matrix[j, i] = -math.sin(angle), math.sin(angle)
     return matrix
+
+
+def orbit_by_lines(name: str, text: str, days: float) -> Any:
+    """Record of dtype `ORBIT` at t = 0.
+
+    Parameters
+    ----------
+    name, text : str
+        Name of the parameter, for errors, and its two lines.
+    days : float
+        Days from J2000 to t = 0.
+
+    Raises
+    ------
+    ConfigurationError
+        The package sgp4 is missing, the lines are no element set, or their epoch is too far.
+    """
+    try:
+        from sgp4.api import SGP4_ERRORS, Satrec
+    except ImportError:
+        raise ConfigurationError(
+            f"{name} needs the package sgp4: pip install 'ppc_attitude[orbit]'"
+        ) from None
+    first, second = _lines(name, text)
+    satellite = Satrec.twoline2rv(first, second)
+    age = days + (J2000 - satellite.jdsatepoch) - satellite.jdsatepochF
+    if not abs(age) <= OLDEST:
+        raise ConfigurationError(
+            f"orbit.epoch is {age:.1f} days after the epoch of {name}; allowed: within "
+            f"{OLDEST:g} days"
+        )
+    whole = math.floor(days)
+    error, position, velocity = satellite.sgp4(J2000 + whole, days - whole)
+    if error:
+        raise ConfigurationError(f"{name} gives no orbit: {SGP4_ERRORS[error]}")
+    record = np.zeros((), ORBIT)[()]
+    record["position"] = 1e3 * np.array(position)
+    record["velocity"] = 1e3 * np.array(velocity)
+    height = float(np.linalg.norm(record["position"])) - EARTH_RADIUS
+    if not 0.0 < height <= _HIGHEST:
+        raise ConfigurationError(
+            f"{name} gives a height of {height:.6g} m; allowed: > 0 and ≤ {_HIGHEST:g}"
+        )
+    return record
+
+
+def _lines(name: str, text: str) -> tuple[str, str]:
+    """The two lines, with sound checksums; a line with the name of the craft may come first."""
+    lines = [line.rstrip() for line in text.strip().splitlines()][-2:]
+    if len(lines) != 2:
+        raise ConfigurationError(f"{name} has {len(lines)} lines; allowed: 2")
+    for number, line in enumerate(lines, start=1):
+        if len(line) != _LENGTH or not line.startswith(f"{number} "):
+            raise ConfigurationError(
+                f"{name} has line {line!r}; allowed: {_LENGTH} characters that begin with "
+                f"'{number} '"
+            )
+        # A minus counts as 1, every other sign as 0.
+        total = sum(int(c) if c.isdigit() else c == "-" for c in line[:-1]) % 10
+        if line[-1] != str(total):
+            raise ConfigurationError(
+                f"line {number} of {name} ends in {line[-1]!r}; allowed: its checksum, {total}"
+            )
+        for what, columns in _NUMBERS[number].items():
+            point = "" if what == "eccentricity" else r"\."  # of which only decimals are written
+            if not re.fullmatch(rf"\d*{point}\d+", line[columns].replace(" ", "")):
+                raise ConfigurationError(
+                    f"line {number} of {name} has {what} {line[columns]!r}; allowed: a number"
+                )
+    first, second = lines
+    if first[_CRAFT] != second[_CRAFT]:
+        raise ConfigurationError(
+            f"{name} has lines of craft {first[_CRAFT]!r} and {second[_CRAFT]!r}; allowed: of one"
+        )
+    return first, second

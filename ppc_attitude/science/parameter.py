@@ -20,6 +20,7 @@ from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import partial
 from typing import Any, TypeAlias
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -161,6 +162,10 @@ class Parameter:
     def _refusal(self, value: Any) -> ConfigurationError:
         unit = f" {self.unit}" if self.unit else ""
         return ConfigurationError(f"{self.name} = {value!r}{unit}; allowed: {self.allowed}")
+
+
+at_start = partial(Parameter, read_only=True)
+"""Make a parameter that only has effect at start."""
 
 
 def unquoted(value: Any) -> Any:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Vector, kernel
+from ppc_attitude.science.kernel import Vector, add, divide, kernel, scale
 
 SHAPE = np.dtype(
     [
@@ -79,16 +79,14 @@ class Envelope:
         The feasibility number; at most e/2.
     t1 : float
         Joint of exponential and parabola [s].
-    a1, a2, a3 : float
-        Coefficients of the parabola a1 t² + a2 t + a3.
+    a1 : float
+        Of the parabola a1 (t − t2)² + g∞ [1/s²].
     """
 
     table: EnvelopeTable
     r: float
     t1: float
     a1: float
-    a2: float
-    a3: float
 
     def shape(self) -> Any:
         """The envelope as the record (dtype `SHAPE`) that the kernels read."""
@@ -131,10 +129,7 @@ def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
     amplitude = table.initial - table.exponential_terminal
     fall = table.decay * amplitude * math.exp(-table.decay * t1)
     a1 = fall / (2.0 * (table.settling_time - t1))
-    t2 = table.settling_time
-    return Envelope(
-        table, feasibility(table), t1, a1, -2.0 * a1 * t2, table.terminal + a1 * t2 * t2
-    )
+    return Envelope(table, feasibility(table), t1, a1)
 
 
 def feasibility(table: EnvelopeTable) -> float:
@@ -302,8 +297,4 @@ def widened_rate_envelope(
 def widened_attitude_envelope(delta: Vector, drive: Vector, decay: float, h: float) -> Vector:
     """Δρ_q after h [s] by the implicit Euler step of Δρ_q' = −C_q Δρ_q + drive."""
     fall = 1.0 + h * decay
-    return (
-        (delta[0] + h * drive[0]) / fall,
-        (delta[1] + h * drive[1]) / fall,
-        (delta[2] + h * drive[2]) / fall,
-    )
+    return divide(add(delta, scale(h, drive)), (fall, fall, fall))

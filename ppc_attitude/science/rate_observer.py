@@ -11,7 +11,6 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
 """A rate observer that also estimates the disturbance: it stands before a law, and after it.
 
 A gyro's noise would reach the torque at every step. The craft knows its own torque and inertia, so
@@ -19,31 +18,45 @@ it predicts the rate and corrects the prediction slowly. What the prediction lac
 is the disturbance torque d̂, which the law then need not fight: the command is lessened by it.
 
 A gyro gives the mean rate of an interval, so the prediction is compared at the interval's middle.
+
+Every law gets this front. Without `rate_observer`, or with an observer of its own, a law is told
+what was measured, and its torque is passed on unchanged. Without an attitude (a zero quaternion)
+the torque is zero and the law is not stepped: it begins at the first estimate.
 """
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.compiled_stamps import seconds
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Vector,
     add,
+    bounded,
     clamp,
+    divide,
     kernel,
     matrix,
+    multiply,
     scale,
     store,
     subtract,
     vector,
 )
 from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.part import configured
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
 from ppc_attitude.science.sensors.gyro import ANGULAR_RANDOM_WALK, RESOLUTION
+from ppc_attitude.science.signals import TOLD
 
 RATE_OBSERVER = Parameter(
     "rate_observer",
@@ -135,15 +148,6 @@ def disturbance_sigma(frequency: float, white: float, inertia: float) -> float:
 
 
 @kernel
-def _bounded(a: Vector, limit: Vector) -> Vector:
-    return (
-        min(max(a[0], -limit[0]), limit[0]),
-        min(max(a[1], -limit[1]), limit[1]),
-        min(max(a[2], -limit[2]), limit[2]),
-    )
-
-
-@kernel
 def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vector:
     """Rate ω̂ [rad/s] at a stamp [ns] from the measured mean rate of the interval that ends there.
 
@@ -168,20 +172,15 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
     noise = _SURPRISE * math.sqrt(observer.white / h + observer.rounding)
     moments = (inertia[0][0], inertia[1][1], inertia[2][2])
     room = h * observer.max_disturbance
-    g = (noise + room / moments[0], noise + room / moments[1], noise + room / moments[2])
+    g = add((noise, noise, noise), divide((room, room, room), moments))
     surprised = abs(r[0]) > g[0] or abs(r[1]) > g[1] or abs(r[2]) > g[2]
     if surprised and memory.surprised != 0.0:
         rate = add(measured, scale(0.5 * h, acceleration))
     else:
         p = math.exp(-observer.frequency * h)
         rate = add(predicted, scale(1.0 - p * p, r))
-        bounded = _bounded(r, g)
         s = (1.0 - p) * (1.0 - p) / h
-        d = (
-            d[0] + s * moments[0] * bounded[0],
-            d[1] + s * moments[1] * bounded[1],
-            d[2] + s * moments[2] * bounded[2],
-        )
+        d = add(d, multiply(scale(s, moments), bounded(r, g)))
         store(memory.disturbance, clamp(d, observer.max_disturbance))
     memory.surprised = 1.0 if surprised else 0.0
     store(memory.rate, rate)
@@ -195,3 +194,57 @@ def compensate(observer: Any, memory: Any, torque: Vector) -> Vector:
     command = clamp(command, observer.max_torque)
     store(memory.torque, command)
     return command
+
+
+def _step_of(law: Component) -> Any:
+    """Step of a law behind the observer."""
+    step = law.step
+
+    def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+        q = inputs.attitude
+        if q[0] == 0.0 and q[1] == 0.0 and q[2] == 0.0 and q[3] == 0.0:
+            store(outputs.torque_command, (0.0, 0.0, 0.0))
+            state.observer.started = 0.0  # its last torque does not act over the gap
+            return
+        if configuration.observer.frequency == 0.0:
+            step(inputs, state.law, configuration.law, outputs)
+            return
+        rate = observe(
+            configuration.observer, state.observer, inputs.stamp_ns, vector(inputs.angular_velocity)
+        )
+        store(inputs.angular_velocity, rate)
+        step(inputs, state.law, configuration.law, outputs)
+        torque = compensate(configuration.observer, state.observer, vector(outputs.torque_command))
+        store(outputs.torque_command, torque)
+
+    # The machine code is cached where the law's own is; this closure is not cached by itself.
+    observed.__module__ = step.__module__
+    return numba.njit(error_model="numpy")(observed)
+
+
+def with_front(law: Component) -> Component:
+    """Put the observer before a law, and the disturbance estimate after it."""
+    configuration = np.dtype([("observer", OBSERVER), ("law", law.configuration)], align=True)
+
+    def configure(values: Mapping[str, Any]) -> Any:
+        inner, kept = configured(law, values)
+        record = np.zeros((), configuration)[()]
+        if values["rate_observer"] > 0.0 and not law.observes:
+            inertia = inertia_matrix("inertia", values["inertia"])
+            record["observer"] = observer_record(values, inertia)
+        record["law"] = inner
+        return (record, *kept)
+
+    own = (*PARAMETERS, INERTIA, MAX_TORQUE)
+    names = {parameter.name for parameter in own}
+    return replace(
+        law,
+        parameters=(*own, *(each for each in law.parameters if each.name not in names)),
+        configure=configure,
+        configuration=configuration,
+        inputs=(*law.inputs, *(column for column in TOLD if column not in law.inputs)),
+        state=np.dtype([("observer", MEMORY), ("law", law.state)], align=True),
+        step=_step_of(law),
+        advice=lambda state: law.advice(state["law"]),
+        advices=lambda state: law.advices(state["law"]),
+    )

@@ -40,7 +40,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.stamps import whole_steps
 
 STANDARD_GRAVITY = 9.80665  # g0 [m/s²]
@@ -50,7 +50,7 @@ _NONE = 1e-9  # share of the longest on-time that counts as none
 _TIE = 1e-12  # share of the cost by which a later three must be cheaper
 _C, _S = 0.9396926207859084, 0.3420201433256687  # cosine and sine of 20°
 _X, _Z = 0.3, 0.25  # [m]
-POSITIONS = Parameter(
+POSITIONS = at_start(
     "thrusters.positions",
     [
         *(_X, _X, _Z, _X, -_X, _Z, -_X, _X, _Z, -_X, -_X, _Z),
@@ -60,9 +60,8 @@ POSITIONS = Parameter(
     f"{MAX_THRUSTERS} thrusters",
     "m",
     length=-3,
-    read_only=True,
 )
-DIRECTIONS = Parameter(
+DIRECTIONS = at_start(
     "thrusters.directions",
     [
         *(0.0, -_C, -_S, -_C, 0.0, -_S, _C, 0.0, -_S, 0.0, _C, -_S),
@@ -70,7 +69,6 @@ DIRECTIONS = Parameter(
     ],
     "direction of the force of each thruster, body axes, three numbers each; normalised",
     length=-3,
-    read_only=True,
 )
 FORCE = Parameter(
     "thrusters.force",
@@ -83,14 +81,13 @@ FORCE = Parameter(
 SPECIFIC_IMPULSE = Parameter(
     "thrusters.specific_impulse", 65.0, "of the fuel", "s", low=1.0, high=1e5
 )
-PERIOD = Parameter(
+PERIOD = at_start(
     "thrusters.period",
     0.1,
     "T: pulses begin once in it, and it is a whole number of steps",
     "s",
     low=0.02,
     high=10.0,
-    read_only=True,
 )
 MIN_ON_TIME = Parameter("thrusters.min_on_time", 0.01, "shortest pulse", "s", low=0.0, high=10.0)
 CARRY = Parameter(
@@ -100,16 +97,7 @@ CARRY = Parameter(
     "made as long as the shortest if it has half of it, and else lost",
 )
 FUEL = Parameter("thrusters.fuel", 0.5, "fuel at t = 0", "kg", low=0.0, high=1e6)
-PARAMETERS = (
-    POSITIONS,
-    DIRECTIONS,
-    FORCE,
-    SPECIFIC_IMPULSE,
-    PERIOD,
-    MIN_ON_TIME,
-    CARRY,
-    FUEL,
-)
+PARAMETERS = (POSITIONS, DIRECTIONS, FORCE, SPECIFIC_IMPULSE, PERIOD, MIN_ON_TIME, CARRY, FUEL)
 THRUSTERS = np.dtype(
     [
         ("count", np.int64),

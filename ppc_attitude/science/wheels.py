@@ -27,72 +27,55 @@ from numpy.typing import NDArray
 from ppc_attitude.science.component import BODY, MAX_WHEELS, WHEEL_SPEEDS, WHEEL_TORQUES, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, kernel, scale, vector
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 
 _S = 3.0**-0.5
-AXES = Parameter(
+AXES = at_start(
     "wheels.axes",
     [_S, _S, _S, -_S, _S, _S, -_S, -_S, _S, _S, -_S, _S],
     f"spin axis of each wheel, body axes, three numbers each, up to {MAX_WHEELS} wheels; "
     "normalised",
     length=-3,
-    read_only=True,
 )
-INERTIA = Parameter(
-    "wheels.inertia",
-    [8e-4],
-    "spin inertia J_s of each wheel; once each, or one for all",
-    "kg·m²",
-    above=0.0,
-    read_only=True,
+
+
+def _of_each(name: str, default: float, what: str, unit: str, **options: Any) -> Parameter:
+    """Parameter that each wheel has."""
+    return Parameter(name, [default], f"{what}; once each, or one for all", unit, **options)
+
+
+INERTIA = _of_each(
+    "wheels.inertia", 8e-4, "spin inertia J_s of each wheel", "kg·m²", above=0.0, read_only=True
 )
-MAX_TORQUE = Parameter(
-    "wheels.max_torque",
-    [0.05],
-    "largest motor torque of each wheel; once each, or one for all",
-    "N·m",
-    above=0.0,
+MAX_TORQUE = _of_each(
+    "wheels.max_torque", 0.05, "largest motor torque of each wheel", "N·m", above=0.0
 )
-MAX_SPEED = Parameter(
-    "wheels.max_speed",
-    [628.3],
-    "largest speed of each wheel; once each, or one for all",
-    "rad/s",
-    above=0.0,
-)
-INITIAL_SPEED = Parameter(
+MAX_SPEED = _of_each("wheels.max_speed", 628.3, "largest speed of each wheel", "rad/s", above=0.0)
+INITIAL_SPEED = _of_each(
     "wheels.initial_speed",
-    [0.0],
-    "speed of each wheel at t = 0, relative to the body; once each, or one for all",
+    0.0,
+    "speed of each wheel at t = 0, relative to the body",
     "rad/s",
     read_only=True,
 )
-VISCOUS = Parameter(
-    "wheels.viscous", [3e-6], "viscous friction; once each, or one for all", "N·m·s", low=0.0
-)
-COULOMB = Parameter(
-    "wheels.coulomb", [5e-4], "Coulomb friction; once each, or one for all", "N·m", low=0.0
-)
-STATIC = Parameter(
+VISCOUS = _of_each("wheels.viscous", 3e-6, "viscous friction", "N·m·s", low=0.0)
+COULOMB = _of_each("wheels.coulomb", 5e-4, "Coulomb friction", "N·m", low=0.0)
+STATIC = _of_each(
     "wheels.static",
-    [8e-4],
-    "friction at the begin of motion, at least the Coulomb friction; once each, or one for all",
+    8e-4,
+    "friction at the begin of motion, at least the Coulomb friction",
     "N·m",
     low=0.0,
 )
-STRIBECK_SPEED = Parameter(
+STRIBECK_SPEED = _of_each(
     "wheels.stribeck_speed",
-    [2.0],
-    "speed over which friction falls from static to Coulomb; once each, or one for all",
+    2.0,
+    "speed over which friction falls from static to Coulomb",
     "rad/s",
     above=0.0,
 )
-TRANSITION_SPEED = Parameter(
-    "wheels.transition_speed",
-    [0.1],
-    "speed over which friction changes its sign; once each, or one for all",
-    "rad/s",
-    above=0.0,
+TRANSITION_SPEED = _of_each(
+    "wheels.transition_speed", 0.1, "speed over which friction changes its sign", "rad/s", above=0.0
 )
 _EACH = (
     INERTIA,

@@ -29,14 +29,8 @@ from ppc_attitude.science.actuators import wheels
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.faults import (
-    EFFECTIVENESS,
-    RECORD,
-    STUCK,
-    Failure,
-    faults_of,
-    faulty,
-)
+from ppc_attitude.science.faults import EFFECTIVENESS, RECORD, STUCK, Failure, faults_of, faulty
+from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
 from ppc_attitude.science.kernel import Vector, add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import (
     DIPOLE,
@@ -46,7 +40,6 @@ from ppc_attitude.science.magnetorquers import (
     magnetorquer_record,
     unloading_dipole,
 )
-from ppc_attitude.science.orbit_field import MAGNETIC_FIELD
 from ppc_attitude.science.wheels import momentum
 
 _RODS = dict.fromkeys(

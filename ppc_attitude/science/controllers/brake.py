@@ -11,20 +11,64 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-"""How fast the error may fall: a brake at constant deceleration under a cap of the speed.
+"""How fast the error may fall about its axis: a brake at constant deceleration under a cap.
 
 The brake is g = kφ for φ ≤ φ1 = a/k² and √(2aφ − a²/k²) beyond: once differentiable, g g' ≤ a. The
 cap is f(φ; V) = V S(g/V) with S(x) = x below 1 − c, 1 above 1 + c, and a parabola between. The
-deceleration a is what the torque allows about the axis n of the error.
+deceleration a is what the torque allows about the axis n of the error, the cap V what the limit of
+the rate leaves there.
 """
 
 import math
 
-from ppc_attitude.science.kernel import Matrix, Vector, apply, kernel
+from ppc_attitude.science.kernel import (
+    Matrix,
+    Quaternion,
+    Vector,
+    add,
+    apply,
+    cross,
+    dot,
+    kernel,
+    norm,
+    scale,
+    subtract,
+    vector,
+)
 
 BLEND = 0.25  # c, half the width of the parabola
 ORDER = 16  # of the norm that stands for the largest of the axes, and has derivatives
+_ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@kernel
+def error_axis(q_e: Quaternion, way: float) -> tuple[Vector, float]:
+    """Axis n and angle φ in [0, 2π) [rad] of the error, going round the given way."""
+    length = norm(vector(q_e))
+    phi = 2.0 * math.atan2(length, way * q_e[3])
+    if length == 0.0:
+        return _ZERO, phi
+    return scale(way / length, vector(q_e)), phi
+
+
+@kernel
+def speed_limit(
+    n: Vector, n_rate: Vector, omega_d: Vector, acceleration_d: Vector, rate_limit: float
+) -> tuple[float, float]:
+    """V [rad/s], the f at which ‖w_d − f n‖ is the rate limit Ω_e, and V' [rad/s²]."""
+    b = dot(n, omega_d)
+    root = math.sqrt(max(b * b + rate_limit * rate_limit - dot(omega_d, omega_d), 0.0))
+    if root == 0.0 or n == _ZERO:
+        return b + root, 0.0
+    b_rate = dot(n, acceleration_d) + dot(n_rate, omega_d)
+    return b + root, b_rate + (b * b_rate - dot(omega_d, acceleration_d)) / root
+
+
+@kernel
+def axis_rate(n: Vector, phi: float, omega_e: Vector) -> Vector:
+    """2 sin(φ/2) n' = cos(φ/2) ω_⊥ + sin(φ/2) n × ω_⊥ [rad/s], finite at φ = 0."""
+    across = subtract(omega_e, scale(dot(n, omega_e), n))
+    return add(scale(math.cos(0.5 * phi), across), scale(math.sin(0.5 * phi), cross(n, across)))
 
 
 @kernel

@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppc_attitude.science.component import BODY, VECTOR, Column
+from ppc_attitude.science.kernel import Vector, divide, kernel, scale, tanh
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import Envelope, EnvelopeTable, solve_envelope
 
@@ -71,22 +72,16 @@ ATTITUDE_PARAMETERS = envelope_parameters(
 )
 RATE_PARAMETERS = envelope_parameters("rate_envelope", "rate envelope", "rad/s", RATE_TABLE)
 
-ATTITUDE_ENVELOPE = Column(
-    "attitude_envelope",
-    "control/attitude_envelope",
-    VECTOR,
-    BODY,
-    "1",
-    "envelope ρ_q of the attitude error",
+
+def of_law(name: str, form: str, frame: str, unit: str, meaning: str, **options: Any) -> Column:
+    """Column that a law gives, on the topic control/<name>; arguments as of `Column`."""
+    return Column(name, f"control/{name}", form, frame, unit, meaning, **options)
+
+
+ATTITUDE_ENVELOPE = of_law(
+    "attitude_envelope", VECTOR, BODY, "1", "envelope ρ_q of the attitude error"
 )
-RATE_ENVELOPE = Column(
-    "rate_envelope",
-    "control/rate_envelope",
-    VECTOR,
-    BODY,
-    "rad/s",
-    "envelope ρ_ω of the rate error",
-)
+RATE_ENVELOPE = of_law("rate_envelope", VECTOR, BODY, "rad/s", "envelope ρ_ω of the rate error")
 
 
 def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
@@ -99,6 +94,12 @@ def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
     """
     fields = EnvelopeTable.__dataclass_fields__
     return solve_envelope(prefix, EnvelopeTable(*(values[f"{prefix}.{name}"] for name in fields)))
+
+
+@kernel
+def smooth_sign(a: Vector, size: float, width: float) -> Vector:
+    """Size · tanh(a/width): the estimate D_m tanh(·/μ) of a disturbance [N·m]."""
+    return scale(size, tanh(divide(a, (width, width, width))))
 
 
 def is_diagonal(inertia: Any) -> bool:

@@ -17,7 +17,8 @@
 from typing import Any
 
 from ppc_attitude.science.attitude import attitude_error, to_body
-from ppc_attitude.science.component import BODY, DESIRED, QUATERNION, VECTOR, WRENCH, Column
+from ppc_attitude.science.component import BODY, DESIRED, QUATERNION, VECTOR, WRENCH
+from ppc_attitude.science.controllers.common import of_law
 from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
@@ -33,32 +34,16 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.signals import DESIRED_MOTION, TOLD, TORQUE_COMMAND
 
-ATTITUDE_ERROR = Column(
+ATTITUDE_ERROR = of_law(
     "attitude_error",
-    "control/attitude_error",
     QUATERNION,
     DESIRED,
     "1",
     "attitude error q_e, x y z w",
     bound="attitude_envelope",
 )
-RATE_ERROR = Column(
-    "rate_error",
-    "control/rate_error",
-    VECTOR,
-    BODY,
-    "rad/s",
-    "rate error z2",
-    bound="rate_envelope",
-)
-UNSATURATED_TORQUE = Column(
-    "unsaturated_torque",
-    "control/unsaturated_torque",
-    WRENCH,
-    BODY,
-    "N·m",
-    "torque u before saturation",
-)
+RATE_ERROR = of_law("rate_error", VECTOR, BODY, "rad/s", "rate error z2", bound="rate_envelope")
+UNSATURATED_TORQUE = of_law("unsaturated_torque", WRENCH, BODY, "N·m", "torque u before saturation")
 INPUTS = (*TOLD, *DESIRED_MOTION)
 """Columns that every law of ours reads."""
 OUTPUTS = (TORQUE_COMMAND, ATTITUDE_ERROR, RATE_ERROR, UNSATURATED_TORQUE)
@@ -74,7 +59,7 @@ def error_state(measurement: Any, inertia: Any) -> tuple[Quaternion, Vector, Vec
     q_e = attitude_error(
         quaternion(measurement.attitude), quaternion(measurement.reference_attitude)
     )
-    q, q0 = (q_e[0], q_e[1], q_e[2]), q_e[3]
+    q, q0 = vector(q_e), q_e[3]
     omega_s = vector(measurement.angular_velocity)
     omega_d = to_body(vector(measurement.reference_angular_velocity), q, q0)
     acceleration_d = to_body(vector(measurement.reference_angular_acceleration), q, q0)

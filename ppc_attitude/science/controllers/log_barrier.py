@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import jacobian, jacobian_inverse_scaled, jacobian_transposed
-from ppc_attitude.science.barrier import log_barrier_force
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
@@ -36,13 +35,9 @@ from ppc_attitude.science.controllers.common import (
     MAX_TORQUE,
     MU,
     envelope_of,
+    smooth_sign,
 )
-from ppc_attitude.science.controllers.interface import (
-    INPUTS,
-    OUTPUTS,
-    error_state,
-    store_command,
-)
+from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Vector,
@@ -50,12 +45,15 @@ from ppc_attitude.science.kernel import (
     apply,
     clamp,
     cross,
+    divide,
     dot,
     kernel,
     matrix,
+    multiply,
     scale,
     store,
     subtract,
+    vector,
 )
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import SHAPE, nominal
@@ -116,6 +114,12 @@ def inverse_jacobian(q: Vector, q0: float, a: Vector) -> Vector:
 
 
 @kernel
+def log_barrier_force(q: Vector, rho: Vector) -> Vector:
+    """χ_i = q_i / (ρ_i² − q_i²): the traditional barrier's gradient; it points outward outside."""
+    return divide(q, subtract(multiply(rho, rho), multiply(q, q)))
+
+
+@kernel
 def desired_rate_error(
     q: Vector,
     q0: float,
@@ -155,7 +159,7 @@ def _second_derivative(t: float, shape: Any) -> float:
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     q_e, omega_e, m_0 = error_state(measurement, matrix(gains.inertia))
-    q, q0 = (q_e[0], q_e[1], q_e[2]), _away_from_zero(q_e[3])
+    q, q0 = vector(q_e), _away_from_zero(q_e[3])
     if memory.started == 0.0:
         memory.started = 1.0
         memory.start = measurement.t
@@ -166,15 +170,10 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     )
     z = subtract(omega_e, alpha)
     chi = log_barrier_force(q, (rho, rho, rho))
-    d_hat = (
-        gains.D_m * math.tanh(z[0] / gains.mu),
-        gains.D_m * math.tanh(z[1] / gains.mu),
-        gains.D_m * math.tanh(z[2] / gains.mu),
-    )
     u = subtract(apply(matrix(gains.inertia), alpha_rate), m_0)
     u = subtract(u, scale(gains.K2, z))
     u = subtract(u, scale(gains.k_b, jacobian_transposed(q, q0, chi)))
-    u = subtract(u, d_hat)
+    u = subtract(u, smooth_sign(z, gains.D_m, gains.mu))
     store_command(command, q_e, z, u, clamp(u, gains.max_torque))
     store(command.attitude_envelope, (rho, rho, rho))
 

@@ -25,15 +25,15 @@ import math
 from typing import Any
 
 from ppc_attitude.science.component import Component
-from ppc_attitude.science.controllers.brake import capped_brake, deceleration
-from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
-from ppc_attitude.science.controllers.error_axis import axis_rate, error_axis, speed_limit
-from ppc_attitude.science.controllers.interface import (
-    INPUTS,
-    OUTPUTS,
-    error_state,
-    store_command,
+from ppc_attitude.science.controllers.brake import (
+    axis_rate,
+    capped_brake,
+    deceleration,
+    error_axis,
+    speed_limit,
 )
+from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
+from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.controllers.tube_parameters import (
     CONFIGURATION,
     LAW,
@@ -50,9 +50,12 @@ from ppc_attitude.science.controllers.tube_state import (
     TURN_ENVELOPE,
     advice,
     advices,
+    hear,
+    is_hit,
     phase,
+    slip,
+    watch,
 )
-from ppc_attitude.science.controllers.tube_watch import hear, is_hit, slip, watch
 from ppc_attitude.science.kernel import (
     Matrix,
     Quaternion,
@@ -265,13 +268,7 @@ def _track(
         if phi > math.pi + lead:
             memory.way = -1.0
             n, phi = error_axis(q_e, memory.way)
-        limit = speed_limit(
-            n,
-            _ZERO,
-            vector(measurement.reference_angular_velocity),
-            vector(measurement.reference_angular_acceleration),
-            gains.Omega_e,
-        )[0]
+        limit = _limit(measurement, gains, n, _ZERO)[0]
         _begin(memory, gains, n, phi, limit, omega_e)
         n, phi, limit, brake, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
         y = _ZERO
@@ -296,6 +293,14 @@ def _track(
 
 
 @kernel
+def _limit(measurement: Any, gains: Any, n: Vector, n_rate: Vector) -> tuple[float, float]:
+    """V [rad/s] and V' [rad/s²] for the reference that is measured."""
+    omega_d = vector(measurement.reference_angular_velocity)
+    acceleration_d = vector(measurement.reference_angular_acceleration)
+    return speed_limit(n, n_rate, omega_d, acceleration_d, gains.Omega_e)
+
+
+@kernel
 def _commanded(
     measurement: Any, memory: Any, gains: Any, q_e: Quaternion, omega_e: Vector
 ) -> tuple[Vector, float, float, Vector, Vector, Vector]:
@@ -303,13 +308,7 @@ def _commanded(
     n, phi = error_axis(q_e, memory.way)
     turn = axis_rate(n, phi, omega_e)
     n_rate = scale(0.5 / math.sin(0.5 * phi), turn) if n != _ZERO else _ZERO
-    limit, limit_rate = speed_limit(
-        n,
-        n_rate,
-        vector(measurement.reference_angular_velocity),
-        vector(measurement.reference_angular_acceleration),
-        gains.Omega_e,
-    )
+    limit, limit_rate = _limit(measurement, gains, n, n_rate)
     if memory.sigma >= limit:
         memory.done = 1.0
     memory.cap = limit if memory.done != 0.0 else memory.sigma

@@ -27,8 +27,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import jacobian_transposed
-from ppc_attitude.science.barrier import barrier_gain
-from ppc_attitude.science.component import BODY, VECTOR, Advice, Column, Component
+from ppc_attitude.science.component import BODY, VECTOR, Advice, Component
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
     ATTITUDE_PARAMETERS,
@@ -40,6 +39,8 @@ from ppc_attitude.science.controllers.common import (
     RATE_PARAMETERS,
     envelope_of,
     is_diagonal,
+    of_law,
+    smooth_sign,
 )
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.envelope_plan import (
@@ -60,19 +61,17 @@ from ppc_attitude.science.kernel import (
     divide,
     dot,
     kernel,
+    magnitudes,
     matrix,
     multiply,
     scale,
     store,
     subtract,
+    tanh,
     vector,
 )
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.performance import (
-    SHAPE,
-    widened_attitude_envelope,
-    widened_rate_envelope,
-)
+from ppc_attitude.science.performance import SHAPE, widened_attitude_envelope, widened_rate_envelope
 from ppc_attitude.science.virtual_control import virtual_control
 
 GAINS = (
@@ -146,9 +145,7 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-AUXILIARY_STATE = Column(
-    "auxiliary_state", "control/auxiliary_state", VECTOR, BODY, "1", "anti-saturation state θ"
-)
+AUXILIARY_STATE = of_law("auxiliary_state", VECTOR, BODY, "1", "anti-saturation state θ")
 # δ of the auxiliary system: the smallest |θ| that divides; the paper divides by zero at θ = 0.
 _DELTA = 1e-3
 
@@ -177,17 +174,19 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 
 @kernel
+def barrier_gain(epsilon: Vector, k: float, F: float) -> float:
+    """K tanh(εᵀε/F), the factor of ε in the gradient of V_B = (k/2) F ln cosh(εᵀε/F) (eqs. 4, 5).
+
+    V_B is finite everywhere, also outside the envelope, where the logarithmic barrier is singular.
+    """
+    return k * math.tanh(dot(epsilon, epsilon) / F)
+
+
+@kernel
 def saturation_drive(delta_tau: Vector, inertia_inverse: Matrix) -> Vector:
     """|J⁻¹| |tanh Δτ|, elementwise magnitudes: what opens the envelopes."""
-    x = math.tanh(abs(delta_tau[0]))
-    y = math.tanh(abs(delta_tau[1]))
-    z = math.tanh(abs(delta_tau[2]))
-    m = inertia_inverse
-    return (
-        abs(m[0][0]) * x + abs(m[0][1]) * y + abs(m[0][2]) * z,
-        abs(m[1][0]) * x + abs(m[1][1]) * y + abs(m[1][2]) * z,
-        abs(m[2][0]) * x + abs(m[2][1]) * y + abs(m[2][2]) * z,
-    )
+    x, y, z = inertia_inverse
+    return apply((magnitudes(x), magnitudes(y), magnitudes(z)), tanh(magnitudes(delta_tau)))
 
 
 @kernel
@@ -196,8 +195,7 @@ def auxiliary_step(
 ) -> Vector:
     """θ after h [s]: θ' = −[K_a + K_b |ξJ⁻¹Δτ|²/(|θ|²+δ²)] θ + ξJ⁻¹ tanh Δτ (eq. 23), implicit."""
     pull = multiply(xi, apply(inertia_inverse, delta_tau))
-    bounded = (math.tanh(delta_tau[0]), math.tanh(delta_tau[1]), math.tanh(delta_tau[2]))
-    push = multiply(xi, apply(inertia_inverse, bounded))
+    push = multiply(xi, apply(inertia_inverse, tanh(delta_tau)))
     decay = gains.K_a + gains.K_b * dot(pull, pull) / (dot(theta, theta) + _DELTA * _DELTA)
     return scale(1.0 / (1.0 + h * decay), add(theta, scale(h, push)))
 
@@ -217,10 +215,7 @@ def integrate(memory: Any, gains: Any, drive: Vector, rate_value: float, h: floa
         store(
             memory.delta_rho_q,
             widened_attitude_envelope(
-                vector(memory.delta_rho_q),
-                scale(gains.C_tau, multiply(xi, drive)),
-                gains.C_q,
-                h,
+                vector(memory.delta_rho_q), scale(gains.C_tau, multiply(xi, drive)), gains.C_q, h
             ),
         )
     xi = inverse_envelope(rate_value, delta_omega)
@@ -231,11 +226,7 @@ def integrate(memory: Any, gains: Any, drive: Vector, rate_value: float, h: floa
 @kernel
 def inverse_envelope(nominal_value: float, delta: Vector) -> Vector:
     """Diagonal of ξ = diag(1/ρ_ω)."""
-    return (
-        1.0 / (nominal_value + delta[0]),
-        1.0 / (nominal_value + delta[1]),
-        1.0 / (nominal_value + delta[2]),
-    )
+    return divide((1.0, 1.0, 1.0), add((nominal_value, nominal_value, nominal_value), delta))
 
 
 @kernel
@@ -248,11 +239,7 @@ def _bounded_axis(rho: float, rho_rate: float) -> tuple[float, float]:
 
 @kernel
 def composite_envelopes(
-    memory: Any,
-    gains: Any,
-    drive: Vector,
-    attitude: tuple[float, float],
-    rate: tuple[float, float],
+    memory: Any, gains: Any, drive: Vector, attitude: tuple[float, float], rate: tuple[float, float]
 ) -> tuple[Vector, Vector, Vector, Vector]:
     """ρ_q, ρ_q', ρ_ω and ρ_ω': nominal plus adaptive part, the latter's rate by eq. 24."""
     delta_q = vector(memory.delta_rho_q)
@@ -285,11 +272,7 @@ def disturbance_estimate(epsilon_omega: Vector, rho_omega: Vector, gains: Any) -
     argument = epsilon_omega
     if gains.diagonal == 0.0:
         argument = apply(matrix(gains.inertia_inverse), divide(epsilon_omega, rho_omega))
-    return (
-        gains.D_m * math.tanh(argument[0] / gains.mu),
-        gains.D_m * math.tanh(argument[1] / gains.mu),
-        gains.D_m * math.tanh(argument[2] / gains.mu),
-    )
+    return smooth_sign(argument, gains.D_m, gains.mu)
 
 
 @kernel
@@ -318,7 +301,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     inertia = matrix(gains.inertia)
     q_e, omega_e, m_0 = error_state(measurement, inertia)
-    q, q0 = (q_e[0], q_e[1], q_e[2]), q_e[3]
+    q, q0 = vector(q_e), q_e[3]
     t = measurement.t
 
     if memory.started == 0.0:

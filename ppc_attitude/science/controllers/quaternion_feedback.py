@@ -26,12 +26,7 @@ import numpy as np
 
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
-from ppc_attitude.science.controllers.interface import (
-    INPUTS,
-    OUTPUTS,
-    error_state,
-    store_command,
-)
+from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Vector,
@@ -123,7 +118,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     inertia = matrix(gains.inertia)
     q_e, omega_e, m_0 = error_state(measurement, inertia)
-    error = scale(sign(q_e[3]), (q_e[0], q_e[1], q_e[2]))
+    error = scale(sign(q_e[3]), vector(q_e))
     h = measurement.t - memory.t if memory.started != 0.0 else 0.0
     memory.started = 1.0
     memory.t = measurement.t

@@ -37,11 +37,7 @@ _OWN = (
     Parameter("k", 1.0, "rate at which a small error falls", "1/s", above=0.0),
     Parameter("kappa", 15.4, "κ: rate at which the momentum error falls", "1/s", above=0.0),
     Parameter(
-        "ell",
-        0.2,
-        "ℓ: gain of the momentum observer; 1 switches it off",
-        low=1e-9,
-        high=1.0,
+        "ell", 0.2, "ℓ: gain of the momentum observer; 1 switches it off", low=1e-9, high=1.0
     ),
     Parameter(
         "brake",

@@ -27,9 +27,4 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     store(outputs.environment_torque, (0.0, 0.0, 0.0))
 
 
-COMPONENT = Component(
-    name="none",
-    outputs=(ENVIRONMENT_TORQUE,),
-    step=step,
-    bound=lambda _: 0.0,
-)
+COMPONENT = Component(name="none", outputs=(ENVIRONMENT_TORQUE,), step=step, bound=lambda _: 0.0)

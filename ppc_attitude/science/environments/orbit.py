@@ -26,7 +26,8 @@ import numpy as np
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.geomagnetic import largest_field
+from ppc_attitude.science.geomagnetic import ORBIT_FIELD, largest_field, magnetic_field, orbit_field
+from ppc_attitude.science.geomagnetic import PARAMETERS as FIELD_PARAMETERS
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Matrix,
@@ -44,8 +45,6 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, orbit_at
 from ppc_attitude.science.orbit_elements import epoch_of
-from ppc_attitude.science.orbit_field import ORBIT_FIELD, magnetic_field, orbit_field
-from ppc_attitude.science.orbit_field import PARAMETERS as FIELD_PARAMETERS
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.plates import (
@@ -94,12 +93,7 @@ ALTITUDE = Parameter(
     high=1e7,
 )
 SCALE_HEIGHT = Parameter(
-    "orbit.air.scale_height",
-    63.8e3,
-    "over which the density falls to 1/e",
-    "m",
-    low=1e3,
-    high=1e7,
+    "orbit.air.scale_height", 63.8e3, "over which the density falls to 1/e", "m", low=1e3, high=1e7
 )
 CONFIGURATION = np.dtype(
     [
@@ -131,12 +125,9 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["days"] = epoch_of(values)
     record["inertia"] = inertia_matrix(INERTIA.name, values[INERTIA.name])
     record["dipole"] = values[DIPOLE.name]
-    for name, parameter in (
-        ("density", DENSITY),
-        ("altitude", ALTITUDE),
-        ("scale_height", SCALE_HEIGHT),
-    ):
-        record[name] = values[parameter.name]
+    record["density"] = values[DENSITY.name]
+    record["altitude"] = values[ALTITUDE.name]
+    record["scale_height"] = values[SCALE_HEIGHT.name]
     plates = plates_of(values)
     record["plates"][: plates.size], record["count"] = plates, plates.size
     density = air_density((_lowest(record)[0], 0.0, 0.0), record)
@@ -231,15 +222,7 @@ def bound(values: Mapping[str, Any]) -> float:
 
 COMPONENT = Component(
     name="orbit",
-    parameters=(
-        INERTIA,
-        *FIELD_PARAMETERS,
-        DIPOLE,
-        DENSITY,
-        ALTITUDE,
-        SCALE_HEIGHT,
-        PLATES,
-    ),
+    parameters=(INERTIA, *FIELD_PARAMETERS, DIPOLE, DENSITY, ALTITUDE, SCALE_HEIGHT, PLATES),
     configure=configure,
     configuration=CONFIGURATION,
     state=CURSOR,

@@ -43,8 +43,5 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 
 COMPONENT = Component(
-    name="paper",
-    outputs=(ENVIRONMENT_TORQUE,),
-    step=step,
-    bound=lambda _: ENVIRONMENT_BOUND,
+    name="paper", outputs=(ENVIRONMENT_TORQUE,), step=step, bound=lambda _: ENVIRONMENT_BOUND
 )

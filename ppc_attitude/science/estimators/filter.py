@@ -60,6 +60,8 @@ from ppc_attitude.science.symmetric import (
 # q̂, b̂ [rad/s], and the blocks of P: P_θθ [rad²], P_θb [rad²/s], P_bb [rad²/s²].
 Knowledge: TypeAlias = tuple[Quaternion, Vector, Symmetric, Matrix, Symmetric]
 _ZERO: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+_NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOTHING: Knowledge = ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), _NONE, _ZERO, _NONE)
 
 
 @kernel
@@ -130,13 +132,7 @@ def propagated(known: Knowledge, rate: Vector, h: float, white: float, walk: flo
         (y[1][0], y[1][1] + c, y[1][2]),
         (y[2][0], y[2][1], y[2][2] + c),
     )
-    return (
-        normalised(product(q, turn)),
-        b,
-        theta,
-        cross,
-        plus_diagonal(bias, walk * h),
-    )
+    return (normalised(product(q, turn)), b, theta, cross, plus_diagonal(bias, walk * h))
 
 
 @kernel
@@ -163,11 +159,7 @@ def updated(known: Knowledge, z: Vector, fix_covariance: Symmetric) -> Knowledge
     # Rows of K: S is symmetric, so a row of P S⁻¹ is S⁻¹ times a row of P.
     gain = (solved(factor, p[0]), solved(factor, p[1]), solved(factor, p[2]))
     across = transposed(cross)
-    bias_gain = (
-        solved(factor, across[0]),
-        solved(factor, across[1]),
-        solved(factor, across[2]),
-    )
+    bias_gain = (solved(factor, across[0]), solved(factor, across[1]), solved(factor, across[2]))
     k = gain
     rest = (
         (1.0 - k[0][0], -k[0][1], -k[0][2]),

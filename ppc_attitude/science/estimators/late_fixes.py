@@ -31,6 +31,7 @@ import numpy as np
 from ppc_attitude.science.attitude import conjugate, logarithm, product
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.estimators.filter import (
+    NOTHING,
     Knowledge,
     begun,
     innovation,
@@ -44,9 +45,11 @@ from ppc_attitude.science.kernel import (
     dot,
     inlined,
     kernel,
+    matrix,
     quaternion,
     store,
     store_quaternion,
+    vector,
 )
 from ppc_attitude.science.sensors.star_tracker import MAX_DELAY
 from ppc_attitude.science.symmetric import Symmetric
@@ -66,16 +69,18 @@ FILTER = np.dtype(
     ],
     align=True,
 )
-# A remembered step: its gyro sample and interval, then what was known at its end.
-_RATE, _INTERVAL, _ATTITUDE, _BIAS, _THETA, _CROSS, _BIAS_COVARIANCE, _WIDTH = (
-    0,
-    3,
-    4,
-    8,
-    11,
-    17,
-    26,
-    32,
+_STEP = np.dtype(
+    [
+        ("rate", np.float64, (3,)),  # [rad/s] sample of the gyro
+        ("interval", np.float64),  # [s] of the sample; 0 of the first one: nobody knows it
+        # What was known at its end, as `Knowledge` has it.
+        ("attitude", np.float64, (4,)),
+        ("bias", np.float64, (3,)),
+        ("theta", np.float64, (6,)),
+        ("cross", np.float64, (3, 3)),
+        ("bias_covariance", np.float64, (6,)),
+    ],
+    align=True,
 )
 STEPS = 1024  # a power of two above MAX_DELAY
 assert MAX_DELAY < STEPS
@@ -85,7 +90,7 @@ MEMORY = np.dtype(
         ("knows", np.float64),  # 1 from the first estimate on
         ("count", np.int64),  # gyro samples so far
         ("stamps_ns", np.int64, (STEPS,)),  # of the remembered steps
-        ("steps", np.float64, (STEPS, _WIDTH)),
+        ("steps", _STEP, (STEPS,)),
         ("accepted", np.int64),  # fixes since the filter began (anew)
         ("agreeing", np.int64),  # refused fixes in a row that agree with each other
         ("refused_error", np.float64, (4,)),  # of the last refused fix, inertial axes
@@ -109,8 +114,8 @@ _PATIENCE, _EARLY_PATIENCE, _EARLY = 10, 2, 5
 
 
 @kernel
-def _symmetric(row: Any, at: int) -> Symmetric:
-    return (row[at], row[at + 1], row[at + 2], row[at + 3], row[at + 4], row[at + 5])
+def _symmetric(a: Any) -> Symmetric:
+    return (a[0], a[1], a[2], a[3], a[4], a[5])
 
 
 @kernel
@@ -122,47 +127,41 @@ def newest(memory: Any) -> int:
 @kernel
 def last_interval(memory: Any) -> float:
     """Interval [s] of the last step's gyro sample; 0 of the first one, of which nobody knows it."""
-    return float(memory.steps[newest(memory), _INTERVAL])
+    return float(memory.steps[newest(memory)].interval)
 
 
 @kernel
 def recalled(memory: Any, slot: int) -> Knowledge:
     """The estimate at the end of a remembered step."""
-    row = memory.steps[slot]
+    step = memory.steps[slot]
     return (
-        (row[_ATTITUDE], row[_ATTITUDE + 1], row[_ATTITUDE + 2], row[_ATTITUDE + 3]),
-        (row[_BIAS], row[_BIAS + 1], row[_BIAS + 2]),
-        _symmetric(row, _THETA),
-        (
-            (row[_CROSS], row[_CROSS + 1], row[_CROSS + 2]),
-            (row[_CROSS + 3], row[_CROSS + 4], row[_CROSS + 5]),
-            (row[_CROSS + 6], row[_CROSS + 7], row[_CROSS + 8]),
-        ),
-        _symmetric(row, _BIAS_COVARIANCE),
+        quaternion(step.attitude),
+        vector(step.bias),
+        _symmetric(step.theta),
+        matrix(step.cross),
+        _symmetric(step.bias_covariance),
     )
 
 
 @kernel
 def _remember(memory: Any, slot: int, known: Knowledge) -> None:
-    row = memory.steps[slot]
+    step = memory.steps[slot]
     q, b, theta, cross, bias = known
-    store_quaternion(row[_ATTITUDE:], q)
-    store(row[_BIAS:], b)
+    store_quaternion(step.attitude, q)
+    store(step.bias, b)
+    for i in range(3):
+        store(step.cross[i], cross[i])
     for i in range(6):
-        row[_THETA + i] = theta[i]
-        row[_BIAS_COVARIANCE + i] = bias[i]
-    store(row[_CROSS:], cross[0])
-    store(row[_CROSS + 3 :], cross[1])
-    store(row[_CROSS + 6 :], cross[2])
+        step.theta[i] = theta[i]
+        step.bias_covariance[i] = bias[i]
 
 
 @inlined
 def _carried(memory: Any, slot: int, known: Knowledge, settings: Any) -> Knowledge:
     """Propagate over a remembered step."""
-    row = memory.steps[slot]
-    h = row[_INTERVAL]
-    white = settings.white + settings.rounding * h
-    return propagated(known, (row[0], row[1], row[2]), h, white, settings.walk)
+    step = memory.steps[slot]
+    white = settings.white + settings.rounding * step.interval
+    return propagated(known, vector(step.rate), step.interval, white, settings.walk)
 
 
 @kernel
@@ -170,12 +169,13 @@ def take_sample(memory: Any, settings: Any, stamp_ns: int, rate: Vector) -> None
     """Propagate to a stamp [ns] with the gyro's mean rate [rad/s] since the last one."""
     last = newest(memory)
     slot = memory.count % STEPS
-    row = memory.steps[slot]
-    store(row, rate)
-    row[_INTERVAL] = seconds(stamp_ns - memory.stamps_ns[last]) if memory.count > 0 else 0.0
+    step, known = memory.steps[slot], NOTHING
+    store(step.rate, rate)
+    step.interval = seconds(stamp_ns - memory.stamps_ns[last]) if memory.count > 0 else 0.0
     memory.stamps_ns[slot] = stamp_ns
     if memory.knows != 0.0 and memory.count > 0:
-        _remember(memory, slot, _carried(memory, slot, recalled(memory, last), settings))
+        known = _carried(memory, slot, recalled(memory, last), settings)
+    _remember(memory, slot, known)
     memory.count += 1
 
 
@@ -229,7 +229,7 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
         memory.unmatched += 1
         return nothing, False
     slot = (memory.count - 1 - ago) % STEPS
-    covariance = _symmetric(settings.fix_covariance, 0)
+    covariance = _symmetric(settings.fix_covariance)
     attitude = product(fix, quaternion(settings.unmounting))
     whitened, told, begins = nothing, False, memory.knows == 0.0
     known = begun(attitude, covariance, settings.bias_variance)

@@ -28,7 +28,7 @@ from ppc_attitude.science.attitude import conjugate, rotation_matrix
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import BODY, MOTION, VECTOR, Advice, Column, Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.estimators.filter import Knowledge
+from ppc_attitude.science.estimators.filter import NOTHING, Knowledge
 from ppc_attitude.science.estimators.late_fixes import (
     FILTER,
     INNOVATIONS,
@@ -61,6 +61,7 @@ from ppc_attitude.science.sensors.star_tracker import (
     CROSS_NOISE,
     LATENCY,
     MOUNTING,
+    NO_FIX,
     RATE,
     sigmas,
     unit_mounting,
@@ -215,12 +216,10 @@ def advices(memory: Any) -> int:
 @kernel
 def _lose(stamp_ns: int, state: Any, settings: Any, outputs: Any) -> None:
     """Give no estimate where there is no rate to carry one on; then begin anew."""
-    if state.count > 0:
-        state.steps[:] = 0.0
     state.count = 0
     state.knows = 0.0
     state.agreeing = 0
-    _judge(state, settings, stamp_ns, recalled(state, newest(state)))
+    _judge(state, settings, stamp_ns, NOTHING)
     store_quaternion(outputs.attitude, (0.0, 0.0, 0.0, 0.0))
     store(outputs.angular_velocity, (0.0, 0.0, 0.0))
     store(outputs.gyro_bias, (0.0, 0.0, 0.0))
@@ -242,7 +241,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     take_sample(state, configuration, inputs.stamp_ns, rate)
     row = inputs.star_fix
     fix = quaternion(row)
-    if fix[0] != 0.0 or fix[1] != 0.0 or fix[2] != 0.0 or fix[3] != 0.0:
+    if fix != NO_FIX:
         # The age is a whole number of nanoseconds, rounded by the conversion to seconds.
         valid_ns = inputs.stamp_ns - round(row[7] * 1e9)
         whitened, told = take_fix(state, configuration, valid_ns, fix)
@@ -257,10 +256,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     store(outputs.angular_velocity, estimate)
     store(outputs.gyro_bias, b)
     sigma = diagonal(bias)
-    store(
-        outputs.gyro_bias_sigma,
-        (math.sqrt(sigma[0]), math.sqrt(sigma[1]), math.sqrt(sigma[2])),
-    )
+    store(outputs.gyro_bias_sigma, (math.sqrt(sigma[0]), math.sqrt(sigma[1]), math.sqrt(sigma[2])))
     # x y z w, P_θθ, rate, its covariance P_bb + variance of a sample.
     message = outputs.estimate
     store_quaternion(message, q)

@@ -28,7 +28,7 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions
 _HALVINGS = ORDER.bit_length() - 1  # of the order of the brake's norm, until it is 1
 _PADDING = 1e-9  # relative, of eigenvalues from LAPACK; proved afterwards
 
-Numbers = tuple[Number, Number, Number]
+Numbers = tuple[Number, ...]
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class Body:
         True if Ĵ has no products.
     """
 
-    inertia: tuple[Numbers, Numbers, Numbers]
-    inverse: tuple[Numbers, Numbers, Numbers]
+    inertia: tuple[Numbers, ...]
+    inverse: tuple[Numbers, ...]
     row: Numbers
     spread: Numbers
     least: Number
@@ -62,7 +62,7 @@ class Body:
     proved: bool
     diagonal: bool
 
-    def box(self, half: tuple[Number, ...], arithmetic: Arithmetic) -> Number:
+    def box(self, half: Numbers, arithmetic: Arithmetic) -> Number:
         """Largest ‖Ĵ⁻¹y‖ over |y_i| ≤ half_i: at a vertex, the norm being convex."""
         norms = []
         for signs in product((1, -1), repeat=2):
@@ -72,7 +72,7 @@ class Body:
         return arithmetic.largest(*norms)
 
     def brakes(
-        self, torque: tuple[Number, ...], most: Number, arithmetic: Arithmetic
+        self, torque: Numbers, most: Number, arithmetic: Arithmetic
     ) -> tuple[Number, Number]:
         """Least and largest deceleration a(n) of the brake about whatever axis [rad/s²].
 
@@ -131,10 +131,10 @@ def body_of(assumed: Assumptions, arithmetic: Arithmetic) -> Body:
     above = [[(least if i == j else 0) * -1 + m[i][j] for j in range(3)] for i in range(3)]
     below = [[(most if i == j else 0) - m[i][j] for j in range(3)] for i in range(3)]
     return Body(
-        inertia=_rows(m),
-        inverse=_rows(inverse),
-        row=_triple([sqrt(sum_of(each * each for each in line)) for line in m]),
-        spread=_triple(spread),
+        inertia=tuple(map(tuple, m)),
+        inverse=tuple(map(tuple, inverse)),
+        row=tuple(sqrt(sum_of(each * each for each in line)) for line in m),
+        spread=tuple(spread),
         least=least,
         most=most,
         proved=_positive(above) and _positive(below),
@@ -158,11 +158,3 @@ def _positive(m: list[list[Number]]) -> bool:
     """Sylvester's criterion: the leading minors are certainly positive."""
     second = m[0][0] * m[1][1] - m[0][1] * m[1][0]
     return bool(m[0][0] > 0) and bool(second > 0) and bool(_cofactors(m)[0] > 0)
-
-
-def _triple(values: list[Number]) -> Numbers:
-    return values[0], values[1], values[2]
-
-
-def _rows(m: list[list[Number]]) -> tuple[Numbers, Numbers, Numbers]:
-    return _triple(m[0]), _triple(m[1]), _triple(m[2])

@@ -60,8 +60,8 @@ class Bounds:
         T for which the load would be all of B [N·m].
     variation, variation_at_stop : triple
         Change of F within a sample [N·m]: in the main phase, and while p > 0.
-    noise, noise_of_torque : triple
-        N_i [N·m·s] and N_F,i [N·m].
+    noise : triple
+        N_i [N·m·s].
     B, Y : triple
         Largest B [N·m] and least Y [N·m·s] that the proof admits.
     stop_load : number
@@ -84,7 +84,6 @@ class Bounds:
     variation: Numbers
     variation_at_stop: Numbers
     noise: Numbers
-    noise_of_torque: Numbers
     B: Numbers
     Y: Numbers
     stop_load: Number
@@ -116,8 +115,8 @@ class Bounds:
 def _feedforward(body: Body, assumed: Assumptions, rate: Number, arithmetic: Arithmetic) -> Numbers:
     """M_i: ω_e × w_d = ω_s × w_d, so ‖M0‖ needs ‖ω_s‖ and the reference only."""
     W, W1 = arithmetic.number(assumed.W), arithmetic.number(assumed.W1)
-    x, y, z = (body.row[i] * (rate * W + W1) + body.spread[i] * rate * rate for i in range(3))
-    return x, y, z
+    pairs = zip(body.row, body.spread, strict=True)
+    return tuple(row * (rate * W + W1) + spread * rate * rate for row, spread in pairs)
 
 
 class _Maker:
@@ -159,8 +158,7 @@ class _Maker:
 
     def triple(self, function: Callable[[int], Number]) -> Numbers:
         """Value of a function of the axis for each axis."""
-        x, y, z = (function(i) for i in range(3))
-        return x, y, z
+        return tuple(map(function, range(3)))
 
     def acceleration(self, rate: Number, variation: Numbers) -> Number:
         """A ≥ ‖ω_e'‖: v' from the most that |F| may be, and |y'| ≤ 2κY + δF."""
@@ -256,8 +254,7 @@ class _Maker:
         weak = 1 - 2 * (1 - eta) * x
         late = 1 - 2 * self.kappa * self.h * self.late
         if not (weak > 0 and late > 0):
-            infinite = number(float("inf"))
-            return infinite, infinite, infinite
+            return (number(float("inf")),) * 3
         factor = (1 + x / weak) / (self.kappa * late)
 
         def axis(i: int) -> Number:
@@ -305,8 +302,7 @@ def bounds_of(
     cotangent = most(half_cotangent(far / 2, arithmetic), half_cotangent(end, arithmetic))
 
     found = make.main_cells()
-    zero = number(0.0)
-    guess = (zero, zero, zero)
+    guess: Numbers = (number(0.0),) * 3
     for _ in range(2):  # δF stands in A: twice from below, then it must be a fixed point
         guess = make.main_variation(found, make.acceleration(make.Omega, guess), nu_blend)
     # A δF that reproduces less than itself bounds the true one.
@@ -343,7 +339,6 @@ def bounds_of(
         variation=variation,
         variation_at_stop=at_stop,
         noise=noise,
-        noise_of_torque=noise_of_torque,
         B=make.allowed(variation, noise_of_torque),
         Y=make.tube(variation, noise, noise_of_torque, make.h * V_rate),
         stop_load=nu_stop * (w_far * w_far / 2 + w_far * make.z),

@@ -202,13 +202,7 @@ def first_cell(speed: Speed, e_A: Number, e_w: Number) -> Cell:
     )
 
 
-def cells(
-    speed: Speed,
-    lowest: float,
-    e_A: Number,
-    e_w: Number,
-    count: Cells,
-) -> list[Cell]:
+def cells(speed: Speed, lowest: float, e_A: Number, e_w: Number, count: Cells) -> list[Cell]:
     """Cover φ ≤ π + `LARGEST`, V in [lowest, Ω_e + W], and a from its least to its largest.
 
     Parameters

@@ -100,8 +100,7 @@ class Envelope:
         else:
             under = 2 * self._a * phi - self._offset
             g = arithmetic.least(
-                self._k * phi,
-                arithmetic.sqrt(arithmetic.largest(under, arithmetic.number(0.0))),
+                self._k * phi, arithmetic.sqrt(arithmetic.largest(under, arithmetic.number(0.0)))
             )
         c = BLEND
         if g >= (1 + c) * cap:

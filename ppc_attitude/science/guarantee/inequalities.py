@@ -130,17 +130,15 @@ class _Judge:
         meaning = "‖ω_s‖ stays below the rate limit after the stop phase"
         total = Omega_e + z + errors + h * bounds.V_rate
         yield told("C4", total, number(assumed.Omega), "rad/s", meaning)
-        yield told(
-            "C4 V'", bounds.V_rate, number(law.V_rate), "rad/s²", "Φ allows for what V may lose"
-        )
+        meaning = "Φ allows for what V may lose"
+        yield told("C4 V'", bounds.V_rate, number(law.V_rate), "rad/s²", meaning)
         meaning = "Φ allows for what the brake may lose when its axis turns"
         yield told("C4 a'", bounds.a_rate, number(law.a_rate), "rad/s³", meaning)
         limit = number(_STEP_LATE if assumed.late > 0.0 else _STEP)
         meaning = "κh: one sample's correction does not overshoot"
         yield told("C5", number(law.kappa) * h, limit, "", meaning)
-        yield told(
-            "C6", z, bounds.a / k, "rad/s", "the tube lies within the linear part of the brake"
-        )
+        meaning = "the tube lies within the linear part of the brake"
+        yield told("C6", z, bounds.a / k, "rad/s", meaning)
         yield told("C7", zero, slowest, "rad/s", "the reference leaves speed to turn with", True)
         least = self.arithmetic.least(*map(number, law.Y))
         meaning = "the disturbance estimate alone does not lead out of the tube"
@@ -179,20 +177,14 @@ class _Judge:
         stop = bounds.stop_time(assumed, law, number(law.omega0), self.arithmetic)
         for i, axis in enumerate(AXES):
             meaning = "F varies no more within a sample of the stop phase than later"
-            yield told(
-                f"C11 {axis}", bounds.variation_at_stop[i], bounds.variation[i], "N·m", meaning
-            )
+            at_stop, later = bounds.variation_at_stop[i], bounds.variation[i]
+            yield told(f"C11 {axis}", at_stop, later, "N·m", meaning)
         overshoot = never
         if stop is not None and reserve > 0:
             overshoot = pi + number(assumed.lead) + e_A
             overshoot = overshoot + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / reserve)
-        yield told(
-            "C12",
-            overshoot,
-            pi + LARGEST,
-            "rad",
-            "the largest turn and the stop stay in the range of cells",
-        )
+        meaning = "the largest turn and the stop stay in the range of cells"
+        yield told("C12", overshoot, pi + LARGEST, "rad", meaning)
         meaning = "the cap of the speed does not act where the brake is linear"
         limit = number(0.75) * slowest - 2 * h * number(law.V_rate)
         yield told("C13", a / k, limit, "rad/s", meaning)

@@ -38,7 +38,6 @@ _PADDING = 1e-9  # relative, of every step: plain floats, rounded
 # Cells along an edge of the cube whose faces cover the sphere: those that settle late are divided.
 _FACES = (14, 28, 56)
 _LATE = 1.0  # [s] before the last: what is divided
-_ANGLES = 5
 _LONGEST = 400.0  # [s]
 
 

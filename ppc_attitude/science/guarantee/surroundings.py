@@ -85,10 +85,7 @@ def reference_bounds(reference: Mapping[str, Any], duration: float) -> tuple[flo
 
 
 def broken_assumptions(
-    assumed: Assumptions,
-    law: Law,
-    nodes: Nodes,
-    duration: float,
+    assumed: Assumptions, law: Law, nodes: Nodes, duration: float
 ) -> Iterator[str]:
     """Yield each assumption that the scenario does not keep, with both numbers.
 
@@ -266,10 +263,7 @@ def inertia_error(known: NDArray[np.float64], true: NDArray[np.float64]) -> floa
 
 
 def assumptions_from(
-    nodes: Nodes,
-    controller: Mapping[str, Any],
-    declared: Mapping[str, float],
-    tube: float = TUBE,
+    nodes: Nodes, controller: Mapping[str, Any], declared: Mapping[str, float], tube: float = TUBE
 ) -> Assumptions:
     """Read from the nodes' parameters what a design may assume.
 

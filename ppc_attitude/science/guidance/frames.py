@@ -84,10 +84,7 @@ def crossed(a: Direction, b: Direction) -> Direction:
     return (
         cross(a[0], b[0]),
         add(cross(a[1], b[0]), cross(a[0], b[1])),
-        add(
-            add(cross(a[2], b[0]), scale(2.0, cross(a[1], b[1]))),
-            cross(a[0], b[2]),
-        ),
+        add(add(cross(a[2], b[0]), scale(2.0, cross(a[1], b[1]))), cross(a[0], b[2])),
     )
 
 

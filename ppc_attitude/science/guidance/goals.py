@@ -193,17 +193,8 @@ def _approach(t: float, trial: Any, motion: Motion, guidance: Any, state: Any) -
     """Fill a plan with brake and turn to its goal, past nothing."""
     plan = state.plans[state.active]
     at_rest = plan.frame == INERTIAL and trial.frame == INERTIAL and t >= plan.end
-    found = append_approach(
-        trial,
-        trial.frame,
-        quaternion(trial.attitude),
-        t,
-        motion,
-        at_rest,
-        guidance.limits,
-        guidance.sky,
-        state.look,
-    )
+    limits, sky = guidance.limits, guidance.sky
+    found = append_approach(trial, t, motion, at_rest, limits, sky, state.look)
     return ACCEPTED if found else NO_SLEW
 
 
@@ -252,10 +243,7 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
     if moving:
         last = quaternion(attitudes[len(angles) - 1])
         still = (last, _NOTHING, _NOTHING)
-        goal = quaternion(trial.attitude)
-        if not append_approach(
-            trial, trial.frame, goal, trial.end, still, False, limits, sky, look
-        ):
+        if not append_approach(trial, trial.end, still, False, limits, sky, look):
             return NO_SLEW
     return kept_clear(trial, t, free, inside, guidance, state)
 

@@ -11,11 +11,13 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""Orders to guidance: goals, holds and timed profiles, scheduled or given in flight.
 
-"""Orders to guidance: goals, holds and timed profiles, scheduled or given in flight."""
+The book of a run has them in the order in which they act.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -26,46 +28,37 @@ from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
-from ppc_attitude.science.guidance.trajectory import POINTS, points
-from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
+from ppc_attitude.science.guidance.trajectory import OWN_TOLERANCE, POINTS, points
+from ppc_attitude.science.parameter import at_start
+from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
 HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
-GOAL_TIMES = Parameter(
-    "goals.times",
-    [],
-    "when each scheduled goal comes, in this order",
-    "s",
-    low=0.0,
-    high=1e8,
-    read_only=True,
+GOAL_TIMES = at_start(
+    "goals.times", [], "when each scheduled goal comes, in this order", "s", low=0.0, high=1e8
 )
-GOAL_FRAMES = Parameter(
+GOAL_FRAMES = at_start(
     "goals.frames",
     ["inertial"],
     "frame of each scheduled goal, or `hold` to brake and stay, or `profile` to go through "
     "goals.points; once each, or one for all",
     choices=(*FRAME_NAMES, HOLDING, PROFILING),
-    read_only=True,
 )
-GOAL_ATTITUDES = Parameter(
+GOAL_ATTITUDES = at_start(
     "goals.attitudes",
     [],
     "attitude of each scheduled goal in its frame, x y z w each; normalised if within 1e-3; "
     "without meaning for `hold` and `profile`",
     length=-4,
-    read_only=True,
 )
 _POINT = 12
-GOAL_POINTS = Parameter(
+GOAL_POINTS = at_start(
     "goals.points",
     [],
     "points of timed profiles, 12 numbers each: which of the goals, counted from 0, it belongs to; "
     "time [s]; inertial attitude x y z w; rate [rad/s] and acceleration [rad/s²], desired frame",
     length=-_POINT,
-    read_only=True,
 )
-_OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
+_MOST = 10_000  # orders of a run
 GOAL_PARAMETERS = (GOAL_TIMES, GOAL_FRAMES, GOAL_ATTITUDES, GOAL_POINTS)
 
 HOLD, PROFILE = -1, -2  # in place of an order's frame
@@ -107,7 +100,7 @@ def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[
     if frame not in FRAME_NAMES:
         raise ConfigurationError(f"frame of a goal = {frame!r}; allowed: {', '.join(FRAME_NAMES)}")
     unit = unit_quaternion("attitude of a goal", attitude)
-    if abs(math.hypot(*attitude) - 1.0) <= _OWN_TOLERANCE:
+    if abs(math.hypot(*attitude) - 1.0) <= OWN_TOLERANCE:
         unit = np.asarray(attitude, np.float64)  # to normalise it again would change its last bits
     return np.array([(stamp_ns, FRAME_NAMES.index(frame), tuple(unit), 0)], ORDER)
 
@@ -180,3 +173,67 @@ def schedule_of(orders: Orders) -> dict[str, Any]:
         GOAL_ATTITUDES.name: orders.listed["attitude"].ravel().tolist(),
         GOAL_POINTS.name: [float(number) for row in rows for number in row],
     }
+
+
+Make = Callable[[int], NDArray[Any]]
+"""From the stamp [ns] at which an order acts to the order: array of dtype `ORDER`, length 1."""
+
+
+class OrderBook:
+    """Orders, of which those that have acted come first.
+
+    Parameters
+    ----------
+    scheduled : ndarray of dtype ORDER
+        Orders of the scenario.
+    """
+
+    def __init__(self, scheduled: NDArray[Any]) -> None:
+        self._scheduled = scheduled
+        self._orders = scheduled
+        self._beginning: list[Make] = []  # act from the next instant on
+        self.begin_again()
+
+    def accept(self, make: Make, stamp_ns: int) -> str:
+        """Take an order that acts from a stamp [ns] on; what is past acts at the next instant.
+
+        Returns
+        -------
+        str
+            From when it acts, in words.
+
+        Raises
+        ------
+        ConfigurationError
+            There are too many orders.
+        """
+        if len(self._orders) + len(self._beginning) >= _MOST:
+            raise ConfigurationError(f"{_MOST} orders were given; allowed: no more in one run")
+        self.in_flight += 1
+        if stamp_ns <= self._stamp:
+            self._beginning.append(make)
+            return "from the next state on"
+        self._insert(make(stamp_ns))
+        return f"from t = {seconds(stamp_ns):.6f} s on"
+
+    def _insert(self, order: NDArray[Any]) -> None:
+        orders = np.concatenate([self._orders, order])
+        self._orders = orders[np.argsort(orders["stamp_ns"], kind="stable")]
+        self._changed = True
+
+    def at(self, stamp_ns: int) -> NDArray[Any] | None:
+        """Let act what waits for the next instant [ns]; all orders, if they have changed."""
+        self._stamp = stamp_ns
+        for make in self._beginning:
+            self._insert(make(stamp_ns))
+        self._beginning.clear()
+        changed, self._changed = self._changed, False
+        return self._orders if changed else None
+
+    def begin_again(self) -> None:
+        """Forget what was given in flight, since time began again."""
+        self._orders = self._scheduled
+        self._beginning.clear()
+        self.in_flight = 0  # how many came in flight
+        self._stamp = -1  # the latest instant [ns] that was asked for
+        self._changed = True

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.guidance.frames import SKY, SPINNING, frame_at
+from ppc_attitude.science.guidance.frames import SPINNING, frame_at
 from ppc_attitude.science.guidance.profile import Profile, duration, turned
 from ppc_attitude.science.guidance.rotation import (
     Motion,
@@ -77,7 +77,6 @@ PLAN = np.dtype(
 # Where plans are made: the sky, and two cursors of the orbit, for now and for looking ahead.
 LOOK = np.dtype([("now", CURSOR), ("ahead", CURSOR)], align=True)
 _NOTHING: Vector = (0.0, 0.0, 0.0)
-__all__ = ["LEG", "LIMITS", "LOOK", "MOST_LEGS", "PLAN", "SKY"]
 
 
 @kernel

@@ -31,6 +31,7 @@ from ppc_attitude.science.kernel import (
     norm,
     scale,
     subtract,
+    vector,
 )
 
 Motion: TypeAlias = tuple[Quaternion, Vector, Vector]
@@ -65,7 +66,7 @@ def axis_and_angle(q: Quaternion) -> tuple[Vector, float]:
     Of half a turn the axis is the one whose first non-zero component is positive. Of no turn the
     angle is 0 and the axis any.
     """
-    v = (q[0], q[1], q[2])
+    v = vector(q)
     sine = norm(v)
     if sine == 0.0:
         return (1.0, 0.0, 0.0), 0.0
@@ -153,7 +154,7 @@ def composed(frame: Motion, relative: Motion) -> Motion:
     ω_d = ω_rel + C ω_frame, ω_d' = α_rel + C ω_frame' − ω_rel × C ω_frame.
     """
     q, omega, alpha = relative
-    axis, scalar = (q[0], q[1], q[2]), q[3]
+    axis, scalar = vector(q), q[3]
     carried = to_body(frame[1], axis, scalar)
     return (
         normalised(product(frame[0], q)),
@@ -166,7 +167,7 @@ def composed(frame: Motion, relative: Motion) -> Motion:
 def relative_to(frame: Motion, motion: Motion) -> Motion:
     """Motion relative to a frame: the inverse of `composed`."""
     q = normalised(product(conjugate(frame[0]), motion[0]))
-    axis, scalar = (q[0], q[1], q[2]), q[3]
+    axis, scalar = vector(q), q[3]
     carried = to_body(frame[1], axis, scalar)
     omega = subtract(motion[1], carried)
     return (

@@ -24,15 +24,7 @@ from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.guidance.frames import frame_at
 from ppc_attitude.science.guidance.plan import copy_cursor, plan_motion
 from ppc_attitude.science.keep_out import FIXED, SUN, angle_between
-from ppc_attitude.science.kernel import (
-    Quaternion,
-    kernel,
-    norm,
-    quaternion,
-    scale,
-    store,
-    vector,
-)
+from ppc_attitude.science.kernel import Quaternion, kernel, norm, quaternion, scale, store, vector
 from ppc_attitude.science.orbit import orbit_at
 from ppc_attitude.science.sky import DAY, sun_direction
 

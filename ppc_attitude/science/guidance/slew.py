@@ -36,11 +36,11 @@ from ppc_attitude.science.guidance.rotation import (
     exponential_motion,
     relative_to,
 )
-from ppc_attitude.science.kernel import Quaternion, Vector, add, kernel, norm, scale
+from ppc_attitude.science.kernel import Quaternion, Vector, add, kernel, norm, quaternion, scale
 
 MOST_ATTEMPTS = 40
-_SAMPLES = 64  # intervals
-_ROUNDING = 1.0 + 1e-9
+SAMPLES = 64  # intervals
+ROUNDING = 1.0 + 1e-9
 _FASTER = 1.01  # times V that a brake with 2 |α|/K may reach
 NO_TURN = 1e-12  # [rad]
 _NOTHING: Vector = (0.0, 0.0, 0.0)
@@ -61,8 +61,8 @@ def _peaks(omega: Vector, alpha: Vector, length: float) -> tuple[float, float]:
     """Largest rate [rad/s] and acceleration [rad/s²] of 65 even samples of a brake."""
     coefficients = brake_coefficients(omega, alpha, length)
     rate, acceleration = 0.0, 0.0
-    for i in range(_SAMPLES + 1):
-        moved = exponential_motion(*polynomial(coefficients, length * i / _SAMPLES))
+    for i in range(SAMPLES + 1):
+        moved = exponential_motion(*polynomial(coefficients, length * i / SAMPLES))
         rate = max(rate, norm(moved[1]))
         acceleration = max(acceleration, norm(moved[2]))
     return rate, acceleration
@@ -76,7 +76,7 @@ def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
     acceleration if that is larger. If it passes V, or the present rate if larger, by more than 1 %,
     the search begins anew without 2 |α|/K: with a small K the rate would go far beyond.
     """
-    allowed = max(limits.max_acceleration, norm(alpha)) * _ROUNDING
+    allowed = max(limits.max_acceleration, norm(alpha)) * ROUNDING
     fastest = max(limits.max_rate, norm(omega)) * _FASTER
     shortest = max(1.5 * norm(omega) / limits.max_acceleration, 1.0)
     for smooth in (True, False):
@@ -127,14 +127,14 @@ def _rate_kept(
     """Tell if 65 even samples of |ω_d| over a turn keep V, or the rate at its begin if larger."""
     copy_cursor(look.now, look.ahead)
     allowed = 0.0
-    for i in range(_SAMPLES + 1):
-        s = duration(turn) * i / _SAMPLES
+    for i in range(SAMPLES + 1):
+        s = duration(turn) * i / SAMPLES
         moving = frame_at(t + s, frame, plan.spinning, sky, look.ahead)[0]
         angle, rate, _ = turned(s, turn, limits.max_jerk)
         q = product(start, about(axis, angle))
         total = norm(add(scale(rate, axis), to_body(moving[1], (q[0], q[1], q[2]), q[3])))
         if i == 0:
-            allowed = max(limits.max_rate, total) * _ROUNDING
+            allowed = max(limits.max_rate, total) * ROUNDING
         if total > allowed:
             return False
     return True
@@ -171,28 +171,20 @@ def append_slew(
 
 @kernel
 def append_approach(
-    plan: Any,
-    frame: int,
-    goal: Quaternion,
-    t: float,
-    motion: Motion,
-    at_rest: bool,
-    limits: Any,
-    sky: Any,
-    look: Any,
+    plan: Any, t: float, motion: Motion, at_rest: bool, limits: Any, sky: Any, look: Any
 ) -> bool:
-    """Add brake and turn from a motion at t [s] to rest at a goal in a frame.
+    """Add brake and turn from a motion at t [s] to rest at the plan's goal; False if none is found.
 
-    `at_rest` says that the motion is at rest in this frame, so that no brake is needed.
+    `at_rest` says that the motion is at rest in the goal's frame, so that no brake is needed.
     """
     start = motion[0]
     if not at_rest:
-        if not append_brake(plan, frame, t, motion, limits, sky, look):
+        if not append_brake(plan, plan.frame, t, motion, limits, sky, look):
             return False
         t = plan.end
         start = end_attitude(plan)
-    axis, angle = axis_and_angle(product(conjugate(start), goal))
-    return append_slew(plan, frame, t, start, axis, angle, limits, sky, look)
+    axis, angle = axis_and_angle(product(conjugate(start), quaternion(plan.attitude)))
+    return append_slew(plan, plan.frame, t, start, axis, angle, limits, sky, look)
 
 
 def slew_torque(inertia: ArrayLike, rate: float, acceleration: float) -> float:

@@ -35,6 +35,7 @@ from ppc_attitude.science.guidance.goals import (
 )
 from ppc_attitude.science.guidance.plan import MOST_LEGS, append_polynomial, leg_motion
 from ppc_attitude.science.guidance.rotation import axis_and_angle, rotation_vector_rates
+from ppc_attitude.science.guidance.slew import ROUNDING, SAMPLES
 from ppc_attitude.science.keep_out import EVERY_CONE
 from ppc_attitude.science.kernel import (
     Quaternion,
@@ -58,10 +59,7 @@ POINTS = np.dtype(
     ],
     align=True,
 )
-_SAMPLES = 64  # intervals of a segment
-_ROUNDING = 1.0 + 1e-9
-_OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
-_NOTHING: Vector = (0.0, 0.0, 0.0)
+OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
 
 Floats = NDArray[np.float64]
 
@@ -104,9 +102,8 @@ def points(
             f"{lengths[wrong[0]]:.6g}; allowed: 1 within 0.001"
         )
     # To normalise one again would change its last bits, and a replay would not be exact.
-    quaternions = (
-        quaternions / np.where(np.abs(lengths - 1.0) > _OWN_TOLERANCE, lengths, 1.0)[:, None]
-    )
+    lengths[np.abs(lengths - 1.0) <= OWN_TOLERANCE] = 1.0
+    quaternions = quaternions / lengths[:, None]
     if not (np.diff(times) > 0.0).all():
         raise ConfigurationError(
             f"times of the points are {list(times)}; allowed: finite and increasing"
@@ -175,8 +172,8 @@ def _segment(trial: Any, i: int, points: Any, limits: Any) -> float:
     append_polynomial(trial, INERTIAL, points.time[i], length, start, coefficients)
     leg = trial.legs[trial.count - 1]
     share = 0.0
-    for k in range(_SAMPLES + 1):
-        _, omega, alpha = leg_motion(leg, length * k / _SAMPLES)
+    for k in range(SAMPLES + 1):
+        _, omega, alpha = leg_motion(leg, length * k / SAMPLES)
         faster = max(norm(omega) / limits.max_rate, norm(alpha) / limits.max_acceleration)
         share = max(share, faster)
     return share
@@ -199,7 +196,7 @@ def _plan_through(t: float, points: Any, guidance: Any, state: Any) -> int:
         append_polynomial(trial, INERTIAL, approached, wait, start, np.zeros((5, 3)))
     for i in range(points.count - 1):
         share = _segment(trial, i, points, guidance.limits)
-        if share > _ROUNDING:
+        if share > ROUNDING:
             return refused(TOO_FAST, share, 1.0, state)
     store_quaternion(trial.attitude, quaternion(points.attitude[points.count - 1]))
     return kept_clear(trial, t, approached, EVERY_CONE, guidance, state)

@@ -23,14 +23,14 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science import multibody, orbit_field
+from ppc_attitude.science import geomagnetic, multibody
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD, ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kernel import add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import DIPOLE
 from ppc_attitude.science.multibody import move, tell, tell_speeds
 from ppc_attitude.science.orbit import CURSOR, orbit_at
-from ppc_attitude.science.orbit_field import MAGNETIC_FIELD, ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.plants import gyrostat
 
 CONFIGURATION = np.dtype([("craft", multibody.CONFIGURATION), ("field", ORBIT_FIELD)], align=True)
@@ -55,7 +55,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     """
     record = np.zeros((), CONFIGURATION)[()]
     record["craft"] = gyrostat.configure(values)
-    record["field"] = orbit_field.orbit_field(values)
+    record["field"] = geomagnetic.orbit_field(values)
     return record
 
 
@@ -77,7 +77,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 COMPONENT = Component(
     name="gyrostat_rods",
-    parameters=(*gyrostat.COMPONENT.parameters, *orbit_field.PARAMETERS),
+    parameters=(*gyrostat.COMPONENT.parameters, *geomagnetic.PARAMETERS),
     configure=configure,
     configuration=CONFIGURATION,
     state=STATE,

@@ -19,12 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import (
-    euler_step,
-    kinematics,
-    runge_kutta,
-    unit_quaternion,
-)
+from ppc_attitude.science.attitude import euler_step, kinematics, runge_kutta, unit_quaternion
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
@@ -46,7 +41,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.signals import APPLIED_TORQUE, DISTURBANCE, TRUE_ATTITUDE, TRUE_RATE
 
 INERTIA = Parameter(
@@ -57,14 +52,13 @@ INERTIA = Parameter(
     length=9,
     agreed=True,
 )
-INITIAL_ATTITUDE = Parameter(
+INITIAL_ATTITUDE = at_start(
     "initial_attitude",
     [0.1554, 0.4271, 0.4792, 0.7509],
     "attitude at t = 0, x y z w, body to inertial; normalised if within 1e-3",
     length=4,
-    read_only=True,
 )
-INITIAL_RATE = Parameter(
+INITIAL_RATE = at_start(
     "initial_angular_velocity",
     [0.0, 0.0, 0.0],
     "angular velocity at t = 0, body axes",
@@ -72,7 +66,6 @@ INITIAL_RATE = Parameter(
     length=3,
     low=-100.0,
     high=100.0,
-    read_only=True,
 )
 _MOST_TURN = 0.3  # [rad] in a step; there Runge-Kutta is off by 1e-4 rad after a second
 CONFIGURATION = np.dtype(
@@ -129,12 +122,7 @@ def angular_acceleration(
 
 @inlined
 def rigid_body_step(
-    q: Quaternion,
-    omega: Vector,
-    torque: Vector,
-    inertia: Matrix,
-    inertia_inverse: Matrix,
-    h: float,
+    q: Quaternion, omega: Vector, torque: Vector, inertia: Matrix, inertia_inverse: Matrix, h: float
 ) -> tuple[Quaternion, Vector]:
     """Attitude and rate after h [s] under a torque held over the step: classical Runge-Kutta.
 

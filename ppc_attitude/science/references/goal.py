@@ -62,7 +62,7 @@ from ppc_attitude.science.keep_out import MOST_CONES
 from ppc_attitude.science.kernel import array_at, kernel, quaternion, store, store_quaternion
 from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, epoch_of, orbit_of
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.signals import ATTITUDE, DESIRED_MOTION
 from ppc_attitude.science.sky import earth_angle
 
@@ -88,23 +88,16 @@ TORQUE_SHARE = Parameter(
     above=0.0,
     high=1.0,
 )
-LATITUDE = Parameter(
+LATITUDE = at_start(
     "target.latitude",
     0.0,
     "latitude of the point that the frame `ground` looks at",
     "rad",
     low=-0.5 * math.pi,
     high=0.5 * math.pi,
-    read_only=True,
 )
-LONGITUDE = Parameter(
-    "target.longitude",
-    0.0,
-    "its longitude, east",
-    "rad",
-    low=-math.tau,
-    high=math.tau,
-    read_only=True,
+LONGITUDE = at_start(
+    "target.longitude", 0.0, "its longitude, east", "rad", low=-math.tau, high=math.tau
 )
 SPIN_AXIS = Parameter(
     "spin.axis",
@@ -168,13 +161,9 @@ def configuration_of(
     record["sky"]["days"] = days
     record["sky"]["earth_angle"] = earth_angle(days)
     latitude, longitude = values[LATITUDE.name], values[LONGITUDE.name]
-    record["sky"]["target"] = EARTH_RADIUS * np.array(
-        [
-            math.cos(latitude) * math.cos(longitude),
-            math.cos(latitude) * math.sin(longitude),
-            math.sin(latitude),
-        ]
-    )
+    c, s = math.cos(latitude), math.sin(latitude)
+    target = np.array([c * math.cos(longitude), c * math.sin(longitude), s])
+    record["sky"]["target"] = EARTH_RADIUS * target
     record["spin_axis"] = unit_vector(SPIN_AXIS.name, values[SPIN_AXIS.name])
     record["spin_rate"] = values[SPIN_RATE.name]
     record["cones"] = cones_of(values)

@@ -36,17 +36,16 @@ from ppc_attitude.science.kernel import (
     store,
     store_quaternion,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.signals import DESIRED_MOTION
 
 HALF_DEGREE = 0.008726646259971648  # 0.5°/s in rad/s
-INITIAL_ATTITUDE = Parameter(
+# `ros2 param load` gives a node the whole file, and the plant has a parameter of this name.
+INITIAL_ATTITUDE = at_start(
     "initial_attitude",
     [0.2, -0.5, -0.5, -0.6782],
     "desired attitude at t = 0, x y z w, desired frame to inertial; normalised if within 1e-3",
     length=4,
-    # `ros2 param load` gives a node the whole file, and the plant has a parameter of this name.
-    read_only=True,
 )
 AMPLITUDE = Parameter(
     "amplitude",

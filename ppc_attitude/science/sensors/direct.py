@@ -15,17 +15,12 @@
 """Attitude and rate measured directly: exact, or with white Gaussian noise on each axis."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import (
-    euler_step,
-    exponential,
-    kinematics,
-    normalised,
-    product,
-)
+from ppc_attitude.science.attitude import euler_step, exponential, kinematics, normalised, product
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.faults import (
@@ -52,28 +47,15 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.noise import normal_pair
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.signals import TOLD, TRUTH
 
+_size = partial(Parameter, low=0.0, high=1.0)
 _SIZES = (
-    Parameter(
-        "attitude_noise",
-        0.0,
-        "standard deviation of the measured attitude, per axis",
-        "rad",
-        low=0.0,
-        high=1.0,
-    ),
-    Parameter(
-        "rate_noise",
-        0.0,
-        "standard deviation of the measured rate, per axis",
-        "rad/s",
-        low=0.0,
-        high=1.0,
-    ),
+    _size("attitude_noise", 0.0, "standard deviation of the measured attitude, per axis", "rad"),
+    _size("rate_noise", 0.0, "standard deviation of the measured rate, per axis", "rad/s"),
 )
-SEED = Parameter("seed", 0, "seed of the sensor noise", low=0, high=2**53, read_only=True)
+SEED = at_start("seed", 0, "seed of the sensor noise", low=0, high=2**53)
 _ATTITUDE, _RATE = 0, 1
 PARTS = {
     f"sensor/{name}": (

@@ -20,6 +20,7 @@ rate over an interval follows exactly from both, whatever the interval's length.
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,33 +39,21 @@ from ppc_attitude.science.kernel import (
 from ppc_attitude.science.noise import normal_pair, normal_vector
 from ppc_attitude.science.parameter import Parameter
 
-ANGULAR_RANDOM_WALK = Parameter(
-    "gyro.angular_random_walk",
-    0.0,
-    "σ_v of the gyro: white noise of the rate",
-    "rad/√s",
-    low=0.0,
-    high=1.0,
+_size = partial(Parameter, low=0.0, high=1.0)
+ANGULAR_RANDOM_WALK = _size(
+    "gyro.angular_random_walk", 0.0, "σ_v of the gyro: white noise of the rate", "rad/√s"
 )
-RATE_RANDOM_WALK = Parameter(
-    "gyro.rate_random_walk",
-    0.0,
-    "σ_u of the gyro: walk of its bias",
-    "rad/s^1.5",
-    low=0.0,
-    high=1.0,
+RATE_RANDOM_WALK = _size(
+    "gyro.rate_random_walk", 0.0, "σ_u of the gyro: walk of its bias", "rad/s^1.5"
 )
-INITIAL_BIAS_SIGMA = Parameter(
+INITIAL_BIAS_SIGMA = _size(
     "gyro.initial_bias_sigma",
     0.0,
     "standard deviation of the unknown bias at the start, per axis",
     "rad/s",
-    low=0.0,
-    high=1.0,
 )
-RESOLUTION = Parameter(
-    "gyro.resolution", 0.0, "LSB of the gyro; 0: not rounded", "rad/s", low=0.0, high=1.0
-)
+RESOLUTION = _size("gyro.resolution", 0.0, "LSB of the gyro; 0: not rounded", "rad/s")
+_added = partial(Parameter, low=0.0, high=0.1)
 PARAMETERS = (
     ANGULAR_RANDOM_WALK,
     RATE_RANDOM_WALK,
@@ -72,7 +61,7 @@ PARAMETERS = (
     RESOLUTION,
     Parameter(
         "gyro.initial_bias",
-        [0.0, 0.0, 0.0],
+        [0.0] * 3,
         "fixed part of the bias at the start",
         "rad/s",
         length=3,
@@ -81,7 +70,7 @@ PARAMETERS = (
     ),
     Parameter(
         "gyro.scale_factor",
-        [0.0, 0.0, 0.0],
+        [0.0] * 3,
         "relative errors of the scale: the diagonal of M",
         length=3,
         low=-0.5,
@@ -89,27 +78,23 @@ PARAMETERS = (
     ),
     Parameter(
         "gyro.misalignment",
-        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0] * 6,
         "M off its diagonal: xy, xz, yx, yz, zx, zy",
         "rad",
         length=6,
         low=-0.5,
         high=0.5,
     ),
-    Parameter(
+    _added(
         "gyro.scale_factor_sigma",
         0.0,
         "standard deviation of what the seed adds to the scale errors",
-        low=0.0,
-        high=0.1,
     ),
-    Parameter(
+    _added(
         "gyro.misalignment_sigma",
         0.0,
         "standard deviation of what the seed adds to the misalignments",
         "rad",
-        low=0.0,
-        high=0.1,
     ),
     Parameter(
         "gyro.full_scale", 20.0, "the gyro's largest rate, per axis", "rad/s", above=0.0, high=1e3
@@ -147,21 +132,16 @@ def gyro_record(values: Mapping[str, Any], seed: int) -> Any:
     record["resolution"] = values["gyro.resolution"]
     record["full_scale"] = values["gyro.full_scale"]
     record["seed"] = seed
-    record["initial_bias"] = np.add(
-        values["gyro.initial_bias"],
-        np.multiply(values["gyro.initial_bias_sigma"], normal_vector(seed, 0, _INITIAL_BIAS)),
-    )
-    drawn = [x for i in range(3) for x in normal_pair(seed, 0, _MISALIGNMENT + i)]
-    sides = np.add(
-        values["gyro.misalignment"], np.multiply(values["gyro.misalignment_sigma"], drawn)
-    )
-    response = np.eye(3) + np.diag(
-        np.add(
-            values["gyro.scale_factor"],
-            np.multiply(values["gyro.scale_factor_sigma"], normal_vector(seed, 0, _SCALE)),
-        )
-    )
-    response[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]] += sides
+
+    def with_drawn(name: str, drawn: Any) -> Any:
+        return np.asarray(values[name]) + values[f"{name}_sigma"] * np.ravel(drawn)
+
+    bias = normal_vector(seed, 0, _INITIAL_BIAS)
+    record["initial_bias"] = with_drawn("gyro.initial_bias", bias)
+    scales = normal_vector(seed, 0, _SCALE)
+    sides = [normal_pair(seed, 0, _MISALIGNMENT + i) for i in range(3)]
+    response = np.eye(3) + np.diag(with_drawn("gyro.scale_factor", scales))
+    response[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]] += with_drawn("gyro.misalignment", sides)
     record["response"] = response
     return record
 

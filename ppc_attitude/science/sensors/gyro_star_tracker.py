@@ -53,7 +53,7 @@ from ppc_attitude.science.kernel import (
     store_quaternion,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import at_start
 from ppc_attitude.science.sensors import gyro, star_tracker
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.sensors.gyro import gyro_record, gyro_sample, mean_rate, walked_bias
@@ -85,11 +85,10 @@ STAR_FIX = Column(
     "[rad²] about the tracker's axes, the first one −1 if there is no fix",
     late=True,
 )
-INITIAL_FIX = Parameter(
+INITIAL_FIX = at_start(
     "initial_fix",
     True,
     "the tracker ran before the start: its first fix comes at once",
-    read_only=True,
     agreed=True,
 )
 _GYRO, _TRACKER = 0, 1
@@ -250,10 +249,9 @@ def _sense_stars(inputs: Any, state: Any, configuration: Any, outputs: Any, step
         return
     fix = quaternion(state.fixes[valid // tracker.every % _SLOTS])
     store_quaternion(row, fix)
-    there = fix[0] != 0.0 or fix[1] != 0.0 or fix[2] != 0.0 or fix[3] != 0.0
     for i in range(3):
         row[4 + i] = tracker.sigma[i] * tracker.sigma[i]
-    if not there:
+    if fix == NO_FIX:
         row[4] = -1.0
     row[7] = seconds(inputs.stamp_ns - stamp_of(valid, configuration.rate))
 

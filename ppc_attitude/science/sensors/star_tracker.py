@@ -20,11 +20,12 @@ false.
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import exponential, normalised, product
+from ppc_attitude.science.attitude import exponential, normalised, product, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     Quaternion,
@@ -37,18 +38,14 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.noise import normal_vector, uniform
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, at_start
 
-CROSS_NOISE = Parameter(
-    "star_tracker.cross_noise",
-    0.0,
-    "σ of a fix about each axis across the boresight",
-    "rad",
-    low=0.0,
-    high=1.0,
+_share = partial(Parameter, low=0.0, high=1.0)
+CROSS_NOISE = _share(
+    "star_tracker.cross_noise", 0.0, "σ of a fix about each axis across the boresight", "rad"
 )
-BORESIGHT_NOISE = Parameter(
-    "star_tracker.boresight_noise", 0.0, "σ of a fix about the boresight", "rad", low=0.0, high=1.0
+BORESIGHT_NOISE = _share(
+    "star_tracker.boresight_noise", 0.0, "σ of a fix about the boresight", "rad"
 )
 MOUNTING = Parameter(
     "star_tracker.mounting",
@@ -56,23 +53,21 @@ MOUNTING = Parameter(
     "attitude of the tracker in the body, x y z w, tracker to body; boresight z",
     length=4,
 )
-RATE = Parameter(
+RATE = at_start(
     "star_tracker.rate",
     10.0,
     "fixes per second; divides the steps per second",
     "Hz",
     above=0.0,
-    read_only=True,
     agreed=True,
 )
-LATENCY = Parameter(
+LATENCY = at_start(
     "star_tracker.latency",
     0.0,
     "from a fix's validity to its arrival; rounded up to whole steps",
     "s",
     low=0.0,
     high=10.0,
-    read_only=True,
     agreed=True,
 )
 OUTLIER_SIZE = Parameter(
@@ -92,29 +87,13 @@ PARAMETERS = (
         above=0.0,
         high=100.0,
     ),
-    Parameter(
-        "star_tracker.dropout_probability", 0.0, "share of slots without a fix", low=0.0, high=1.0
-    ),
-    Parameter("star_tracker.outlier_probability", 0.0, "share of false fixes", low=0.0, high=1.0),
+    _share("star_tracker.dropout_probability", 0.0, "share of slots without a fix"),
+    _share("star_tracker.outlier_probability", 0.0, "share of false fixes"),
     OUTLIER_SIZE,
     # At start only: one without the other would be refused, and `ros2 param set` sets one.
-    Parameter(
-        "star_tracker.blinding_times",
-        [],
-        "start of each blinding",
-        "s",
-        low=0.0,
-        high=1e8,
-        read_only=True,
-    ),
-    Parameter(
-        "star_tracker.blinding_durations",
-        [],
-        "duration of each blinding",
-        "s",
-        above=0.0,
-        high=1e8,
-        read_only=True,
+    at_start("star_tracker.blinding_times", [], "start of each blinding", "s", low=0.0, high=1e8),
+    at_start(
+        "star_tracker.blinding_durations", [], "duration of each blinding", "s", above=0.0, high=1e8
     ),
 )
 ROUNDING = 7e-7
@@ -187,13 +166,8 @@ def unit_mounting(values: Mapping[str, Any]) -> Quaternion:
     ConfigurationError
         Its norm differs from 1 by more than 1e-3.
     """
-    x, y, z, w = map(float, values[MOUNTING.name])
-    length = math.sqrt(x * x + y * y + z * z + w * w)
-    if not abs(length - 1.0) <= 1e-3:
-        raise ConfigurationError(
-            f"{MOUNTING.name} = {[x, y, z, w]} has norm {length:.6g}; allowed: 1 within 0.001"
-        )
-    return (x / length, y / length, z / length, w / length)
+    x, y, z, w = unit_quaternion(MOUNTING.name, values[MOUNTING.name]).tolist()
+    return (x, y, z, w)
 
 
 def sigmas(values: Mapping[str, Any]) -> Vector:
