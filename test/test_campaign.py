@@ -32,8 +32,8 @@ from campaign_helpers import RUNS, VARIES, files_of, finish, rows_of, small
 from conftest import StartProcess
 from process_helpers import PATIENCE, workers_of
 
-from ppc_attitude.analysis.metrics import analyse, names_of
-from ppc_attitude.analysis.requirements import PAPER, Requirements
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.requirements import PAPER, Requirements, names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished, run_campaign

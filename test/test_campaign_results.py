@@ -30,8 +30,7 @@ from process_helpers import COMMAND, PATIENCE
 from scipy import stats
 from synthetic import normal_run
 
-from ppc_attitude.analysis.metrics import names_of
-from ppc_attitude.analysis.requirements import PAPER
+from ppc_attitude.analysis.requirements import PAPER, names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished

@@ -23,8 +23,14 @@ import pytest
 from synthetic import normal_run, turned, with_columns, with_error
 from test_metrics import requirement
 
-from ppc_attitude.analysis.metrics import analyse, names_of
-from ppc_attitude.analysis.requirements import PAPER, Accuracy, Requirements, load_requirements
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.requirements import (
+    PAPER,
+    Accuracy,
+    Requirements,
+    load_requirements,
+    names_of,
+)
 from ppc_attitude.science.errors import ConfigurationError
 
 SHIPPED = Path(__file__).parents[1] / "config" / "requirements.yaml"

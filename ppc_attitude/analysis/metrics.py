@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The judgement of a run by its requirements, from its record alone.
 
 What is judged when
@@ -52,13 +51,20 @@ from functools import cached_property
 
 import numpy as np
 
-from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.envelopes import Envelope, envelopes_of
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.measure import Measured, known, largest, lost, pulses_of, window
-from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements
+from ppc_attitude.analysis.requirements import (
+    DEGREES,
+    PAPER,
+    Accuracy,
+    Requirements,
+    names_of,
+    outside_names,
+)
 from ppc_attitude.analysis.series import AnalysisError, has
 from ppc_attitude.analysis.truth import EXACT, RECORDED, knowledge_errors, truth_of
 from ppc_attitude.analysis.verdict import (
@@ -84,7 +90,7 @@ from ppc_attitude.science import wheels
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS
 from ppc_attitude.science.kinds import SENSORS
 
-__all__ = ["AnalysisError", "analyse", "names_of", "pulses_of", "verdict_table"]
+__all__ = ["AnalysisError", "analyse", "pulses_of", "verdict_table"]
 
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""
@@ -94,35 +100,6 @@ SUMMATION = 1e-12
 """Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
 NOISE_EXPLAINS = 8.0
 """Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
-
-
-def names_of(required: Requirements) -> dict[str, str]:
-    """`Requirement.key` to name of all that a run may be judged by, in the order of a verdict."""
-    return {
-        "settling_time": "settling time",
-        "error_after_deadline": f"attitude error from {required.settling_deadline:g} s on",
-        "terminal_error": f"attitude error in the last {required.terminal_window:g} s",
-        "rate": "angular rate (norm)",
-        "applied_torque": "applied torque on an axis",
-        **{key: name for each in ENVELOPES for key, name in _outside(each).items()},
-        "recovery": "recovery from a sudden disturbance",
-        **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
-        "wheel_speed": "speed of a wheel, share of its largest",
-        "keep_out": "angle inside a keep-out cone",
-        "certificate": "certificate held: time outside",
-        "reported_error": "difference in the reported attitude error",
-        "knowledge": "knowledge error (truth against told)",
-        "knowledge_outside": "share of knowledge errors outside 3σ, worst axis",
-        "nis": "mean NIS of the fixes, from 3",
-        "refused_fixes": "good fixes refused",
-        "lost_messages": "messages missing or not finite",
-    }
-
-
-def _outside(envelope: Envelope) -> dict[str, str]:
-    key, name = f"outside_{envelope.bound}", f"{envelope.name} outside its envelope"
-    after_hit = {f"{key}_after_hit": f"{name}, after a hit"} if envelope.jumps else {}
-    return {key: name, **after_hit}
 
 
 def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
@@ -297,7 +274,7 @@ class Judge(Measured):
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
-        outside, (key, *after_hit) = envelope.outside(self.record), _outside(envelope)
+        outside, (key, *after_hit) = envelope.outside(self.record), outside_names(envelope)
         time, span, why = self.time(outside), self.whole, ""
         if envelope.jumps:
             time, span, why = self.time(outside[self.calm]), self.calm_span, self._never_calm

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.yaml_file import read
@@ -164,6 +165,36 @@ def _checked(name: Any, value: Any) -> Any:
     if name in _ACCURACIES:
         return _accuracy(name, value)
     return _positive(name, value)
+
+
+def names_of(required: Requirements) -> dict[str, str]:
+    """`Requirement.key` to name of all that a run may be judged by, in the order of a verdict."""
+    return {
+        "settling_time": "settling time",
+        "error_after_deadline": f"attitude error from {required.settling_deadline:g} s on",
+        "terminal_error": f"attitude error in the last {required.terminal_window:g} s",
+        "rate": "angular rate (norm)",
+        "applied_torque": "applied torque on an axis",
+        **{key: name for each in ENVELOPES for key, name in outside_names(each).items()},
+        "recovery": "recovery from a sudden disturbance",
+        **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
+        "wheel_speed": "speed of a wheel, share of its largest",
+        "keep_out": "angle inside a keep-out cone",
+        "certificate": "certificate held: time outside",
+        "reported_error": "difference in the reported attitude error",
+        "knowledge": "knowledge error (truth against told)",
+        "knowledge_outside": "share of knowledge errors outside 3σ, worst axis",
+        "nis": "mean NIS of the fixes, from 3",
+        "refused_fixes": "good fixes refused",
+        "lost_messages": "messages missing or not finite",
+    }
+
+
+def outside_names(envelope: Envelope) -> dict[str, str]:
+    """Names of what an envelope is judged by, as of `names_of`: after a hit apart, if it jumps."""
+    key, name = f"outside_{envelope.bound}", f"{envelope.name} outside its envelope"
+    after_hit = {f"{key}_after_hit": f"{name}, after a hit"} if envelope.jumps else {}
+    return {key: name, **after_hit}
 
 
 def _known(name: Any, names: Iterable[str], what: str) -> str:

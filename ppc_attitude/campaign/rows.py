@@ -22,7 +22,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.metrics import Judge, analyse, names_of
+from ppc_attitude.analysis.metrics import Judge, analyse
+from ppc_attitude.analysis.requirements import names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.analysis.verdict import Metrics, Verdict, all_met
 from ppc_attitude.campaign.declaration import Campaign

@@ -19,8 +19,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from ppc_attitude.analysis.metrics import names_of
-from ppc_attitude.analysis.requirements import PAPER, Requirements
+from ppc_attitude.analysis.requirements import PAPER, Requirements, names_of
 from ppc_attitude.campaign.declaration import Variables
 from ppc_attitude.campaign.draw import varying
 from ppc_attitude.campaign.rows import Row
