@@ -20,7 +20,7 @@ A motion is attitude, rate [rad/s] and acceleration [rad/s²], both in the movin
 import math
 from typing import TypeAlias
 
-from ppc_attitude.science.attitude import conjugate, normalised, product, to_body
+from ppc_attitude.science.attitude import conjugate, exponential, normalised, product, to_body
 from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
@@ -38,18 +38,6 @@ Motion: TypeAlias = tuple[Quaternion, Vector, Vector]
 
 _SMALL = 0.01  # [rad] below this the series are better than the closed forms
 _HALF_TURN = 1e-12  # |w| of a quaternion below this: half a turn
-
-
-@kernel
-def exponential(phi: Vector) -> Quaternion:
-    """Exp(φ): the rotation by |φ| [rad] about φ."""
-    angle = norm(phi)
-    if angle < _SMALL:
-        squared = angle * angle
-        s = 0.5 - squared / 48.0 + squared * squared / 3840.0
-    else:
-        s = math.sin(0.5 * angle) / angle
-    return (s * phi[0], s * phi[1], s * phi[2], math.cos(0.5 * angle))
 
 
 @kernel
