@@ -22,7 +22,7 @@ from synthetic import SAMPLED
 
 from ppc_attitude.command_line.parameter_file import run_info
 from ppc_attitude.contract import declared
-from ppc_attitude.contract.declared import ATTITUDE_ERROR, AUXILIARY_STATE, BY_NAME, promised
+from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN, BY_NAME, promised
 from ppc_attitude.contract.topics import (
     ATTITUDE,
     CONTROLLER,
@@ -107,7 +107,8 @@ def test_who_took_part_promises_what_it_sends() -> None:
     everyone = {name: {} for name in (PLANT, REFERENCE, INJECTOR)}
     ours = {**everyone, CONTROLLER: {"controller": "ppc"}}
     assert names(ours) == set(ALL)
-    assert AUXILIARY_STATE.name not in names({**ours, CONTROLLER: {"controller": "log_barrier"}})
+    another = {**ours, CONTROLLER: {"controller": "log_barrier"}}
+    assert BY_COLUMN["auxiliary_state"].name not in names(another)
     assert names(everyone) == {topic.name for topic in SAMPLED if topic.source != CONTROLLER}
     assert DISTURBANCE.name not in names({PLANT: {}, CONTROLLER: {"controller": "ppc"}})
 
@@ -122,7 +123,7 @@ def test_a_recorder_is_told_what_comes_at_each_instant_and_what_does_not() -> No
     samples = json.loads(told)["samples"]
     sent = {BY_NAME[name] for names in samples.values() for name in names}
     assert {ATTITUDE_ERROR, TORQUE_COMMAND, TRUE_ATTITUDE} <= sent
-    assert AUXILIARY_STATE not in sent
+    assert BY_COLUMN["auxiliary_state"] not in sent
     assert not [topic for topic in sent if topic.late]
     assert {topic.source for topic in declared.SAMPLED if topic.late} == {PLANT, ESTIMATOR}
 

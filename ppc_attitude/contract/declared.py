@@ -94,7 +94,6 @@ ATTITUDE_ERROR = BY_COLUMN["attitude_error"]
 ATTITUDE_ENVELOPE = BY_COLUMN["attitude_envelope"]
 RATE_ERROR = BY_COLUMN["rate_error"]
 RATE_ENVELOPE = BY_COLUMN["rate_envelope"]
-AUXILIARY_STATE = BY_COLUMN["auxiliary_state"]
 UNSATURATED_TORQUE = BY_COLUMN["unsaturated_torque"]
 BOUNDS = _bounds()
 """Column to the column that bounds it, where a law has such an envelope."""
