@@ -35,10 +35,10 @@ LOSSES = ["wheel/2 effectiveness 0.0 from 40.0 for 10.0", "wheel/1 seized from 4
 
 def of(*overlays: str, **plant: object) -> Scenario:
     paths = [CONFIG / f"{name}.yaml" for name in ("paper", *overlays)]
-    return load(paths, {PLANT: plant})  # type: ignore[dict-item]
+    return load(paths, {PLANT: plant})
 
 
-def asked_at_each(scenario: Scenario, stamps_ns: np.ndarray) -> list[tuple[float, str]]:  # type: ignore[type-arg]
+def asked_at_each(scenario: Scenario, stamps_ns: np.ndarray) -> list[tuple[float, str]]:
     """What parts warn of, and what ends it, asked after each instant as in a node."""
     diagram, told, warned = Diagram(scenario.parameters), [], set()
     samples = np.zeros((200, 1))
