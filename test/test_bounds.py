@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """A run that cannot be held is refused, and one that leaves all bounds is no result."""
 
 import tracemalloc

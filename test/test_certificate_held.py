@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The row of the verdict that says whether a certificate held."""
 
 import re

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Commands end in good order: whatever becomes of their output, and whenever they are asked to."""
 
 import json

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The adversary: it keeps its bounds, goes on where it was, and finds what is broken."""
 
 import json

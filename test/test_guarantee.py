@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The certificate: two libraries agree, no random state passes a bound, changes void it."""
 
 import json

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """No motion of the error that is drawn at random passes what the certificate bounds it by."""
 
 import math

@@ -212,14 +212,19 @@ ENVIRONMENT = Component(name="table", outputs=(ENVIRONMENT_TORQUE,), step=step)
 """
 
 
-def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path: Path) -> None:
+def selecting(code: str, tmp_path: Path) -> str:
+    """Install a module with an environment, alone; the file that selects it."""
     installed, selection = tmp_path / "installed", tmp_path / "selection.yaml"
-    (installed / "raising.py").write_text(RAISING)
+    (installed / "alone.py").write_text(code)
     points = installed / "outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text("[ppc_attitude.environments]\ntable = raising:ENVIRONMENT\n")
+    points.write_text("[ppc_attitude.environments]\ntable = alone:ENVIRONMENT\n")
     selection.write_text("disturbance_injector: {ros__parameters: {environment: table}}\n")
+    return str(selection)
+
+
+def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path: Path) -> None:
     command = ["-m", "ppc_attitude.command_line.main", "simulate", "--duration", "0.5"]
-    done = run_outside(*command, "--config", str(selection), code=3)
+    done = run_outside(*command, "--config", selecting(RAISING, tmp_path), code=3)
     assert "diverged: angular velocity (nan, nan, nan)" in done.stderr
     assert "at 0.11 s; the step of component table raised ValueError: beyond my" in done.stderr
 
@@ -244,12 +249,7 @@ ENVIRONMENT = Component(
 
 
 def test_a_hook_that_raises_is_bad_input_and_no_traceback(run_outside: Run, tmp_path: Path) -> None:
-    installed, selection = tmp_path / "installed", tmp_path / "selection.yaml"
-    (installed / "boundless.py").write_text(BOUNDLESS)
-    points = installed / "outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text("[ppc_attitude.environments]\ntable = boundless:ENVIRONMENT\n")
-    selection.write_text("disturbance_injector: {ros__parameters: {environment: table}}\n")
-    command = ["-m", "ppc_attitude.command_line.main", "check", "--config", str(selection)]
-    done = run_outside(*command, code=2)
+    command = ["-m", "ppc_attitude.command_line.main", "check"]
+    done = run_outside(*command, "--config", selecting(BOUNDLESS, tmp_path), code=2)
     assert "component table: bound raised KeyError: 'table.bound'" in done.stderr
     assert "Traceback" not in done.stderr

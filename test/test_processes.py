@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Processes execute nothing from the folder where the user stands, and tell why they break off."""
 
 import json

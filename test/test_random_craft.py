@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Random craft: certified and then confirmed by the adversary, or refused with the reason."""
 
 import re

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """What a run is judged by: the user's own requirements, over the paper's."""
 
 from dataclasses import replace

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """A secured run has keys and enforces them, or it does not run and says why."""
 
 import os

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Print the measured numbers of docs/guarantee.md: what the momentum-tube law does in runs.
 
 python docs/examples/guarantee_numbers.py

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Which errors of a record have an envelope: errors and bounds that its columns declare."""
 
 from dataclasses import dataclass

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The figures of one run, each the counterpart of one in the paper."""
 
 from collections.abc import Iterator

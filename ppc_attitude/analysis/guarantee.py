@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Judge whether a run kept the promise of its certificate, and when that was suspended."""
 
 from collections.abc import Mapping

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Scripts in the page itself that make its figures zoomable and replay an attitude."""
 
 import base64

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
 from collections.abc import Iterator, Sequence

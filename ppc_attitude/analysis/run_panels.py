@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Panels that the figures of runs share: a hit from near, envelopes, limits, legends."""
 
 import re

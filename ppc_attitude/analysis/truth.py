@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The three attitude errors of a run, kept apart.
 
 - *control*: what the controller was told against the reference;

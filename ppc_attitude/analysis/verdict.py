@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """`Verdict`: what was judged, how it came out, and how it is told (terminal, JSON)."""
 
 from collections.abc import Iterable, Mapping

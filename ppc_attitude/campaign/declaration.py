@@ -238,11 +238,16 @@ def _rate(name: str, declared: Any) -> tuple[Number, Direction]:
     )
 
 
-def _pulse(name: str, declared: Any, base: Scenario) -> Pulse:
+def _times(base: Scenario) -> tuple[Range, Range]:
+    """When something may begin in a run, and how long it may last."""
     length, step = base.number(PLANT, "duration"), 1.0 / base.number(PLANT, "rate")
-    parts = keys(name, declared, ("time", "duration", "torque", "direction"))
-    within = Range(0.0, length, "s (the length of a run)")
     lasting = Range(step, length, "s (the least that acts, the length of a run)")
+    return Range(0.0, length, "s (the length of a run)"), lasting
+
+
+def _pulse(name: str, declared: Any, base: Scenario) -> Pulse:
+    parts = keys(name, declared, ("time", "duration", "torque", "direction"))
+    within, lasting = _times(base)
     return Pulse(
         time=number(f"{name}.time", parts.get("time"), within),
         duration=number(f"{name}.duration", parts.get("duration"), lasting),
@@ -252,13 +257,10 @@ def _pulse(name: str, declared: Any, base: Scenario) -> Pulse:
 
 
 def _fault(name: str, declared: Any, base: Scenario) -> RandomFault:
-    length, step = base.number(PLANT, "duration"), 1.0 / base.number(PLANT, "rate")
-    parts = keys(name, declared, ("what", "time", "duration"))
+    parts, (within, lasting) = keys(name, declared, ("what", "time", "duration")), _times(base)
     what = parts.get("what")
     if not isinstance(what, list) or not what or not all(isinstance(each, str) for each in what):
         raise ConfigurationError(f"{name}.what = {what!r}; allowed: a list of faults without times")
-    within = Range(0.0, length, "s (the length of a run)")
-    lasting = Range(step, length, "s (the least that acts, the length of a run)")
     found = RandomFault(
         tuple(what),
         number(f"{name}.time", parts.get("time"), within),

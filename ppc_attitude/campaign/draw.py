@@ -32,6 +32,7 @@ from ppc_attitude.campaign.varied import values_of
 from ppc_attitude.contract.topics import ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import FAULTS
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.scenario import Scenario, agreed, check_components, weakened
@@ -180,7 +181,7 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
         "seed": drawn["noise_seed"],
     }
     if variables.fault:
-        changed[PLANT]["faults"] = with_fault(values[PLANT], drawn)
+        changed[PLANT][FAULTS.name] = with_fault(values[PLANT], drawn)
     for node in (ESTIMATOR, INJECTOR):
         told = {name: changed[PLANT].get(name) for name in agreed(node, values[node])}
         known = {name: value for name, value in told.items() if value is not None}

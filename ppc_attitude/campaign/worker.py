@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """A process of a campaign: it runs the chunks that are asked for through a pipe."""
 
 import contextlib

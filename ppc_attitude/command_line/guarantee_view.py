@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """How a certificate is told: its file beside the configuration, its promises, its inequalities."""
 
 import math

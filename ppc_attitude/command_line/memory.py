@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Whether a run can be held in memory, told before it is computed."""
 
 from contextlib import suppress

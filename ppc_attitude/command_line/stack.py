@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Starting, watching and stopping the five processes of a run."""
 
 import os

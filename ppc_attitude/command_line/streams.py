@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Standard output and error as they may be: closed, full, or of few letters."""
 
 import codecs

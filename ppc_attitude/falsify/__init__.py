@@ -12,5 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The adversary: the worst case of a law, found by an optimiser over runs in process."""

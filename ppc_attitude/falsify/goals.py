@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The goals of the adversary: numbers that it makes as large as it can."""
 
 from collections.abc import Callable

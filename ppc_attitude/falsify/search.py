@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The search: CMA-ES asks, runs in process answer, and a file of the answers can be continued."""
 
 import fcntl

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The adversary's choice, as a vector of numbers: start, disturbance, craft."""
 
 import math

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Discovery, as the environment sets it: checked, because ROS guesses where a value is wrong.
 
 ROS takes a range that it does not know for one that it does, and tells it in a warning.

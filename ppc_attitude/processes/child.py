@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """A process of our own: a module of this package, run by this Python, gone with its starter."""
 
 import contextlib

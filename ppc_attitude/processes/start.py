@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The script that every process we start begins with: ``start.py PARENT PIPE MODULE ARGUMENT…``.
 
 It does what ``python -m MODULE ARGUMENT…`` does, without the folder in which the user stands on the

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Messages of a process to its starter: JSON objects, a line each, through a pipe of their own."""
 
 import contextlib

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Which messages of a run are written when, and which are missing; without ROS and without a bag.
 
 The states lead. A message counts for the record when the state of its stamp has come: so what was

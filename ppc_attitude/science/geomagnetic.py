@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Earth's magnetic field, also along the orbit, by the reference field IGRF-14.
 
 B = −∇V with V = a Σ (a/r)ⁿ⁺¹ (g cos mλ + h sin mλ) P_nm(sin φ), a = 6371.2 km. The harmonics are

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Orbit and date from a node's parameters: by classical elements, or by two lines.
 
 A two-line element set is propagated to the start of the run by SGP4. Its true equator and mean

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """A rate observer that also estimates the disturbance: it stands before a law, and after it.
 
 A gyro's noise would reach the torque at every step. The craft knows its own torque and inertia, so

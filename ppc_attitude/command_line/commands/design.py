@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """`ppc_attitude design`: gains with a certificate, or the inequality that stands in the way.
 
 For a law without a guarantee it searches gains over the loop in process (`gain_search`).

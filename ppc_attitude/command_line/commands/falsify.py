@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """`ppc_attitude falsify`: an adversary looks for the worst start, disturbance and craft."""
 
 import argparse

@@ -22,7 +22,7 @@ from dataclasses import replace
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.concerns import first_lost, tell_concerns
+from ppc_attitude.command_line.concerns import first_lost, tell_concerns, true_rates
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
@@ -93,7 +93,6 @@ def _see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
     """Raise RunError if a rate is larger than a craft can have, where the plant of `run` ends."""
     lost = first_lost(record)
     if lost < record.t.size:
-        omega = record.columns.get("truth_angular_velocity", record["angular_velocity"])
-        rate, t = tuple(omega[lost].tolist()), record.t[max(lost - 1, 0)]
+        rate, t = tuple(true_rates(record)[lost].tolist()), record.t[max(lost - 1, 0)]
         why = raised_until(scenario, record.stamps_ns[: lost + 1])
         raise RunError(f"diverged: angular velocity {rate} rad/s at {t:g} s{why}")

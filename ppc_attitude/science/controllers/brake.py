@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """How fast the error may fall about its axis: a brake at constant deceleration under a cap.
 
 The brake is g = kφ for φ ≤ φ1 = a/k² and √(2aφ − a²/k²) beyond: once differentiable, g g' ≤ a. The

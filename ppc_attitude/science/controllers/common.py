@@ -98,7 +98,7 @@ def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
 
 @kernel
 def smooth_sign(a: Vector, size: float, width: float) -> Vector:
-    """Size · tanh(a/width): the estimate D_m tanh(·/μ) of a disturbance [N·m]."""
+    """Estimate D_m tanh(a/μ) of a disturbance [N·m], with the size D_m and the width μ."""
     return scale(size, tanh(divide(a, (width, width, width))))
 
 

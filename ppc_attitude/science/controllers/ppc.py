@@ -175,7 +175,7 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 @kernel
 def barrier_gain(epsilon: Vector, k: float, F: float) -> float:
-    """K tanh(εᵀε/F), the factor of ε in the gradient of V_B = (k/2) F ln cosh(εᵀε/F) (eqs. 4, 5).
+    """Factor k tanh(εᵀε/F) of ε in the gradient of V_B = (k/2) F ln cosh(εᵀε/F) (eqs. 4, 5).
 
     V_B is finite everywhere, also outside the envelope, where the logarithmic barrier is singular.
     """

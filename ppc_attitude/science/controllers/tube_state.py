@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The momentum-tube law's memory, the columns that it gives, its advice, and what it watches.
 
 It watches its assumptions: hits, missing torque, and other doubts.

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Two arithmetics for one set of formulas: floats to search with, balls to prove with.
 
 The formulas of this folder use the operators of their numbers, and what stands here. With `FLOATS`

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The assumptions of a guarantee about craft and surroundings, and the numbers of its law."""
 
 from collections.abc import Mapping

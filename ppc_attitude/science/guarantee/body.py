@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Bounds that follow from the craft alone: inertia, gyroscopic torque, tumbling, boxes."""
 
 from collections.abc import Iterable

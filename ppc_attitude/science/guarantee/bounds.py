@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Everything that the proof bounds, for given assumptions and a given law (docs/guarantee.md)."""
 
 from collections.abc import Callable

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Suprema over what φ, V and a can be: the derivatives of f(φ; V, a) n on cells of that range.
 
 On a cell every factor is bounded at the corner where it is largest: g, f and f_V rise with φ and

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The certificate: what is guaranteed for the very numbers that a law runs with, and why."""
 
 import math

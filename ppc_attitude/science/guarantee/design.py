@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Search for the numbers of the law: the least guaranteed settling time under the wishes.
 
 Everything but k, κ and ℓ follows from the inequalities (`fixed_point`).

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """How long the comparison system needs: an upper solution, in steps rounded upward.
 
 φ' ≤ p‖ω_res‖ + z̄ − r f(φ; V_e) is a cooperative system (docs/guarantee.md, 5.5): what starts above

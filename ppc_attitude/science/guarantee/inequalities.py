@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The inequalities C1 to C13 under which the theorem of docs/guarantee.md holds."""
 
 import math

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Settling from t = 0 for a reference that is known: the axis of the error bounds the speed.
 
 n has the same numbers in the desired frame and turns by ν‖ω_⊥‖ only, so b = n·ω_d(t) is known up to

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """What surrounds a law, from the parameters of other nodes, and what of it has known bounds."""
 
 from collections.abc import Mapping

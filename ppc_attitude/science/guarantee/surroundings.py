@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Whether a scenario lies within what a certificate assumes, as far as its parameters tell."""
 
 import math

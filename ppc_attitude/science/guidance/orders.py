@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Orders to guidance: goals, holds and timed profiles, scheduled or given in flight.
 
 The book of a run has them in the order in which they act.
