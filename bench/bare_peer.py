@@ -32,11 +32,11 @@ from rclpy.signals import SignalHandlerOptions
 from ppc_attitude.contract.cdr import Codec, header_stamp
 from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.topics import Topic
+from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published, recorded, subscribed
 from ppc_attitude.nodes.running import StopRequest
-from ppc_attitude.nodes.transport import tune_transport
 from ppc_attitude.processes.leaving import leaving
 
 _REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered

@@ -34,8 +34,8 @@ from ppc_attitude.contract.topics import (
     REFERENCE_RATE,
     TORQUE_COMMAND,
 )
+from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.transport import tune_transport
 from ppc_attitude.science.stamps import stamp_of
 
 # The attitude goes last: with it the instant is complete, and the bare echo answers it.

@@ -22,8 +22,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from bench.lockstep import stack_steps_per_s
-from ppc_attitude.command_line.domains import unused_domains
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.nodes.discovery import unused_domains
 from ppc_attitude.simulation.scenario import Overrides
 
 RATES = (50.0, 250.0, 1000.0)  # [Hz]

@@ -33,7 +33,7 @@ from unittest import mock
 import hypothesis
 import pytest
 
-from ppc_attitude.command_line.domains import DOMAINS, unused_domains
+from ppc_attitude.nodes.discovery import DOMAINS, unused_domains
 
 # A slow machine is no failure; the same examples every time, so that a failure can be repeated.
 hypothesis.settings.register_profile("ppc_attitude", deadline=None, derandomize=True)

@@ -99,7 +99,7 @@ def test_index_and_shared_files_are_where_ros2_pkg_looks(workspace: Path) -> Non
 
 def test_sourced_workspace_runs_what_it_built(workspace: Path) -> None:
     code = (
-        "import ppc_attitude as p; from ppc_attitude.nodes.transport import ANYWHERE, THIS_HOST;"
+        "import ppc_attitude as p; from ppc_attitude.nodes.discovery import ANYWHERE, THIS_HOST;"
         "print(p.__file__, p.__version__, ANYWHERE, THIS_HOST)"
     )
     told = run(in_workspace(f"{sys.executable!r} -c {code!r}"), workspace).split()

@@ -24,7 +24,7 @@ from pathlib import Path
 import pytest
 from conftest import StartProcess, _own_domain
 
-from ppc_attitude.command_line.domains import DOMAINS
+from ppc_attitude.nodes.discovery import DOMAINS
 
 # Prints the number of a child in a session of its own and ends before it; the child waits for ever.
 PARENT = """

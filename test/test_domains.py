@@ -20,8 +20,8 @@ import pytest
 import rclpy
 from rclpy.node import Node
 
-from ppc_attitude.command_line.domains import DOMAINS, choose_domain, ports, unused_domains
 from ppc_attitude.command_line.stack import private_environment
+from ppc_attitude.nodes.discovery import DOMAINS, choose_domain, ports, unused_domains
 
 
 @pytest.mark.parametrize("place", [0, 10], ids=["multicast", "unicast alone"])

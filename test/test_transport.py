@@ -25,9 +25,8 @@ from process_helpers import Process, StartProcess
 
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.stack import private_environment
-from ppc_attitude.nodes.discovery import reach
+from ppc_attitude.nodes.discovery import ANYWHERE, THIS_HOST, reach, tune_transport
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.nodes.transport import ANYWHERE, THIS_HOST, tune_transport
 
 long = pytest.mark.long
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -85,7 +84,7 @@ def test_the_users_own_settings_are_kept(name: str) -> None:
 
 def test_another_middleware_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "ppc_attitude.nodes.transport.get_rmw_implementation_identifier",
+        "rclpy.utilities.get_rmw_implementation_identifier",
         lambda: "rmw_cyclonedds_cpp",
     )
     environment = {RANGE: "LOCALHOST"}
@@ -99,9 +98,8 @@ from pathlib import Path
 import rclpy
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.stack import private_environment
-from ppc_attitude.nodes.discovery import reach
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.nodes.transport import tune_transport
+from ppc_attitude.nodes.discovery import reach, tune_transport
 tune_transport()
 rclpy.init()
 node = rclpy.create_node("looked_at")

@@ -12,14 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Discovery, as the environment sets it: checked, because ROS guesses where a value is wrong.
+"""Who finds a node: range and domain, as the environment sets them, and the transports of Fast DDS.
 
-ROS takes a range that it does not know for one that it does, and tells it in a warning.
+The environment is checked: ROS takes a range that it does not know for one that it does, and tells
+it in a warning.
+
+Only times and transports of Fast DDS are set, no QoS: what ROS asks for stays in force. Another
+middleware reads none of this, and a profile of the user's own takes precedence.
+
+All goes by UDP. Fast DDS takes the shared-memory port of a process that does not respond for a
+second for dead and makes it anew, and who still holds the old one is never heard again.
 """
 
+import os
+import random
 import re
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, MutableMapping
+from pathlib import Path
 
 from ppc_attitude.science.errors import ConfigurationError
 
@@ -30,6 +40,12 @@ TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 MIDDLEWARE, OURS = "RMW_IMPLEMENTATION", "rmw_fastrtps"
 _ALLOWED = ("LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
 _LAST_DOMAIN = 232  # the last whose ports exist
+DOMAINS = range(1, 101)  # the ports of 101 meet Linux's ephemeral ports, 32768 and above
+_PORT_BASE, _PORTS_PER_DOMAIN = 7400, 250  # DDS-RTPS, 9.6.2
+_SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
+ANYWHERE = Path(__file__).parent / "fast_dds.xml"
+THIS_HOST = Path(__file__).parent / "fast_dds_this_host.xml"
+_NO_OTHER = "SKIP_DEFAULT_XML_FILE"  # Fast DDS would read a file in the current folder as well
 
 
 def check_discovery(environment: Mapping[str, str]) -> None:
@@ -83,3 +99,63 @@ def reach(environment: Mapping[str, str]) -> str:
         return (environment.get(RANGE) or "SUBNET").lower() + peers
     other = chosen_by_user(environment)
     return f"localhost, by sockets as {other} has them" if other else "localhost"
+
+
+def unused_domains() -> list[int]:
+    """Domains without a participant on this host; all where the system does not tell."""
+    bound = set(_bound_ports())
+    return [domain for domain in DOMAINS if bound.isdisjoint(ports(domain))]
+
+
+def ports(domain: int) -> range:
+    """UDP ports of a domain.
+
+    The first is for all participants, but some with discovery `LOCALHOST` do without; from the
+    eleventh on each has two.
+    """
+    first = _PORT_BASE + _PORTS_PER_DOMAIN * domain
+    return range(first, first + _PORTS_PER_DOMAIN)
+
+
+def choose_domain() -> int:
+    """Return a random domain, one that nobody uses if there is one."""
+    return random.SystemRandom().choice(unused_domains() or DOMAINS)
+
+
+def _bound_ports() -> Iterable[int]:
+    for table in _SOCKETS:
+        try:
+            rows = table.read_text(encoding="ascii").splitlines()[1:]
+        except OSError:
+            continue
+        for row in rows:
+            yield int(row.split()[1].rpartition(":")[2], 16)  # the local address
+
+
+def tune_transport(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Let Fast DDS read our profile; to be called before `rclpy.init`.
+
+    With the range LOCALHOST, ROS would choose the transports, shared memory among them; a profile
+    that knows no interface but loopback keeps to this host as well, and leaves the choice to us.
+
+    Raises
+    ------
+    ConfigurationError
+        The environment names a range, a domain or a peer that is none.
+    """
+    from rclpy.utilities import (
+        get_rmw_implementation_identifier,  # commands need no ROS for all else
+    )
+
+    check_discovery(environment)
+    middleware = get_rmw_implementation_identifier()
+    if chosen_by_user({**environment, MIDDLEWARE: middleware}):
+        return
+    environment[_NO_OTHER] = "1"
+    if keeps_to_this_host(environment):
+        environment.pop(LOCALHOST_ONLY, None)
+        environment[RANGE] = "SYSTEM_DEFAULT"
+        environment[PROFILES[0]] = str(THIS_HOST)
+    else:
+        environment[TRANSPORTS] = "UDPv4"
+        environment[PROFILES[0]] = str(ANYWHERE)

@@ -31,7 +31,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.nodes.base import EXIT_BROKEN, EXIT_CONFIGURATION, EXIT_OK, BaseNode
-from ppc_attitude.nodes.transport import tune_transport
+from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.processes.child import ENDING, take_signals
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.processes.telling import tell_broken
