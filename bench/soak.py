@@ -44,8 +44,8 @@ from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, NODES, PLANT, RECORDER
-from ppc_attitude.nodes.latest import ONLOOKER
 from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.qos import ONLOOKER
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import scenario
 

@@ -63,7 +63,7 @@ class Scene(Beside):
         self.send(topic, stamp_ns, values)
 
     def arrived(self, *topics: Topic) -> None:
-        self.until(lambda: all(topic in self.node._latest for topic in topics))
+        self.until(lambda: all(topic in self.node._latest._raw for topic in topics))
 
     def picture(self) -> dict[tuple[str, int], Marker]:
         self.drawn.clear()

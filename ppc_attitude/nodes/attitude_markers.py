@@ -37,8 +37,8 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.latest import LatestSamples
 from ppc_attitude.nodes.marker_shapes import CONE_LENGTH, arrow, axes, box, cone, transform
+from ppc_attitude.nodes.messages import LatestSamples
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, STALE, Status

@@ -53,10 +53,9 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
 from ppc_attitude.nodes.messages import message_class
-from ppc_attitude.nodes.parameter_survey import ParameterSurvey
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
-from ppc_attitude.nodes.run_graph import RunGraph
+from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.processes.telling import BAG, tell, tell_broken
 from ppc_attitude.runtime.health import OK, STALE, Status

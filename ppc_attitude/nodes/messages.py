@@ -19,13 +19,17 @@ arrives is checked here, once for all nodes: frame, finite numbers, unit quatern
 """
 
 import math
+from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 
 from ppc_attitude.contract.cdr import LARGEST, CdrError, Codec, Sample, finite
 from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, Topic
+from ppc_attitude.nodes.qos import ONLOOKER
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.component import FIX, GYRO, QUATERNION, WRENCH
@@ -144,6 +148,36 @@ class Inbox:
                 f"within {_UNIT_TOLERANCE:g}"
             )
         return tuple(value / length for value in values)
+
+
+class LatestSamples:
+    """The latest sample of some stamped topics, kept as it came and decoded when asked for."""
+
+    def __init__(self, node: Node, topics: Sequence[Topic]) -> None:
+        self._inboxes = {topic: Inbox(topic) for topic in topics}
+        self._raw: dict[Topic, bytes] = {}
+        for topic in topics:
+            node.create_subscription(
+                message_class(topic.msgtype),
+                topic.name,
+                partial(self._keep, topic),
+                ONLOOKER,
+                raw=True,
+            )
+
+    def _keep(self, topic: Topic, data: bytes) -> None:
+        self._raw[topic] = data
+
+    def get(self, topic: Topic) -> Sample | None:
+        """Latest sample of a topic; None if none has come.
+
+        Raises
+        ------
+        RefusedError
+            The message must not be used; says why.
+        """
+        data = self._raw.get(topic)
+        return None if data is None else self._inboxes[topic].read(data)
 
 
 def diagnostics(stamp_ns: int, node: str, what: str, status: Status) -> DiagnosticArray:

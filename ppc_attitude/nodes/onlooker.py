@@ -38,7 +38,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.latest import LatestSamples
+from ppc_attitude.nodes.messages import LatestSamples
 from ppc_attitude.nodes.qos import subscribed
 from ppc_attitude.nodes.visiting import visiting
 from ppc_attitude.runtime.stamps import RefusedError

@@ -34,6 +34,10 @@ from ppc_attitude.contract.topics import (
 _KEPT = 5000
 # A peer that lags on a busy machine still answers so many states, so the record has no gap.
 _BACKLOG = 100
+# An onlooker never holds up a publisher, and of what it missed it wants the newest only.
+ONLOOKER = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE
+)
 _KEPT_EVENTS = (GUIDANCE_STATUS,)  # of which who comes late gets the last ones
 
 
