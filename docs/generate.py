@@ -23,21 +23,32 @@ import argparse
 import json
 import re
 import runpy
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ppc_attitude.command_line.launching import ARGUMENTS, SIDE_BY_SIDE
 from ppc_attitude.command_line.main import command_parsers
 from ppc_attitude.contract.declared import TOPICS
+from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import (
     DIAGNOSTICS_TOPIC,
+    HOSTED,
     MARKERS_TOPIC,
     PARAMETER_EVENTS_TOPIC,
     Topic,
 )
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.kinds import all_components
+from ppc_attitude.science.parameter import Parameter
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "docs/tutorial.md", "docs/reference.md", "docs/performance.md")
+PAGES = (
+    "README.md",
+    "docs/tutorial.md",
+    "docs/reference.md",
+    "docs/parameters.md",
+    "docs/performance.md",
+)
 _DOCSTRING = '"""'
 _PART = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -101,6 +112,53 @@ def launch() -> str:
     return "\n".join([head, *rows])
 
 
+def parameters() -> str:
+    """The parameters of every node, and which of its components read each."""
+    parts = []
+    for node, table in PARAMETERS.items():
+        parts.append(f"## `{node}`\n")
+        components = tuple(all_components(HOSTED.get(node, ())))
+        if len(components) > 1:
+            parts.append("*used by* names the components that read a parameter.\n")
+        parts.append(_table(table, components))
+    return "\n".join(parts)
+
+
+def _table(parameters: Iterable[Parameter], components: Sequence[Component]) -> str:
+    several = len(components) > 1
+    columns = ("parameter", "default", "unit", "allowed", "description")
+    columns += ("used by",) if several else ()
+    rows = [columns, ("---",) * len(columns)]
+    for parameter in parameters:
+        row = (
+            f"`{parameter.name}`",
+            f"`{_value(parameter.default)}`",
+            parameter.unit,
+            parameter.allowed + (", *at start*" if parameter.read_only else ""),
+            parameter.description,
+        )
+        rows.append((*row, _users(parameter, components)) if several else row)
+    lines = ("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
+    return "\n".join(lines) + "\n"
+
+
+def _users(parameter: Parameter, components: Sequence[Component]) -> str:
+    users = [each.name for each in components if parameter in each.parameters]
+    return ", ".join(users) if 0 < len(users) < len(components) else "all"
+
+
+def _value(value: object) -> str:
+    """Return a value as YAML takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, str):
+        return f'"{value}"'
+    text = repr(value)
+    return text if "." in text else text.replace("e", ".0e")  # YAML takes 3e-05 for a text
+
+
 def bench() -> str:
     """Tables of the last `make bench` whose figures were kept, in docs/bench.json."""
     tables = runpy.run_path(str(ROOT / "bench" / "table.py"))["tables"]
@@ -113,16 +171,15 @@ def listing(name: str) -> str:
     return f"```python\n{text[text.index(_DOCSTRING) :]}```"
 
 
+_TABLES = {each.__name__: each for each in (topics, commands, launch, parameters, bench)}
+
+
 def generated(text: str) -> str:
     """A page with its generated parts made anew."""
 
     def part(match: re.Match[str]) -> str:
         head, name, end = match.groups()
-        body = (
-            listing(name)
-            if "." in name
-            else {"topics": topics, "commands": commands, "launch": launch, "bench": bench}[name]()
-        )
+        body = listing(name) if "." in name else _TABLES[name]()
         return f"{head}{body}\n{end}"
 
     return _PART.sub(part, text)

@@ -126,10 +126,10 @@ def test_a_child_knows_the_named_folders_and_not_the_current_one(
         (folder / "sitecustomize.py").write_text(f"open({str(seen)!r}, 'w').write(__file__)")
     monkeypatch.chdir(trap)
     environment = {**os.environ, "PYTHONPATH": entries.format(named=tmp_path / "named")}
-    code, _ = ended(Child("ppc_attitude.contract.parameters_doc", environment=environment))
+    code, _ = ended(Child(f"ppc_attitude.nodes.{INJECTOR}", "--help", environment=environment))
     assert trap.with_name("caught").read_text() == ""
     assert code == 0
-    assert "# Parameters" in capfd.readouterr().out
+    assert "parameters:" in capfd.readouterr().out
     assert seen.exists() == bool(entries.strip(":"))
 
 
@@ -138,7 +138,7 @@ def test_a_child_runs_the_package_of_its_starter(tmp_path: Path) -> None:
     (tmp_path / "ppc_attitude").mkdir()
     (tmp_path / "ppc_attitude" / "__init__.py").write_text("raise ImportError('the wrong one')")
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    code, _ = ended(Child("ppc_attitude.contract.parameters_doc", environment=environment))
+    code, _ = ended(Child(f"ppc_attitude.nodes.{INJECTOR}", "--help", environment=environment))
     assert code == 0
 
 
