@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from craft_helpers import CONFIG, ROOT
 
-from ppc_attitude.command_line.shipped import shipped_config
+from ppc_attitude.command_line.paths import shipped_config
 from ppc_attitude.science.errors import ConfigurationError
 
 LAYOUTS = {

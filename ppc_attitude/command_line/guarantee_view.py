@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.guarantee import nodes_around
-from ppc_attitude.command_line.paragraphs import paragraph
+from ppc_attitude.command_line.options import paragraph
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.yaml_file import LARGEST, parsed_json
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, LAW_AHEAD

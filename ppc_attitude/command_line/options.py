@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Options that several commands share."""
+"""Options that several commands share, and how they print."""
 
 import argparse
 import json
 import math
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import TextIO
@@ -283,3 +284,15 @@ def exit_code(verdict: Verdict) -> int:
 def print_json(content: object) -> None:
     """Print one JSON object; NaN is never valid in it."""
     print(json.dumps(content, ensure_ascii=False, allow_nan=False))
+
+
+def paragraph(text: str, indent: str = "") -> str:
+    """Fold a text into lines of 80 columns; no word and no number is broken."""
+    return textwrap.fill(
+        text,
+        80,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Check where a command will write before it begins its work."""
+"""Where a command will write, checked before it begins its work, and where config/ is."""
 
 import argparse
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -112,3 +112,32 @@ def _writable(text: str) -> Path:
     if not os.access(home, os.W_OK | os.X_OK):
         raise argparse.ArgumentTypeError(f"{text}: nothing can be written into {home}")
     return path
+
+
+def shipped_config(name: str, package: Path | None = None) -> Path:
+    """Find a file of config/, beside the sources or in the share folder of an installation.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``campaign.yaml``.
+    package : Path, optional
+        Folder of this package; default where it was imported from.
+
+    Raises
+    ------
+    ConfigurationError
+        This installation has no such file.
+    """
+    home = (package or Path(__file__).parents[1]).resolve()
+    for folder in _folders(home):
+        if (folder / name).is_file():
+            return folder / name
+    raise ConfigurationError(f"config/{name} is not where {home} is installed: name the file")
+
+
+def _folders(package: Path) -> Iterator[Path]:
+    yield package.parent / "config"
+    # pip and colcon put the package below PREFIX/lib, and what it shares below PREFIX/share.
+    for prefix in package.parents:
+        yield prefix / "share" / package.name / "config"

@@ -47,9 +47,8 @@ from ppc_attitude.command_line.options import (
     see_that_none_is_idle,
     write_report_of,
 )
-from ppc_attitude.command_line.paths import new_folder, some_path
+from ppc_attitude.command_line.paths import new_folder, shipped_config, some_path
 from ppc_attitude.command_line.recording import Recording
-from ppc_attitude.command_line.shipped import shipped_config
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 

@@ -30,12 +30,12 @@ from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
     add_requirements_option,
     add_scenario_options,
+    paragraph,
     positive,
     print_json,
     scenario_of,
     see_that_none_is_idle,
 )
-from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.command_line.proportions import (
     actuator_conditions,
     environment_torque,

@@ -28,11 +28,11 @@ from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_requirements_option,
     add_scenario_options,
+    paragraph,
     positive,
     print_json,
     scenario_of,
 )
-from ppc_attitude.command_line.paragraphs import paragraph
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.proportions import actuator_torque
 from ppc_attitude.contract.topics import INJECTOR, PLANT
