@@ -84,6 +84,22 @@ def test_what_is_undone_is_what_sqlite_would_undo(tmp_path: Path, change: str) -
     assert not journal.exists()
 
 
+def test_a_journal_makes_no_file_larger_than_both(tmp_path: Path) -> None:
+    bag, journal = hot(tmp_path, RUN)
+    with journal.open("r+b") as file:
+        file.seek(16)  # how many pages the database had
+        file.write(struct.pack(">I", 2**20))
+    with pytest.raises(BagError, match=r"claims more than its \d+ bytes"):
+        read_run(bag)
+
+
+def test_a_log_beside_no_database_is_told(tmp_path: Path) -> None:
+    for name in ("bag.db3", "bag.db3-wal"):
+        (tmp_path / name).write_bytes(b"whatever" * 100)
+    with pytest.raises(BagError, match=r"bag\.db3 cannot be read as a rosbag2 database"):
+        read_run(tmp_path)
+
+
 def test_a_journal_beside_a_finished_bag_is_not_its_own(tmp_path: Path) -> None:
     write_run(RUN, tmp_path / "bag", storage="sqlite3")
     for kind in ("-journal", "-wal"):

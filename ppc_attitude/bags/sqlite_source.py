@@ -15,19 +15,18 @@
 """Messages of a rosbag2 SQLite file, finished or cut, in bulk.
 
 SQLite opens a file of a stranger only to read, and a finished one as immutable: then it looks at
-no other file. A journal may name a further file, which SQLite would read and delete; so it never
-sees one: what a killed writer left half done is undone here, in a private copy.
+no other file. A journal may name a further file, which SQLite would read and delete: such a one is
+left aside. What a killed writer left half done SQLite undoes in a private copy.
 """
 
 import contextlib
 import os
 import shutil
 import sqlite3
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO
+from typing import Any
 from urllib.parse import quote
 
 from ppc_attitude.bags.errors import BagError
@@ -45,11 +44,8 @@ _TABLES = {
     "messages": {"id", "topic_id", "timestamp", "data"},
     "topics": {"id", "name", "type", "serialization_format"},
 }
-# https://www.sqlite.org/fileformat2.html#the_rollback_journal
+# https://www.sqlite.org/fileformat2.html#the_rollback_journal: it ends a name, and begins a header
 _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
-_JOURNAL_HEAD = struct.Struct(">8s5I")  # magic, records, nonce, pages before, sector, page size
-_TO_THE_END = 0xFFFFFFFF
-_SIZES = {2**power for power in range(5, 17)}
 
 
 class SqliteSource:
@@ -272,15 +268,17 @@ def _settled(path: Path, folder: Path, *, journals: bool) -> Path:
             shutil.rmtree(folder)
             folder.mkdir()
     journal = folder / f"{path.name}{_JOURNAL}"
-    if journal.exists():
-        if not _names_a_file(journal):
-            with target.open("r+b") as file, journal.open("rb") as before:
-                _undo(file, before)
+    if journal.exists() and _names_a_file(journal):
         journal.unlink()
-    elif (folder / f"{path.name}{_WAL}").exists():
-        # A write-ahead log names no file, and there is nothing else in this folder.
-        with contextlib.closing(sqlite3.connect(target)) as database:
-            database.execute("PRAGMA journal_mode=DELETE")
+    most = sum(file.stat().st_size for file in folder.iterdir())
+    # What is no database is for its reader to tell.
+    with (
+        contextlib.suppress(sqlite3.Error),
+        contextlib.closing(sqlite3.connect(target)) as database,
+    ):
+        database.execute("PRAGMA journal_mode=DELETE")
+    if target.stat().st_size > most:
+        raise BagError(f"what was left half done beside {path} claims more than its {most} bytes")
     os.truncate(target, target.stat().st_size - _bytes_of_torn_page(target))
     return target
 
@@ -288,39 +286,6 @@ def _settled(path: Path, folder: Path, *, journals: bool) -> Path:
 def _copy(path: Path, target: Path) -> None:
     with plain_file(path) as file, target.open("wb") as copy:
         shutil.copyfileobj(file, copy, 2**20)
-
-
-def _undo(database: BinaryIO, journal: BinaryIO) -> None:
-    """Put back the pages as they were before the transaction whose journal this is."""
-    size = 0
-    for size, place, data in _pages_before(journal, os.fstat(database.fileno()).st_size):
-        if place + len(data) <= size:
-            database.seek(place)
-            database.write(data)
-    if size:
-        database.truncate(size)
-
-
-def _pages_before(journal: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
-    """Size of the database before, place and content of each page; `size` is what it has now."""
-    end = os.fstat(journal.fileno()).st_size
-    start = 0
-    while start + _JOURNAL_HEAD.size <= end:
-        journal.seek(start)
-        head = journal.read(_JOURNAL_HEAD.size)
-        magic, count, nonce, pages, sector, page = _JOURNAL_HEAD.unpack(head)
-        sound = magic == _JOURNAL_MAGIC and {sector, page} <= _SIZES and page >= 512
-        if not sound or pages * page > size + end:
-            return
-        yield pages * page, 0, b""
-        start = journal.seek(start + sector)
-        most = (end - start) // (page + 8)
-        for _ in range(most if count == _TO_THE_END else min(count, most)):
-            number, data, check = struct.unpack(f">I{page}sI", journal.read(page + 8))
-            if number == 0 or (nonce + sum(data[page - 200 : 0 : -200])) % 2**32 != check:
-                return
-            yield pages * page, (number - 1) * page, data
-        start = -(-journal.tell() // sector) * sector
 
 
 def settle(path: Path, folder: Path) -> None:
