@@ -32,20 +32,7 @@ MOST = 10_000
 
 
 def changes_of(messages: Iterable[bytes]) -> tuple[tuple[Change, ...], int]:
-    """Decode messages of `parameters/changed`.
-
-    Parameters
-    ----------
-    messages : iterable of bytes
-        As they were recorded.
-
-    Returns
-    -------
-    changes : tuple of Change
-        In the order of their stamps.
-    unreadable : int
-        How many messages are none.
-    """
+    """Changes in the order of their stamps, and how many of the messages are none."""
     found: list[Change] = []
     unreadable = 0
     for data in messages:

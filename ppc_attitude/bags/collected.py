@@ -112,12 +112,7 @@ class Collected:
     def series(self, namespace: str, types: Mapping[str, str]) -> dict[Topic, Series]:
         """Messages of the run in a namespace; what was collected is given away.
 
-        Parameters
-        ----------
-        namespace : str
-            The run's.
-        types : mapping of str to str
-            ROS type of each topic of the bag, by its absolute name.
+        The types are those of all topics of the bag, by absolute name.
         """
         found = {}
         for topic in SAMPLED:

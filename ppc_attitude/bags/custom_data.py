@@ -51,14 +51,8 @@ def encode_custom_data(
 ) -> dict[str, str]:
     """Return the custom data of a bag that states these facts.
 
-    Parameters
-    ----------
-    controller : str
-        Name of the control law.
-    parameters : mapping of str to mapping
-        Node name (with its namespace where there is one) to parameters.
-    metadata : mapping of str to str
-        Versions, seed, git revision.
+    The parameters are those of each node, by its name, with its namespace where there is one; the
+    metadata are versions, seed and git revision.
     """
     return {
         CONTROLLER_KEY: controller,

@@ -47,16 +47,9 @@ def export(record: RunRecord, target: Path) -> None:
 
 
 def export_parquet(record: RunRecord, target: Path) -> None:
-    """Write a run as a Parquet file.
+    """Write a run as a Parquet file, which must not exist yet.
 
     The file's metadata carry controller, parameters, run metadata, missing counts and warnings.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    target : Path
-        File to write; must not exist yet.
 
     Raises
     ------
@@ -87,10 +80,7 @@ def export_parquet(record: RunRecord, target: Path) -> None:
 
 
 def export_csv(record: RunRecord, target: Path) -> None:
-    """Write a run as a CSV file; every number reads back to the last bit.
-
-    Parameters, and what is raised, are those of `export_parquet`.
-    """
+    """Write a run as CSV; every number reads back to the last bit. Raises as `export_parquet`."""
     names, columns = zip(*_numbers(record), strict=True)
     changed = _changed(record)
     with _new_file(target) as binary, TextIOWrapper(binary, "utf-8", newline="") as file:

@@ -34,12 +34,7 @@ _COMPRESSED = ".zstd"
 
 
 class Bag:
-    """A bag to be read: a folder or one storage file.
-
-    Parameters
-    ----------
-    path : Path or str
-        Folder of a bag, or an ``.mcap`` or ``.db3`` file.
+    """A bag to be read: a folder, or one ``.mcap`` or ``.db3`` file.
 
     Attributes
     ----------

@@ -51,13 +51,7 @@ def plain_file(path: Path) -> BinaryIO:
 
 
 class Allowance:
-    """How many bytes the compressed data of a file may still become.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
+    """How many bytes the compressed data of a file may still become."""
 
     def __init__(self, path: Path) -> None:
         self._name = path.name

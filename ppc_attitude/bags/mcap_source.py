@@ -51,14 +51,7 @@ class _DamageError(Exception):
 
 
 class McapSource:
-    """An MCAP file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    allowance : Allowance, optional
-        What its chunks may become.
+    """An MCAP file, whose chunks may become as large as the allowance says.
 
     Raises
     ------

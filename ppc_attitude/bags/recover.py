@@ -70,11 +70,6 @@ def recover(path: Path | str) -> Recovery:
     replaced when the copy is complete, whose custom data say that it was cut. A recovery that was
     itself killed can be repeated.
 
-    Parameters
-    ----------
-    path : Path or str
-        Folder of the bag.
-
     Raises
     ------
     BagError

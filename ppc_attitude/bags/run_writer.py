@@ -30,14 +30,7 @@ from ppc_attitude.contract.topics import CHANGES_TOPIC, CLOCK_TOPIC
 def write_run(record: RunRecord, path: Path | str, *, storage: str = "mcap") -> None:
     """Write a run as the recorder would: every sample a message, received at its stamp.
 
-    Parameters
-    ----------
-    record : RunRecord
-        The run; a sample that is all NaN is a message that is not there.
-    path : Path or str
-        Folder of the bag; must not exist yet.
-    storage : {'mcap', 'sqlite3'}
-        Storage of the messages.
+    A sample that is all NaN is a message that is not there. The folder must not exist yet.
 
     Raises
     ------

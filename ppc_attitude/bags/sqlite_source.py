@@ -49,14 +49,7 @@ _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 
 
 class SqliteSource:
-    """A SQLite file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    finished : bool
-        Whether nobody writes it any more: then a journal beside it is not its own.
+    """A SQLite file; of a finished one, which nobody writes any more, no journal is its own.
 
     Raises
     ------
@@ -291,12 +284,7 @@ def _copy(path: Path, target: Path) -> None:
 def settle(path: Path, folder: Path) -> None:
     """Undo what a killed writer left half done, so that no journal is left beside the file.
 
-    Parameters
-    ----------
-    path : Path
-        The database.
-    folder : Path
-        An empty folder for a copy, on the same file system.
+    A copy is made in a folder that is empty and on the same file system.
 
     Raises
     ------

@@ -56,15 +56,7 @@ def offered_qos(
     durability: Literal["volatile", "transient_local"] = "volatile",
     depth: int = 10,
 ) -> Qos:
-    """QoS of a publisher that keeps the last messages, without deadlines, as a bag describes it.
-
-    Parameters
-    ----------
-    reliability, durability : str
-        Policies by their rosbag2 names.
-    depth : int
-        Length of the queue.
-    """
+    """QoS of a publisher that keeps the last messages, without deadlines, as a bag describes it."""
     return Qos(
         QosHistory.KEEP_LAST,
         depth,
@@ -79,16 +71,9 @@ def offered_qos(
 
 
 class BagWriter:
-    """Writer of one bag; any thread may call it.
+    """Writer of one bag, in a folder that must not exist yet; any thread may call it.
 
-    Parameters
-    ----------
-    path : Path or str
-        Folder of the bag; must not exist yet.
-    storage : {'mcap', 'sqlite3'}
-        Storage of the messages.
-    custom_data : mapping of str to str
-        What the bag says about the run (`custom_data.encode_custom_data`).
+    The custom data say of the run what `custom_data.encode_custom_data` does.
 
     Raises
     ------
@@ -131,16 +116,7 @@ class BagWriter:
         return msgtype in _TYPES.fielddefs
 
     def add_topic(self, topic: str, msgtype: str, offered_qos: Sequence[Qos] = ()) -> None:
-        """Announce a topic.
-
-        Parameters
-        ----------
-        topic : str
-            Absolute name.
-        msgtype : str
-            ROS type, ``package/msg/Name``.
-        offered_qos : sequence of Qos
-            What each publisher offers (`offered_qos`).
+        """Announce a topic by absolute name and ROS type, with what each of its publishers offers.
 
         Raises
         ------
@@ -158,16 +134,7 @@ class BagWriter:
                 raise BagError(f"{msgtype}, the type of {topic}, is not in Jazzy") from error
 
     def write(self, topic: str, receive_time_ns: int, data: bytes) -> None:
-        """Append a message.
-
-        Parameters
-        ----------
-        topic : str
-            Absolute name, announced before.
-        receive_time_ns : int
-            Receive time [ns], not negative.
-        data : bytes
-            The message as CDR.
+        """Append a message, as CDR, to a topic that was announced; it was received at a time [ns].
 
         Raises
         ------
