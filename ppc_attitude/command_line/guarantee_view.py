@@ -98,14 +98,9 @@ def promise_lines(certificate: Certificate, assumed: Assumptions) -> list[str]:
 
 
 class Judgement:
-    """The statement of a scenario's certificate, proved anew.
+    """The statement of the certificate of a scenario with the momentum-tube law, proved anew.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        With the momentum-tube law.
-    configurations : sequence of Path
-        Its parameter files, beside one of which the stored certificate may lie.
+    Beside one of the configurations, its parameter files, the stored certificate may lie.
 
     Raises
     ------

@@ -105,16 +105,10 @@ def side_by_side(runs: Mapping[str, Scenario], names: Iterable[str]) -> list[Any
 
 
 def _nodes(parameters: Overrides, namespace: str, ending: Ending) -> list[Any]:
-    """Return the nodes for which there are parameters.
+    """Return the nodes for which there are parameters, which go to a file among the launch's logs.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Node to its parameters. They are written to a file among the logs of this launch.
-    namespace : str
-        Namespace of the nodes; with one of its own, a run has a clock of its own too.
-    ending : Ending
-        What happens when a node ends; all nodes of a launch share it.
+    In a namespace of its own a run has a clock of its own too. All nodes of a launch share what
+    happens when one ends.
     """
     path = Path(launch_config.log_dir, f"parameters{namespace.replace('/', '_')}.yaml")
     path.write_text(ros_parameters(parameters), encoding="utf-8")

@@ -106,12 +106,8 @@ class Request:
     def scenario(self, config: Path, overlay: Sequence[Path] = ()) -> Scenario:
         """Checked parameters of every node.
 
-        Parameters
-        ----------
-        config : Path
-            Folder of the package's own parameter files.
-        overlay : sequence of Path
-            Parameter files that go over those of the user.
+        A file of the user's may be one of the package's own, in the folder `config`. Those of the
+        overlay go over the user's.
 
         Raises
         ------

@@ -133,23 +133,14 @@ def topics_of(arguments: argparse.Namespace) -> dict[str, str]:
 def see_that_none_is_idle(
     arguments: argparse.Namespace, applies: object, purpose: str, *options: str
 ) -> None:
-    """See that options are given only where they do something.
+    """See that options, named without their first dashes, are given only where they do something.
 
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        What was given.
-    applies : object
-        True where the options do something.
-    purpose : str
-        What they are for.
-    options : str
-        Their names, without dashes at the beginning; by default each is nothing, or empty.
+    By default each is nothing, or empty.
 
     Raises
     ------
     ConfigurationError
-        One would be ignored.
+        One would be ignored; says for which purpose they are.
     """
     for option in () if applies else options:
         value = getattr(arguments, option.replace("-", "_"))

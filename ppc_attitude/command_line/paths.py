@@ -117,12 +117,7 @@ def _writable(text: str) -> Path:
 def shipped_config(name: str, package: Path | None = None) -> Path:
     """Find a file of config/, beside the sources or in the share folder of an installation.
 
-    Parameters
-    ----------
-    name : str
-        Such as ``campaign.yaml``.
-    package : Path, optional
-        Folder of this package; default where it was imported from.
+    The folder of this package is by default where it was imported from.
 
     Raises
     ------

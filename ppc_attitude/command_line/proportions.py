@@ -77,14 +77,7 @@ def settling_conditions(
 ) -> Iterator[Condition]:
     """The least time to settle, for the actuator and for the law, and the time that is left.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        What is to fly.
-    required : Requirements
-        The wish.
-    q_e : tuple of 4 float
-        Attitude error x y z w at the start.
+    It settles from the attitude error q_e, x y z w, at the start.
     """
     component, whole = required.settled.bounds
     error = np.abs(q_e[:3])

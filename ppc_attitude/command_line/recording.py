@@ -48,19 +48,14 @@ Watch: TypeAlias = Callable[[Callable[[], bool]], None]
 
 
 class Recording:
-    """A run through the nodes, and its bag.
+    """A run through the nodes, and its bag, by default in a new, dated folder.
 
-    Parameters
-    ----------
-    bag : Path or None
-        Folder of the bag; default a new, dated one.
-    keys : Path, optional
-        Folder of the keys with which the nodes are secured; made if there is none.
+    With a folder of keys the nodes are secured; keys are made if there are none.
 
     Raises
     ------
     ConfigurationError
-        The folder exists.
+        The folder of the bag exists.
     """
 
     def __init__(self, bag: Path | None, keys: Path | None = None) -> None:
@@ -76,16 +71,7 @@ class Recording:
     def run(
         self, scenario: Scenario, lockstep: bool = True, watch: Watch | None = None
     ) -> RunRecord:
-        """Run a scenario and read what was recorded.
-
-        Parameters
-        ----------
-        scenario : Scenario
-            What is run.
-        lockstep : bool
-            False: free-running on the wall clock.
-        watch : callable, optional
-            Looks on while the nodes run.
+        """Run a scenario, in lock-step or free on the wall clock, and read what was recorded.
 
         Raises
         ------
@@ -116,15 +102,6 @@ class Recording:
 
     def judge(self, record: RunRecord, verdict: Verdict, file: IO[str] | None = None) -> int:
         """Say where the bag is and what it lacks, when everything else has been said.
-
-        Parameters
-        ----------
-        record : RunRecord
-            What is in the bag.
-        verdict : Verdict
-            What was found of it.
-        file : file, optional
-            Where to say it; default on standard output.
 
         Returns
         -------

@@ -40,14 +40,9 @@ def domain_of(keys: Path) -> str:
 
 
 def secured(environment: Mapping[str, str], keys: Path) -> dict[str, str]:
-    """Environment of nodes that authenticate and encrypt; keys are made if there are none.
+    """Environment of nodes that authenticate and encrypt, made of one in which the domain is set.
 
-    Parameters
-    ----------
-    environment : mapping of str to str
-        Environment without, in which the domain is set.
-    keys : Path
-        Folder of the keys, an SROS 2 keystore.
+    The keys are in a folder, an SROS 2 keystore; they are made if there are none.
 
     Raises
     ------

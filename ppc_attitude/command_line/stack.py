@@ -47,15 +47,7 @@ _STOP_BROKEN = ((PLANT, *_OTHERS), (RECORDER,))
 
 
 class StackError(Exception):
-    """The run broke; says which node and what happened.
-
-    Parameters
-    ----------
-    text : str
-        What to tell.
-    refused : bool
-        True if a node would not begin with what it was given.
-    """
+    """The run broke: says where and how; `refused` if a node did not take what it was given."""
 
     def __init__(self, text: str, refused: bool = False) -> None:
         super().__init__(text)
@@ -89,18 +81,10 @@ def private_environment(domain: str = "") -> dict[str, str]:
 
 
 class Stack:
-    """The processes of one run.
+    """The processes of one run: by default all that the scenario needs, in `private_environment`.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        What they run; its kernels should be warm.
-    on_time : callable
-        Called with simulated time [s] as the plant advances.
-    nodes : iterable of str, optional
-        Which executables run; default all that the scenario needs.
-    environment : mapping of str to str, optional
-        Environment of all of them; default `private_environment`.
+    The kernels of the scenario should be warm. `on_time` is called with simulated time [s] as the
+    plant advances.
     """
 
     def __init__(
@@ -159,12 +143,7 @@ class Stack:
     def goes_on(self, stop: threading.Event, patience: float = 0.0) -> bool:
         """Look at the processes; False if the run has ended, or is to be stopped.
 
-        Parameters
-        ----------
-        stop : threading.Event
-            The wish to stop.
-        patience : float
-            How long to wait for the plant to tell something [s].
+        If the plant has told nothing, it is waited for with some patience [s].
 
         Raises
         ------

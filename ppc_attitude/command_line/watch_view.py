@@ -52,15 +52,7 @@ _OWN_COLUMNS = ("time [s]",)  # shown elsewhere
 
 
 def view(snapshot: Snapshot, silent: float) -> RenderableType:
-    """Draw a snapshot.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        How things stand.
-    silent : float
-        For how long no new state has come [s].
-    """
+    """Draw a snapshot; `silent` is for how long no new state has come [s]."""
     parts: list[RenderableType] = [_errors(snapshot), _motion(snapshot)]
     if snapshot.health:
         parts.append(_health(snapshot.health))
