@@ -88,13 +88,7 @@ class Sample(NamedTuple):
 
 
 class Codec:
-    """Encoder and decoder for one stamped topic.
-
-    Parameters
-    ----------
-    topic : Topic
-        A topic of a message that has a stamp and then, of what is ours, float64 alone.
-    """
+    """Encoder and decoder for one topic with a stamp and then, of what is ours, float64 alone."""
 
     def __init__(self, topic: Topic) -> None:
         self.topic = topic

@@ -129,12 +129,8 @@ def samples_of(node: str, values: Mapping[str, Any]) -> list[Topic]:
 def promised(parameters: Mapping[str, Mapping[str, Any]]) -> list[Topic]:
     """Return the topics that every instant of a run has, by what is known of its nodes.
 
-    A node of the user's in the place of one of ours promises nothing.
-
-    Parameters
-    ----------
-    parameters : mapping of str to mapping
-        The nodes of ours that took part, with their parameters; empty if nobody knows.
+    Known are the nodes of ours that took part, with their parameters. A node of the user's in the
+    place of one of ours promises nothing.
     """
     sent = [topic for node in sorted(parameters) for topic in samples_of(node, parameters[node])]
     return list(dict.fromkeys(sent))

@@ -130,16 +130,7 @@ def _demand_harmless(content: Any, file: str) -> None:
 
 
 def read(path: Path, kind: str, loader: Any = yaml.SafeLoader) -> Any:
-    """Content of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    kind : str
-        What it is to the user, for the message.
-    loader : yaml.SafeLoader or derived, optional
-        How scalars are read.
+    """Content of a file; `kind` is what it is to the user, the loader says how scalars are read.
 
     Raises
     ------

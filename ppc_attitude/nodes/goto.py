@@ -44,16 +44,8 @@ class Answer(NamedTuple):
 def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> Answer:
     """Send a goal and wait for what becomes of it.
 
-    Parameters
-    ----------
-    attitude : four floats
-        Unit quaternion x y z w, relative to the frame.
-    frame : str
-        Name of the frame.
-    at : float
-        Simulated time [s] at which the goal begins; 0: now. A later goal is not waited for.
-    namespace : str
-        Namespace of the stack.
+    The attitude is a unit quaternion x y z w, relative to the frame. The goal begins at a simulated
+    time [s], 0: now; a later one is not waited for.
 
     Raises
     ------

@@ -57,12 +57,7 @@ _LATEST = 1e8  # [s] as for a scheduled goal; no stamp is far beyond
 class GuidanceDesk:
     """Passes orders from messages and a service to the reference, and tells what becomes of them.
 
-    Parameters
-    ----------
-    node : BaseNode
-        Whose topics and service they are.
-    part : Part
-        The reference `goal`.
+    Topics and service are the node's; the part is its reference `goal`.
     """
 
     def __init__(self, node: BaseNode, part: Part) -> None:

@@ -32,23 +32,10 @@ _AGAIN = 2.0  # [s] after which a request whose answer does not come is sent aga
 
 
 def inject(torque: tuple[float, ...], at: float, duration: float | None, namespace: str) -> str:
-    """Inject a torque [N·m] at a simulated time [s] (0: now) for a duration [s].
+    """Inject a torque [N·m] in body axes; return from when to when it acts, as the injector says.
 
-    Parameters
-    ----------
-    torque : tuple of float
-        Torque [N·m], body axes.
-    at : float
-        Simulated time [s] at which it begins; 0, or what is past: now.
-    duration : float or None
-        How long it acts [s]; None: the injector's `injection_duration`.
-    namespace : str
-        Namespace of the stack.
-
-    Returns
-    -------
-    str
-        What the injector answered: from when to when it acts.
+    It begins at a simulated time [s]; 0, or what is past: now. Without a duration [s] it acts for
+    the injector's `injection_duration`.
 
     Raises
     ------

@@ -56,15 +56,7 @@ class Latencies(NamedTuple):
 
 
 def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
-    """Listen to states and torque commands.
-
-    Parameters
-    ----------
-    goes_on : callable
-        Called with the number of states so far; False ends the measurement.
-    namespace : str
-        Namespace of the stack.
-    """
+    """Listen to states and torque commands until `goes_on`, told how many states, is false."""
     arrivals: dict[int, float] = {}
     answers: dict[int, float] = {}
 

@@ -83,18 +83,10 @@ def arrow(
     extent: kernel.Vector,
     look: tuple[tuple[float, float, float], float, float],
 ) -> Marker:
-    """Return an arrow.
+    """Return an arrow that begins at a place and goes so far [m], in inertial axes.
 
-    Parameters
-    ----------
-    stamp_ns : int
-        Stamp [ns].
-    identity : tuple of str and int
-        Namespace and number of the marker.
-    start, extent : tuple of 3 floats
-        Where it begins and how far it goes [m], inertial axes.
-    look : tuple
-        Colour (red, green, blue), opacity and shaft diameter [m].
+    Its identity is namespace and number of the marker, its look colour (red, green, blue), opacity
+    and shaft diameter [m].
     """
     colour, alpha, diameter = look
     marker = _marker(stamp_ns, *identity, Marker.ARROW, colour, alpha)
@@ -118,18 +110,8 @@ def cone(
 ) -> Marker:
     """Return the mantle of a cone of slant length `CONE_LENGTH`.
 
-    Parameters
-    ----------
-    stamp_ns, number : int
-        Stamp [ns] and number of the marker.
-    apex : tuple of 3 floats
-        Where its tip is [m], inertial axes.
-    direction : tuple of 3 floats
-        Unit vector along its axis, inertial axes.
-    half_angle : float
-        Angle between axis and mantle [rad]; above π/2 it opens backwards.
-    colour : tuple of 3 floats
-        Red, green, blue.
+    The tip is at the apex [m], the axis along the unit vector `direction`, both in inertial axes.
+    With a half angle [rad] above π/2 it opens backwards.
     """
     marker = _marker(stamp_ns, "keep_out", number, Marker.TRIANGLE_LIST, colour, 0.25)
     marker.scale = Vector3(x=1.0, y=1.0, z=1.0)

@@ -49,15 +49,7 @@ def message_class(msgtype: str) -> Any:
 
 
 class Inbox:
-    """Decode and check the messages of one topic.
-
-    Parameters
-    ----------
-    topic : Topic
-        A stamped topic of the contract.
-    any_frame : bool
-        True if an empty frame is accepted as well.
-    """
+    """Decode and check the messages of a stamped topic; `any_frame` accepts an empty frame too."""
 
     def __init__(self, topic: Topic, any_frame: bool = False) -> None:
         self._topic = topic

@@ -47,16 +47,9 @@ Check = Callable[[Mapping[str, Value]], None]
 
 
 class NodeParameters:
-    """The parameters of one node.
+    """The parameters of one node, declared there from the table of an executable.
 
-    Parameters
-    ----------
-    node : Node
-        Where to declare them.
-    executable : str
-        Whose table it is.
-    check : callable
-        Raises ConfigurationError if values do not fit together.
+    `check` raises ConfigurationError if values do not fit together.
 
     Attributes
     ----------

@@ -44,11 +44,6 @@ def publishing_nodes(node: Node, topic: str) -> dict[Hashable, str]:
 class PublisherWatch:
     """Look once a second for others that publish on the topics of a node.
 
-    Parameters
-    ----------
-    node : Node
-        Who publishes.
-
     Attributes
     ----------
     found : str

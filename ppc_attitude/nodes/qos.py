@@ -58,15 +58,7 @@ def subscribed(topic: Topic, late: bool = False) -> QoSProfile:
 
 
 def recorded(topic: Topic, reliable: bool = True) -> QoSProfile:
-    """QoS with which the recorder reads a topic.
-
-    Parameters
-    ----------
-    topic : Topic
-        What to read.
-    reliable : bool
-        False for a topic whose publishers are all best effort.
-    """
+    """QoS with which the recorder reads a topic; reliable unless no publisher of it is."""
     if topic is PARAMETER_EVENTS_TOPIC:
         return qos_profile_parameter_events
     # Of a clock the latest is enough; its reader must not hold up anybody.

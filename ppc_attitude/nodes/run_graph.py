@@ -106,14 +106,7 @@ class RunGraph:
 class ParameterSurvey:
     """Ask every node of some runs for its parameters, when it appears: nobody else has told them.
 
-    Parameters
-    ----------
-    node : Node
-        Who asks.
-    graph : RunGraph
-        Knows the nodes.
-    on_answer : callable
-        Called with all answers so far, node name to parameters, after each answer.
+    After each answer `on_answer` gets all so far, node name to parameters.
     """
 
     def __init__(

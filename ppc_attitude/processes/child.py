@@ -193,14 +193,8 @@ class _Lines:
 def begin(parent: int, pipe: int, run: Callable[[], _Done]) -> _Done:
     """Run something as the child of a process, from its first line on.
 
-    Parameters
-    ----------
-    parent : int
-        Process id of the starter. The kernel sends SIGTERM when it ends, however that happens.
-    pipe : int
-        File descriptor through which the starter is told (see `telling`).
-    run : callable
-        What is run.
+    The kernel sends SIGTERM when that parent ends, however that happens. The pipe is the file
+    descriptor through which it is told (see `telling`).
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

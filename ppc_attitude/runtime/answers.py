@@ -27,19 +27,10 @@ Inputs = Mapping[str, Values]
 class Answers(Generic[Output]):
     """Answers to the instants of a run, in the order in which they come.
 
-    What depends on time alone is sent one instant ahead, so that nobody has to wait for it. That
+    What depends on time alone is sent one instant `ahead`, so that nobody has to wait for it. That
     takes a period of whole nanoseconds that divides a second: only then every stamp is known
     before its state comes. A stamp that was foreseen and never comes harms nobody, for all others
-    wait for the stamps of states.
-
-    Parameters
-    ----------
-    compute : callable
-        From a stamp [ns] and the inputs of that instant to the answer.
-    ahead : bool
-        Whether the answer depends on time alone, so that it can be computed before the state comes.
-    begin_again : callable
-        Called with the stamp [ns] when time has begun again.
+    wait for the stamps of states. `begin_again` is told the stamp at which time has begun again.
     """
 
     def __init__(

@@ -25,13 +25,6 @@ from ppc_attitude.science.part import Part
 class Chain:
     """Components in their order within an instant; each reads what those before it give.
 
-    Parameters
-    ----------
-    components : sequence of Component
-        Which, in their order.
-    values : mapping of str to value
-        The parameters of the node.
-
     Attributes
     ----------
     inputs : tuple of Column
@@ -87,20 +80,7 @@ class Chain:
         return {name: n for part in self.parts for name, n in part.advice.numbers.items()}
 
     def step(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
-        """Run every component once.
-
-        Parameters
-        ----------
-        stamp_ns : int
-            The instant [ns].
-        inputs : mapping of str to tuple
-            The numbers of the columns in `inputs`.
-
-        Returns
-        -------
-        dict of str to tuple
-            The inputs, and all columns that the components give.
-        """
+        """Run every component once at an instant [ns]; return `inputs` and all that they give."""
         signals = dict(inputs)
         for part, reads in self._reads:
             row = part.step(stamp_ns, [number for name in reads for number in signals[name]])

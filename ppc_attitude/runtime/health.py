@@ -35,13 +35,7 @@ class Status(NamedTuple):
 
 
 class Health:
-    """Refusals, complaints and steps of one node.
-
-    Parameters
-    ----------
-    now : float
-        Time of the wall clock [s], as in every other call.
-    """
+    """Refusals, complaints and steps of one node; `now` is always the wall clock's time [s]."""
 
     def __init__(self, now: float) -> None:
         self.refused: Counter[str] = Counter()

@@ -27,13 +27,7 @@ Pulse = Any  # array of one record with `start_ns` and `end_ns` [ns]
 
 
 class Injections:
-    """Pulses that are injected into a run.
-
-    Parameters
-    ----------
-    pulse : callable
-        From start [ns], duration [s] and torque [N·m] to the record of a pulse.
-    """
+    """Pulses that are injected into a run, made from start [ns], duration [s] and torque [N·m]."""
 
     def __init__(self, pulse: Callable[[int, float, Sequence[float]], Pulse]) -> None:
         self._pulse = pulse
@@ -54,32 +48,16 @@ class Injections:
         next_ns: int | None,
         request: str = "",
     ) -> str:
-        """Take a torque.
+        """Take a torque [N·m], body axes; say in words from when to when it acts.
 
-        Parameters
-        ----------
-        torque : tuple of float
-            Torque [N·m], body axes.
-        start_ns : int
-            When it begins [ns]; what is past begins now.
-        duration : float
-            How long it acts [s].
-        limit : float
-            Largest torque that is allowed, per axis [N·m].
-        next_ns : int or None
-            First stamp [ns] whose torque has not been sent, as far as that is known: "now".
-        request : str
-            Name of the request; who asks again by the same one gets its answer, and no torque more.
-
-        Returns
-        -------
-        str
-            From when to when it acts, in words.
+        It acts for a duration [s]. What would begin in the past [ns] begins now: at `next_ns`, the
+        first stamp whose torque has not been sent, as far as that is known. Who asks again by the
+        name of a request gets its answer, and no torque more.
 
         Raises
         ------
         RefusedError
-            The torque is too large, or too many pulses are pending.
+            The torque is larger than the limit per axis [N·m], or too many pulses are pending.
         """
         if request in self._answers:
             return self._answers[request]

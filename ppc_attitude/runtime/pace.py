@@ -124,14 +124,8 @@ class _Input:
 class Pace(ABC):
     """The base of both ways: the present instant, and the inputs that have come for it.
 
-    Parameters
-    ----------
-    craft : Craft
-        What is paced.
-    rules : Rules
-        How; what does not concern the rate may change at any time.
-    now : float
-        Time of the wall clock [s], as in every other call.
+    Of the rules, what does not concern the rate may change at any time. In every call `now` is the
+    time of the wall clock [s].
     """
 
     mode = ""

@@ -58,16 +58,10 @@ class Publishers:
         self._seen_at: float | None = None
 
     def see(self, nodes: Mapping[Hashable, str], now: float) -> None:
-        """Take the publishers that the graph shows.
+        """Take the publishers that the graph shows, with the names of their nodes.
 
+        A name is empty where the graph does not know it yet.
         The names of several are kept: who gives way first is soon in no graph.
-
-        Parameters
-        ----------
-        nodes : mapping
-            Name of the node of each publisher; empty where the graph does not know it yet.
-        now : float
-            Time of the wall clock [s].
         """
         if len(nodes) > 1:
             self._seen_at = now if self._seen_at is None else self._seen_at

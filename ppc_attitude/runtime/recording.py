@@ -84,10 +84,7 @@ class Completeness:
     def gaps(self, expected: Iterable[str] = ()) -> list[str]:
         """Describe what is missing; empty if nothing is.
 
-        Parameters
-        ----------
-        expected : iterable of str
-            Names of topics that must have come, once a state has been answered.
+        The expected topics must have come, once a state has been answered.
         """
         if _LEAD not in self._tallies:
             others = [f"{name} without {_LEAD}" for name in self._tallies]
@@ -139,13 +136,7 @@ class _Lane:
 
 
 class Recording:
-    """The messages of one run, in one namespace.
-
-    Parameters
-    ----------
-    write : callable
-        Writes a message: topic, time in the record [ns], bytes.
-    """
+    """The messages of one run, in one namespace; `write` gets topic, time [ns] and bytes."""
 
     def __init__(self, write: Write) -> None:
         self._write = write
@@ -165,20 +156,10 @@ class Recording:
     def sample(
         self, name: str, stamp_ns: int | None, data: bytes, number: int | None, now: float
     ) -> None:
-        """Write a sample when its state has come.
+        """Write a sample when its state has come; `now` is the time of the wall clock [s].
 
-        Parameters
-        ----------
-        name : str
-            Topic.
-        stamp_ns : int or None
-            Its stamp [ns]; None if it has none that can be read.
-        data : bytes
-            The message.
-        number : int or None
-            The number that its publisher gave it; None where the middleware does not tell.
-        now : float
-            Time of the wall clock [s].
+        The stamp [ns] is None where none can be read. The number is the one that the publisher gave
+        the message, and None where the middleware does not tell it.
         """
         if stamp_ns is None or stamp_ns < 0:
             self.event(name, stamp_ns, data)

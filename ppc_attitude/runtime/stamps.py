@@ -99,14 +99,9 @@ class StampGuard:
 
 
 class Instant:
-    """Collect the messages of one instant.
+    """Collect the messages of one instant, which has one of each name.
 
-    Parameters
-    ----------
-    names : iterable of str
-        What an instant consists of.
-    depth : int
-        How many incomplete instants are kept; a source may run this far ahead of another.
+    As many as `depth` incomplete instants are kept: a source may run this far ahead of another.
     """
 
     def __init__(self, names: Iterable[str], depth: int = 100) -> None:
