@@ -39,10 +39,11 @@ from mcap.stream_reader import StreamReader
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.folder import Source
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.bags.source import Source, payloads_of
+from ppc_attitude.bags.source import payloads_of
 from ppc_attitude.bags.sqlite_source import SqliteSource
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec

@@ -139,9 +139,8 @@ class Collected:
             stamps = np.concatenate(received)
             self._notes.append(f"{name} has no stamps: the times of receipt are taken")
         order = np.argsort(arrival, kind="stable")
-        if (np.diff(order) != 1).any():
-            stamps, values, arrival = stamps[order], values[order], arrival[order]
-        return Series(stamps, values, arrival)
+        joined = Series(stamps, values, arrival)
+        return joined[order] if (np.diff(order) != 1).any() else joined
 
     def changes(self, namespace: str) -> tuple[Change, ...]:
         """Parameters that were changed in flight; messages that are none are counted."""

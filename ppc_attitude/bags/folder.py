@@ -19,18 +19,21 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd_file
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
 from ppc_attitude.bags.mcap_source import McapSource
-from ppc_attitude.bags.source import Block, Channel, Source, decompressed, merge_blocks
+from ppc_attitude.bags.source import Block, Channel, decompressed, merge_blocks
 from ppc_attitude.bags.sqlite_source import SqliteSource
 from ppc_attitude.contract.yaml_file import FAST, LARGEST, parsed, parsed_json
 
 _STORAGES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
+Source: TypeAlias = McapSource | SqliteSource
+"""Its `channels` know the channel of every message handed out by `blocks`; its `custom_data` and
+`cut`, why the file ends early, are complete when these are."""
 
 
 class Bag:

@@ -18,8 +18,8 @@ import contextlib
 import os
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from rosbags.rosbag2.metadata import parse_qos
 
@@ -37,22 +37,10 @@ _WORK = ".recovering"
 _STORAGE = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
-@dataclass(frozen=True)
-class Recovery:
-    """The result of a recovery.
+class Recovery(NamedTuple):
+    """A bag that is complete now, with its messages in all and by topic.
 
-    Attributes
-    ----------
-    path : Path
-        The bag, complete now.
-    messages : int
-        Messages in it.
-    topics : dict of str to int
-        Messages by topic.
-    start_ns, end_ns : int
-        First and last receive time [ns].
-    flaws : tuple of str
-        Why the recording was cut.
+    It begins and ends at the first and last time of receipt [ns]; its flaws are why it was cut.
     """
 
     path: Path

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The interface of both storages for the reader: channels, and messages in large blocks."""
+"""What both storages give the reader: channels, and messages in large blocks."""
 
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple, Protocol
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,29 +46,6 @@ class Block(NamedTuple):
     time: Integers
     offset: Integers
     length: Integers
-
-
-class Source(Protocol):
-    """One storage file."""
-
-    @property
-    def channels(self) -> Mapping[int, Channel]:
-        """Channels by their number in the file."""
-
-    @property
-    def custom_data(self) -> Mapping[str, str]:
-        """Custom data that the file itself holds."""
-
-    @property
-    def cut(self) -> str:
-        """Why the file ends early; empty if it does not."""
-
-    def blocks(self) -> Iterator[Block]:
-        """Messages in the order of the file.
-
-        `channels` knows the channel of every message handed out; `custom_data` and `cut`, the
-        reason why the file ends early or an empty string, are complete when the iterator is.
-        """
 
 
 def merge_blocks(blocks: Iterator[Block]) -> Iterator[Block]:

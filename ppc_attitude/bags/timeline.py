@@ -61,13 +61,9 @@ class Series:
     values: Array
     arrival: Integers
 
-    def since(self, index: int) -> "Series":
-        """Messages from an index on."""
-        return Series(self.stamps[index:], self.values[index:], self.arrival[index:])
-
-    def until(self, index: int) -> "Series":
-        """Messages before an index."""
-        return Series(self.stamps[:index], self.values[:index], self.arrival[:index])
+    def __getitem__(self, which: slice | Integers) -> "Series":
+        """Some of the messages."""
+        return Series(self.stamps[which], self.values[which], self.arrival[which])
 
 
 @dataclass(frozen=True)
@@ -180,7 +176,7 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
     for topic, messages in series.items():
         own, own_resets = _last_reset(messages.stamps)
         first = own if own_resets else int(np.searchsorted(messages.arrival, arrival))
-        series[topic] = messages.since(first)
+        series[topic] = messages[first:]
 
 
 def _last_reset(stamps: Integers) -> tuple[int, int]:
@@ -223,7 +219,7 @@ def _without_leaps(topic: Topic, messages: Series, warnings: list[str]) -> Serie
     if not left_out:
         return messages
     warnings.append(f"{left_out} messages of {topic.name} have stamps that leap ahead: left out")
-    return Series(messages.stamps[kept], messages.values[kept], messages.arrival[kept])
+    return messages[kept]
 
 
 def _in_order(topic: Topic, messages: Series, warnings: list[str]) -> Series:
@@ -234,8 +230,7 @@ def _in_order(topic: Topic, messages: Series, warnings: list[str]) -> Series:
     late = int((steps < 0).sum())
     if late:
         warnings.append(f"{late} messages of {topic.name} arrived out of order")
-    stamps, first = np.unique(messages.stamps, return_index=True)
-    return Series(stamps, messages.values[first], messages.arrival[first])
+    return messages[np.unique(messages.stamps, return_index=True)[1]]
 
 
 def _union(parts: list[Integers]) -> Integers:
@@ -291,9 +286,8 @@ def _without_ragged_end(stamps: Integers, series: dict[Topic, Series], most: int
             break
         stamps = stamps[:-1]
     for topic, messages in series.items():
-        series[topic] = messages.until(
-            int(np.searchsorted(messages.stamps, stamps[-1], side="right"))
-        )
+        end = int(np.searchsorted(messages.stamps, stamps[-1], side="right"))
+        series[topic] = messages[:end]
     return stamps
 
 
