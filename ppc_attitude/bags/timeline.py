@@ -45,21 +45,11 @@ _LARGEST_FILL = 10
 
 @dataclass(frozen=True)
 class Series:
-    """Messages of one topic as they arrived.
+    """Messages of one topic as they arrived."""
 
-    Attributes
-    ----------
-    stamps : ndarray of int64, shape (n,)
-        Their stamps [ns].
-    values : ndarray, shape (n, width)
-        Their numbers.
-    arrival : ndarray of int64, shape (n,)
-        Their places in the bag, increasing.
-    """
-
-    stamps: Integers
-    values: Array
-    arrival: Integers
+    stamps: Integers  # [ns]
+    values: Array  # a row each
+    arrival: Integers  # their places in the bag, increasing
 
     def __getitem__(self, which: slice | Integers) -> "Series":
         """Some of the messages."""

@@ -23,31 +23,20 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.cdr import header_stamp
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
-from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import recorded
-from ppc_attitude.nodes.visiting import visiting
+from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.science.stamps import seconds
 
 _LOOK = 0.05  # [s]
 
 
 class Latencies(NamedTuple):
-    """The measured latencies.
+    """The measured latencies."""
 
-    Attributes
-    ----------
-    states : int
-        States that were seen.
-    period : float
-        Median time between their stamps [s]; NaN for fewer than two.
-    answered : ndarray, shape (n,)
-        From the arrival of each answered state to that of its torque command [s].
-    """
-
-    states: int
-    period: float
-    answered: NDArray[np.float64]
+    states: int  # that were seen
+    period: float  # median time between their stamps [s]; NaN for fewer than two
+    answered: NDArray[np.float64]  # [s] from the arrival of each answered state to its command's
 
     @property
     def missed(self) -> int:
@@ -72,15 +61,9 @@ def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
         for topic, times in ((ATTITUDE, arrivals), (TORQUE_COMMAND, answers)):
             kind, handle = message_class(topic.msgtype), receiver(topic, times)
             node.create_subscription(kind, topic.name, handle, recorded(topic), raw=True)
-        executor = new_executor()
-        executor.add_node(node)
-        try:
+        with listening(node) as listen:
             while goes_on(len(arrivals)):
-                end = time.monotonic() + _LOOK
-                while (left := end - time.monotonic()) > 0.0:
-                    executor.spin_once(timeout_sec=left)
-        finally:
-            executor.shutdown()  # or it keeps the node in the graph
+                listen(_LOOK)
     # The last state may be answered after the measurement.
     stamps = sorted(arrivals)[:-1]
     steps = np.diff([seconds(stamp) for stamp in stamps])

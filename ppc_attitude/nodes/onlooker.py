@@ -14,9 +14,8 @@
 
 """The latest samples and the health of a running stack, for programs that only look on."""
 
-import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -37,10 +36,9 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import LatestSamples
 from ppc_attitude.nodes.qos import subscribed
-from ppc_attitude.nodes.visiting import visiting
+from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.runtime.stamps import RefusedError
 
 WATCHED = (
@@ -67,18 +65,12 @@ class Health:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The state of a stack at one moment.
+    """The state of a stack at one moment."""
 
-    Attributes
-    ----------
-    samples : dict
-        Topic name to the latest sample; only topics that have sent a usable one.
-    health : dict
-        Full node name to what it last said.
-    """
-
-    samples: dict[str, Sample] = field(default_factory=dict)
-    health: dict[str, Health] = field(default_factory=dict)
+    samples: dict[str, Sample] = field(default_factory=dict)  # the latest usable one of each topic
+    health: dict[str, Health] = field(
+        default_factory=dict
+    )  # what each node said last, by full name
 
     @property
     def complete(self) -> bool:
@@ -89,15 +81,14 @@ class Snapshot:
 class Onlooker:
     """Subscribes to what a person wants to see of the stack in the node's namespace."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, listen: Callable[[float], None]) -> None:
+        self._listen = listen
         self._home = node.get_namespace()
         self._latest = LatestSamples(node, WATCHED)
         self._health: dict[str, Health] = {}
         node.create_subscription(
             DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._on_health, subscribed(DIAGNOSTICS_TOPIC)
         )
-        self._executor = new_executor()
-        self._executor.add_node(node)
 
     def _on_health(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -107,9 +98,7 @@ class Onlooker:
 
     def look(self, duration: float) -> Snapshot:
         """Take in messages for some time [s], and return the latest of all."""
-        end = time.monotonic() + duration
-        while (left := end - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
+        self._listen(duration)
         samples = {}
         for topic in WATCHED:
             try:
@@ -119,10 +108,6 @@ class Onlooker:
             if sample is not None:
                 samples[topic.name] = sample
         return Snapshot(samples, dict(self._health))
-
-    def close(self) -> None:
-        """Stop looking."""
-        self._executor.shutdown()  # or it keeps the node in the graph
 
 
 @contextmanager
@@ -134,5 +119,5 @@ def looking_on(namespace: str) -> Iterator[Onlooker]:
     ConfigurationError
         The namespace cannot be one.
     """
-    with visiting("watch", namespace) as node, closing(Onlooker(node)) as onlooker:
-        yield onlooker
+    with visiting("watch", namespace) as node, listening(node) as listen:
+        yield Onlooker(node, listen)

@@ -28,6 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.nodes.discovery import check_discovery
+from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.science.errors import ConfigurationError
 
@@ -56,6 +57,23 @@ def visiting(name: str, namespace: str) -> Iterator[Node]:
             if node is not None:
                 node.destroy_node()
             rclpy.utilities.try_shutdown()
+
+
+@contextmanager
+def listening(node: Node) -> Iterator[Callable[[float], None]]:
+    """Give a function that takes in the messages of a node for some time [s]."""
+    executor = new_executor()
+    executor.add_node(node)
+
+    def listen(duration: float) -> None:
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=left)
+
+    try:
+        yield listen
+    finally:
+        executor.shutdown()  # or it keeps the node in the graph
 
 
 def absolute_namespace(text: str) -> str:

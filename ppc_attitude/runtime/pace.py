@@ -65,33 +65,15 @@ class Craft(Protocol):
 
 @dataclass
 class Rules:
-    """How a plant is paced.
+    """How a plant is paced."""
 
-    Attributes
-    ----------
-    rate : float
-        Steps per second of simulated time [Hz].
-    last_step : int or None
-        Step at which the plant ends; None: never.
-    inputs : mapping of str to tuple
-        Name and zero of each input; the first one is the command, without which nothing goes on.
-    wait_for : tuple of str
-        Inputs that lock-step waits for; free-running they are waited for at the beginning.
-    waits : bool
-        Free-running: time begins with the first answer.
-    factor : float
-        Lock-step: simulated seconds per second; 0: as fast as possible.
-    timeout_ns : int
-        Free-running: an input that is older than this is zero.
-    """
-
-    rate: float
-    last_step: int | None
-    inputs: Mapping[str, Values]
-    wait_for: tuple[str, ...]
-    waits: bool
-    factor: float = 0.0
-    timeout_ns: int = 0
+    rate: float  # steps per second of simulated time [Hz]
+    last_step: int | None  # at which the plant ends; None: never
+    inputs: Mapping[str, Values]  # name and zero of each; the first is the command, that must come
+    wait_for: tuple[str, ...]  # lock-step waits for these; free-running at the beginning only
+    waits: bool  # free-running: time begins with the first answer
+    factor: float = 0.0  # lock-step: simulated seconds per second; 0: as fast as possible
+    timeout_ns: int = 0  # free-running: an input that is older than this is zero
 
     @property
     def command(self) -> str:

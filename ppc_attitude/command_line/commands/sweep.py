@@ -49,24 +49,12 @@ _AFTER = 5.0  # settling deadlines after the hit
 
 
 class Hits(NamedTuple):
-    """The hits of a sweep, which differ in their duration only.
+    """The hits of a sweep, which differ in their duration only."""
 
-    Attributes
-    ----------
-    torque : float
-        On every axis [N·m].
-    at : float
-        When each begins [s].
-    durations : list of float
-        How long each acts [s], ascending.
-    length : float
-        How long each run is [s].
-    """
-
-    torque: float
-    at: float
-    durations: list[float]
-    length: float
+    torque: float  # on every axis [N·m]
+    at: float  # when each begins [s]
+    durations: list[float]  # how long each acts [s], ascending
+    length: float  # how long each run is [s]
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
