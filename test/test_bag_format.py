@@ -57,7 +57,7 @@ def test_metadata_field_by_field(tmp_path: Path, storage: str) -> None:
         writer.add_topic(
             "/clock",
             "rosgraph_msgs/msg/Clock",
-            [offered_qos(reliability="best_effort", durability="transient_local", depth=1)],
+            [offered_qos(reliability="BEST_EFFORT", durability="TRANSIENT_LOCAL", depth=1)],
         )
         writer.add_topic("/silent", "std_msgs/msg/String")
         for time in (5 * SECOND, 3 * SECOND, 9 * SECOND):

@@ -26,7 +26,6 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Literal
 
 from rosbags.interfaces import (
     Connection,
@@ -51,17 +50,14 @@ _TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 
 def offered_qos(
-    *,
-    reliability: Literal["reliable", "best_effort"] = "reliable",
-    durability: Literal["volatile", "transient_local"] = "volatile",
-    depth: int = 10,
+    reliability: str = "RELIABLE", durability: str = "VOLATILE", depth: int = 10
 ) -> Qos:
-    """QoS of a publisher that keeps the last messages, without deadlines, as a bag describes it."""
+    """QoS, as a bag describes it, of a publisher that keeps the last messages; no deadlines."""
     return Qos(
         QosHistory.KEEP_LAST,
         depth,
-        QosReliability[reliability.upper()],
-        QosDurability[durability.upper()],
+        QosReliability[reliability],
+        QosDurability[durability],
         _FOREVER,
         _FOREVER,
         QosLiveliness.AUTOMATIC,

@@ -14,12 +14,10 @@
 
 """One run through the five nodes, recorded and read back: what `run` and `campaign` share."""
 
-import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from datetime import datetime
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
@@ -37,6 +35,7 @@ from ppc_attitude.command_line.stack import Stack, StackError, private_environme
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
+from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.nodes.discovery import DOMAIN, reach
 from ppc_attitude.processes.telling import BAG
 from ppc_attitude.science.errors import ConfigurationError
@@ -59,10 +58,7 @@ class Recording:
     """
 
     def __init__(self, bag: Path | None, keys: Path | None = None) -> None:
-        dated = Path("bags") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
-        self.bag = new_bag(bag or dated)
-        if bag is None:
-            self.bag = self.bag.absolute()
+        self.bag = new_bag(bag or dated("bags").absolute())
         self.told = f"bag: {self.bag}"
         """Where the bag is, for the user."""
         self._keys = keys

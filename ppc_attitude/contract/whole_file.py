@@ -12,10 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that are at their place when they are complete, or not at all."""
+"""Files that are at their place when they are complete, or not at all, and names of new folders."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
 
@@ -40,6 +42,11 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def dated(folder: str) -> Path:
+    """Place of a new folder in another one, named by the time and this process."""
+    return Path(folder, f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}")
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -20,7 +20,6 @@ import os
 import sys
 import time
 from collections.abc import Callable, Mapping
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -28,7 +27,7 @@ from typing import Any, cast
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
@@ -51,6 +50,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.contract.versions import versions
+from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
@@ -85,7 +85,7 @@ class BagRecorder(BaseNode):
     def __init__(self) -> None:
         super().__init__()
         self._run_info = _run_info(self.parameters["run_info"])
-        self._path = Path(self.parameters["bag"] or _dated_folder())
+        self._path = Path(self.parameters["bag"] or dated("bags"))
         try:
             self._writer = BagWriter(
                 self._path, storage=self.parameters["storage"], custom_data=self._custom_data()
@@ -349,13 +349,7 @@ def _full(home: str, name: str) -> str:
 
 def _offered(topic: Topic) -> Any:
     profile = published(topic)
-    reliable = profile.reliability == ReliabilityPolicy.RELIABLE
-    kept = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return offered_qos(
-        reliability="reliable" if reliable else "best_effort",
-        durability="transient_local" if kept else "volatile",
-        depth=profile.depth,
-    )
+    return offered_qos(profile.reliability.name, profile.durability.name, profile.depth)
 
 
 def _tidy(namespace: str) -> str:
@@ -373,10 +367,6 @@ def _run_info(text: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ConfigurationError("run_info must be a JSON object")
     return content
-
-
-def _dated_folder() -> str:
-    return f"bags/{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
 
 
 def main() -> int:

@@ -68,9 +68,7 @@ class Snapshot:
     """The state of a stack at one moment."""
 
     samples: dict[str, Sample] = field(default_factory=dict)  # the latest usable one of each topic
-    health: dict[str, Health] = field(
-        default_factory=dict
-    )  # what each node said last, by full name
+    health: dict[str, Health] = field(default_factory=dict)  # by the full name of the node
 
     @property
     def complete(self) -> bool:

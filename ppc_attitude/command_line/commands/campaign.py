@@ -15,12 +15,10 @@
 """`ppc_attitude campaign`: Monte Carlo over what a YAML declares, on all cores or a cluster."""
 
 import argparse
-import os
 import sys
 import time
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
 
 from tqdm import tqdm
 
@@ -51,6 +49,7 @@ from ppc_attitude.command_line.paths import new_folder, shipped_config, some_pat
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.whole_file import dated
 
 RUNS = 1000
 
@@ -122,7 +121,7 @@ def execute(arguments: argparse.Namespace) -> int:
             finished = run_campaign(
                 campaign,
                 runs,
-                arguments.out or _dated_folder(),
+                arguments.out or dated("campaigns"),
                 workers=arguments.workers,
                 scheduler=arguments.scheduler,
                 progress=show,
@@ -230,7 +229,3 @@ def _again(arguments: argparse.Namespace) -> list[str]:
         if value is not None:
             words += [f"--{option}", str(value)]
     return words
-
-
-def _dated_folder() -> Path:
-    return Path("campaigns") / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{os.getpid()}"
