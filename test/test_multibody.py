@@ -23,6 +23,7 @@ import pytest
 import truth_tables
 from craft_helpers import part_of
 from estimation_helpers import STEP_NS, Array, angles_between
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science import multibody
@@ -98,6 +99,27 @@ def test_one_wheel_spins_up_and_turns_the_body_back() -> None:
     assert spun == pytest.approx(10.04886, abs=1e-5)
     assert given[6] == pytest.approx(-0.2645552 * 10.04 / spun, rel=1e-6)
     assert given[7] == pytest.approx(200.0 * math.pi * 10.04 / spun, rel=1e-9)
+
+
+def test_a_wheel_that_crosses_zero_at_full_torque_is_that_of_an_integrator() -> None:
+    """In a step its speed changes by six times the speed over which friction changes its sign."""
+    part = plant_of(
+        "gyrostat",
+        wheels__axes=[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        wheels__initial_speed=[-20.0, 0.0, 0.0],
+    )
+    inertia = 1.0 / (1.0 / 8e-4 + 1.0 / (1.9 - 8e-4))  # of the speed relative to the body
+
+    def faster(_: float, speed: Array) -> Array:
+        dry = 5e-4 + 3e-4 * np.exp(-((speed / 2.0) ** 2))
+        return np.asarray((0.05 - dry * np.tanh(speed / 0.1) - 3e-6 * speed) / inertia)
+
+    truth = solve_ivp(faster, (0.0, 0.5), [-20.0], method="DOP853", rtol=1e-13, atol=1e-12).y[0, -1]
+    for k in range(51):
+        given = part.step(k * STEP_NS, [0.05, *[0.0] * 10])
+    assert given[7] > 10.0
+    assert given[7] == pytest.approx(truth, abs=1e-6)
+    assert given[6] == pytest.approx(-8e-4 / 1.9 * (truth + 20.0), abs=1e-9)
 
 
 def test_flexible_modes_move_as_two_integrators_say() -> None:

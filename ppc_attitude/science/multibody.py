@@ -56,6 +56,9 @@ from ppc_attitude.science.wheels import WHEELS, friction, momentum
 
 MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
+# By the transition speed of a wheel: where it is smooth again, and what it may cross in a part.
+_SMOOTH, _CROSSED = 10.0, 0.5
+_MOST_PARTS = 64.0  # of a step
 FREQUENCY = at_start(
     "flexible.frequency",
     [],
@@ -196,6 +199,24 @@ def _slopes(y: Any, motor: Any, torque: Vector, craft: Any, slopes: Any) -> None
 
 
 @kernel
+def _parts(state: Any, craft: Any, h: float) -> int:
+    """Number of parts into which a step of h [s] is divided while wheels cross zero.
+
+    There friction changes its sign within the transition speed, which a motor crosses in less than
+    a step; undivided, one crossing at full torque puts a wheel off by 1e-3 rad/s.
+    """
+    wheels, most = craft.wheels, 1.0
+    for i in range(wheels.count):
+        if wheels.static[i] == 0.0:
+            continue
+        change = h * (abs(state.motor[i]) + wheels.static[i]) / wheels.inertia[i]  # [rad/s]
+        transition = wheels.transition_speed[i]
+        if abs(state.motion[_SPEED + i]) < change + _SMOOTH * transition:
+            most = max(most, change / (_CROSSED * transition))
+    return math.ceil(min(most, _MOST_PARTS))
+
+
+@kernel
 def _integrate(state: Any, torque: Vector, craft: Any, h: float) -> None:
     """Carry the motion over h [s], torques held: classical Runge-Kutta."""
     motion, between, slopes, total = state.motion, state.between, state.slopes, state.sum
@@ -222,7 +243,10 @@ def move(stamp_ns: int, torque: Vector, state: Any, craft: Any) -> None:
         store(state.motion[_RATE:], vector(craft.body.initial_rate))
         state.motion[_SPEED:BEND] = craft.wheels.initial_speed
     elif stamp_ns > state.stamp_ns:
-        _integrate(state, torque, craft, seconds(stamp_ns - state.stamp_ns))
+        h = seconds(stamp_ns - state.stamp_ns)
+        parts = _parts(state, craft, h)
+        for _ in range(parts):
+            _integrate(state, torque, craft, h / parts)
     state.stamp_ns = stamp_ns
 
 
