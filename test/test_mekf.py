@@ -87,6 +87,20 @@ def test_recorded_data_give_what_the_reference_filter_knows(case: str, tmp_path:
     assert (memory["refused"], memory["unmatched"]) == (REFUSED[case], 0)
 
 
+def test_a_recording_of_one_fix_and_one_sample_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gyro, star = tmp_path / "gyro.csv", tmp_path / "star.csv"
+    gyro.write_text("wx,wy,wz [1e-07 rad/s]\n100,-200,300\n")
+    star.write_text("valid,arrival,qx,qy,qz,qw\n0,1,0.6,0,0,0.8\n")
+    given = [gyro, star, "--config", ROOT / "config" / "sensors_smallsat.yaml"]
+    monkeypatch.setattr("sys.argv", ["recorded_sensors.py", *map(str, given)])
+    runpy.run_path(str(EXAMPLES / "recorded_sensors.py"), run_name="__main__")
+    before, after = (line.split(",") for line in capsys.readouterr().out.splitlines()[1:])
+    assert before[1] == "nan"
+    assert np.allclose(np.array(after[1:5], float), [0.6, 0.0, 0.0, 0.8], rtol=0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("case", MOUNTINGS)
 def test_a_late_filter_is_a_prompt_one_without_the_later_fixes(case: str) -> None:
     settings, rates, valid, arrival, fixes = recording(case)

@@ -80,7 +80,7 @@ def read_gyro(path: Path) -> Any:
     unit = re.search(r"\[(\S+) rad/s\]", head)
     if unit is None:
         raise ValueError(f"{path}: the header {head!r} has no unit as [1e-07 rad/s]")
-    return np.genfromtxt(rows, delimiter=",") * float(unit[1])
+    return np.genfromtxt(rows, delimiter=",").reshape(-1, 3) * float(unit[1])
 
 
 def arguments_of(text: str) -> argparse.Namespace:
@@ -95,7 +95,8 @@ def arguments_of(text: str) -> argparse.Namespace:
 
 def recording(arguments: argparse.Namespace) -> tuple[Mapping[str, Any], Any, Any, float]:
     """Parameters of the filter, gyro samples, rows of STAR.csv, and steps per second."""
-    star = np.genfromtxt(arguments.star, delimiter=",", skip_header=1)
+    # Of a file of one row NumPy makes a row, not a table.
+    star = np.genfromtxt(arguments.star, delimiter=",", skip_header=1).reshape(-1, 6)
     values = load(arguments.config).parameters[ESTIMATOR]
     return values, read_gyro(arguments.gyro), star, arguments.rate
 
