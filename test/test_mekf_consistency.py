@@ -52,7 +52,7 @@ def run(gyro: Any, tracker: Any, settings: Any, memory: Any, pending: Any, rows:
             bias = after
         take_sample(memory, settings, k * STEP_NS, gyro_sample(gyro, rate, middle, k, h))
         if is_slot(tracker, k):
-            fix = star_fix(tracker, q, rate, t, k)
+            fix = star_fix(tracker, q, rate, k * STEP_NS, k)
             for i in range(4):
                 pending[k // tracker.every, i] = fix[i]
         valid = k - tracker.delay

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimation_helpers import MOUNTING, Array, suite
+from estimation_helpers import MOUNTING, STEP_NS, Array, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -37,7 +37,7 @@ def fixes(count: int, omega: tuple[float, float, float] = REST, **given: Any) ->
     values = suite("cubesat", star_tracker__mounting=MOUNTING, **given)
     tracker = star_tracker_record(values, 100.0, 11)
     q = tuple(ATTITUDE.as_quat())
-    return np.array([star_fix(tracker, q, omega, 0.2 * i, 20 * i) for i in range(count)])
+    return np.array([star_fix(tracker, q, omega, 20 * i * STEP_NS, 20 * i) for i in range(count)])
 
 
 def errors(rows: Array) -> Array:
@@ -84,6 +84,18 @@ def test_no_fix_by_chance_by_speed_or_blinded() -> None:
     )
     without = np.flatnonzero((blind == NO_FIX).all(axis=1))
     assert without.tolist() == [*range(10, 15), *range(30, 33)]
+
+
+def test_a_blinding_ends_with_its_last_nanosecond() -> None:
+    """1.12 + 0.64 is more than 1.76 by the last bit, and seconds of a stamp may be as well."""
+    blinding: dict[str, Any] = {
+        "star_tracker__blinding_times": [1.12],
+        "star_tracker__blinding_durations": [0.64],
+    }
+    tracker = star_tracker_record(suite("cubesat", **blinding), 100.0, 11)
+    q = tuple(ATTITUDE.as_quat())
+    blind = [k for k in range(300) if star_fix(tracker, q, REST, k * STEP_NS, k) == NO_FIX]
+    assert blind == [*range(112, 176)]
 
 
 def test_slots() -> None:

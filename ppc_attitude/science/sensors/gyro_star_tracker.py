@@ -229,7 +229,7 @@ def _sensed_fix(inputs: Any, configuration: Any, step: int) -> Quaternion:
         return NO_FIX
     louder = number_of(faults, _TRACKER, NOISE, stamp_ns, 1.0)
     outliers = number_of(faults, _TRACKER, OUTLIERS, stamp_ns, 0.0)
-    fix = star_fix(tracker, q, omega, inputs.t, step, louder, outliers)
+    fix = star_fix(tracker, q, omega, stamp_ns, step, louder, outliers)
     i = acting(faults, _TRACKER, BIAS, stamp_ns)
     if i < 0 or fix == NO_FIX:
         return fix

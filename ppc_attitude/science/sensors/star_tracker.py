@@ -39,6 +39,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.noise import normal_vector, uniform
 from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.stamps import nanoseconds
 
 _share = partial(Parameter, low=0.0, high=1.0)
 CROSS_NOISE = _share(
@@ -115,7 +116,7 @@ STAR_TRACKER = np.dtype(
         ("outlier", np.float64),
         ("outlier_size", np.float64),  # [rad]
         ("blindings", np.int64),  # how many
-        ("blinding", np.float64, (MAX_BLINDINGS, 2)),  # [s] first instant, first instant after
+        ("blinding", np.int64, (MAX_BLINDINGS, 2)),  # [ns] first instant, first instant after
         ("seed", np.int64),
     ],
     align=True,
@@ -212,7 +213,9 @@ def star_tracker_record(values: Mapping[str, Any], rate: float, seed: int) -> An
         )
     record["blindings"] = len(times)
     for i, (time, duration) in enumerate(zip(times, durations, strict=True)):
-        record["blinding"][i] = time, time + duration
+        # In nanoseconds as the stamps: sums of seconds are off by their last bit.
+        begin = nanoseconds(time)
+        record["blinding"][i] = begin, begin + nanoseconds(duration)
     return record
 
 
@@ -223,9 +226,9 @@ def is_slot(tracker: Any, step: int) -> bool:
 
 
 @kernel
-def _has_fix(tracker: Any, omega: Vector, t: float, step: int) -> bool:
+def _has_fix(tracker: Any, omega: Vector, stamp_ns: int, step: int) -> bool:
     for i in range(tracker.blindings):
-        if tracker.blinding[i, 0] <= t < tracker.blinding[i, 1]:
+        if tracker.blinding[i, 0] <= stamp_ns < tracker.blinding[i, 1]:
             return False
     if norm(omega) > tracker.max_rate:
         return False
@@ -237,18 +240,18 @@ def star_fix(
     tracker: Any,
     q: Quaternion,
     omega: Vector,
-    t: float,
+    stamp_ns: int,
     step: int,
     louder: float = 1.0,
     outliers: float = 0.0,
 ) -> Quaternion:
-    """Fix of the slot that is valid at a step and time t [s]; `NO_FIX` if there is none.
+    """Fix of the slot that is valid at a step and its stamp [ns]; `NO_FIX` if there is none.
 
     q_m = q ⊗ q_mount ⊗ exp(n), tracker to inertial; n is normal with the tracker's σ in its own
     axes, times `louder`. A false fix is turned further about a random tracker axis; at least a
     share `outliers` of all is false.
     """
-    if not _has_fix(tracker, omega, t, step):
+    if not _has_fix(tracker, omega, stamp_ns, step):
         return NO_FIX
     n = normal_vector(tracker.seed, step, _NOISE)
     turn = multiply(scale(louder, vector(tracker.sigma)), n)
