@@ -338,25 +338,3 @@ def test_a_node_that_stays_paused_ends_the_run(tmp_path: Path, start_process: St
     pause(run.nodes()[CONTROLLER])
     fails(run, f"no step for 30 s: {CONTROLLER} is paused (SIGSTOP)")
     assert read_run(run.bag).stamps_ns.size > 1
-
-
-def test_a_run_says_where_it_can_be_seen(
-    tmp_path: Path, start_process: StartProcess, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Closed by default: this host only, in a domain of its own, unless the user chose another."""
-    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID"):
-        monkeypatch.delenv(name)
-    script = (
-        "from ppc_attitude.command_line.stack import private_environment as made\n"
-        "print(made()['ROS_DOMAIN_ID'], made()['ROS_AUTOMATIC_DISCOVERY_RANGE'])"
-    )
-    shown = Process(start_process, tmp_path, "shown", [sys.executable, "-c", script])
-    assert shown.ends() == 0, shown.err
-    domain, discovery = shown.out.split()
-    assert 1 <= int(domain) <= 100
-    assert discovery == "LOCALHOST"
-    monkeypatch.setenv("ROS_DOMAIN_ID", "77")
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    chosen = Process(start_process, tmp_path, "chosen", [sys.executable, "-c", script])
-    assert chosen.ends() == 0, chosen.err
-    assert chosen.out.split() == ["77", "SUBNET"]

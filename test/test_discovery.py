@@ -12,25 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the middleware is set up: by UDP, on this host where that is asked for, and by the user."""
+"""Who finds a node: by UDP, on this host where that is asked for, in a domain that nobody uses."""
 
 import os
 import signal
+import socket
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import rclpy
 from process_helpers import Process, StartProcess
+from rclpy.node import Node
 
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.stack import private_environment
-from ppc_attitude.nodes.discovery import ANYWHERE, THIS_HOST, reach, tune_transport
+from ppc_attitude.nodes.discovery import (
+    ANYWHERE,
+    DOMAINS,
+    THIS_HOST,
+    choose_domain,
+    ports,
+    reach,
+    tune_transport,
+    unused_domains,
+)
 from ppc_attitude.nodes.running import run_node
 
 long = pytest.mark.long
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+RANGE, DOMAIN = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID"
 ALONE = {"SKIP_DEFAULT_XML_FILE": "1"}
 NAMESPACE = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
 
@@ -96,10 +108,7 @@ SOCKETS = """
 import os
 from pathlib import Path
 import rclpy
-from ppc_attitude.command_line.main import main
-from ppc_attitude.command_line.stack import private_environment
-from ppc_attitude.nodes.running import run_node
-from ppc_attitude.nodes.discovery import reach, tune_transport
+from ppc_attitude.nodes.discovery import tune_transport
 tune_transport()
 rclpy.init()
 node = rclpy.create_node("looked_at")
@@ -155,11 +164,11 @@ def test_what_is_said_is_what_is_bound(
     [
         ({RANGE: "localhost"}, "ROS_AUTOMATIC_DISCOVERY_RANGE = 'localhost'; allowed: LOCALHOST, "),
         ({RANGE: "OFF"}, "OFF: no node would find another; allowed: LOCALHOST, SUBNET, SYSTEM_DEF"),
-        ({"ROS_DOMAIN_ID": "-1"}, "ROS_DOMAIN_ID = '-1'; allowed: 0 to 232"),
-        ({"ROS_DOMAIN_ID": "233"}, "ROS_DOMAIN_ID = '233'; allowed: 0 to 232"),
-        ({"ROS_DOMAIN_ID": "7x"}, "ROS_DOMAIN_ID = '7x'"),
-        ({"ROS_DOMAIN_ID": "9" * 5000}, "ROS_DOMAIN_ID = '9999"),
-        ({"ROS_DOMAIN_ID": "²"}, "ROS_DOMAIN_ID = '²'"),
+        ({DOMAIN: "-1"}, "ROS_DOMAIN_ID = '-1'; allowed: 0 to 232"),
+        ({DOMAIN: "233"}, "ROS_DOMAIN_ID = '233'; allowed: 0 to 232"),
+        ({DOMAIN: "7x"}, "ROS_DOMAIN_ID = '7x'"),
+        ({DOMAIN: "9" * 5000}, "ROS_DOMAIN_ID = '9999"),
+        ({DOMAIN: "²"}, "ROS_DOMAIN_ID = '²'"),
         ({"ROS_STATIC_PEERS": "127.0.0.1;no.such.invalid"}, "ROS_STATIC_PEERS: 'no.such.invalid'"),
         ({"ROS_STATIC_PEERS": "a b"}, "ROS_STATIC_PEERS: 'a b'"),
     ],
@@ -187,9 +196,53 @@ def test_a_wrong_environment_is_refused_by_every_command_and_node(
     assert named in capfd.readouterr().err
 
 
-def test_an_empty_range_or_domain_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(RANGE, "")
-    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+@pytest.mark.parametrize("unset", [{}, {RANGE: "", DOMAIN: ""}], ids=["none", "empty"])
+def test_a_run_is_on_this_host_alone_and_in_a_domain_of_its_own(
+    unset: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in (RANGE, DOMAIN):
+        monkeypatch.delenv(name)
+    for name, value in unset.items():
+        monkeypatch.setenv(name, value)
     made = private_environment()
     assert made[RANGE] == "LOCALHOST"
-    assert 1 <= int(made["ROS_DOMAIN_ID"]) <= 100
+    assert int(made[DOMAIN]) in DOMAINS
+
+
+def test_range_and_domain_of_the_user_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(RANGE, "SUBNET")
+    monkeypatch.setenv(DOMAIN, "177")
+    made = private_environment()
+    assert (made[RANGE], made[DOMAIN]) == ("SUBNET", "177")
+
+
+@pytest.mark.parametrize("place", [0, 10], ids=["multicast", "unicast alone"])
+def test_a_domain_with_a_participant_is_not_chosen(place: int, ros_domain: int) -> None:
+    taken = ros_domain  # nobody else takes it, or leaves it
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(("0.0.0.0", ports(taken)[place]))
+        assert taken not in unused_domains()
+        assert all(choose_domain() != taken for _ in range(500))
+    assert taken in unused_domains()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+def test_the_domain_of_a_node_is_not_chosen(
+    discovery: str, ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(RANGE, discovery)
+    assert ros_domain in unused_domains()
+    rclpy.init()
+    try:
+        node = Node("somebody")
+        assert ros_domain not in unused_domains()
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert ros_domain in unused_domains()
+
+
+def test_ports_of_dds_for_the_first_and_the_last_domain() -> None:
+    assert ports(0) == range(7400, 7650)  # DDS-RTPS: PB + DG * domain
+    assert ports(DOMAINS[-1])[-1] < 32768  # from there on Linux hands out ephemeral ports
