@@ -52,6 +52,18 @@ def test_links_resolve(page: Path) -> None:
             assert anchor in slugs, f"{page.name} links to {link}"
 
 
+def test_tests_that_pages_name_exist() -> None:
+    files = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "test").glob("*.py")}
+    named = {
+        name
+        for page in PAGES
+        for name in re.findall(r"`(?:test/)?(test_\w+(?:\.py)?)`", page.read_text(encoding="utf-8"))
+    }
+    assert {name for name in named if name.endswith(".py")} <= files.keys()
+    for name in named - files.keys():
+        assert any(f"def {name}(" in text for text in files.values()), name
+
+
 def test_json_is_described_key_by_key(capsys: pytest.CaptureFixture[str]) -> None:
     main(["simulate", "--duration", "1", "--json"])
     printed = json.loads(capsys.readouterr().out)
