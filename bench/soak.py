@@ -27,17 +27,10 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
-import rclpy.utilities
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.command_line.errors import BROKEN, DONE
 from ppc_attitude.command_line.stack import Stack, StackError
@@ -46,44 +39,14 @@ from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, NODES, PLANT, RECORDER
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import ONLOOKER
+from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import scenario
 
 OUTPUT = Path("build/soak.json")
 _PERIOD = 5.0  # [s] between two looks
+_LOOK = 1e-3  # [s] for the latest state; in between none is taken, so that looking costs nothing
 _SETTLED = 0.5  # fraction of the soak after which memory is expected not to grow
-
-
-class Norm:
-    """How far the norm of the published attitude is from one, at some moments."""
-
-    def __init__(self, node: Node) -> None:
-        self.largest = 0.0
-        self._decode = Codec(ATTITUDE).decode
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(node)
-        node.create_subscription(
-            message_class(ATTITUDE.msgtype), ATTITUDE.name, self._receive, ONLOOKER, raw=True
-        )
-
-    def _receive(self, data: bytes) -> None:
-        self.largest = max(self.largest, abs(math.hypot(*self._decode(data).values) - 1.0))
-
-    def look(self) -> None:
-        """Take the latest state; in between nothing is taken, so that looking costs nothing."""
-        self._executor.spin_once(timeout_sec=_PERIOD)
-
-
-@contextmanager
-def norm_of_attitude() -> Iterator[Norm]:
-    """Look at the attitude while the block runs."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = Node("soak")
-    try:
-        yield Norm(node)
-    finally:
-        node.destroy_node()
-        rclpy.utilities.try_shutdown()
 
 
 def memory(pid: int) -> float:
@@ -140,27 +103,33 @@ def soak(minutes: float, folder: Path, storage: str) -> dict[str, Any]:
     }
     run = scenario(values).awaiting_recorder()
     warm_up(run)
-    now = [0.0]
+    now = largest = 0.0
     looks: list[dict[str, float]] = []
+    decode = Codec(ATTITUDE).decode
 
     def on_time(simulated: float) -> None:
-        now[0] = simulated
+        nonlocal now
+        now = simulated
+
+    def on_attitude(data: bytes) -> None:
+        nonlocal largest
+        largest = max(largest, abs(math.hypot(*decode(data).values) - 1.0))
 
     stack = Stack(run, on_time)
     os.environ.update(stack.environment)  # for the node that looks at the attitude
-    with stop_on_signals() as stop, norm_of_attitude() as norm:
+    with stop_on_signals() as stop, visiting("soak", "") as node, listening(node) as listen:
+        kind = message_class(ATTITUDE.msgtype)
+        node.create_subscription(kind, ATTITUDE.name, on_attitude, ONLOOKER, raw=True)
 
         def watch() -> None:
             begin = time.monotonic()
             while not stop.wait(_PERIOD):
-                norm.look()
+                listen(_LOOK)
                 passed = time.monotonic() - begin
                 if stack.has_begun:
                     used = {name: memory(pid) for name, pid in stack.pids().items()}
-                    looks.append({"s": passed, "t": now[0], **used})
-                    print(
-                        f"{passed:7.0f} s  {now[0]:10.1f} s simulated", file=sys.stderr, flush=True
-                    )
+                    looks.append({"s": passed, "t": now, **used})
+                    print(f"{passed:7.0f} s  {now:10.1f} s simulated", file=sys.stderr, flush=True)
                 if passed >= 60.0 * minutes:
                     stop.set()
 
@@ -176,7 +145,7 @@ def soak(minutes: float, folder: Path, storage: str) -> dict[str, Any]:
             stack.kill()
     size = sum(file.stat().st_size for file in bag.iterdir())
     result = summary(looks, run.number(PLANT, "rate"))
-    return {**result, "largest_norm_error": norm.largest, "bag_bytes": size, "lost_messages": 0}
+    return {**result, "largest_norm_error": largest, "bag_bytes": size, "lost_messages": 0}
 
 
 def table(result: dict[str, Any]) -> str:
