@@ -29,6 +29,7 @@ from Basilisk.architecture import messaging
 from Basilisk.fswAlgorithms import attTrackingError, mrpFeedback
 from Basilisk.simulation import extForceTorque, simpleNav, spacecraft, svIntegrators
 from Basilisk.utilities import SimulationBaseClass, macros
+from scipy.spatial.transform import Rotation
 
 from bench.basilisk_models import (
     DAMPING,
@@ -37,7 +38,6 @@ from bench.basilisk_models import (
     NumbaFeedback,
     PythonFeedback,
     TableReference,
-    mrp,
     reference_table,
 )
 from bench.basilisk_sensors import Navigation
@@ -130,7 +130,7 @@ def _body(scenario: Scenario, inertia: Array) -> Any:
     body.hub.mHub = 100.0  # [kg] it moves nowhere
     body.hub.r_BcB_B = [[0.0], [0.0], [0.0]]
     body.hub.IHubPntBc_B = inertia.reshape(3, 3).tolist()
-    body.hub.sigma_BNInit = mrp(attitude).reshape(3, 1).tolist()
+    body.hub.sigma_BNInit = Rotation.from_quat(attitude).as_mrp().reshape(3, 1).tolist()
     body.hub.omega_BN_BInit = [[part] for part in values["initial_angular_velocity"]]
     body.setIntegrator(svIntegrators.svIntegratorRK4(body))
     return body

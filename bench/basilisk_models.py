@@ -26,6 +26,7 @@ import numpy as np
 from Basilisk.architecture import messaging, sysModel
 from Basilisk.architecture.numbaModel import NumbaModel
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.kernel import kernel
@@ -37,19 +38,6 @@ from ppc_attitude.simulation.scenario import Scenario
 STIFFNESS, DAMPING = 4.0, 20.0  # [N·m], [N·m·s]: an error is gone after a minute
 
 Array = NDArray[np.float64]
-
-
-def mrp(q: Any) -> Array:
-    """Modified Rodrigues parameters of a quaternion x y z w, by the shorter turn."""
-    sign = 1.0 if q[3] >= 0.0 else -1.0
-    return np.asarray(sign * np.array(q[:3]) / (1.0 + sign * q[3]))
-
-
-def turned(q: Any, vector: Any) -> Array:
-    """Components in the inertial frame of a vector of the frame that q turns."""
-    axis, v = np.array(q[:3]), np.array(vector)
-    twice = 2.0 * np.cross(axis, v)
-    return np.asarray(v + q[3] * twice + np.cross(axis, twice))
 
 
 def reference_table(scenario: Scenario, duration: float) -> Array:
@@ -71,12 +59,10 @@ def _table(rate: float, duration: float, parameters: str) -> Array:
     component = REFERENCES.selected(values)
     if component is None:
         raise ValueError(f"{parameters} selects no reference")
-    reference, rows = Part(component, values), []
-    for stamp in stamps_of(rate, duration):
-        numbers = reference.step(int(stamp))
-        q, omega, acceleration = numbers[:4], numbers[4:7], numbers[7:]
-        rows.append(np.concatenate([mrp(q), turned(q, omega), turned(q, acceleration)]))
-    return np.array(rows)
+    reference = Part(component, values)
+    rows = np.array([reference.step(int(stamp)) for stamp in stamps_of(rate, duration)])
+    attitude = Rotation.from_quat(rows[:, :4])
+    return np.hstack([attitude.as_mrp(), attitude.apply(rows[:, 4:7]), attitude.apply(rows[:, 7:])])
 
 
 class TableReference(NumbaModel):

@@ -27,8 +27,9 @@ from Basilisk.architecture import messaging
 from Basilisk.architecture.numbaModel import NumbaModel
 from Basilisk.fswAlgorithms import inertialUKF, stComm
 from Basilisk.simulation import imuSensor, starTracker
+from scipy.spatial.transform import Rotation
 
-from bench.basilisk_models import Array, mrp
+from bench.basilisk_models import Array
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.sensors.gyro import ANGULAR_RANDOM_WALK, RESOLUTION
@@ -102,7 +103,8 @@ def _filter(values: Any, noise: Array, inertia: Array, h: float) -> tuple[Any, .
     known.alpha, known.beta, known.kappa, known.switchMag = 0.02, 2.0, 0.0, 1.2
     attitude = unit_quaternion("initial_attitude", values["initial_attitude"])
     start = messaging.NavAttMsgPayload()
-    start.sigma_BN, start.omega_BN_B = mrp(attitude).tolist(), values["initial_angular_velocity"]
+    start.sigma_BN = Rotation.from_quat(attitude).as_mrp().tolist()
+    start.omega_BN_B = values["initial_angular_velocity"]
     known.navStateOutMsg.write(start)  # it says nothing itself until its first fix after t = 0
     known.stateInit = [*start.sigma_BN, *start.omega_BN_B]
     known.covarInit = np.diag([1e-4] * 6).ravel().tolist()
