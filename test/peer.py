@@ -23,7 +23,9 @@ from typing import Any
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from process_helpers import PATIENCE, until
+from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from synthetic import SAMPLED
 
@@ -92,9 +94,9 @@ class Peer:
 
         self.until(all_hear, f"readers of {topic.name}")
 
-    def until(self, condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
         """Take messages until a condition holds."""
-        end = time.monotonic() + patience
+        end = time.monotonic() + PATIENCE
         while not (result := condition()):
             assert time.monotonic() < end, f"waited in vain for {what}; health: {self.health}"
             self._executor.spin_once(timeout_sec=0.02)
@@ -145,6 +147,13 @@ class Peer:
         future = self.until(answer, f"answer of {name}")
         self.node.destroy_client(client)
         return future.result()
+
+    def set_parameter(self, node: str, name: str, value: Any) -> Any:
+        """Set one parameter of a node; return what it answers."""
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        (result,) = self.call(SetParameters, f"/{node}/set_parameters", request).results
+        return result
 
     def close(self) -> None:
         self._executor.shutdown()
@@ -207,6 +216,14 @@ class Beside:
 
     def until(self, condition: Callable[[], Any]) -> None:
         until(condition, "an answer", meanwhile=self.spin)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Call a service."""
+        client = self.peer.create_client(kind, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
 
     def send(self, topic: Topic, stamp_ns: int, values: Sequence[float]) -> None:
         self.publishers[topic].publish(Codec(topic).encode(stamp_ns, values))

@@ -20,7 +20,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -166,6 +166,16 @@ def loop_nodes(
         name: Node(start_process, folder, name, *(pace if name == PLANT else ()))
         for name in names or LOOP
     }
+
+
+def end_all(nodes: Collection[Node], number: signal.Signals = signal.SIGINT) -> None:
+    """Ask nodes to end, all at once; each does so in good order, and says why, once."""
+    for node in nodes:
+        node.send(number)
+    for node in nodes:
+        assert node.ends() == 0, node.err
+        assert "Traceback" not in node.err
+        assert node.err.count("ends: it was asked to") == 1, node.err
 
 
 def plans(controller: Node) -> list[tuple[float, float]]:

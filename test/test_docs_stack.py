@@ -28,8 +28,6 @@ from docs_helpers import ALL, ROOT, Command
 from geometry_msgs.msg import WrenchStamped
 from peer import Peer, peer
 from process_helpers import PATIENCE
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool
 
 from ppc_attitude.command_line import errors
@@ -96,9 +94,7 @@ def set_parameters(asker: Peer) -> None:
     """`ros2 param set NODE NAME VALUE`."""
     given = [command.words[3:] for command in lines("ros2", "param", "set")]
     for node, name, value in given:
-        parameter = Parameter(name, value=yaml.safe_load(value)).to_parameter_msg()
-        request = SetParameters.Request(parameters=[parameter])
-        (result,) = asker.call(SetParameters, f"{node}/set_parameters", request).results
+        result = asker.set_parameter(node.lstrip("/"), name, yaml.safe_load(value))
         assert result.successful, result.reason
 
 

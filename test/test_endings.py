@@ -16,7 +16,6 @@
 
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -198,13 +197,11 @@ def test_a_run_leaves_nothing_but_its_bag(
     heeds = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)
     run = Run(start_process, tmp_path / "bag", *ENDLESS, **options, preexec_fn=heeds)
     run.reaches(0.5)
-    ends = [os.pidfd_open(pid) for pid in run.nodes().values()]
-    assert len(ends) == len(NODES)
+    nodes = run.nodes()
+    assert nodes.keys() == set(NODES)
     run.send(signal.Signals[name])
     assert run.ends() == (-signal.SIGKILL if name == "SIGKILL" else 3)
-    for end in ends:
-        assert select.select([end], [], [], PATIENCE)[0], "a node outlives its starter"
-        os.close(end)
+    until(lambda: not any(map(alive, nodes.values())), "the end of the nodes, after their starter")
     assert list(temporary.iterdir()) == []
     assert (run.bag / "metadata.yaml").exists()
     record = read_run(run.bag)

@@ -126,11 +126,7 @@ class Pilot(Beside):
         return self.node._desk._book.in_flight + self.node.health.refused.total()
 
     def hold(self) -> Any:
-        client = self.peer.create_client(Trigger, "reference_generator/hold")
-        self.until(client.service_is_ready)
-        future = client.call_async(Trigger.Request())
-        self.until(future.done)
-        return future.result()
+        return self.call(Trigger, "reference_generator/hold", Trigger.Request())
 
     def hears(self, text: str) -> DiagnosticStatus:
         def found() -> list[DiagnosticStatus]:

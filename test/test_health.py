@@ -292,9 +292,7 @@ def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
 
 def test_a_disabled_controller_warns(admit: Callable[..., Patient]) -> None:
     patient = admit(PpcController)
-    client = patient.peer.create_client(SetBool, f"{patient.kind.executable}/enable")
-    patient.until(client.service_is_ready)
-    patient.until(client.call_async(SetBool.Request(data=False)).done)
+    patient.call(SetBool, "ppc_controller/enable", SetBool.Request(data=False))
     patient.feed(0)
     patient.says(WARN, "disabled: zero torque")
 

@@ -14,9 +14,7 @@
 
 """The launch files under the real `ros2 launch`, where a workspace with this package is sourced."""
 
-import os
 import re
-import select
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -24,7 +22,7 @@ from pathlib import Path
 
 import pytest
 from conftest import StartProcess
-from process_helpers import PATIENCE
+from process_helpers import PATIENCE, alive, until
 
 from ppc_attitude.bags.reader import read_run, read_runs
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, MARKERS, NODES, RECORDER
@@ -99,15 +97,12 @@ def test_a_stopped_launch_ends_every_node_and_closes_the_bag(
     bag = tmp_path / "bag"
     launch = Launch(start_process, "paper.launch.py", f"bag:={bag}")
     launch.until("envelope plan")
-    pids = re.findall(r"process started with pid \[(\d+)\]", launch.said)
-    nodes = [os.pidfd_open(int(pid)) for pid in pids]
+    nodes = list(map(int, re.findall(r"process started with pid \[(\d+)\]", launch.said)))
     assert len(nodes) == len(NODES)
     launch.process.send_signal(stop)
     # After SIGTERM launch itself waits for nobody.
     assert launch.end() == (0 if stop == signal.SIGINT else -signal.SIGTERM), launch.said
-    for node in nodes:
-        assert select.select([node], [], [], PATIENCE)[0]
-        os.close(node)
+    until(lambda: not any(map(alive, nodes)), "the end of the nodes")
     assert read_run(bag).missing_messages == 0
     assert (bag / "metadata.yaml").is_file()
 

@@ -16,16 +16,13 @@
 
 import signal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from conftest import StartProcess
-from peer import Peer, last_torque, peer
-from process_helpers import LOCKSTEP, Node, loop_nodes, plans, until
+from peer import last_torque, peer
+from process_helpers import LOCKSTEP, Node, end_all, loop_nodes, plans, until
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 
 from ppc_attitude.bags.reader import read_run
@@ -40,15 +37,6 @@ from ppc_attitude.contract.topics import (
 )
 
 pytestmark = pytest.mark.ros
-
-
-def end_all(nodes: Any, number: signal.Signals = signal.SIGINT) -> None:
-    for node in nodes:
-        node.send(number)
-    for node in nodes:
-        assert node.ends() == 0, node.err
-        assert "Traceback" not in node.err
-        assert node.err.count("ends: it was asked to") == 1, node.err
 
 
 # The graph forgets a node that was killed only after seconds, and until then may be slow.
@@ -127,12 +115,6 @@ REFUSED = {
 LASTING_HIT = ("pulse_times:=[0.0]", "pulse_durations:=[1e6]", "pulse_torques:=[0.3, 0.3, 0.3]")
 
 
-def set_parameter(stack: Peer, node: str, name: str, value: Any) -> Any:
-    parameter = Parameter(name, value=value).to_parameter_msg()
-    request = SetParameters.Request(parameters=[parameter])
-    return stack.call(SetParameters, f"/{node}/set_parameters", request).results[0]
-
-
 def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
@@ -151,16 +133,16 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
         }
         stack.goes_on()
         for case, (node, name, value, reason) in REFUSED.items():
-            result = set_parameter(stack, node, name, value)
+            result = stack.set_parameter(node, name, value)
             assert not result.successful, case
             assert reason in result.reason, case
         stack.goes_on()
         asked_at = stack.time(TORQUE_COMMAND)
         assert last_torque(stack) == 0.05
-        assert set_parameter(stack, CONTROLLER, "max_torque", 0.02).successful
+        assert stack.set_parameter(CONTROLLER, "max_torque", 0.02).successful
         stack.until(lambda: last_torque(stack) == 0.02, "the new limit")
         stack.goes_on()
-        end_all([*nodes.values()], signal.SIGTERM)
+        end_all(nodes.values(), signal.SIGTERM)
     end_all([recorder], signal.SIGTERM)
     (bag,) = (tmp_path / "bags").iterdir()
     record = read_run(bag)

@@ -25,7 +25,7 @@ from bag_helpers import assert_flown
 from conftest import StartProcess
 from craft_helpers import configs
 from peer import peer
-from process_helpers import LOOP, PAPER, Node, Run, pace, pause
+from process_helpers import LOOP, PAPER, Node, Run, end_all, pace, pause
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.parameter_file import parameter_file
@@ -79,8 +79,4 @@ def test_an_estimator_that_is_started_again_begins_with_the_next_fix(
         # Without estimate zero torque; the next slot arrives within 0.1 s, or the one after it.
         assert 0 < begins <= 21
         assert acts[begins:].all()
-        for node in nodes.values():
-            node.send(signal.SIGINT)
-        for node in nodes.values():
-            assert node.ends() == 0, node.err
-            assert "Traceback" not in node.err
+        end_all(nodes.values())

@@ -27,7 +27,7 @@ import pytest
 import rclpy
 from conftest import StartProcess
 from peer import node_apart
-from process_helpers import LOOP, PATIENCE, Node, Run, pace, until
+from process_helpers import LOOP, PATIENCE, Node, Run, end_all, pace, until
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ppc_attitude.analysis.metrics import analyse
@@ -224,10 +224,7 @@ def test_a_goal_for_one_craft_moves_no_other(
     assert "order 1 is followed" in capfd.readouterr().out
     turning = f"{homes[0]}/{REFERENCE_ACCELERATION.name}"
     hears(stranger, turning, REFERENCE_ACCELERATION, lambda each: each.vector.z != 0.0)
-    for node in (*crafts, recorder):
-        node.send(signal.SIGINT)
-    for node in (*crafts, recorder):
-        assert node.ends() == 0, node.err
+    end_all([*crafts, recorder])
 
     chief, deputy = (read_run(bag, namespace=home) for home in homes)
     assert "goals.times" in {each.name for each in chief.changes}

@@ -28,7 +28,6 @@ from craft_helpers import case, configs, part_of
 from estimation_helpers import STEP_NS, Array
 from peer import peer
 from process_helpers import PAPER, Run
-from test_live_nodes import set_parameter
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
@@ -151,7 +150,7 @@ def test_nodes_with_wheels_modes_sensors_and_faults_give_the_bits_of_the_loop(
     with peer() as stack:
         run.reaches(0.1)
         changed = [*schedule, "wheel/3 stuck 0.01"]
-        assert set_parameter(stack, PLANT, "faults", changed).successful
+        assert stack.set_parameter(PLANT, "faults", changed).successful
         stack.hears(PLANT, "wheels 1, 3 lost: the others give torque in a plane only")
         assert stack.health[PLANT]["level"] == "2"
         assert "wheel/1 effectiveness 0; gyro bias 1e-4 0 0" in stack.health[PLANT]["faults"]
