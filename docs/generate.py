@@ -55,9 +55,7 @@ _PART = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 def topics() -> str:
     """The table of topics."""
-    shown = [topic for topic in TOPICS if topic is not PARAMETER_EVENTS_TOPIC]
-    if MARKERS_TOPIC not in shown:
-        shown.append(MARKERS_TOPIC)
+    shown = [topic for topic in (*TOPICS, MARKERS_TOPIC) if topic is not PARAMETER_EVENTS_TOPIC]
     head = "| topic | type | frame_id | from | meaning |\n|---|---|---|---|---|"
     return "\n".join([head, *map(_topic_row, shown)])
 
