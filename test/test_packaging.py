@@ -23,6 +23,7 @@ from unittest import mock
 import pytest
 from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package import Package, parse_package
+from packaging.requirements import Requirement
 from test_layers import PACKAGE, ROOT, SOURCES, imports_of
 
 import ppc_attitude
@@ -92,7 +93,7 @@ def imported_modules() -> set[str]:
 
 def names(requirements: list[str]) -> set[str]:
     """Strip the bounds and extras from requirements."""
-    return {requirement.partition(">=")[0].partition("[")[0] for requirement in requirements}
+    return {Requirement(each).name for each in requirements}
 
 
 def test_one_version_everywhere(setup_arguments: dict[str, Any], manifest: Package) -> None:
