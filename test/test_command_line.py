@@ -23,10 +23,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic import normal_run
 from test_layers import ROOT
 
 import ppc_attitude
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE
 from ppc_attitude.command_line.examples import EXAMPLES
 from ppc_attitude.command_line.gain_search import WRITTEN
@@ -300,9 +302,9 @@ def test_the_bar_of_a_run_ends_at_its_end(capsys: pytest.CaptureFixture[str]) ->
     assert "100%" in capsys.readouterr().err
 
 
-@pytest.mark.ros
-def test_one_run_cannot_be_compared(recorded_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["compare", str(recorded_bag)]) == BAD_INPUT
+def test_one_run_cannot_be_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_run(normal_run(duration=0.1), tmp_path / "bag")
+    assert main(["compare", str(tmp_path / "bag")]) == BAD_INPUT
     assert capsys.readouterr().err == "error: 1 runs given; allowed: 2 to 6\n"
 
 
