@@ -28,7 +28,6 @@ from process_helpers import (
     COMMAND,
     ENDLESS,
     Host,
-    Node,
     Process,
     Run,
     alive,
@@ -253,21 +252,6 @@ def expect_readable(bag: Path) -> None:
     assert any("cut" in warning for warning in record.warnings)
     judged = {each.name: each.met for each in analyse(record).requirements}
     assert judged["settling time"] is None, "nobody knows what would have come"
-
-
-@long
-def test_a_second_plant_ends_and_says_why(tmp_path: Path, start_process: StartProcess) -> None:
-    run = Run(start_process, tmp_path / "bag", *ENDLESS, "--realtime")
-    run.reaches(10.0)  # of two that are younger, neither knows that it came first
-    second = Node(start_process, tmp_path, PLANT)
-    assert second.ends() == 3, second.err
-    assert "another node publishes attitude" in second.err
-    assert "Traceback" not in second.err
-    run.reaches(run.time + 1.0)  # the run goes on, longer than what the second one disturbed
-    run.send(signal.SIGINT)
-    assert run.ends() == 3
-    record = read_run(run.bag)
-    assert record.stamps_ns.size > 50
 
 
 def listens(run: Run) -> bool:

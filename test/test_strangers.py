@@ -73,6 +73,8 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
     assert second.ends() == 3, second.err
     found = re.search(rf"another node publishes (\S+): /{name}, /{name};", second.err)
     assert found, second.err
+    assert "Traceback" not in second.err
+    run.reaches(run.time + 0.2)  # it goes on, a second of the clock
     run.send(signal.SIGINT)
     assert run.ends() == 3
     # The first cause is told: that of the node, or of the recorder if it heard both for longer.
