@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from bag_helpers import cut_copy, messages, write_messages
+from bag_helpers import cut_copy
 from conftest import StartProcess
 from docs_helpers import ALL, EXAMPLES, PAGES, Command, blocks, commands, saved_files, table
 from matplotlib.figure import Figure
@@ -38,12 +38,10 @@ from test_layers import ROOT
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import COMMANDS, build_parser, main
-from ppc_attitude.command_line.options import scenario_of
 from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import INJECTOR, PLANT, RECORDER
 from ppc_attitude.science.parameter import resolved
-from ppc_attitude.simulation.closed_loop import simulate
 
 # Words of the commands that need a running stack (test_docs_stack), the bag of a launch or of
 # hardware, or the third controller.
@@ -146,15 +144,10 @@ def check_parameter(node: str, name: str, value: str) -> None:
     resolved(PARAMETERS[node], {name: yaml.safe_load(value)}, node)
 
 
-def simulated_run(arguments: list[str]) -> int:
-    """Stand in for `run`: simulate its configuration and leave the bag that it would leave."""
-    parsed = build_parser().parse_args(["run", *arguments])
-    scenario = scenario_of(parsed)
-    record = simulate(scenario, float(str(scenario.parameters[PLANT]["duration"])))
-    bag = parsed.bag or Path("bags") / f"dated_{len(list(Path.cwd().glob('bags/*')))}"
-    bag.parent.mkdir(exist_ok=True)
-    write_messages(bag, list(messages(record)), run=record)
-    return main(["analyse", str(bag)])
+def simulated(arguments: list[str]) -> int:
+    """Stand in for `run`, whose options `simulate` takes but for how time passes."""
+    build_parser().parse_args(["run", *arguments])
+    return main(["simulate", *(each for each in arguments if each != "--realtime")])
 
 
 @pytest.mark.slow
@@ -174,7 +167,7 @@ def test_commands_of_a_page_run_in_their_order(
     ours = [each for each in commands(page) if each.words[0] == "ppc_attitude"]
     if name == "how-to.md":  # it works with the bag of the tutorial
         hit = ["--config", "config/sudden_disturbance.yaml", "--bag", "bags/hit"]
-        simulated_run(["--config", "config/paper.yaml", *hit])
+        simulated(["--config", "config/paper.yaml", *hit])
         cut_copy(Path("bags/hit"), Path("bags/cut"), 1_000_000)
     codes = {}
     for command in ours:
@@ -183,7 +176,7 @@ def test_commands_of_a_page_run_in_their_order(
             continue
         if find_spec("pyarrow") is None and {"campaign", "--parquet"}.intersection(arguments):
             continue
-        code = simulated_run(arguments[1:]) if arguments[0] == "run" else main(arguments)
+        code = simulated(arguments[1:]) if arguments[0] == "run" else main(arguments)
         codes[command.text] = code
         assert "error:" not in capsys.readouterr().err
     assert codes
