@@ -42,11 +42,12 @@ hypothesis.settings.load_profile("ppc_attitude")
 # Tests that need what is not everywhere: rosdep has a key for neither Parquet nor Dask, `ros2
 # launch` is not on PyPI and finds only what a sourced workspace has installed.
 _NEEDS = {"test_campaign*.py": ("pyarrow", "distributed"), "test_launch.py": ("ros2launch",)}
-_MISSING = {
-    files: [name for name in modules if find_spec(name) is None]
+_LEFT_OUT = {
+    files: missing
     for files, modules in _NEEDS.items()
+    if (missing := [name for name in modules if find_spec(name) is None])
 }
-collect_ignore_glob = [files for files, missing in _MISSING.items() if missing]
+collect_ignore_glob = list(_LEFT_OUT)
 
 _PATIENCE = 60.0  # [s] a machine may be busy
 _TURN = itertools.count(os.getpid())
@@ -54,8 +55,7 @@ _TURN = itertools.count(os.getpid())
 
 def pytest_report_header() -> list[str]:
     """Say what is left out."""
-    left_out = {files: missing for files, missing in _MISSING.items() if missing}
-    return [f"{files} left out: no {', '.join(names)}" for files, names in left_out.items()]
+    return [f"{files} left out: no {', '.join(missing)}" for files, missing in _LEFT_OUT.items()]
 
 
 class StartProcess(Protocol):
@@ -90,19 +90,26 @@ def _own_domain() -> Iterator[int]:
     )
 
 
+def _graph_of_its_own(domain: int, folder: Path) -> dict[str, str]:
+    """Environment of processes that meet nobody else; their logs go into the folder."""
+    return {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(folder / "ros_log"),
+        "ROS_PYTHON_CHECK_FIELDS": "1",
+    }
+
+
 @pytest.fixture(autouse=True)
-def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def ros_domain(tmp_path: Path) -> Iterator[int]:
     """Give the test, and every process that it starts, a ROS graph of its own on this machine.
 
     A command that runs in this process may set what the middleware reads; it does not outlive
     the test.
     """
-    with mock.patch.dict(os.environ), _own_domain() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
-        monkeypatch.setenv("ROS_PYTHON_CHECK_FIELDS", "1")
-        yield domain
+    with _own_domain() as domain:
+        with mock.patch.dict(os.environ, _graph_of_its_own(domain, tmp_path)):
+            yield domain
         # A later test may get this domain. A process that was killed holds its sockets for a while.
         end = time.monotonic() + _PATIENCE
         while domain not in unused_domains():
@@ -183,12 +190,7 @@ def _record(folder: Path) -> None:
     with _own_domain() as domain:
         done = subprocess.run(
             [*command, *options],
-            env={
-                **os.environ,
-                "ROS_DOMAIN_ID": str(domain),
-                "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-                "ROS_LOG_DIR": str(folder / "ros_log"),
-            },
+            env={**os.environ, **_graph_of_its_own(domain, folder)},
             capture_output=True,
             text=True,
             timeout=4.0 * _PATIENCE,

@@ -29,7 +29,6 @@ from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
-import pytest
 from conftest import StartProcess
 
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, NODES, PLANT, REFERENCE
@@ -231,33 +230,6 @@ class Run(Process):
                 {n: pid for n in (ESTIMATOR, *NODES) if f"ppc_attitude.nodes.{n}\0" in command}
             )
         return found
-
-
-class Host:
-    """A network of its own, as long as a process sleeps in it."""
-
-    def __init__(self, start_process: StartProcess, folder: Path) -> None:
-        self._start, self._folder = start_process, folder
-        command = ["unshare", "--user", "--map-root-user", "--net", "sleep", "infinity"]
-        self._sleeper = Process(start_process, folder, "host", command)
-        until(self._is_there, "the network")
-
-    def _is_there(self) -> bool:
-        if self._sleeper.process.poll() is not None:
-            pytest.skip(f"no network of its own may be made here: {self._sleeper.err}")
-        return Path(f"/proc/{self._sleeper.pid}/comm").read_text().strip() == "sleep"
-
-    @property
-    def enter(self) -> tuple[str, ...]:
-        """What comes before a command that is to run there."""
-        target = str(self._sleeper.pid)
-        return ("nsenter", "-t", target, "--user", "--preserve-credentials", "--net")
-
-    def ip(self, *words: str) -> None:
-        """Configure the network."""
-        command = [*self.enter, "ip", *words]
-        done = Process(self._start, self._folder, "ip", command)
-        assert done.ends() == 0, done.err
 
 
 def workers_of(pid: int) -> list[int]:

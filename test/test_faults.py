@@ -27,7 +27,6 @@ from conftest import StartProcess
 from process_helpers import (
     COMMAND,
     ENDLESS,
-    Host,
     Process,
     Run,
     alive,
@@ -150,6 +149,33 @@ def test_silence_of_all_peers_in_real_time_is_told_and_leaves_a_gap(
     applied = record["applied_torque"]
     assert (applied[-1] != 0.0).any(), "it recovers by itself"
     assert (applied == 0.0).all(axis=1).sum() > 50
+
+
+class Host:
+    """A network of its own, as long as a process sleeps in it."""
+
+    def __init__(self, start_process: StartProcess, folder: Path) -> None:
+        self._start, self._folder = start_process, folder
+        command = ["unshare", "--user", "--map-root-user", "--net", "sleep", "infinity"]
+        self._sleeper = Process(start_process, folder, "host", command)
+        until(self._is_there, "the network")
+
+    def _is_there(self) -> bool:
+        if self._sleeper.process.poll() is not None:
+            pytest.skip(f"no network of its own may be made here: {self._sleeper.err}")
+        return Path(f"/proc/{self._sleeper.pid}/comm").read_text().strip() == "sleep"
+
+    @property
+    def enter(self) -> tuple[str, ...]:
+        """What comes before a command that is to run there."""
+        target = str(self._sleeper.pid)
+        return ("nsenter", "-t", target, "--user", "--preserve-credentials", "--net")
+
+    def ip(self, *words: str) -> None:
+        """Configure the network."""
+        command = [*self.enter, "ip", *words]
+        done = Process(self._start, self._folder, "ip", command)
+        assert done.ends() == 0, done.err
 
 
 @long
