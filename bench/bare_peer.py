@@ -21,7 +21,7 @@ is what the real nodes use: executor, QoS, raw CDR bytes of the contract's messa
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import rclpy
 import rclpy.utilities
@@ -40,6 +40,7 @@ from ppc_attitude.nodes.running import StopRequest
 from ppc_attitude.processes.leaving import leaving
 
 _REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered
+_UNIT = (0.0, 0.0, 0.0, 1.0)
 
 
 class Peer(Node):
@@ -49,51 +50,52 @@ class Peer(Node):
         super().__init__(name)
         self.finished = False
 
-    def sender(self, topic: Topic) -> Callable[[bytes], None]:
-        """Return the function that publishes bytes on a topic."""
-        kind = message_class(topic.msgtype)
-        return self.create_publisher(kind, topic.name, published(topic)).publish
+    def sender(self, topics: Collection[Topic]) -> Callable[[int], None]:
+        """Return the function that publishes a message of a stamp [ns] on each of some topics.
+
+        Its numbers are zeros, those of an attitude a unit quaternion.
+        """
+        each = [
+            (
+                self.create_publisher(
+                    message_class(topic.msgtype), topic.name, published(topic)
+                ).publish,
+                Codec(topic).encode,
+                _UNIT if topic.width == len(_UNIT) else (0.0,) * topic.width,
+            )
+            for topic in topics
+        ]
+
+        def send(stamp_ns: int) -> None:
+            for publish, encode, values in each:
+                publish(encode(stamp_ns, values))
+
+        return send
 
     def taker(self, topic: Topic, take: Callable[[bytes], None], recording: bool = False) -> None:
         """Call `take` with the bytes of every message of a topic."""
         qos = recorded(topic) if recording else subscribed(topic)
         self.create_subscription(message_class(topic.msgtype), topic.name, take, qos, raw=True)
 
+    def act_on(self, topics: Collection[Topic], act: Callable[[int], None]) -> None:
+        """Call `act` with the stamp [ns] with which all of some topics have come."""
+        came = dict.fromkeys((topic.name for topic in topics), -1)
+
+        def receiver(topic: Topic) -> Callable[[bytes], None]:
+            def receive(data: bytes) -> None:
+                stamp = header_stamp(data, topic.msgtype) or 0
+                came[topic.name] = stamp
+                if all(other == stamp for other in came.values()):
+                    act(stamp)
+
+            return receive
+
+        for topic in topics:
+            self.taker(topic, receiver(topic))
+
     def wake(self) -> float:
         """Return the longest wait [s] for a message."""
         return 0.1
-
-
-class Answer(Peer):
-    """Sends its messages when all that it waits for have come with one stamp."""
-
-    def __init__(self, inputs: list[Topic], outputs: list[Topic]) -> None:
-        super().__init__(f"answer_{outputs[0].column}")
-        self._zeros = [
-            (self.sender(topic), Codec(topic).encode, (0.0,) * topic.width) for topic in outputs
-        ]
-        self._came = dict.fromkeys((topic.name for topic in inputs), -1)
-        for topic in inputs:
-            self.taker(topic, self._receiver(topic))
-
-    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
-        def receive(data: bytes) -> None:
-            stamp = header_stamp(data, topic.msgtype) or 0
-            self._came[topic.name] = stamp
-            if all(other == stamp for other in self._came.values()):
-                for send, encode, zeros in self._zeros:
-                    send(encode(stamp, zeros))
-
-        return receive
-
-
-class Listen(Peer):
-    """Takes messages as the recorder does."""
-
-    def __init__(self, topics: list[Topic]) -> None:
-        super().__init__("listen")
-        for topic in topics:
-            self.taker(topic, lambda data: None, recording=True)
 
 
 class Plant(Peer):
@@ -101,26 +103,16 @@ class Plant(Peer):
 
     def __init__(self, seconds: float, answers: list[Topic], outputs: list[Topic]) -> None:
         super().__init__("plant")
-        self._states = [
-            (self.sender(topic), Codec(topic).encode, (0.0,) * topic.width) for topic in outputs
-        ]
-        self._answered = dict.fromkeys((topic.name for topic in answers), -1)
-        for topic in answers:
-            self.taker(topic, self._receiver(topic))
+        self._send = self.sender(outputs)
         self._seconds = seconds
         self._step = 0
         self._first = 0
         self._begin = self._sent = 0.0
+        self.act_on(answers, self._advance)
 
-    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
-        def receive(data: bytes) -> None:
-            self._answered[topic.name] = header_stamp(data, topic.msgtype) or 0
-            if all(stamp == self._step for stamp in self._answered.values()):
-                self._advance()
-
-        return receive
-
-    def _advance(self) -> None:
+    def _advance(self, step: int) -> None:
+        if step != self._step:
+            return
         self._step += 1
         now = time.perf_counter()
         if not self._begin:  # every peer has been discovered
@@ -133,23 +125,28 @@ class Plant(Peer):
 
     def _publish(self) -> None:
         self._sent = time.monotonic()
-        for send, encode, zeros in self._states:
-            send(encode(self._step, zeros))
+        self._send(self._step)
 
     def wake(self) -> float:
         """Send a state that nobody has answered once more."""
         if time.monotonic() - self._sent > _REPEAT:
             self._publish()
-        return 0.1
+        return super().wake()
 
 
 def make(role: str, arguments: list[str]) -> Peer:
     """Make the node of a role."""
     if role == "plant":
         return Plant(float(arguments[0]), _topics(arguments[1]), _topics(arguments[2]))
+    topics, *outputs = map(_topics, arguments)
     if role == "answer":
-        return Answer(_topics(arguments[0]), _topics(arguments[1]))
-    return Listen(_topics(arguments[0]))
+        node = Peer(f"answer_{outputs[0][0].column}")
+        node.act_on(topics, node.sender(outputs[0]))
+        return node
+    node = Peer("listen")  # takes messages as the recorder does
+    for topic in topics:
+        node.taker(topic, lambda data: None, recording=True)
+    return node
 
 
 def _topics(names: str) -> list[Topic]:

@@ -25,7 +25,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from bench.bare_peer import Peer, leave
-from ppc_attitude.contract.cdr import Codec, header_stamp
+from ppc_attitude.contract.cdr import header_stamp
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -42,7 +42,6 @@ from ppc_attitude.science.stamps import stamp_of
 _INPUTS = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION, ANGULAR_VELOCITY, ATTITUDE)
 _SETTLED = 0.25  # [s] of answers that are not counted: first logs, caches
 _PATIENCE = 5.0  # [s] for the last answers
-_UNIT = {3: (0.0, 0.0, 0.0), 4: (0.0, 0.0, 0.0, 1.0)}
 
 
 class Probe(Peer):
@@ -51,9 +50,7 @@ class Probe(Peer):
     def __init__(self, rate: float) -> None:
         super().__init__("probe")
         self._rate = rate
-        self._senders = [
-            (self.sender(topic), Codec(topic).encode, _UNIT[topic.width]) for topic in _INPUTS
-        ]
+        self._send = self.sender(_INPUTS)
         self.sent: dict[int, float] = {}
         self.answered: dict[int, float] = {}
         self.taker(TORQUE_COMMAND, self._take)
@@ -65,8 +62,7 @@ class Probe(Peer):
     def send(self, step: int) -> None:
         """Send the messages of one instant."""
         stamp = stamp_of(step, self._rate)
-        for publish, encode, values in self._senders:
-            publish(encode(stamp, values))
+        self._send(stamp)
         self.sent[stamp] = time.perf_counter()
 
 
