@@ -38,6 +38,7 @@ from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published, recorded, subscribed
 from ppc_attitude.nodes.running import StopRequest
 from ppc_attitude.processes.leaving import leaving
+from ppc_attitude.science.component import QUATERNION
 
 _REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered
 _UNIT = (0.0, 0.0, 0.0, 1.0)
@@ -61,7 +62,7 @@ class Peer(Node):
                     message_class(topic.msgtype), topic.name, published(topic)
                 ).publish,
                 Codec(topic).encode,
-                _UNIT if topic.width == len(_UNIT) else (0.0,) * topic.width,
+                _UNIT if topic.form == QUATERNION else (0.0,) * topic.width,
             )
             for topic in topics
         ]
