@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 from bag_helpers import assert_same, messages, record_all
 from conftest import StartProcess
+from process_helpers import until
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
@@ -130,12 +131,14 @@ def test_messages_become_safe_when_nothing_follows_them(
     bag = tmp_path / "bag"
     process = start_process([*CHILD, "idle", str(bag), storage])
     assert report(process) == "idle\n"
-    count = 0
-    while count < bag_child.IDLE_STEPS * len(SAMPLED):  # the suite's time limit ends a failure
+
+    def are_there() -> bool:
         opened = Bag(bag)
         for _ in opened.blocks():
             pass
-        count = sum(opened.counts.values())
+        return sum(opened.counts.values()) == bag_child.IDLE_STEPS * len(SAMPLED)
+
+    until(are_there, "the last messages")
     with pytest.raises(BagError, match=r"is still being recorded"):
         recover(bag)
     (warning,) = read_run(bag).warnings

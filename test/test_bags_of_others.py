@@ -103,14 +103,11 @@ def why(path: Path, **options: Any) -> dict[str, str]:
 
 def test_a_plant_of_ones_own_with_our_law_is_judged_by_what_it_sends(tmp_path: Path) -> None:
     """What the how-to asks for: the reference and the law are ours, the plant is not."""
-    run = only(normal_run(), *OWN_PLANT, "reference_attitude", "reference_angular_velocity")
     law = [topic.column for topic in SAMPLED if topic.source == CONTROLLER]
-    run = replace(
-        normal_run(),
-        columns={**run.columns, **{name: normal_run()[name] for name in law}},
-        parameters={name: normal_run().parameters[name] for name in (CONTROLLER,)},
-    )
-    write_run(run, tmp_path / "bag")
+    reference = ("reference_attitude", "reference_angular_velocity")
+    run = only(normal_run(), *OWN_PLANT, *reference, *law)
+    ours = {CONTROLLER: run.parameters[CONTROLLER]}
+    write_run(replace(run, parameters=ours), tmp_path / "bag")
     read = read_run(tmp_path / "bag", whole=True)
     assert (read.warnings, read.missing) == ((), {})
     verdict = analyse(read)

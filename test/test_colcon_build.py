@@ -53,13 +53,13 @@ def new_terminal() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in sourced}
 
 
-def run(command: list[str], workspace: Path, code: int = 0) -> str:
-    """Run a command as in a new terminal, return what it printed."""
+def run(command: list[str], workspace: Path, code: int = 0) -> subprocess.CompletedProcess[str]:
+    """Run a command as in a new terminal, which ends with this exit code."""
     done = subprocess.run(
         command, cwd=workspace, env=new_terminal(), capture_output=True, text=True, check=False
     )
     assert done.returncode == code, done.stdout + done.stderr
-    return done.stdout
+    return done
 
 
 def in_workspace(command: str) -> list[str]:
@@ -102,7 +102,7 @@ def test_sourced_workspace_runs_what_it_built(workspace: Path) -> None:
         "import ppc_attitude as p; from ppc_attitude.nodes.discovery import ANYWHERE, THIS_HOST;"
         "print(p.__file__, p.__version__, ANYWHERE, THIS_HOST)"
     )
-    told = run(in_workspace(f"{sys.executable!r} -c {code!r}"), workspace).split()
+    told = run(in_workspace(f"{sys.executable!r} -c {code!r}"), workspace).stdout.split()
     file, version, *profiles = told
     assert Path(file).resolve().is_relative_to(workspace.resolve())
     assert version == ppc_attitude.__version__
@@ -117,7 +117,7 @@ def test_the_index_leads_to_config_and_launch_files(workspace: Path) -> None:
         "from ament_index_python.packages import *;"
         f"print(get_package_prefix({PACKAGE!r}), get_package_share_directory({PACKAGE!r}))"
     )
-    told = run(in_workspace(f'{sys.executable!r} -c "{code}"'), workspace)
+    told = run(in_workspace(f'{sys.executable!r} -c "{code}"'), workspace).stdout
     prefix, share = map(Path, told.split())
     assert prefix == workspace / "install" / PACKAGE
     assert all((share / file).is_file() for file in SHARED_FILES)
@@ -126,11 +126,7 @@ def test_the_index_leads_to_config_and_launch_files(workspace: Path) -> None:
 def test_an_executable_finds_its_code(workspace: Path) -> None:
     """By the file that `ros2 run` executes."""
     command = f"install/{PACKAGE}/lib/{PACKAGE}/{PLANT} --ros-args -p speed:=1.0"
-    done = subprocess.run(
-        in_workspace(command), cwd=workspace, env=new_terminal(), capture_output=True, text=True
-    )
-    assert done.returncode == 2
-    assert "no parameter speed" in done.stderr
+    assert "no parameter speed" in run(in_workspace(command), workspace, code=2).stderr
 
 
 @pytest.mark.ros
@@ -140,7 +136,7 @@ def test_every_executable_runs(workspace: Path, start_process: StartProcess) -> 
     files = f"install/{PACKAGE}/lib/{PACKAGE}"
     # First, and alone: it compiles the kernels for all.
     simulated = run(in_workspace(f"{files}/{PACKAGE} simulate --duration 1"), workspace)
-    assert "not judged" in simulated
+    assert "not judged" in simulated.stdout
 
     def start(name: str, *arguments: str) -> subprocess.Popen[str]:
         command = f"exec {files}/{name} {shlex.join(['--ros-args', *arguments])}"
@@ -171,7 +167,7 @@ def test_colcon_test_tells_what_passes_and_what_fails(workspace: Path) -> None:
     fails.write_text("def test_fails():\n    assert False\n", encoding="utf-8")
     some = ("test/test_packaging.py", "test/test_fails.py")
     run(colcon("test", "--base-paths", "src", "--pytest-args", *some), workspace)
-    told = run(colcon("test-result", "--verbose"), workspace, code=1)
+    told = run(colcon("test-result", "--verbose"), workspace, code=1).stdout
     assert re.search(r"\b[1-9]\d* tests, 0 errors, 1 failure, 0 skipped", told), told
     assert "test_fails" in told
     fails.unlink()

@@ -16,7 +16,6 @@
 
 import json
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,16 +47,6 @@ def foxglove() -> dict[str, Any]:
     return dict(json.loads((CONFIG / "foxglove_layout.json").read_text(encoding="utf-8")))
 
 
-@pytest.fixture(scope="module")
-def plotjuggler() -> ElementTree.Element:
-    return ElementTree.parse(CONFIG / "plotjuggler_layout.xml").getroot()
-
-
-@pytest.fixture(scope="module")
-def rviz() -> dict[str, Any]:
-    return dict(yaml.safe_load((CONFIG / "ppc_attitude.rviz").read_text(encoding="utf-8")))
-
-
 def assert_recorded(topic: str, fields: list[str], samples: dict[str, Any]) -> None:
     """The topic is in the bag with the declared type, and its message has the field, a number."""
     assert topic in samples, f"{topic} is not recorded"
@@ -71,18 +60,12 @@ def assert_recorded(topic: str, fields: list[str], samples: dict[str, Any]) -> N
     assert isinstance(ours, float)
 
 
-def foxglove_paths(layout: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Panel, path and modifier of every plotted series."""
-    for name, panel in layout["configById"].items():
-        for series in panel.get("paths", []):
-            path, _, modifier = series["value"].partition(".@")
-            yield name, path, modifier
-
-
 def test_foxglove_plots_what_is_recorded(foxglove: dict[str, Any], samples: dict[str, Any]) -> None:
-    paths = list(foxglove_paths(foxglove))
-    assert paths
-    for _, path, modifier in paths:
+    panels = foxglove["configById"].values()
+    series = [each["value"] for panel in panels for each in panel.get("paths", [])]
+    assert series
+    for each in series:
+        path, _, modifier = each.partition(".@")
         topic, *fields = path.split(".")
         assert_recorded(topic, fields, samples)
         assert modifier in ("", "negative")
@@ -101,9 +84,8 @@ def test_foxglove_shows_health_and_shapes(
     assert guidance["topicToRender"] == f"/{GUIDANCE_STATUS.name}"
 
 
-def test_plotjuggler_plots_what_is_recorded(
-    plotjuggler: ElementTree.Element, samples: dict[str, Any]
-) -> None:
+def test_plotjuggler_plots_what_is_recorded(samples: dict[str, Any]) -> None:
+    plotjuggler = ElementTree.parse(CONFIG / "plotjuggler_layout.xml").getroot()
     mirrored = {s.attrib["name"]: s.findtext("linked_source") for s in plotjuggler.iter("snippet")}
     curves = [curve.attrib["name"] for curve in plotjuggler.iter("curve")]
     assert set(mirrored) <= set(curves), "a computed series that nothing shows"
@@ -115,7 +97,8 @@ def test_plotjuggler_plots_what_is_recorded(
         assert_recorded(topic, path[len(topic) + 1 :].split("/"), samples)
 
 
-def test_rviz_shows_the_markers_in_the_inertial_frame(rviz: dict[str, Any]) -> None:
+def test_rviz_shows_the_markers_in_the_inertial_frame() -> None:
+    rviz = yaml.safe_load((CONFIG / "ppc_attitude.rviz").read_text(encoding="utf-8"))
     manager = rviz["Visualization Manager"]
     assert manager["Global Options"]["Fixed Frame"] == INERTIAL
     displays = {display["Class"].rpartition("/")[2]: display for display in manager["Displays"]}

@@ -76,13 +76,20 @@ class Loop:
 
         return send
 
+    def subscriptions(self, topic: Topic) -> list[Any]:
+        """Subscriptions of every node that listens to a topic."""
+        return [
+            each
+            for node in (*self.others, self.plant)
+            for each in node.subscriptions
+            if each.topic_name == f"/{topic.name}"
+        ]
+
     def deliver(self, message: Message) -> None:
         """Hand a message to every node that listens to its topic."""
         topic, data = message
-        for node in (*self.others, self.plant):
-            for subscription in node.subscriptions:
-                if subscription.topic_name == f"/{topic.name}":
-                    subscription.callback(data)
+        for each in self.subscriptions(topic):
+            each.callback(data)
 
     def goes_on(self, steps: int = 3) -> None:
         """Run until the plant has made some steps; it may take repeated states to be believed."""
@@ -153,14 +160,6 @@ def at(data: bytes, stamp_ns: int) -> bytes:
     return data[:4] + head + data[12:]
 
 
-def readers(loop: Loop, topic: Topic) -> int:
-    return sum(
-        subscription.topic_name == f"/{topic.name}"
-        for node in (*loop.others, loop.plant)
-        for subscription in node.subscriptions
-    )
-
-
 def impossible(topic: Topic, data: bytes) -> bool:
     try:
         Inbox(topic, any_frame=topic is INJECT).read(data)
@@ -184,7 +183,7 @@ def test_random_messages_never_make_a_torque_wrong_or_end_the_loop(loop: Loop) -
             before = loop.refusals()[topic.name]
             loop.deliver((topic, data))
             if impossible(topic, data):
-                assert loop.refusals()[topic.name] == before + readers(loop, topic)
+                assert loop.refusals()[topic.name] == before + len(loop.subscriptions(topic))
             sent += 1
         loop.goes_on()
 

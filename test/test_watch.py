@@ -15,7 +15,8 @@
 """`ppc_attitude watch` shows what a stack says, and says so when there is none."""
 
 import io
-from typing import cast
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -27,12 +28,12 @@ from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
 from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE
-from ppc_attitude.nodes.onlooker import Health, Onlooker, Snapshot
+from ppc_attitude.nodes.onlooker import Health, Snapshot
 
 
-def lines(snapshot: Snapshot, silent: float = 0.0, width: int = 80) -> list[str]:
+def lines(snapshot: Snapshot, silent: float = 0.0) -> list[str]:
     stream = io.StringIO()
-    Console(file=stream, width=width).print(view(snapshot, silent))
+    Console(file=stream, width=80).print(view(snapshot, silent))
     return stream.getvalue().splitlines()
 
 
@@ -92,13 +93,10 @@ def test_it_fits_a_narrow_terminal() -> None:
 
 
 def test_an_empty_domain_is_told_as_ros_reads_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Blind:
-        def look(self, _: float) -> Snapshot:
-            return Snapshot()
-
+    blind: Any = SimpleNamespace(look=lambda duration: Snapshot())
     monkeypatch.setenv("ROS_DOMAIN_ID", "")
     with pytest.raises(RunError, match="no state within 0 s in ROS domain 0;"):
-        _show_once(cast(Onlooker, Blind()), 0.0, "")
+        _show_once(blind, 0.0, "")
 
 
 def test_no_stack_is_an_error(capfd: pytest.CaptureFixture[str], ros_domain: int) -> None:
