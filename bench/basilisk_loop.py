@@ -114,11 +114,11 @@ class BasiliskLoop:
         Raises
         ------
         RuntimeError
-            The error is not gone after a minute: this is not the loop that was meant.
+            The error is not gone after two minutes: this is not the loop that was meant.
         """
         self.sim.ExecuteSimulation()
         error = np.array(self._error.attGuidOutMsg.read().sigma_BR)
-        if self._duration >= 60.0 and not np.abs(error).max() < 1e-3:
+        if self._duration >= 120.0 and not np.abs(error).max() < 1e-3:
             raise RuntimeError(f"Basilisk's loop does not follow the reference: σ = {error}")
         return error
 

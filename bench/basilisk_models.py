@@ -35,7 +35,7 @@ from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import stamps_of
 from ppc_attitude.simulation.scenario import Scenario
 
-STIFFNESS, DAMPING = 4.0, 20.0  # [N·m], [N·m·s]: an error is gone after a minute
+STIFFNESS, DAMPING = 4.0, 20.0  # [N·m], [N·m·s]: an error is gone after two minutes
 
 Array = NDArray[np.float64]
 
