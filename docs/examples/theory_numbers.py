@@ -34,8 +34,6 @@ from ppc_attitude.science.attitude import (
 )
 from ppc_attitude.science.controllers.common import ATTITUDE_TABLE, RATE_TABLE
 from ppc_attitude.science.environments.paper import environment_torque
-from ppc_attitude.science.kinds import ACTUATORS, PLANTS
-from ppc_attitude.science.part import Part
 from ppc_attitude.science.performance import nominal, solve_envelope
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario, load
@@ -144,46 +142,23 @@ def largest_start(paper: Scenario) -> None:
 def sample_times(paper: Scenario) -> None:
     """The normal case and the hit at 80 s at other rates, and with one sample of delay."""
     for rate in (50.0, 100.0, 200.0, 500.0, 1000.0):
-        report(f"{rate:g} Hz", paper.with_values(PLANT, rate=rate), 0)
-    report("100 Hz, one sample of delay", paper, 1)
-    report("norm form, beta 6", paper.with_values(CONTROLLER, virtual_control="norm", beta=6.0), 0)
+        report(f"{rate:g} Hz", paper.with_values(PLANT, rate=rate))
+    report("100 Hz, one sample of delay", paper.with_values(PLANT, late_command=True))
+    report("norm form, beta 6", paper.with_values(CONTROLLER, virtual_control="norm", beta=6.0))
 
 
-def report(name: str, scenario: Scenario, delay: int) -> None:
+def report(name: str, scenario: Scenario) -> None:
     """Settling, terminal error, largest rate, and recovery from 0.8 N·m x 0.1 s at 80 s."""
-    t, error, rate = delayed(scenario, delay)
+    record = simulate(scenario, 120.0)
     hit = {"pulse_times": [80.0], "pulse_durations": [0.1], "pulse_torques": [0.8] * 3}
-    _, hit_error, _ = delayed(scenario.with_values(INJECTOR, **hit), delay)
+    struck = simulate(scenario.with_values(INJECTOR, **hit), 120.0)
+    t, error = record.t, errors_of(record)
+    rate = np.degrees(np.linalg.norm(record["angular_velocity"], axis=1)).max()
     print(
         f"{name:<28} settled {last_unsettled(t, error):.2f} s, last 20 s "
         f"{error[t >= 100.0].max():.3g}, rate {rate:.3f} deg/s, recovery "
-        f"{last_unsettled(t, hit_error) - 80.0:.2f} s"
+        f"{last_unsettled(t, errors_of(struck)) - 80.0:.2f} s"
     )
-
-
-def delayed(scenario: Scenario, delay: int) -> tuple[Any, Any, float]:
-    """Times, largest |q_ev| and largest rate [deg/s], the command acting `delay` samples late."""
-    if delay == 0:
-        record = simulate(scenario, 120.0)
-        rates = np.linalg.norm(record["angular_velocity"], axis=1)
-        return record.t, errors_of(record), float(np.degrees(rates.max()))
-    exact = simulate(scenario, 120.0)
-    values = scenario.parameters
-    law = Part(scenario.controller, values[CONTROLLER])
-    plant = Part(PLANTS.components["rigid_body"], values[PLANT])
-    actuator = Part(ACTUATORS.components["ideal"], values[PLANT])
-    held = [[0.0, 0.0, 0.0]] * delay
-    torques = [0.0] * 6
-    errors, rates = [], []
-    desired = [column.name for column in law.component.inputs[2:]]
-    for k, stamp in enumerate(exact.stamps_ns.tolist()):
-        state = plant.step(stamp, torques)
-        law.step(stamp, [*state, *(x for name in desired for x in exact[name][k])])
-        held.append(actuator.step(stamp, law.output("torque_command")))
-        torques = [*held.pop(0), *exact["disturbance_torque"][k]]
-        errors.append(np.abs(law.output("attitude_error")[:3]).max())
-        rates.append(np.linalg.norm(state[4:]))
-    return exact.t, np.array(errors), float(np.degrees(max(rates)))
 
 
 def hits() -> None:
