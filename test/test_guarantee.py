@@ -114,8 +114,7 @@ def test_a_second_library_proves_the_same() -> None:
     law = replace(law, brake=(0.034, 0.034, 0.044))
     judged = {}
     for name, arithmetic in (("arb", balls()), ("mpmath", Intervals()), ("floats", FLOATS)):
-        bounds = bounds_of(assumed, law, arithmetic, count)
-        judged[name] = inequalities(assumed, law, bounds, arithmetic)
+        judged[name] = inequalities(bounds_of(assumed, law, arithmetic, count))
     for ball, interval, number in zip(*judged.values(), strict=True):
         assert ball.holds is interval.holds is number.holds
         for side in ("left", "right"):
@@ -132,8 +131,7 @@ def test_settling_times_of_both_libraries_agree() -> None:
     times = []
     arithmetics: tuple[Arithmetic, ...] = (balls(), Intervals(), FLOATS)
     for arithmetic in arithmetics:
-        bounds = bounds_of(assumed, law, arithmetic, (40, 1, 1))
-        envelope = Envelope(assumed, law, bounds, arithmetic)
+        envelope = Envelope(bounds_of(assumed, law, arithmetic, (40, 1, 1)))
         times.append(envelope.near_time(arithmetic.number(0.2), 0.02, 5e-3))
     assert times[1:] == pytest.approx(times[:1] * 2, rel=1e-12)
 

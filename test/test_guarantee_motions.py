@@ -99,7 +99,7 @@ def test_no_random_motion_bends_more_than_its_bound(standard: tuple[Assumptions,
     """‖v''‖ along random motions of the error, by differences, against that of C1's δF."""
     assumed, law = standard
     J, A = np.array(assumed.inertia).reshape(3, 3), 0.05
-    least, most = body_of(assumed, FLOATS).brakes(law.brake, law.a_most, FLOATS)
+    least, most = body_of(assumed, FLOATS).brakes(law.brake, law.a_most)
     rates = (law.Omega_e, assumed.W, assumed.W1, assumed.W2, law.z_bar)
     speed = Speed(law.k, least, most, *rates, FLOATS)
     found = cells(speed, law.Omega_e - assumed.W, 0.0, 0.0, FINE)

@@ -134,8 +134,7 @@ class Judgement:
         """
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is after a hit")
-        assumed, law, arithmetic = self._assumed, self._law, balls()
-        envelope = Envelope(assumed, law, bounds_of(assumed, law, arithmetic), arithmetic)
+        envelope = Envelope(bounds_of(self._assumed, self._law, balls()))
         time = envelope.recovery(torque, duration, self.certificate.accuracy)
         return (
             f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time:.2f} s after the "

@@ -50,6 +50,8 @@ class Body:
         True if `least` and `most` are certain, by Sylvester's criterion.
     diagonal : bool
         True if Ĵ has no products.
+    arithmetic : Arithmetic
+        Of all these numbers.
     """
 
     inertia: tuple[Numbers, ...]
@@ -60,24 +62,24 @@ class Body:
     most: Number
     proved: bool
     diagonal: bool
+    arithmetic: Arithmetic
 
-    def box(self, half: Numbers, arithmetic: Arithmetic) -> Number:
+    def box(self, half: Numbers) -> Number:
         """Largest ‖Ĵ⁻¹y‖ over |y_i| ≤ half_i: at a vertex, the norm being convex."""
         norms = []
         for signs in product((1, -1), repeat=2):
             y = (half[0], signs[0] * half[1], signs[1] * half[2])
             z = [sum_of(m * each for m, each in zip(line, y, strict=True)) for line in self.inverse]
-            norms.append(arithmetic.sqrt(sum_of(each * each for each in z)))
-        return arithmetic.largest(*norms)
+            norms.append(self.arithmetic.sqrt(sum_of(each * each for each in z)))
+        return self.arithmetic.largest(*norms)
 
-    def brakes(
-        self, torque: Numbers, most: Number, arithmetic: Arithmetic
-    ) -> tuple[Number, Number]:
+    def brakes(self, torque: Numbers, most: Number) -> tuple[Number, Number]:
         """Least and largest deceleration a(n) of the brake about whatever axis [rad/s²].
 
         For x = Ĵn/T let X be the largest |x_i| = R_i/T_i. Then ‖x‖₁₆ ≤ X if Ĵ is diagonal, and else
         X^⅞ ‖x‖₂^⅛; and 1 = ‖n‖ ≤ ‖x‖₁₆ times the largest ‖Ĵ⁻¹y‖ in the box |y_i| ≤ T_i.
         """
+        arithmetic = self.arithmetic
 
         def at(norm: Number) -> Number:
             scaled = most * norm
@@ -90,11 +92,11 @@ class Body:
         if not self.diagonal:
             together = arithmetic.sqrt(sum_of(each * each for each in shares))
             norm = norm * _root(together / norm, _HALVINGS - 1, arithmetic)
-        return at(norm), at(1 / self.box(torque, arithmetic))
+        return at(norm), at(1 / self.box(torque))
 
-    def inverse_error(self, e_S: Number, arithmetic: Arithmetic) -> Number:
+    def inverse_error(self, e_S: Number) -> Number:
         """ε ≥ ‖ĴJ⁻¹ − I‖, and ‖J⁻¹Ĵ − I‖, for J = Ĵ^½(I + S)Ĵ^½ with ‖S‖ ≤ e_S."""
-        return arithmetic.sqrt(self.most / self.least) * e_S / (1 - e_S)
+        return self.arithmetic.sqrt(self.most / self.least) * e_S / (1 - e_S)
 
 
 def sum_of(values: Iterable[Number]) -> Number:
@@ -138,6 +140,7 @@ def body_of(assumed: Assumptions, arithmetic: Arithmetic) -> Body:
         most=most,
         proved=_positive(above) and _positive(below),
         diagonal=assumed.diagonal,
+        arithmetic=arithmetic,
     )
 
 

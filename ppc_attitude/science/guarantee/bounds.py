@@ -41,8 +41,14 @@ class Bounds:
 
     Attributes
     ----------
+    assumed, law : Assumptions, Law
+        For which they are.
+    arithmetic : Arithmetic
+        In which they are.
     body : Body
         Bounds of the inertia.
+    e_w : number
+        Largest error of ω_e [rad/s], from those of rate and attitude.
     z : number
         Largest ‖Ĵ⁻¹y‖ in the tube [rad/s].
     a, a_most : number
@@ -71,7 +77,11 @@ class Bounds:
         ν for every φ that a stop phase can see in cruise.
     """
 
+    assumed: Assumptions
+    law: Law
+    arithmetic: Arithmetic
     body: Body
+    e_w: Number
     z: Number
     a: Number
     a_most: Number
@@ -89,31 +99,40 @@ class Bounds:
     blend: Number
     nu_stop: Number
 
-    def feedforward(self, assumed: Assumptions, rate: Number, arithmetic: Arithmetic) -> Numbers:
+    def feedforward(self, rate: Number) -> Numbers:
         """M_i [N·m] for ‖ω_s‖ ≤ rate [rad/s]."""
-        return _feedforward(self.body, assumed, rate, arithmetic)
+        return _feedforward(self.body, self.assumed, rate)
 
-    def stop_time(
-        self, assumed: Assumptions, law: Law, rate: Number, arithmetic: Arithmetic
-    ) -> Number | None:
+    def stop_time(self, rate: Number) -> Number | None:
         """T_p [s]: p is 0 after it if ‖ω_e‖ ≤ rate [rad/s] at the event; None if never."""
-        total = rate + arithmetic.number(assumed.W) + arithmetic.number(law.z_bar)
-        feedforward = self.feedforward(assumed, total, arithmetic)
-        cruises = bool(rate <= arithmetic.number(law.w_far))
+        number, law = self.arithmetic.number, self.law
+        feedforward = self.feedforward(rate + number(self.assumed.W) + number(law.z_bar))
+        cruises = bool(rate <= number(law.w_far))
         times = []
         for i in range(3):
-            left = arithmetic.number(law.B[i]) - feedforward[i]
+            left = number(law.B[i]) - feedforward[i]
             if cruises:
                 left = left - self.body.row[i] * self.stop_load
             if not left > 0:
                 return None
             times.append(self.body.row[i] * rate / left)
-        return arithmetic.largest(*times)
+        return self.arithmetic.largest(*times)
+
+    def cruise_start(self) -> Number | None:
+        """φ [rad] from which a cruise reaches its speed before it has to brake (C9), if any."""
+        number, law, z = self.arithmetic.number, self.law, self.arithmetic.number(self.law.z_bar)
+        time = self.stop_time(number(law.w_far))
+        if time is None or not self.reserve > 0:
+            return None
+        fastest = number(law.Omega_e) + number(self.assumed.W)
+        stopping = (number(law.w_far) + self.e_w + z) * (time + number(law.h))
+        start = self.blend + stopping + number(self.assumed.e_A)
+        return start + fastest * fastest / (2 * self.reserve) + z * fastest / self.reserve
 
 
-def _feedforward(body: Body, assumed: Assumptions, rate: Number, arithmetic: Arithmetic) -> Numbers:
+def _feedforward(body: Body, assumed: Assumptions, rate: Number) -> Numbers:
     """M_i: ω_e × w_d = ω_s × w_d, so ‖M0‖ needs ‖ω_s‖ and the reference only."""
-    W, W1 = arithmetic.number(assumed.W), arithmetic.number(assumed.W1)
+    W, W1 = map(body.arithmetic.number, (assumed.W, assumed.W1))
     pairs = zip(body.row, body.spread, strict=True)
     return tuple(row * (rate * W + W1) + spread * rate * rate for row, spread in pairs)
 
@@ -139,7 +158,7 @@ class _Maker:
         self.brake = tuple(map(number, law.brake))
         self.speed = Speed(
             self.k,
-            *self.body.brakes(self.brake, number(law.a_most), arithmetic),
+            *self.body.brakes(self.brake, number(law.a_most)),
             number(law.Omega_e),
             self.W,
             self.W1,
@@ -150,7 +169,7 @@ class _Maker:
         self.stop_rate = number(law.omega0) + self.z  # ‖ω_e‖ while p > 0
         self.cruise_rate = number(law.w_far) + 2 * self.z  # the axis turns meanwhile: C9 n
         e_S = number(assumed.e_S)
-        self.epsilon = self.body.inverse_error(e_S, arithmetic)
+        self.epsilon = self.body.inverse_error(e_S)
         spread = ((1 + e_S) * self.body.most - (1 - e_S) * self.body.least) / 2
         fastest = arithmetic.largest(self.Omega, self.stop_rate + self.W)
         self.gyroscopic = (self.epsilon * spread + e_S * self.body.most) * fastest * fastest
@@ -161,10 +180,10 @@ class _Maker:
 
     def acceleration(self, rate: Number, variation: Numbers) -> Number:
         """A ≥ ‖ω_e'‖: v' from the most that |F| may be, and |y'| ≤ 2κY + δF."""
-        feedforward = _feedforward(self.body, self.assumed, rate, self.arithmetic)
+        feedforward = _feedforward(self.body, self.assumed, rate)
         commanded = self.triple(lambda i: self.most_used[i] + feedforward[i])
         tube = self.triple(lambda i: 2 * self.kappa * self.Y[i] + variation[i])
-        return self.body.box(commanded, self.arithmetic) + self.body.box(tube, self.arithmetic)
+        return self.body.box(commanded) + self.body.box(tube)
 
     def feedforward_rate(self, i: int, w: Number, total: Number, acceleration: Number) -> Number:
         """Bound of |M0_i'| where ‖ω_e‖ ≤ w and ‖ω_s‖ ≤ total."""
@@ -315,7 +334,7 @@ def bounds_of(
     noise_of_torque = make.torque_noise(found, nu_stop, cotangent)
     lipschitz = most(*(each.lipschitz for each in found))
     noise = make.triple(lambda i: body.row[i] * (make.e_w + lipschitz * make.e_A))
-    feedforward = _feedforward(body, assumed, make.Omega, arithmetic)
+    feedforward = _feedforward(body, assumed, make.Omega)
     B = make.B
     free = arithmetic.least(*((B[i] - feedforward[i]) / body.row[i] for i in range(3)))
     needed = make.triple(
@@ -326,8 +345,12 @@ def bounds_of(
     a_rate = speed.brake_rate(speed.a_most, nu_brake * (make.z + make.e_A / make.h))
     w_far = number(law.w_far)
     return Bounds(
+        assumed=assumed,
+        law=law,
+        arithmetic=arithmetic,
         body=body,
-        z=body.box(make.Y, arithmetic),
+        e_w=make.e_w,
+        z=body.box(make.Y),
         a=speed.a,
         a_most=speed.a_most,
         a_rate=a_rate,

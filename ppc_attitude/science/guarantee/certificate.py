@@ -107,8 +107,8 @@ def certify(
     arithmetic = balls() if arithmetic is None else arithmetic
     assumed, law = assumptions_of(values), law_of(values)
     bounds = bounds_of(assumed, law, arithmetic)
-    judged = inequalities(assumed, law, bounds, arithmetic)
-    envelope = Envelope(assumed, law, bounds, arithmetic)
+    judged = inequalities(bounds)
+    envelope = Envelope(bounds)
     promises = []
     if all(each.holds for each in judged):
         for rate in rates:

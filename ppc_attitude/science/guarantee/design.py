@@ -280,7 +280,7 @@ def _grid(assumed: Assumptions, h: float, *, short: bool = False) -> Iterator[Ga
 
 
 def _judged(assumed: Assumptions, law: Law, wishes: Wishes, count: Cells = COARSE) -> Design:
-    envelope = Envelope(assumed, law, bounds_of(assumed, law, FLOATS, count), FLOATS)
+    envelope = Envelope(bounds_of(assumed, law, FLOATS, count))
     terminal, fastest = _ALMOST * envelope.terminal(), law.omega0 - assumed.W
     if terminal >= wishes.accuracy:
         raise UnwishedError("an accuracy", wishes.accuracy, terminal, "")

@@ -22,8 +22,7 @@ import math
 from dataclasses import dataclass
 
 from ppc_attitude.science.controllers.brake import BLEND
-from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
-from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
+from ppc_attitude.science.guarantee.arithmetic import Number
 from ppc_attitude.science.guarantee.bounds import Bounds
 
 _STEP = 0.01  # [s] or a sample, or this share of a turn, whichever is longest
@@ -60,26 +59,12 @@ class Settling:
 
 
 class Envelope:
-    """The comparison system of one law under its assumptions.
+    """The comparison system of a law under its assumptions, whose inequalities hold."""
 
-    Parameters
-    ----------
-    assumed : Assumptions
-        What is assumed.
-    law : Law
-        The law's numbers, which satisfy the inequalities.
-    bounds : Bounds
-        `bounds_of` both.
-    arithmetic : Arithmetic
-        In which to compute.
-    """
-
-    def __init__(
-        self, assumed: Assumptions, law: Law, bounds: Bounds, arithmetic: Arithmetic
-    ) -> None:
-        number = arithmetic.number
+    def __init__(self, bounds: Bounds) -> None:
+        assumed, law, number = bounds.assumed, bounds.law, bounds.arithmetic.number
         self._assumed, self._law, self._bounds = assumed, law, bounds
-        self._arithmetic = arithmetic
+        self._arithmetic = bounds.arithmetic
         self._k, self._a, self._z = number(law.k), bounds.a, number(law.z_bar)
         # A slow craft gets no more steps than a quick one; the last exponential has to be told.
         turn = math.pi / (law.Omega_e - assumed.W) + 2.0 * math.sqrt(math.pi / law.a_most)  # about
@@ -206,12 +191,12 @@ class Envelope:
         rate = law.omega0
         for _ in range(3):  # what is gained at a rate that is known not to be passed
             fastest = number(rate) + number(self._assumed.W) + self._z
-            feedforward = bounds.feedforward(self._assumed, fastest, self._arithmetic)
+            feedforward = bounds.feedforward(fastest)
             gained = tuple(
                 (pushed + feedforward[i]) * time + number(law.Y[i]) + bounds.body.row[i] * self._z
                 for i in range(3)
             )
-            rate = self._arithmetic.outward(bounds.body.box(gained, self._arithmetic))[1]
+            rate = self._arithmetic.outward(bounds.body.box(gained))[1]
             if rate > law.omega0:
                 break
         if rate > law.omega0:
@@ -249,7 +234,7 @@ class Envelope:
         """φ [rad] and time [s] after the stop phase, and one sample more for what lands on one."""
         speed = self._arithmetic.number(rate)
         if stop is None:
-            stop = self._bounds.stop_time(self._assumed, self._law, speed, self._arithmetic)
+            stop = self._bounds.stop_time(speed)
         if stop is None:
             raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
         time = stop + 2 * self._h

@@ -21,6 +21,7 @@ tube.
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import NoReturn
 
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, Triple
@@ -119,7 +120,7 @@ def _brake_limit(a: float, k: float, slowest: float) -> float:
     return min(a, _LONGEST_BRAKE * k * 0.75 * slowest, _LONGEST_BRAKE * k * k)
 
 
-def _refuse(name: str, left: float, right: float, unit: str, meaning: str) -> None:
+def _refuse(name: str, left: float, right: float, unit: str, meaning: str) -> NoReturn:
     raise InfeasibleError(Inequality(name, (left, left), (right, right), unit, False, meaning))
 
 
@@ -129,13 +130,13 @@ def _iterated(assumed: Assumptions, law: Law, count: Cells) -> Law:
         bounds = _evaluated(assumed, law, cells)
         for _ in range(rounds):
             before = law
-            law = _next(assumed, law, bounds)
+            law = _next(bounds)
             bounds = _evaluated(assumed, law, cells)
             if _steady(law, before):
                 break
-    law = _roomy(assumed, law, bounds)
+    law = _roomy(bounds)
     bounds = _evaluated(assumed, law, count)
-    failing = [each for each in inequalities(assumed, law, bounds, FLOATS) if not each.holds]
+    failing = [each for each in inequalities(bounds) if not each.holds]
     if failing:
         raise InfeasibleError(min(failing, key=lambda each: each.room))
     return law
@@ -155,11 +156,11 @@ def _evaluated(assumed: Assumptions, law: Law, count: Cells) -> Bounds:
         return bounds_of(assumed, law, FLOATS, count)
     except ValueError as error:
         _refuse("C1", math.inf, 0.0, "N·m·s", str(error))
-        raise
 
 
-def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
-    """Take half a step towards what the bounds ask for."""
+def _next(bounds: Bounds) -> Law:
+    """Take half a step from a law towards what its bounds ask for."""
+    assumed, law = bounds.assumed, bounds.law
     Y = _triple(0.5 * (x + y) for x, y in zip(law.Y, bounds.Y, strict=True))
     B = _triple(0.5 * (x + y) for x, y in zip(law.B, bounds.B, strict=True))
     if min(B) <= 0.0:
@@ -169,12 +170,11 @@ def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         _refuse("C2", need, assumed.max_torque * assumed.eta, "N·m", meaning)
     if not math.isfinite(sum(Y)):
         _refuse("C1", math.inf, 0.0, "N·m·s", "the tube is finite")
-    z = bounds.body.box(Y, FLOATS)
-    errors = assumed.e_W + assumed.W * assumed.e_A
-    speed = assumed.Omega - z - errors - 2.0 * law.h * bounds.V_rate
+    z = bounds.body.box(Y)
+    speed = assumed.Omega - z - bounds.e_w - 2.0 * law.h * bounds.V_rate
     if not speed > assumed.W or not math.isfinite(bounds.V_rate):
         meaning = "the rate limit leaves speed beside tube and reference"
-        need = assumed.W + z + errors + 2.0 * law.h * bounds.V_rate
+        need = assumed.W + z + bounds.e_w + 2.0 * law.h * bounds.V_rate
         _refuse("C7", need, assumed.Omega, "rad/s", meaning)
     # An axis of which the largest deceleration needs less has no bound of its own.
     brake = _triple(
@@ -196,15 +196,15 @@ def _next(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         a_rate=bounds.a_rate,
         V_rate=bounds.V_rate,
         N=_triple(bounds.noise),
-        w_far=0.945 * (speed - assumed.W) - errors,
-        far=min(max(_far(assumed, law, bounds), 1e-3), 3.0),
+        w_far=0.945 * (speed - assumed.W) - bounds.e_w,
+        far=min(max(_far(bounds), 1e-3), 3.0),
     )
 
 
 def _strongest(bounds: Bounds, brake: Triple, k: float, slowest: float) -> float:
     """Largest deceleration [rad/s²] that the torque of the brake gives about some axis."""
     least = min(torque / row for torque, row in zip(brake, bounds.body.row, strict=True))
-    most = min(bounds.body.box(brake, FLOATS), _STRONGEST * least)
+    most = min(bounds.body.box(brake), _STRONGEST * least)
     return _brake_limit(float(most), k, slowest)
 
 
@@ -221,24 +221,18 @@ def _ramp_torque(assumed: Assumptions, law: Law, Y: Triple, B: Triple) -> float:
     return min(assumed.max_torque, _rounded(most * (1 - 10 * _ROOM)))
 
 
-def _far(assumed: Assumptions, law: Law, bounds: Bounds) -> float:
-    """Error from which a cruise reaches its speed before it brakes (C9) [rad]."""
-    time = bounds.stop_time(assumed, law, law.w_far, FLOATS)
-    if time is None or bounds.reserve <= 0.0:
-        return math.pi
-    fastest = law.Omega_e + assumed.W
-    errors = assumed.e_W + assumed.W * assumed.e_A
-    drift = (law.w_far + errors + law.z_bar) * (time + law.h)
-    rise = (0.5 * fastest + law.z_bar) * fastest / bounds.reserve
-    return float(bounds.blend + drift + rise + assumed.e_A)
+def _far(bounds: Bounds) -> float:
+    """Error that C9 asks for [rad], or more than any if it asks for none."""
+    start = bounds.cruise_start()
+    return math.pi if start is None else float(start)
 
 
-def _roomy(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
-    """Round so that every inequality keeps room, and that a file can hold the numbers."""
+def _roomy(bounds: Bounds) -> Law:
+    """Round a law so that every inequality keeps room, and that a file can hold the numbers."""
+    assumed, law = bounds.assumed, bounds.law
     Y = _triple(_rounded(max(x, y) * (1 + 3 * _ROOM)) for x, y in zip(law.Y, bounds.Y, strict=True))
-    z = _rounded(bounds.body.box(Y, FLOATS) * (1 + 1e-6))
+    z = _rounded(bounds.body.box(Y) * (1 + 1e-6))
     V_rate = _rounded(bounds.V_rate * (1 + 50 * _ROOM))
-    errors = assumed.e_W + assumed.W * assumed.e_A
     B = _triple(_rounded(min(x, y) * (1 - _ROOM)) for x, y in zip(law.B, bounds.B, strict=True))
     return replace(
         law,
@@ -246,7 +240,7 @@ def _roomy(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         B=B,
         z_bar=z,
         V_rate=V_rate,
-        Omega_e=_rounded((assumed.Omega - z - errors - law.h * V_rate) * (1 - _ROOM / 10)),
+        Omega_e=_rounded((assumed.Omega - z - bounds.e_w - law.h * V_rate) * (1 - _ROOM / 10)),
         brake=_triple(
             _rounded(min(x, y) * (1 - 10 * _ROOM))
             for x, y in zip(law.brake, bounds.brake, strict=True)
@@ -255,7 +249,7 @@ def _roomy(assumed: Assumptions, law: Law, bounds: Bounds) -> Law:
         a_rate=_rounded(bounds.a_rate * (1 + 500 * _ROOM)),
         N=_triple(_rounded(x * (1 + 10 * _ROOM)) for x in bounds.noise),
         w_far=_rounded(law.w_far),
-        far=_rounded(min(_far(assumed, law, bounds) * (1 + 60 * _ROOM), 3.1)),
+        far=_rounded(min(_far(bounds) * (1 + 60 * _ROOM), 3.1)),
         d_max=_rounded(law.d_max),
     )
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.controllers.brake import BLEND
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
-from ppc_attitude.science.guarantee.bounds import Bounds, bounds_of
+from ppc_attitude.science.guarantee.bounds import bounds_of
 from ppc_attitude.science.guarantee.envelope import Envelope
 
 Array = NDArray[np.float64]
@@ -115,8 +115,8 @@ class KnownReference:
         self._assumed, self._law, self._rate_at = assumed, law, rate_at
         self._ahead = np.zeros(3) if ahead is None else ahead
         self._lead = min(float(np.linalg.norm(self._ahead)), assumed.lead)
-        self._bounds: Bounds = bounds_of(assumed, law, FLOATS)
-        self._envelope = Envelope(assumed, law, self._bounds, FLOATS)
+        self._bounds = bounds_of(assumed, law, FLOATS)
+        self._envelope = Envelope(self._bounds)
 
     def time(self, rate: float, accuracy: float) -> float:
         """Guaranteed settling time [s] from t = 0, for every attitude.
@@ -186,7 +186,7 @@ class KnownReference:
         least = angles[0] + np.clip(along - spread, -assumed.lead, assumed.lead)
         most = angles[1] + np.clip(along + spread, -assumed.lead, assumed.lead)
         least = np.maximum(least, law.far)  # what is nearer does not cruise
-        stop = self._bounds.stop_time(assumed, law, rate, FLOATS)
+        stop = self._bounds.stop_time(rate)
         if stop is None:
             raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
         begin = stop + 2.0 * law.h

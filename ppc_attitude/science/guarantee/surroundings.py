@@ -236,8 +236,8 @@ def _rate_lag(nodes: Nodes, assumed: Assumptions, fastest: float) -> float:
     body = body_of(assumed, FLOATS)
     squared = fastest**2
     torque = assumed.max_torque + assumed.d + assumed.e_S * body.most * squared
-    turned = body.box(tuple(torque + each * squared for each in body.spread), FLOATS)
-    off = body.inverse_error(assumed.e_S, FLOATS)
+    turned = body.box(tuple(torque + each * squared for each in body.spread))
+    off = body.inverse_error(assumed.e_S)
     return float(0.5 / nodes.plant["rate"] * (1.0 + off) * turned)
 
 
