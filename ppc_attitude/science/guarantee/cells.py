@@ -159,6 +159,12 @@ def half_cotangent(phi: Number, arithmetic: Arithmetic) -> Number:
     return abs(arithmetic.cos(phi / 2) / arithmetic.sin(phi / 2)) / 2
 
 
+def saturated(x: Number, arithmetic: Arithmetic) -> Number:
+    """S(x) for x ≤ 1 + c."""
+    below = arithmetic.largest(arithmetic.number(0.0), x - 1 + BLEND)
+    return x - below * below / (4 * BLEND)
+
+
 def axis_second(
     nu: Number, cotangent: Number, across: Number, speed: Number, acceleration: Number
 ) -> Number:
@@ -259,9 +265,9 @@ def _cell(
     x_low = g_low / fast
     x_cap = least(g_high / slow, 1 + c)  # S is constant beyond
     s_slope = least(one, largest(number(0.0), (1 + c - x_low) / (2 * c)))
-    f = fast * _saturated(least(g_high / fast, 1 + c), c, arithmetic)
+    f = fast * saturated(least(g_high / fast, 1 + c), arithmetic)
     slope_cap = least(one, largest(number(0.0), (1 + c - x_cap) / (2 * c)))
-    f_cap = _saturated(x_cap, c, arithmetic) - x_cap * slope_cap
+    f_cap = saturated(x_cap, arithmetic) - x_cap * slope_cap
     f_phi = s_slope * g_slope
     blends = not (g_high / slow <= 1 - c or x_low >= 1 + c)
     curve = 1 / (2 * c * slow) if blends else number(0.0)
@@ -345,9 +351,3 @@ def _largest_gain(p: Number, q: Number, r: Number, arithmetic: Arithmetic) -> Nu
     gap = (p * p - r * r) * (p * p - r * r) + q * q * (q * q + 2 * p * p + 2 * r * r)
     root = arithmetic.sqrt(arithmetic.largest(gap, arithmetic.number(0.0)))
     return arithmetic.sqrt((total + root) / 2)
-
-
-def _saturated(x: Number, c: Number, arithmetic: Arithmetic) -> Number:
-    """S(x) for x ≤ 1 + c."""
-    below = arithmetic.largest(arithmetic.number(0.0), x - 1 + c)
-    return x - below * below / (4 * c)

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from ppc_attitude.science.controllers.brake import BLEND
 from ppc_attitude.science.guarantee.arithmetic import Number
 from ppc_attitude.science.guarantee.bounds import Bounds
+from ppc_attitude.science.guarantee.cells import saturated
 
 _STEP = 0.01  # [s] or a sample, or this share of a turn, whichever is longest
 _SHARE = 5e-5
@@ -86,14 +87,12 @@ class Envelope:
             g = arithmetic.least(
                 self._k * phi, arithmetic.sqrt(arithmetic.largest(under, arithmetic.number(0.0)))
             )
-        c = BLEND
-        if g >= (1 + c) * cap:
+        if g >= (1 + BLEND) * cap:
             return cap
-        if g <= (1 - c) * cap:
+        if g <= (1 - BLEND) * cap:
             return g
-        x = arithmetic.least(g / cap, arithmetic.number(1.0 + c))
-        below = arithmetic.largest(x - (1 - c), arithmetic.number(0.0))
-        return cap * (x - below * below / (4 * c))
+        x = arithmetic.least(g / cap, arithmetic.number(1.0 + BLEND))
+        return cap * saturated(x, arithmetic)
 
     def settled(self, accuracy: float) -> Number:
         """φ below which |q_ev,i| < accuracy: 2 asin(x) ≥ 2x."""

@@ -90,6 +90,11 @@ def _divided(cells: NDArray[np.int64], face: int) -> NDArray[np.int64]:
     return np.concatenate(parts)
 
 
+def _nu(phi: Array) -> Array:
+    """ν = 1/(2 sin(φ/2))."""
+    return np.asarray(0.5 / np.sin(0.5 * phi))
+
+
 class KnownReference:
     """Settling times of one law for one reference.
 
@@ -192,7 +197,7 @@ class KnownReference:
         begin = stop + 2.0 * law.h
         count = len(radius)
         drift = rate * (stop + law.h) / 2.0 + law.z_bar * begin
-        nu = np.maximum(self._nu(least - 1.5 * drift), self._nu(most + drift))
+        nu = np.maximum(_nu(least - 1.5 * drift), _nu(most + drift))
         state = _State(
             above=most + assumed.e_A + drift,
             # σ = −n·ω_e ≤ rate is kept while the rest stops.
@@ -229,9 +234,10 @@ class KnownReference:
         fastest = self._speed(state.above, cap) * (1.0 + _PADDING)
         lowest = np.maximum(state.above - _STEP * fastest, 0.0)
         fall = self._speed(lowest, cap) * (1.0 - _PADDING)
-        nu = 0.5 / np.sin(0.5 * np.clip(state.below, 1e-3, np.pi))
-        far = 0.5 / np.sin(0.5 * np.minimum(state.above, 2 * np.pi - 1e-3))
-        state.turned += _STEP * law.z_bar * np.maximum(nu, far) * (1.0 + _PADDING)
+        nu = np.maximum(
+            _nu(np.clip(state.below, 1e-3, np.pi)), _nu(np.minimum(state.above, 2 * np.pi - 1e-3))
+        )
+        state.turned += _STEP * law.z_bar * nu * (1.0 + _PADDING)
         state.above += _STEP * (law.z_bar - fall)
         rise = np.minimum(most, law.k * np.maximum(state.below, 0.0))
         state.below -= _STEP * (law.z_bar + rise) * (1.0 + _PADDING)
@@ -245,7 +251,3 @@ class KnownReference:
         x = np.minimum(g / np.maximum(cap, 1e-300), 1.0 + BLEND)
         below = np.maximum(x - 1.0 + BLEND, 0.0)
         return np.asarray(np.maximum(cap, 0.0) * (x - below * below / (4.0 * BLEND)))
-
-    @staticmethod
-    def _nu(phi: Array) -> Array:
-        return np.asarray(0.5 / np.sin(0.5 * phi))
