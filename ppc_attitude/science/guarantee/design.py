@@ -223,49 +223,42 @@ def nearest(assumed: Assumptions, h: float) -> dict[str, float]:
         Only numbers that can help alone, within a factor of 1000.
     """
     found = {}
-    for name, present in (
-        ("max_torque", assumed.max_torque),
-        ("Omega", assumed.Omega),
-        ("d", assumed.d),
-        ("W", assumed.W),
-        ("e_S", assumed.e_S),
-        ("dead_band", assumed.dead_band),
-        ("h", h),
-    ):
-        if present == 0.0:
-            continue
-        rises = name in ("max_torque", "Omega")
-        known: list[Gains] = []
-
-        def helps(
-            factor: float, name: str = name, present: float = present, known: list[Gains] = known
-        ) -> bool:
-            value = present * factor
-            if name == "h":
-                return _feasible(assumed, value, known)
-            return _feasible(_scaled(assumed, name, value), h, known)
-
-        # Not only too little fails: what is far too much may fail as well.
-        low, high = 0.0, 0.0  # infeasible, feasible: logarithms of a factor
-        for factor in _FAR:
-            low, high = high, math.log(factor if rises else 1.0 / factor)
-            if helps(math.exp(high)):
-                break
-        else:
-            continue
-        while abs(high - low) > 0.05:
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if helps(math.exp(middle)) else (middle, high)
-        found[name] = present * math.exp(high)
+    for name in ("max_torque", "Omega", "d", "W", "e_S", "dead_band", "h"):
+        present = h if name == "h" else getattr(assumed, name)
+        factor = _nearest_factor(assumed, h, name) if present else None
+        if factor is not None:
+            found[name] = present * factor
     return found
 
 
-def _scaled(assumed: Assumptions, name: str, value: float) -> Assumptions:
-    """Another value of one number; what bounds a quantity's rate scales with its bound."""
-    changed: dict[str, Any] = {name: value}
-    factor = value / getattr(assumed, name)
-    if name == "W":
-        changed |= {"W1": assumed.W1 * factor, "W2": assumed.W2 * factor}
+def _nearest_factor(assumed: Assumptions, h: float, name: str) -> float | None:
+    """Nearest factor of one number with which something is feasible; None if no factor helps."""
+    known: list[Gains] = []
+
+    def helps(logarithm: float) -> bool:
+        factor = math.exp(logarithm)
+        if name == "h":
+            return _feasible(assumed, factor * h, known)
+        return _feasible(_scaled(assumed, name, factor), h, known)
+
+    # Not only too little fails: what is far too much may fail as well.
+    low, high = 0.0, 0.0  # infeasible, feasible: logarithms of a factor
+    for most in _FAR:
+        low, high = high, math.log(most if name in ("max_torque", "Omega") else 1.0 / most)
+        if helps(high):
+            break
+    else:
+        return None
+    while abs(high - low) > 0.05:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if helps(middle) else (middle, high)
+    return math.exp(high)
+
+
+def _scaled(assumed: Assumptions, name: str, factor: float) -> Assumptions:
+    """Scale one number; what bounds a quantity's rates scales with its bound."""
+    names = ("W", "W1", "W2") if name == "W" else (name,)
+    changed: dict[str, Any] = {each: factor * getattr(assumed, each) for each in names}
     return replace(assumed, **changed)
 
 
