@@ -54,6 +54,7 @@ from ppc_attitude.science.controllers.tube_state import (
     is_hit,
     phase,
     slip,
+    tell,
     watch,
 )
 from ppc_attitude.science.kernel import (
@@ -114,9 +115,7 @@ def _advance(memory: Any, gains: Any, h: float) -> None:
 def _begin(memory: Any, gains: Any, n: Vector, phi: float, limit: float, omega_e: Vector) -> None:
     """Event: plan from the present state, which puts y at zero whatever the state is."""
     memory.events += 1.0
-    if memory.told == 0.0 or memory.t - memory.told_at >= 1.0:
-        memory.told += 1.0
-        memory.told_at = memory.t
+    tell(memory)
     memory.certified = gains.certified
     memory.p = 1.0
     memory.envelope = phi + gains.e_A

@@ -184,6 +184,16 @@ def slip(memory: Any) -> None:
 
 
 @kernel
+def tell(memory: Any) -> bool:
+    """Count one more advice, unless the user heard the last one less than a second ago."""
+    if memory.told != 0.0 and memory.t - memory.told_at < _NEWS:
+        return False
+    memory.told += 1.0
+    memory.told_at = memory.t
+    return True
+
+
+@kernel
 def watch(memory: Any, gains: Any, unexplained: Vector, h: float) -> None:
     """See whether torque that nobody explains [N·m] is more than the assumptions admit, and why.
 
@@ -200,9 +210,7 @@ def watch(memory: Any, gains: Any, unexplained: Vector, h: float) -> None:
     if doubt == 0.0:
         return
     is_new = memory.doubt != doubt or memory.t - memory.doubted_at > DOUBT_LASTS
-    if is_new and (memory.told == 0.0 or memory.t - memory.told_at >= _NEWS):
-        memory.told += 1.0
-        memory.told_at = memory.t
+    if is_new and tell(memory):
         memory.doubt = doubt
     memory.doubted_at = memory.t
 
