@@ -14,7 +14,6 @@
 
 """Parameters and columns of envelopes, which laws with envelopes share."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -100,10 +99,3 @@ def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
 def smooth_sign(a: Vector, size: float, width: float) -> Vector:
     """Estimate D_m tanh(a/μ) of a disturbance [N·m], with the size D_m and the width μ."""
     return scale(size, tanh(divide(a, (width, width, width))))
-
-
-def is_diagonal(inertia: Any) -> bool:
-    """True if no product of inertia is different from zero."""
-    return all(
-        math.isclose(inertia[i, j], 0.0, abs_tol=0.0) for i in range(3) for j in range(3) if i != j
-    )

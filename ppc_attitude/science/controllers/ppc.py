@@ -38,7 +38,6 @@ from ppc_attitude.science.controllers.common import (
     RATE_ENVELOPE,
     RATE_PARAMETERS,
     envelope_of,
-    is_diagonal,
     of_law,
     smooth_sign,
 )
@@ -164,7 +163,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     inertia = inertia_matrix("inertia", values["inertia"])
     record["inertia"] = inertia
     record["inertia_inverse"] = np.linalg.inv(inertia)
-    record["diagonal"] = is_diagonal(inertia)
+    record["diagonal"] = not np.any(inertia - np.diag(np.diagonal(inertia)))
     record["adaptive"] = values["adaptive_envelope"]
     record["auto"] = values["envelope"] == "auto"
     record["norm_form"] = values["virtual_control"] == "norm"
