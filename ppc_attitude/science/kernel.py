@@ -38,6 +38,8 @@ from numba.extending import intrinsic
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]  # x y z w
 Matrix: TypeAlias = tuple[Vector, Vector, Vector]  # rows
+ZERO: Vector = (0.0, 0.0, 0.0)
+STRAIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)  # no turn at all
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses

@@ -23,6 +23,7 @@ the rate leaves there.
 import math
 
 from ppc_attitude.science.kernel import (
+    ZERO,
     Matrix,
     Quaternion,
     Vector,
@@ -39,7 +40,6 @@ from ppc_attitude.science.kernel import (
 
 BLEND = 0.25  # c, half the width of the parabola
 ORDER = 16  # of the norm that stands for the largest of the axes, and has derivatives
-_ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @kernel
@@ -48,7 +48,7 @@ def error_axis(q_e: Quaternion, way: float) -> tuple[Vector, float]:
     length = norm(vector(q_e))
     phi = 2.0 * math.atan2(length, way * q_e[3])
     if length == 0.0:
-        return _ZERO, phi
+        return ZERO, phi
     return scale(way / length, vector(q_e)), phi
 
 
@@ -59,7 +59,7 @@ def speed_limit(
     """V [rad/s], the f at which ‖w_d − f n‖ is the rate limit Ω_e, and V' [rad/s²]."""
     b = dot(n, omega_d)
     root = math.sqrt(max(b * b + rate_limit * rate_limit - dot(omega_d, omega_d), 0.0))
-    if root == 0.0 or n == _ZERO:
+    if root == 0.0 or n == ZERO:
         return b + root, 0.0
     b_rate = dot(n, acceleration_d) + dot(n_rate, omega_d)
     return b + root, b_rate + (b * b_rate - dot(omega_d, acceleration_d)) / root

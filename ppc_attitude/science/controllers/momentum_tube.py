@@ -58,6 +58,7 @@ from ppc_attitude.science.controllers.tube_state import (
     watch,
 )
 from ppc_attitude.science.kernel import (
+    ZERO,
     Matrix,
     Quaternion,
     Vector,
@@ -79,7 +80,6 @@ _OBSERVER_RATE = 1.0  # L [1/s] of the disturbance estimate
 _FEEDFORWARD = 0.15  # of the torque: what the brake cannot have
 _LANDED = 1e-9  # a ramp this near its end is at its end: the time between stamps is rounded
 _TUMBLING_ENDS = 0.95  # of omega0
-_ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @kernel
@@ -214,7 +214,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     if memory.tumbling != 0.0:
         momentum = apply(inertia, vector(measurement.angular_velocity))
         torque = _tumble(memory, gains, momentum)
-        store(memory.y, _ZERO)
+        store(memory.y, ZERO)
         store_command(command, q_e, omega_e, torque, torque)
     bound = math.sin(0.5 * min(memory.envelope, math.pi))
     store(command.attitude_envelope, (bound, bound, bound))
@@ -240,8 +240,8 @@ def _track(
 ) -> None:
     """One sample outside the tumbling mode, which it enters at an event with too high a rate."""
     inertia = matrix(gains.inertia)
-    unexplained = _ZERO
-    y = _ZERO
+    unexplained = ZERO
+    y = ZERO
     if not event:
         n, phi, limit, brake, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
         y = apply(inertia, subtract(omega_e, v))
@@ -267,11 +267,11 @@ def _track(
         if phi > math.pi + lead:
             memory.way = -1.0
             n, phi = error_axis(q_e, memory.way)
-        limit = _limit(measurement, gains, n, _ZERO)[0]
+        limit = _limit(measurement, gains, n, ZERO)[0]
         _begin(memory, gains, n, phi, limit, omega_e)
         n, phi, limit, brake, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
-        y = _ZERO
-        store(memory.y_hat, _ZERO)
+        y = ZERO
+        store(memory.y_hat, ZERO)
     elif h > 0.0:
         _observe(memory, gains, y, unexplained, h)
     f, f_rate, f_cap = brake
@@ -306,7 +306,7 @@ def _commanded(
     """n, φ, V, (f, f', f_V), 2 sin(φ/2) n' and v with the memory's way and ramps; sets V_e, a."""
     n, phi = error_axis(q_e, memory.way)
     turn = axis_rate(n, phi, omega_e)
-    n_rate = scale(0.5 / math.sin(0.5 * phi), turn) if n != _ZERO else _ZERO
+    n_rate = scale(0.5 / math.sin(0.5 * phi), turn) if n != ZERO else ZERO
     limit, limit_rate = _limit(measurement, gains, n, n_rate)
     if memory.sigma >= limit:
         memory.done = 1.0

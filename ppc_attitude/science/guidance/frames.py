@@ -19,8 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.guidance.rotation import Motion, about, moved_by
+from ppc_attitude.science.guidance.rotation import Motion, about, moved_by, standing
 from ppc_attitude.science.kernel import (
+    STRAIGHT,
+    ZERO,
     Quaternion,
     Vector,
     add,
@@ -61,8 +63,6 @@ SPINNING = np.dtype(
 )
 # |z × s|/|s| of the two directions below which a frame's y axis is ill defined.
 LEAST_SINE = 0.1
-_NOTHING: Vector = (0.0, 0.0, 0.0)
-_STRAIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 Direction = tuple[Vector, Vector, Vector]
 
@@ -157,12 +157,12 @@ def frame_at(t: float, frame: int, spinning: Any, sky: Any, cursor: Any) -> tupl
         Record of dtype `SKY`, and the cursor of `orbit_at`.
     """
     if frame == INERTIAL:
-        return (_STRAIGHT, _NOTHING, _NOTHING), 1.0
+        return standing(STRAIGHT), 1.0
     if frame == SPIN:
         axis = vector(spinning.axis)
         turn = about(axis, spinning.rate * (t - spinning.begin))
         rate = scale(spinning.rate, axis)
-        return moved_by(quaternion(spinning.attitude), (turn, rate, _NOTHING)), 1.0
+        return moved_by(quaternion(spinning.attitude), (turn, rate, ZERO)), 1.0
     r, v = orbit_at(t, sky.orbit, cursor)
     g, g_rate = gravity(r), gravity_rate(r, v)
     if frame == NADIR:

@@ -31,7 +31,7 @@ from ppc_attitude.science.guidance.plan import (
     plan_motion,
     start_plan,
 )
-from ppc_attitude.science.guidance.rotation import Motion, axis_and_angle
+from ppc_attitude.science.guidance.rotation import Motion, axis_and_angle, standing
 from ppc_attitude.science.guidance.sight import crossing, directions_at, goal_at
 from ppc_attitude.science.guidance.slew import (
     append_approach,
@@ -53,8 +53,8 @@ from ppc_attitude.science.keep_out import (
     violated,
 )
 from ppc_attitude.science.kernel import (
+    STRAIGHT,
     Quaternion,
-    Vector,
     kernel,
     quaternion,
     store,
@@ -108,8 +108,6 @@ STATE = np.dtype(
 ) = range(9)
 MOST_SPIN = 0.9  # of V
 _ROUNDS = 5
-_NOTHING: Vector = (0.0, 0.0, 0.0)
-_STRAIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 @kernel
@@ -178,7 +176,7 @@ def _aim(t: float, frame: int, attitude: Quaternion, trial: Any, guidance: Any, 
         fastest = MOST_SPIN * guidance.limits.max_rate
         if abs(guidance.spin_rate) > fastest:
             return refused(SPIN_TOO_FAST, guidance.spin_rate, fastest, state)
-        store_quaternion(trial.attitude, _STRAIGHT)
+        store_quaternion(trial.attitude, STRAIGHT)
         store_quaternion(trial.spinning.attitude, attitude)
         store(trial.spinning.axis, vector(guidance.spin_axis))
         trial.spinning.rate = guidance.spin_rate
@@ -241,8 +239,7 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
     if trial.count > braked:
         free = trial.legs[braked].begin + trial.legs[braked].duration
     if moving:
-        last = quaternion(attitudes[len(angles) - 1])
-        still = (last, _NOTHING, _NOTHING)
+        still = standing(quaternion(attitudes[len(angles) - 1]))
         if not append_approach(trial, trial.end, still, False, limits, sky, look):
             return NO_SLEW
     return kept_clear(trial, t, free, inside, guidance, state)
@@ -266,8 +263,10 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
     state.cone = -1
     state.inside = 0
     outcome = _aim(t, frame, attitude, trial, guidance, state)
-    if outcome != ACCEPTED or guidance.cones.count == 0:
-        return outcome if outcome != ACCEPTED else _approach(t, trial, motion, guidance, state)
+    if outcome != ACCEPTED:
+        return outcome
+    if guidance.cones.count == 0:
+        return _approach(t, trial, motion, guidance, state)
     directions = directions_at(t, guidance.cones, guidance.sky, state.look.now)
     arrival = t
     if frame != INERTIAL and cones_around(motion[0], guidance.cones, directions) == 0:

@@ -30,6 +30,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
 from ppc_attitude.science.guidance.trajectory import OWN_TOLERANCE, POINTS, points
+from ppc_attitude.science.kernel import STRAIGHT
 from ppc_attitude.science.parameter import at_start
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 
@@ -72,7 +73,6 @@ ORDER = np.dtype(
     ],
     align=True,
 )
-_NO_ATTITUDE = (0.0, 0.0, 0.0, 1.0)
 
 
 class Orders(NamedTuple):
@@ -108,12 +108,12 @@ def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[
 
 def hold_order(stamp_ns: int) -> NDArray[Any]:
     """Order to brake in inertial space from a stamp on and to stay there."""
-    return np.array([(stamp_ns, HOLD, _NO_ATTITUDE, 0)], ORDER)
+    return np.array([(stamp_ns, HOLD, STRAIGHT, 0)], ORDER)
 
 
 def profile_order(stamp_ns: int, number: int) -> NDArray[Any]:
     """Order to follow a timed profile, by its number among the profiles."""
-    return np.array([(stamp_ns, PROFILE, _NO_ATTITUDE, number)], ORDER)
+    return np.array([(stamp_ns, PROFILE, STRAIGHT, number)], ORDER)
 
 
 def scheduled_orders(values: Mapping[str, Any]) -> Orders:

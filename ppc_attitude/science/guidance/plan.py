@@ -26,8 +26,10 @@ from ppc_attitude.science.guidance.rotation import (
     composed,
     exponential_motion,
     moved_by,
+    standing,
 )
 from ppc_attitude.science.kernel import (
+    ZERO,
     Quaternion,
     Vector,
     add,
@@ -76,13 +78,12 @@ PLAN = np.dtype(
 )
 # Where plans are made: the sky, and two cursors of the orbit, for now and for looking ahead.
 LOOK = np.dtype([("now", CURSOR), ("ahead", CURSOR)], align=True)
-_NOTHING: Vector = (0.0, 0.0, 0.0)
 
 
 @kernel
 def polynomial(coefficients: Any, t: float) -> tuple[Vector, Vector, Vector]:
     """φ = c1 t + … + c5 t⁵ with φ' and φ''."""
-    phi, first, second = _NOTHING, _NOTHING, _NOTHING
+    phi, first, second = ZERO, ZERO, ZERO
     for i in range(4, -1, -1):
         second = add(scale(t, second), scale(2.0, first))
         first = add(scale(t, first), phi)
@@ -96,7 +97,7 @@ def leg_motion(leg: Any, t: float) -> Motion:
     """Motion of a leg relative to its frame, t [s] after its begin."""
     axis = vector(leg.axis)
     start = quaternion(leg.attitude)
-    if axis == _NOTHING:
+    if axis == ZERO:
         return moved_by(start, exponential_motion(*polynomial(leg.coefficients, t)))
     angle, rate, acceleration = turned(t, quaternion(leg.profile), leg.jerk)
     return moved_by(start, (about(axis, angle), scale(rate, axis), scale(acceleration, axis)))
@@ -107,7 +108,7 @@ def plan_motion(t: float, plan: Any, sky: Any, cursor: Any) -> Motion:
     """q_d, ω_d [rad/s] and ω_d' [rad/s²] of a plan at t [s]."""
     if t >= plan.end:
         frame = frame_at(t, plan.frame, plan.spinning, sky, cursor)[0]
-        return composed(frame, (quaternion(plan.attitude), _NOTHING, _NOTHING))
+        return composed(frame, standing(quaternion(plan.attitude)))
     i = 0
     while i + 1 < plan.count and plan.legs[i + 1].begin <= t:
         i += 1
@@ -149,7 +150,7 @@ def append_polynomial(
         return False
     leg = plan.legs[plan.count]
     _begin_leg(plan, leg, frame, begin, length, start)
-    store(leg.axis, _NOTHING)
+    store(leg.axis, ZERO)
     for i in range(5):
         store(leg.coefficients[i], coefficients[i])
     return True

@@ -22,6 +22,7 @@ from typing import TypeAlias
 
 from ppc_attitude.science.attitude import conjugate, exponential, normalised, product, to_body
 from ppc_attitude.science.kernel import (
+    ZERO,
     Quaternion,
     Vector,
     add,
@@ -163,6 +164,12 @@ def relative_to(frame: Motion, motion: Motion) -> Motion:
         omega,
         add(subtract(motion[2], to_body(frame[2], axis, scalar)), cross(omega, carried)),
     )
+
+
+@kernel
+def standing(q: Quaternion) -> Motion:
+    """Motion that stays at an attitude."""
+    return q, ZERO, ZERO
 
 
 @kernel

@@ -36,14 +36,22 @@ from ppc_attitude.science.guidance.rotation import (
     exponential_motion,
     relative_to,
 )
-from ppc_attitude.science.kernel import Quaternion, Vector, add, kernel, norm, quaternion, scale
+from ppc_attitude.science.kernel import (
+    ZERO,
+    Quaternion,
+    Vector,
+    add,
+    kernel,
+    norm,
+    quaternion,
+    scale,
+)
 
 MOST_ATTEMPTS = 40
 SAMPLES = 64  # intervals
 ROUNDING = 1.0 + 1e-9
 _FASTER = 1.01  # times V that a brake with 2 |α|/K may reach
 NO_TURN = 1e-12  # [rad]
-_NOTHING: Vector = (0.0, 0.0, 0.0)
 
 
 @kernel
@@ -53,7 +61,7 @@ def brake_coefficients(
     """c1 … c5 of φ = ω t + α t²/2 + c3 t³ + c4 t⁴, which is at rest after `length` [s]."""
     c3 = scale(-1.0 / (3.0 * length * length), add(scale(2.0 * length, alpha), scale(3.0, omega)))
     c4 = scale(0.25 / length**3, add(scale(2.0, omega), scale(length, alpha)))
-    return omega, scale(0.5, alpha), c3, c4, _NOTHING
+    return omega, scale(0.5, alpha), c3, c4, ZERO
 
 
 @kernel

@@ -59,7 +59,15 @@ from ppc_attitude.science.guidance.scene import scene_at, told
 from ppc_attitude.science.guidance.trajectory import POINTS, follow
 from ppc_attitude.science.guidance.watch import look_out, warnings_of
 from ppc_attitude.science.keep_out import MOST_CONES
-from ppc_attitude.science.kernel import array_at, kernel, quaternion, store, store_quaternion
+from ppc_attitude.science.kernel import (
+    STRAIGHT,
+    ZERO,
+    array_at,
+    kernel,
+    quaternion,
+    store,
+    store_quaternion,
+)
 from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, epoch_of, orbit_of
 from ppc_attitude.science.parameter import Parameter, at_start
@@ -196,9 +204,9 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
     if not state.begun and q != (0.0, 0.0, 0.0, 0.0):
         begin(inputs.t, normalised(q), state)
     if not state.begun:
-        store_quaternion(outputs.reference_attitude, (0.0, 0.0, 0.0, 1.0))
-        store(outputs.reference_angular_velocity, (0.0, 0.0, 0.0))
-        store(outputs.reference_angular_acceleration, (0.0, 0.0, 0.0))
+        store_quaternion(outputs.reference_attitude, STRAIGHT)
+        store(outputs.reference_angular_velocity, ZERO)
+        store(outputs.reference_angular_acceleration, ZERO)
         return
     orders = array_at(guidance.address, guidance.orders, ORDER)
     before = state.obeyed
