@@ -24,9 +24,13 @@ from numpy.typing import NDArray
 from truth_tables import TRUTH
 
 from ppc_attitude.science.guidance.goals import GUIDANCE, STATE, begin, motion_now
+from ppc_attitude.science.guidance.orders import ORDER, Orders
+from ppc_attitude.science.guidance.trajectory import POINTS
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.orbit_elements import orbit_record
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references.goal import COMPONENT, configuration_of
 
 Array = NDArray[np.float64]
 DEGREE = math.pi / 180.0
@@ -76,6 +80,17 @@ def begun(attitude: Quaternion, t: float = 0.0) -> Any:
     state = np.zeros((), STATE)[()]
     begin(t, attitude, state)
     return state
+
+
+def guided(orders: Any, profiles: Any = ()) -> Part:
+    """The reference with the default parameters, orders and the profiles that they refer to."""
+    part = Part(COMPONENT, COMPONENT.defaults)
+    listed = np.concatenate([np.zeros(0, ORDER), *orders])
+    record, *part.kept = configuration_of(
+        COMPONENT.defaults, Orders(listed, np.array(list(profiles), POINTS))
+    )
+    part.hold(record)
+    return part
 
 
 def motion(t: float, configuration: Any, state: Any) -> Array:

@@ -14,7 +14,7 @@
 
 """Records as the kernels take them, and what the tests of laws write their equations in."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.parameter import resolved
 
 Array = NDArray[np.float64]
 quaternions = (
@@ -46,6 +47,11 @@ def derivative(at: Callable[[float], Array], h: float) -> Array:
 def new_record(dtype: Any) -> Any:
     """Return a record of zeros."""
     return np.zeros((), dtype)[()]
+
+
+def configured(component: Component, values: Mapping[str, Any] | None = None) -> Any:
+    """Return what a component's step is configured by, from parameters beside the defaults."""
+    return component.configure(resolved(component.parameters, values or {}, "node"))
 
 
 def inputs_of(component: Component) -> Any:

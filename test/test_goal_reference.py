@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import dotted
-from guidance_helpers import same_sign
+from guidance_helpers import guided, same_sign
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.analysis.keep_out import approaches_of
@@ -38,8 +38,6 @@ from ppc_attitude.science.guidance.orders import (
 )
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.guidance.trajectory import POINTS, points
-from ppc_attitude.science.part import Part
-from ppc_attitude.science.references.goal import COMPONENT, configuration_of
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.flight_plan import goals_told
 from ppc_attitude.simulation.replay import replay
@@ -131,28 +129,18 @@ def test_start_inside_a_cone_is_led_out_with_a_warning() -> None:
     assert "begins inside keep-out cone 0 and is led out" in told.advice.text
 
 
-def part_with(orders: Any, profiles: Any = NO_PROFILES) -> Part:
-    """Reference at rest at START since t = 0, with orders."""
-    part = Part(COMPONENT, COMPONENT.defaults)
-    record, *part.kept = configuration_of(COMPONENT.defaults, Orders(orders, profiles))
-    part.hold(record)
-    part.step(0, START)
-    return part
-
-
 def test_live_orders_act_from_their_stamp() -> None:
     second = 1_000_000_000
     start = Rotation.from_quat(START)
     attitudes = [START, (start * Rotation.from_rotvec([0.0, 0.2, 0.0])).as_quat()]
-    profile = np.array([points([110.0, 150.0], attitudes, [None] * 2, [None] * 2)])
-    orders = np.concatenate(
-        [
-            goal_order(3 * second, "sun", STRAIGHT),
-            hold_order(20 * second),
-            profile_order(40 * second, 0),
-        ]
-    )
-    part = part_with(orders, profile)
+    profile = points([110.0, 150.0], attitudes, [None] * 2, [None] * 2)
+    orders = [
+        goal_order(3 * second, "sun", STRAIGHT),
+        hold_order(20 * second),
+        profile_order(40 * second, 0),
+    ]
+    part = guided(orders, [profile])
+    part.step(0, START)
     assert part.step(3 * second, START)[4:] == (0.0,) * 6
     assert np.linalg.norm(part.step(20 * second, START)[4:7]) > 0.01
     assert part.step(39 * second, START)[4:] == (0.0,) * 6
@@ -164,10 +152,7 @@ def test_live_orders_act_from_their_stamp() -> None:
 
 
 def test_orders_before_the_begin_act_at_the_begin() -> None:
-    orders = goal_order(1_000_000_000, "inertial", DESIRED_ATTITUDE)
-    part = Part(COMPONENT, COMPONENT.defaults)
-    record, *_kept = configuration_of(COMPONENT.defaults, Orders(orders, NO_PROFILES))
-    part.hold(record)
+    part = guided([goal_order(1_000_000_000, "inertial", DESIRED_ATTITUDE)])
     # No attitude yet: nothing begins.
     assert part.step(2_000_000_000, [0.0] * 4) == (*STRAIGHT, *[0.0] * 6)
     part.step(7_000_000_000, START)

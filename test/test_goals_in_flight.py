@@ -25,6 +25,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist
+from guidance_helpers import guided
 from peer import Beside
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -47,16 +48,13 @@ from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.science.guidance.orders import (
-    ORDER,
     Orders,
     goal_order,
     hold_order,
     profile_order,
     schedule_of,
 )
-from ppc_attitude.science.guidance.trajectory import POINTS, points
-from ppc_attitude.science.part import Part
-from ppc_attitude.science.references.goal import COMPONENT, configuration_of
+from ppc_attitude.science.guidance.trajectory import points
 from ppc_attitude.science.stamps import nanoseconds
 
 START = (0.0, 0.0, 0.0, 1.0)
@@ -148,12 +146,7 @@ def pilot(ros_domain: int) -> Iterator[Pilot]:
 
 def flown(orders: list[Any], times: list[float], profiles: Any = ()) -> list[list[float]]:
     """What the component alone gives with the same orders."""
-    part = Part(COMPONENT, COMPONENT.defaults)
-    listed = np.concatenate([np.zeros(0, ORDER), *orders])
-    record, *_kept = configuration_of(
-        COMPONENT.defaults, Orders(listed, np.array(list(profiles), POINTS))
-    )
-    part.hold(record)
+    part = guided(orders, profiles)
     return [list(part.step(nanoseconds(t), START)) for t in times]
 
 

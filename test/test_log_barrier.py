@@ -18,11 +18,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from record_helpers import derivative, f_matrix, inputs_of, outputs_of, state_of
+from record_helpers import configured, derivative, f_matrix, inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import log_barrier
-from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
 
@@ -54,7 +53,7 @@ def test_alpha_and_its_derivative_along_the_motion(seed: int) -> None:
 
 
 def test_step_is_the_reconstruction_of_the_spec() -> None:
-    gains = log_barrier.configure(resolved(log_barrier.PARAMETERS, {}, "ppc_controller"))
+    gains = configured(log_barrier.COMPONENT)
     measurement, memory = (inputs_of(log_barrier.COMPONENT), state_of(log_barrier.COMPONENT))
     error = Rotation.from_rotvec([0.2, -0.1, 0.15])
     omega, t = np.array([0.01, -0.02, 0.015]), 10.0
@@ -111,7 +110,7 @@ def test_after_a_hit_it_settles_outside_near_the_predicted_error() -> None:
 
 
 def test_it_never_divides_by_zero() -> None:
-    gains = log_barrier.configure(resolved(log_barrier.PARAMETERS, {}, "ppc_controller"))
+    gains = configured(log_barrier.COMPONENT)
     for scalar in (0.0, -0.0, 1e-12):
         measurement, command = (inputs_of(log_barrier.COMPONENT), outputs_of(log_barrier.COMPONENT))
         measurement["attitude"] = (0.6, 0.64, 0.48, scalar)

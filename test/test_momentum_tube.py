@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from record_helpers import inputs_of, outputs_of, state_of
+from record_helpers import configured, inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
@@ -26,7 +26,6 @@ from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.brake import BLEND, brake, capped_brake, deceleration
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS
-from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import scenario
@@ -163,7 +162,7 @@ def test_recovers_when_a_hit_makes_the_craft_tumble() -> None:
 
 def law_of(**values: Any) -> Any:
     given = {tube_parameters.PREFIX + name: value for name, value in values.items()}
-    return tube_parameters.configure(resolved(tube_parameters.PARAMETERS, given, "law"))
+    return configured(momentum_tube.COMPONENT, given)
 
 
 def new_records() -> tuple[Any, Any]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import configs
-from record_helpers import inputs_of, outputs_of, state_of
+from record_helpers import configured, inputs_of, outputs_of, state_of
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 from test_momentum_tube import settled_after
@@ -28,7 +28,6 @@ from test_momentum_tube import settled_after
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.controllers import momentum_tube_ahead, tube_parameters
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -41,7 +40,7 @@ LEAD = 0.6
     "values", [{}, {"begin": 321.0, "ahead": 40.0, "amplitude": [0.01, 0, 0.02]}]
 )
 def test_what_is_told_is_the_integral_of_the_desired_rate(values: dict[str, Any]) -> None:
-    record = paper_ahead.configure(resolved(paper_ahead.COMPONENT.parameters, values, REFERENCE))
+    record = configured(paper_ahead.COMPONENT, values)
     for t in (0.0, 17.3, 300.0):
         told = paper_ahead.turn_ahead(t, record)
         expected, _ = quad_vec(
@@ -52,8 +51,7 @@ def test_what_is_told_is_the_integral_of_the_desired_rate(values: dict[str, Any]
 
 def way_of(error: Rotation, ahead: Any) -> tuple[float, Any, float]:
     """Way round that an event chooses; axis and angle of the error that way."""
-    given = {"momentum_tube.lead": LEAD}
-    gains = tube_parameters.configure(resolved(tube_parameters.PARAMETERS, given, "law"))
+    gains = configured(momentum_tube_ahead.COMPONENT, {"momentum_tube.lead": LEAD})
     measurement = inputs_of(momentum_tube_ahead.COMPONENT)
     measurement["attitude"] = error.as_quat()
     measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)

@@ -14,11 +14,10 @@
 
 import numpy as np
 import pytest
-from record_helpers import inputs_of, outputs_of, state_of
+from record_helpers import configured, inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import quaternion_feedback
-from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
 
@@ -85,9 +84,7 @@ def test_tracks_the_papers_reference_under_the_environment_within_its_limits() -
 
 
 def test_it_takes_the_short_way() -> None:
-    gains = quaternion_feedback.configure(
-        resolved(quaternion_feedback.PARAMETERS, {}, "ppc_controller")
-    )
+    gains = configured(quaternion_feedback.COMPONENT)
     torques = []
     for sign in (1.0, -1.0):
         measurement, command = (
@@ -104,9 +101,7 @@ def test_it_takes_the_short_way() -> None:
 
 
 def test_integral_rests_while_the_error_is_limited_and_is_bounded() -> None:
-    gains = quaternion_feedback.configure(
-        resolved(quaternion_feedback.PARAMETERS, {}, "ppc_controller")
-    )
+    gains = configured(quaternion_feedback.COMPONENT)
     memory, command = (
         state_of(quaternion_feedback.COMPONENT),
         outputs_of(quaternion_feedback.COMPONENT),
