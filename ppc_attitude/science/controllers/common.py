@@ -15,6 +15,7 @@
 """Parameters and columns of envelopes, which laws with envelopes share."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 from ppc_attitude.science.component import BODY, VECTOR, Column
@@ -91,8 +92,8 @@ def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
     ConfigurationError
         The envelope is infeasible.
     """
-    fields = EnvelopeTable.__dataclass_fields__
-    return solve_envelope(prefix, EnvelopeTable(*(values[f"{prefix}.{name}"] for name in fields)))
+    table = EnvelopeTable(*(values[f"{prefix}.{each.name}"] for each in fields(EnvelopeTable)))
+    return solve_envelope(prefix, table)
 
 
 @kernel

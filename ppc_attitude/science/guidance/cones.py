@@ -60,7 +60,7 @@ def cones_of(values: Mapping[str, Any]) -> Any:
     half_angles = values[HALF_ANGLES.name]
     axes = np.reshape(values[BODY_AXES.name], (-1, 3))
     count = len(half_angles)
-    directions = each(DIRECTIONS.name, values[DIRECTIONS.name], count)
+    directions = one_for_each(DIRECTIONS.name, values[DIRECTIONS.name], count)
     if len(axes) != count:
         raise ConfigurationError(
             f"{BODY_AXES.name} has {axes.size} values, {HALF_ANGLES.name} {count}; "
@@ -106,7 +106,7 @@ def unit_vector(name: str, values: Any) -> NDArray[np.float64]:
     return np.asarray(vector / length)
 
 
-def each(name: str, texts: Sequence[str], count: int) -> Sequence[str]:
+def one_for_each(name: str, texts: Sequence[str], count: int) -> Sequence[str]:
     """One text for each of `count`, which may be given once for all.
 
     Raises

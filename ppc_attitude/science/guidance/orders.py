@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.guidance.cones import each
+from ppc_attitude.science.guidance.cones import one_for_each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
 from ppc_attitude.science.guidance.trajectory import OWN_TOLERANCE, POINTS, points
 from ppc_attitude.science.kernel import STRAIGHT
@@ -127,7 +127,7 @@ def scheduled_orders(values: Mapping[str, Any]) -> Orders:
     """
     times = values[GOAL_TIMES.name]
     attitudes = np.reshape(values[GOAL_ATTITUDES.name], (-1, 4))
-    frames = each(GOAL_FRAMES.name, values[GOAL_FRAMES.name], len(times))
+    frames = one_for_each(GOAL_FRAMES.name, values[GOAL_FRAMES.name], len(times))
     if len(attitudes) != len(times):
         raise ConfigurationError(
             f"{GOAL_TIMES.name} has {len(times)} values, {GOAL_ATTITUDES.name} {attitudes.size}; "
