@@ -16,6 +16,7 @@
 
 import json
 import math
+import tracemalloc
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -47,7 +48,11 @@ from ppc_attitude.science.guarantee.design import UnwishedError, Wishes, design,
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import inequalities
-from ppc_attitude.science.guarantee.surroundings import broken_assumptions, inertia_error
+from ppc_attitude.science.guarantee.surroundings import (
+    broken_assumptions,
+    inertia_error,
+    reference_bounds,
+)
 from ppc_attitude.simulation.scenario import load
 
 # Largest time that is promised from 1 deg/s [s], whatever the reference.
@@ -234,6 +239,24 @@ def test_a_scenario_outside_the_assumptions_is_named(
     found = list(broken_assumptions(assumptions_of(law), law_of(law), nodes, duration=120.0))
     assert len(found) == 1
     assert told in found[0]
+
+
+def test_bounds_of_a_reference_need_no_memory_that_grows_with_the_run() -> None:
+    """Every millisecond of the run stood in arrays: a run of some hours needed gigabytes."""
+    reference = case().parameters[REFERENCE]
+    reference_bounds(reference, 0.0)  # compiled
+    tracemalloc.start()
+    W, W1, W2 = reference_bounds(reference, 3000.0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1e6
+    a, T = np.array(reference["amplitude"]), np.array(reference["period_constant"])
+    x, y, z = np.arange(0.0, 3000.0, 0.1) / T[:, None]
+    rate = a[:, None] * [np.cos(x), np.sin(y), np.cos(z)]
+    bend = (a / T)[:, None] * [np.sin(x), np.cos(y), np.sin(z)]
+    assert np.linalg.norm(rate, axis=0).max() == pytest.approx(W, rel=1e-3)
+    assert np.linalg.norm(bend, axis=0).max() == pytest.approx(W1, rel=2e-3)
+    assert np.linalg.norm(a / T**2) == pytest.approx(W2, rel=1e-12)
 
 
 def test_inertia_error_is_the_one_of_the_definition() -> None:

@@ -38,8 +38,10 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
+from ppc_attitude.science.kernel import kernel, norm
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.plants import rigid_body
+from ppc_attitude.science.references import paper
 
 _GRID = 1e-3  # [s] on which the reference is searched for its fastest instant
 _HORIZON = 3600.0  # [s] for which a design looks at the reference
@@ -65,22 +67,23 @@ def reference_bounds(reference: Mapping[str, Any], duration: float) -> tuple[flo
 
     The first two are searched on a grid; what they may gain between two points is added.
     """
-    amplitude, period = (np.array(reference[each]) for each in ("amplitude", "period_constant"))
-    t = reference["begin"] + np.arange(0.0, duration + _GRID, _GRID)
-    phases = [t / each for each in period]
-    fastest = float(np.linalg.norm(amplitude / period))
-    second = float(np.linalg.norm(amplitude / period**2))
+    record = np.zeros((), paper.REFERENCE)[()]
+    for each in (paper.AMPLITUDE, paper.PERIOD_CONSTANT, paper.BEGIN):
+        record[each.name] = reference[each.name]
+    first = float(np.linalg.norm(record["amplitude"] / record["period_constant"]))
+    second = float(np.linalg.norm(record["amplitude"] / record["period_constant"] ** 2))
+    rate, acceleration = _largest_on_grid(math.ceil(duration / _GRID) + 1, record)
+    return rate + 0.5 * _GRID * first, acceleration + 0.5 * _GRID * second, second
 
-    def largest(scale: NDArray[np.float64], functions: tuple[np.ufunc, ...], slope: float) -> float:
-        pairs = zip(scale, functions, phases, strict=True)
-        squares = sum((a * function(phase)) ** 2 for a, function, phase in pairs)
-        return float(np.sqrt(np.max(squares))) + 0.5 * _GRID * slope
 
-    return (
-        largest(amplitude, (np.cos, np.sin, np.cos), fastest),
-        largest(amplitude / period, (np.sin, np.cos, np.sin), second),
-        second,
-    )
+@kernel
+def _largest_on_grid(count: int, reference: Any) -> tuple[float, float]:
+    """Largest ‖ω_d‖ [rad/s] and ‖ω_d'‖ [rad/s²] at so many points of the grid."""
+    rate, acceleration = 0.0, 0.0
+    for i in range(count):
+        rate = max(rate, norm(paper.desired_rate(i * _GRID, reference)))
+        acceleration = max(acceleration, norm(paper.desired_acceleration(i * _GRID, reference)))
+    return rate, acceleration
 
 
 def broken_assumptions(
