@@ -23,7 +23,7 @@ from ppc_attitude.analysis.series import has, is_finite
 from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE
-from ppc_attitude.science.guidance.cones import DIRECTIONS, HALF_ANGLES
+from ppc_attitude.science.guidance.cones import DIRECTIONS, HALF_ANGLES, one_for_each
 from ppc_attitude.science.guidance.sight import cone_angles
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.orbit import CURSOR
@@ -56,8 +56,8 @@ def guidance_values(record: RunRecord) -> dict[str, Any] | None:
 
 def cone_names(values: Mapping[str, Any]) -> list[str]:
     """The direction that each keep-out cone is about."""
-    names, count = list(values[DIRECTIONS.name]), len(values[HALF_ANGLES.name])
-    return names * count if len(names) == 1 else names
+    names = values[DIRECTIONS.name]
+    return list(one_for_each(DIRECTIONS.name, names, len(values[HALF_ANGLES.name])))
 
 
 def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -> Array:
