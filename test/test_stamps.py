@@ -16,7 +16,7 @@
 
 import pytest
 
-from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind
+from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, out_of_order
 from ppc_attitude.science.stamps import NANOSECONDS
 
 PERIOD = 10_000_000
@@ -72,6 +72,15 @@ def test_a_flood_of_copies_is_no_agreement() -> None:
 def test_one_message_from_the_future_does_not_stop_the_present():
     future = 2_000_000_000 * NANOSECONDS
     assert fed(future, 0, PERIOD, future, 2 * PERIOD) == [STALE, NEW, NEW, STALE, NEW]
+
+
+def test_the_wall_clock_is_no_time_of_a_run() -> None:
+    """References integrate from zero to the stamp: to 1970's they would do so for days."""
+    wall = 1_764_000_000 * NANOSECONDS
+    guard = StampGuard()
+    assert {guard.judge(wall + k * PERIOD, 0.01 * k) for k in range(100)} == {STALE}
+    assert "is beyond 1e+08 s; stamps count from a run's begin" in str(out_of_order("q", wall))
+    assert guard.judge(0, 1.0) is NEW
 
 
 def test_an_instant_is_complete_when_all_of_it_is_there_in_any_order():

@@ -37,9 +37,8 @@ from ppc_attitude.science.disturbances.pulses import (
     pulse,
     scheduled_pulses,
 )
-from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.science.stamps import LATEST, nanoseconds
 
-_LATEST = 1e8  # [s] as for a scheduled pulse; no stamp is far beyond
 _NUMBER = (RosParameter.Type.DOUBLE.name, RosParameter.Type.INTEGER.name)
 _TYPES = {
     "torque": (RosParameter.Type.DOUBLE_ARRAY.name, RosParameter.Type.INTEGER_ARRAY.name),
@@ -147,8 +146,8 @@ def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None
 
 
 def _seconds(name: str, value: float, lowest: float) -> float:
-    if not lowest <= value <= _LATEST:
-        raise RefusedError(f"{name} = {value:g} s; allowed: {lowest:g} to {_LATEST:g}")
+    if not lowest <= value <= LATEST:
+        raise RefusedError(f"{name} = {value:g} s; allowed: {lowest:g} to {LATEST:g}")
     return float(value)
 
 

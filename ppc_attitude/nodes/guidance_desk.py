@@ -47,11 +47,10 @@ from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.guidance.watch import warnings_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import configuration_of, facts
-from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
+from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
 
 ASKED = "asked"  # what the orders were that a status answers, by which each finds its own answer
 _BODY = "body"  # the joint of a trajectory
-_LATEST = 1e8  # [s] as for a scheduled goal; no stamp is far beyond
 
 
 class GuidanceDesk:
@@ -231,9 +230,9 @@ def _angular(twists: Any) -> list[float] | None:
 
 def _stamp_of(stamp: Any) -> int:
     stamp_ns: int = stamp.sec * NANOSECONDS + stamp.nanosec
-    if not 0 <= stamp_ns <= nanoseconds(_LATEST):
+    if not 0 <= stamp_ns <= nanoseconds(LATEST):
         raise ValueError(
-            f"stamp = {seconds(stamp_ns):g} s; allowed: 0 to {_LATEST:g}, in simulated time: a "
+            f"stamp = {seconds(stamp_ns):g} s; allowed: 0 to {LATEST:g}, in simulated time: a "
             "tool that stamps by the wall clock needs use_sim_time:=true"
         )
     return stamp_ns

@@ -22,9 +22,10 @@ that is late, restarts or lost a message is served by the same mechanism as ever
 from collections.abc import Iterable
 from enum import Enum
 
-from ppc_attitude.science.stamps import NANOSECONDS, seconds
+from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
 
 Values = tuple[float, ...]
+_LATEST_NS = nanoseconds(LATEST)
 
 
 class RefusedError(ValueError):
@@ -32,8 +33,12 @@ class RefusedError(ValueError):
 
 
 def out_of_order(name: str, stamp_ns: int) -> RefusedError:
-    """Refusal of a message whose stamp [ns] does not follow those before."""
-    return RefusedError(f"{name}: stamp {seconds(stamp_ns):.6f} s is out of order")
+    """Refusal of a message whose stamp [ns] does not follow those before, or is beyond `LATEST`."""
+    stamp = f"{name}: stamp {seconds(stamp_ns):.6f} s"
+    if stamp_ns > _LATEST_NS:
+        # A clock that counts since 1970, most likely. References integrate from zero to the stamp.
+        return RefusedError(f"{stamp} is beyond {LATEST:g} s; stamps count from a run's begin")
+    return RefusedError(f"{stamp} is out of order")
 
 
 class StampKind(Enum):
@@ -51,7 +56,7 @@ class StampGuard:
     A stamp that goes back, or leaps ahead by more than `LARGEST_STEP`, is refused as out of order,
     unless time has begun again: at stamp zero, or when `CONFIRMATIONS` messages in a row agree on
     the other time. A plant in lock-step cannot go on without an answer: that it repeats a state
-    counts as agreement too, but not the copies of a flood.
+    counts as agreement too, but not the copies of a flood. Beyond `LATEST` none is accepted.
     """
 
     CONFIRMATIONS = 3
@@ -69,6 +74,8 @@ class StampGuard:
         """Classify a stamp [ns] that came at a time [s], and remember it unless it is stale."""
         if stamp_ns == self.last:
             return StampKind.REPEATED
+        if stamp_ns > _LATEST_NS:
+            return StampKind.STALE
         if self._goes_on(stamp_ns):
             return self._accept(stamp_ns, StampKind.NEW)
         self._weigh(stamp_ns, now)

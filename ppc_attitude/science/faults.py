@@ -29,10 +29,9 @@ import numpy as np
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.science.stamps import LATEST, nanoseconds
 
 MOST_FAULTS = 16
-_LATEST = 1e8  # [s]
 _FOR_EVER = np.iinfo(np.int64).max
 _WORD = r"([\w/.+-]+)"
 _TEXT = re.compile(rf"{_WORD} {_WORD}((?: [\w.+-]+)*?)(?: from {_WORD})?(?: for {_WORD})?")
@@ -157,9 +156,9 @@ def fault_of(text: str, shortest: float = 0.0) -> Fault:
     part, kind, numbers, since, duration = found.groups()
     start_ns, end_ns = 0, _FOR_EVER
     if since is not None:
-        start_ns = nanoseconds(_number(text, "from", since, 0.0, _LATEST, "s"))
+        start_ns = nanoseconds(_number(text, "from", since, 0.0, LATEST, "s"))
     if duration is not None:
-        lasts = _number(text, "for", duration, shortest, _LATEST, "s")
+        lasts = _number(text, "for", duration, shortest, LATEST, "s")
         end_ns = start_ns + nanoseconds(lasts)
     return Fault(part, kind, tuple(numbers.split()), start_ns, end_ns)
 

@@ -17,6 +17,7 @@
 from ppc_attitude.science.errors import ConfigurationError
 
 NANOSECONDS = 1_000_000_000
+LATEST = 1e8  # [s] that any run reaches: no stamp is later, and nothing is scheduled for later
 
 
 def seconds(stamp_ns: int) -> float:
