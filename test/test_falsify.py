@@ -28,12 +28,13 @@ import pytest
 
 from ppc_attitude.command_line.errors import BROKEN
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
 from ppc_attitude.falsify.space import Space
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.surroundings import inertia_error
+from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -150,6 +151,15 @@ def test_a_law_without_a_guarantee_is_broken() -> None:
     x = np.zeros(space.size)
     x[0] = 1.0  # half a turn about x, in the inertial frame
     assert evaluated(space, goal, x) > goal.limit
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+@pytest.mark.parametrize("name", ["settling", "terminal", "rate"])
+def test_a_run_that_diverges_is_worst_of_all(name: str) -> None:
+    law = {"controller": "quaternion_feedback", "max_torque": 1e6}
+    gains = {"quaternion_feedback.natural_frequency": 3.0}  # a sample lasts three times as long
+    base = load([PAPER], {PLANT: {"rate": 1.0, "max_torque": 1e6}, CONTROLLER: law | gains})
+    assert Goal(name).value(simulate(base, 20.0), base.controller) == math.inf
 
 
 def test_wheels_cannot_be_late() -> None:

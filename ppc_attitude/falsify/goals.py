@@ -82,7 +82,7 @@ class Goal:
 def _settling(goal: Goal, record: RunRecord) -> float:
     """Last instant outside the accuracy; of a run that ends so, the end and how far out it is."""
     error = _error(record)
-    outside = np.flatnonzero(error >= goal.accuracy)
+    outside = np.flatnonzero(~(error < goal.accuracy))  # an error that is none is not settled
     if not outside.size:
         return 0.0
     time = float(record.t[outside[-1]])
