@@ -41,15 +41,14 @@ CONFIG = Path(__file__).parent.parent / "config"
 PAPER = CONFIG / "paper.yaml"
 
 
-def space_of(**changes: Any) -> Space:
-    base = load([PAPER, CONFIG / "guaranteed.yaml"])
+def space_of(duration: float = 20.0, **changes: Any) -> Space:
+    base = load([PAPER, CONFIG / "guaranteed.yaml"], {PLANT: {"duration": duration}})
     given = {
         "rate": math.radians(1.0),
         "disturbance": 4.374e-3,
         "pieces": 4,
         "e_S": 0.1,
         "eta": 0.8,
-        "duration": 20.0,
         "begin": 500.0,
         "late": True,
     }
@@ -145,8 +144,8 @@ def test_the_worst_case_is_a_configuration_that_gives_the_value(
 
 def test_a_law_without_a_guarantee_is_broken() -> None:
     """The paper's law leaves its envelope from a start that its table cannot follow."""
-    base = load([PAPER])
-    space = Space(base, math.radians(1.0), 4.374e-3, 0, 0.0, 1.0, 60.0)
+    base = load([PAPER], {PLANT: {"duration": 60.0}})
+    space = Space(base, math.radians(1.0), 4.374e-3, 0, 0.0, 1.0)
     goal = goal_of("attitude_error", base.controller, 5e-3, 0.0)
     x = np.zeros(space.size)
     x[0] = 1.0  # half a turn about x, in the inertial frame
@@ -165,7 +164,7 @@ def test_a_run_that_diverges_is_worst_of_all(name: str) -> None:
 def test_wheels_cannot_be_late() -> None:
     base = load([PAPER, PAPER.with_name("wheels.yaml")])
     with pytest.raises(ConfigurationError, match="actuator = wheels has no parameter late_command"):
-        Space(base, 0.0, 0.0, 0, 0.0, 1.0, 60.0, late=True)
+        Space(base, 0.0, 0.0, 0, 0.0, 1.0, late=True)
 
 
 def test_an_unknown_goal_is_refused() -> None:

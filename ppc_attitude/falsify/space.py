@@ -14,7 +14,6 @@
 
 """The adversary's choice, as a vector of numbers: start, disturbance, craft."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,7 +43,7 @@ class Space:
     Attributes
     ----------
     base : Scenario
-        What it leaves as it is.
+        What it leaves as it is; its plant's `duration` is the length of every run.
     rate : float
         Largest ‖ω_s‖ at the start [rad/s].
     disturbance : float
@@ -55,8 +54,6 @@ class Space:
         Largest relative error of the inertia, about any axis.
     eta : float
         Least share of its torque limit that the actuator has.
-    duration : float
-        Length of a run [s].
     begin : float
         Latest instant of the paper's reference at which a run begins [s].
     late : bool
@@ -69,28 +66,21 @@ class Space:
     pieces: int
     e_S: float
     eta: float
-    duration: float
     begin: float = 0.0
     late: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse bounds that are none."""
-        for name, value, low, high in (
-            ("rate", self.rate, 0.0, 100.0),
-            ("disturbance", self.disturbance, 0.0, math.inf),
-            ("pieces", self.pieces, 0, 10_000),
-            ("e_S", self.e_S, 0.0, 0.5),
-            ("eta", self.eta, 1e-3, 1.0),
-            ("duration", self.duration, 1e-3, 1e8),
-            ("begin", self.begin, 0.0, 1e9),
-        ):
-            if not low <= value <= high:
-                raise ConfigurationError(f"{name} = {value:g}; allowed: {low:g} to {high:g}")
+        """See that commands can be late."""
         actuator = ACTUATORS.selected(self.base.parameters[PLANT])
         if self.late and actuator is not None and LATE_COMMAND not in actuator.parameters:
             raise ConfigurationError(
                 f"late commands: actuator = {actuator.name} has no parameter {LATE_COMMAND.name}"
             )
+
+    @property
+    def duration(self) -> float:
+        """Length of a run [s]."""
+        return self.base.number(PLANT, "duration")
 
     @property
     def size(self) -> int:

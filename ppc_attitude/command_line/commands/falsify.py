@@ -124,7 +124,6 @@ def execute(arguments: argparse.Namespace) -> int:
         pieces=arguments.pieces,
         e_S=arguments.inertia_error,
         eta=arguments.strength,
-        duration=duration,
         begin=arguments.begin,
         late=arguments.late,
     )
