@@ -19,7 +19,7 @@ import hashlib
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -41,6 +41,7 @@ HISTORY = "history.jsonl"
 _WIDTH = 0.5  # deviation of the first generation, of numbers of the order of one
 # A generation that finds nothing new for so long begins a new search elsewhere.
 _STALE = 40
+_WORST = 1e9  # more than any goal reaches
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class Search:
         value = partial(evaluated, self._space, self._goal)
         with self._locked() as file:
             answers = iter(self._read())
-            for questions, tell in self._generations():
+            for strategy, questions in self._generations():
                 values = next(answers, None)
                 if values is None:
                     if best.runs >= runs or stop.is_set() or time.monotonic() > end:
@@ -168,15 +169,16 @@ class Search:
                     file.flush()
                 if len(values) != len(questions):
                     raise ConfigurationError(f"{self._file} has a generation of another size")
-                tell(values)
+                # CMA-ES makes small; a run that was not finite is as bad as can be.
+                strategy.tell(questions, [-min(each, _WORST) for each in values])
                 top = int(np.argmax(values))
                 best = replace(best, runs=best.runs + len(values))
                 if values[top] > best.value:
                     best = replace(best, value=values[top], x=questions[top])
                 yield best
 
-    def _generations(self) -> Iterator[tuple[list[Vector], Callable[[list[float]], None]]]:
-        """Yield questions and who takes their answers, with a new start when one search ends."""
+    def _generations(self) -> Iterator[tuple[Any, list[Vector]]]:
+        """Yield an optimiser and what it asks, with a new one elsewhere when its search ends."""
         stream = np.random.default_rng(self._seed)
         while True:
             strategy = self._cma.CMAEvolutionStrategy(
@@ -190,13 +192,7 @@ class Search:
                 },
             )
             while not strategy.stop():
-                questions = strategy.ask()
-
-                def tell(values: list[float], asked: Any = questions, to: Any = strategy) -> None:
-                    # CMA-ES makes small; a run that was not finite is as bad as can be.
-                    to.tell(asked, [-min(each, 1e9) for each in values])
-
-                yield questions, tell
+                yield strategy, strategy.ask()
 
 
 def evaluated(space: Space, goal: Goal, x: Vector) -> float:
