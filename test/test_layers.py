@@ -49,7 +49,7 @@ FLOORS: dict[str, tuple[set[str], set[str]]] = {
     "analysis": ({"science", "contract"}, {"matplotlib", "numpy"}),
     "campaign": (
         {"science", "contract", "simulation", "analysis", "processes"},
-        {"cma", "distributed", "matplotlib", "numpy", "pyarrow", "yaml"},
+        {"cma", "distributed", "matplotlib", "numpy", "pyarrow", "scipy", "yaml"},
     ),
     "falsify": ({"science", "contract", "simulation"}, {"cma", "numpy"}),
     "bags": (

@@ -28,6 +28,7 @@ Attitudes
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -123,12 +124,6 @@ class Normal:
     def support(self) -> tuple[float, ...]:
         """Extremes of what can be drawn."""
         return (self.low, self.high)
-
-    def share(self) -> float:
-        """Part of the distribution between `low` and `high`."""
-        scale = self.deviation * math.sqrt(2.0)
-        below, above = (math.erf((end - self.mean) / scale) for end in (self.low, self.high))
-        return 0.5 * (above - below)
 
 
 @dataclass(frozen=True)
@@ -247,13 +242,14 @@ def _read_normal(name: str, declared: Mapping[str, Any]) -> Normal:
     if deviation <= 0.0:
         raise ConfigurationError(f"{name}.deviation = {deviation:g}; allowed: > 0")
     _check_order(name, low, high)
-    read = Normal(mean, deviation, low, high)
-    if read.share() < _LEAST_SHARE:
+    whole = NormalDist(mean, deviation)
+    share = whole.cdf(high) - whole.cdf(low)
+    if share < _LEAST_SHARE:
         raise ConfigurationError(
-            f"{name}: only {read.share():.2g} of the normal distribution lies between low = "
+            f"{name}: only {share:.2g} of the normal distribution lies between low = "
             f"{low:g} and high = {high:g}; allowed: at least {_LEAST_SHARE:g}"
         )
-    return read
+    return Normal(mean, deviation, low, high)
 
 
 def direction(name: str, declared: Any) -> Direction:

@@ -131,19 +131,17 @@ def telling_variables(passing: Sample, failing: Sample, names: Iterable[str]) ->
     """Named variables that vary, those first that tell failing runs from passing ones best.
 
     Best by the Kolmogorov-Smirnov distance: the largest difference between the shares of failing
-    and of passing runs below any one value.
+    and of passing runs below any one value. Where all runs fail or all pass, it is 1.
     """
+    from scipy.stats import ks_2samp
+
     distances = {}
     for name in names:
         good, bad = _values(name, passing), _values(name, failing)
-        every = np.sort(np.concatenate([good, bad]))
-        if every.size == 0 or every[0] == every[-1]:
-            continue
-        shares = [
-            np.searchsorted(np.sort(each), every, "right") / max(each.size, 1)
-            for each in (good, bad)
-        ]
-        distances[name] = float(np.abs(shares[0] - shares[1]).max())
+        every = np.concatenate([good, bad])
+        if every.size and every.min() < every.max():
+            both = good.size and bad.size
+            distances[name] = ks_2samp(good, bad, method="asymp").statistic if both else 1.0
     return sorted(distances, key=lambda name: -distances[name])
 
 

@@ -30,7 +30,6 @@ SAMPLE_SIZE = 3000
 """Runs that are drawn: the first, and of those that fail the first."""
 _MOST_LIMITS = 3  # that are told apart; an actuator of random strength has one a run
 _NOTHING = Variables()
-_NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -56,12 +55,10 @@ class Fraction:
         """Lower and upper end of the interval; all of 0 to 1 for nothing."""
         if not self.judged:
             return 0.0, 1.0
-        n, p, z = self.judged, self.value, _NORMAL_95
-        centre = (p + z * z / (2 * n)) / (1 + z * z / n)
-        half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-        low = 0.0 if self.met == 0 else centre - half
-        high = 1.0 if self.met == n else centre + half
-        return low, high
+        from scipy.stats import binomtest  # costs half a second, and most processes ask for none
+
+        low, high = binomtest(self.met, self.judged).proportion_ci(method="wilson")
+        return float(low), float(high)
 
     def to_json(self) -> dict[str, Any]:
         """Counts, share and interval."""
@@ -78,7 +75,7 @@ class Tally:
     judged: int = 0
     not_judged: int = 0
     limits: dict[str, None] = field(default_factory=dict)  # as many as are told apart, and one
-    worst: list[tuple[float, int]] = field(default_factory=list)  # heap of (value, −index)
+    worst: list[tuple[float, int]] = field(default_factory=list)  # (value, −index)
 
     def add(self, met: bool, value: float | None, limit: str, index: int) -> None:
         """Count one run."""
@@ -88,10 +85,7 @@ class Tally:
             self.limits[limit] = None
         # Never to recover is the worst that a run can do.
         entry = (math.inf if value is None else value, -index)
-        if len(self.worst) < WORST:
-            heapq.heappush(self.worst, entry)
-        else:
-            heapq.heappushpop(self.worst, entry)
+        self.worst = heapq.nlargest(WORST, [*self.worst, entry])
 
     @property
     def fraction(self) -> Fraction:
@@ -106,7 +100,7 @@ class Tally:
 
     def worst_runs(self) -> list[tuple[int, float]]:
         """Index and value of the worst runs, worst first."""
-        return [(-index, value) for value, index in sorted(self.worst, reverse=True)]
+        return [(-index, value) for value, index in self.worst]
 
 
 class Summary:
