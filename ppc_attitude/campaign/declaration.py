@@ -26,7 +26,6 @@ from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.distributions import (
     Attitudes,
     Direction,
-    Fixed,
     Number,
     Range,
     attitudes,
@@ -219,10 +218,9 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
         inertia_error=_optional(declared, "inertia_error", number, _INERTIA),
         disturbance=_optional(declared, "disturbance", _pulse, base),
         fault=_optional(declared, "fault", _fault, base),
-        actuator_strength=_optional(declared, "actuator_strength", number, _STRENGTH),
+        actuator_strength=_optional(declared, "actuator_strength", _strength, base),
         parameters=varied(declared, base),
     )
-    _check_strength(variables.actuator_strength, base)
     return Campaign(base, variables, seed, dict(declared))
 
 
@@ -275,10 +273,11 @@ def _fault(name: str, declared: Any, base: Scenario) -> RandomFault:
     return found
 
 
-def _check_strength(strength: Number | None, base: Scenario) -> None:
-    """See that the weakest actuator still gives torque."""
-    weakest = min((strength or Fixed(1.0)).support())
+def _strength(name: str, declared: Any, base: Scenario) -> Number:
+    found = number(name, declared, _STRENGTH)
+    weakest = min(found.support())
     try:
         base.with_values(PLANT, **weakened(base.parameters[PLANT], weakest))
     except ConfigurationError as error:
-        raise ConfigurationError(f"actuator_strength can become {weakest:g}: {error}") from None
+        raise ConfigurationError(f"{name} can become {weakest:g}: {error}") from None
+    return found

@@ -119,19 +119,19 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | str | None]:
     """
     if index < 0:
         raise ConfigurationError(f"index = {index}; allowed: ≥ 0")
+    variables = campaign.variables
     varied: dict[str, float] = {}
-    for name, each in campaign.variables.parameters.items():
+    for name, each in variables.parameters.items():
         numbers = each.draw(stream(campaign, index, name), campaign.scenario)
         varied |= zip(each.columns(name), numbers, strict=True)
-    values = _with_varied(campaign, varied)
-    plant, strength = values[PLANT], campaign.variables.actuator_strength
-    fault = campaign.variables.fault
+    values = _overlaid(campaign, values_of(campaign.scenario, variables.parameters, varied))
+    plant, strength, fault = values[PLANT], variables.actuator_strength, variables.fault
     own = stream(campaign, index, "actuator_strength")
     return {
         **_attitude(campaign, index, values),
         **_rate(campaign, index, plant),
         **_inertia(campaign, index, plant),
-        **_pulse(campaign.variables.disturbance, stream(campaign, index, "disturbance")),
+        **_pulse(variables.disturbance, stream(campaign, index, "disturbance")),
         "actuator_strength": 1.0 if strength is None else strength.draw(own),
         "attitude_noise": float(plant["attitude_noise"]),
         "rate_noise": float(plant["rate_noise"]),
@@ -139,13 +139,6 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | str | None]:
         "noise_seed": int(stream(campaign, index, "noise_seed").integers(_LARGEST_NOISE_SEED)),
         **varied,
     }
-
-
-def _with_varied(campaign: Campaign, drawn: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Parameters of every node, with the declared numbers that were drawn; not checked."""
-    found = values_of(campaign.scenario, campaign.variables.parameters, drawn)
-    parameters = campaign.scenario.parameters
-    return {node: {**values, **found.get(node, {})} for node, values in parameters.items()}
 
 
 def scenario_of(campaign: Campaign, index: int) -> Scenario:
@@ -170,8 +163,9 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     ConfigurationError
         What was drawn is not allowed.
     """
-    variables, values = campaign.variables, _with_varied(campaign, drawn)
+    variables = campaign.variables
     changed = values_of(campaign.scenario, variables.parameters, drawn)
+    values = _overlaid(campaign, changed)
     changed[PLANT] = {
         **changed.get(PLANT, {}),
         "initial_attitude": [drawn[f"initial_attitude_{axis}"] for axis in "xyzw"],
@@ -183,9 +177,9 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     if variables.fault:
         changed[PLANT][FAULTS.name] = with_fault(values[PLANT], drawn)
     for node in (ESTIMATOR, INJECTOR):
-        told = {name: changed[PLANT].get(name) for name in agreed(node, values[node])}
-        known = {name: value for name, value in told.items() if value is not None}
-        changed[node] = {**known, **changed.get(node, {})}  # unless it was drawn by itself
+        names = [name for name in agreed(node, values[node]) if name in changed[PLANT]]
+        told = {name: changed[PLANT][name] for name in names}
+        changed[node] = {**told, **changed.get(node, {})}  # unless it was drawn by itself
     if drawn["pulse_torque"]:
         pulses, torque = values[INJECTOR], [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
         changed[INJECTOR] = {
@@ -195,6 +189,14 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
             "pulse_torques": [*pulses["pulse_torques"], *torque],
         }
     return campaign.scenario.overlaid(changed)
+
+
+def _overlaid(
+    campaign: Campaign, changed: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Parameters of every node with some of them changed; not checked."""
+    parameters = campaign.scenario.parameters
+    return {node: {**values, **changed.get(node, {})} for node, values in parameters.items()}
 
 
 def _attitude(
