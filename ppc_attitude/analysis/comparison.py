@@ -272,14 +272,15 @@ def _side_by_side(
         for axes in row:
             _draw_row(axes, k, labels, series, mirrored=floor is None)
         if floor is None and window is not None:
-            _fit_all(row[1], window, k, series)
+            shown = [(t, values[:, k]) for t, values, _ in series]
+            shown += [(t, bound[:, k]) for t, _, bound in series if bound is not None]
+            fit(row[1], window, shown)
         for axes in row:
             if floor is not None:
                 log_axis(axes, floor)
             time_axis(axes, longest)
             mark_hits(axes, hits)
             mark_faults(axes, faults)
-            axes.set_xlabel("time [s]" if row is rows[-1] else "")
     legend(rows[0][0])
     return figure, rows
 
@@ -294,11 +295,3 @@ def _draw_row(
             draw_envelope(axes, t, envelope[:, [k]], [colour], mirrored=mirrored)
     for order, line in enumerate(reversed(axes.get_lines())):
         line.set_zorder(2.0 + 0.01 * order)
-
-
-def _fit_all(axes: Axes, window: tuple[float, float], k: int, series: Sequence[_Series]) -> None:
-    """Scale the ordinate to what all runs and envelopes do in the window."""
-    t = np.concatenate([each for each, _, _ in series])
-    values = np.concatenate([each[:, k] for _, each, _ in series])
-    bounds = np.concatenate([values_k[:, k] if e is None else e[:, k] for _, values_k, e in series])
-    fit(axes, window, t, [values, bounds])

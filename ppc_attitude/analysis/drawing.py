@@ -279,8 +279,14 @@ def legend(axes: Axes, without: Iterable[str] = ()) -> None:
 
 
 def time_axis(axes: Axes, t: Array) -> None:
-    """Label the time and show the whole run, unless the panel's time is set already."""
-    axes.set_xlabel("time [s]")
+    """Label the time and show the whole run, unless the panel's time is set already.
+
+    Of panels that share their time the lowest is labelled.
+    """
+    place = axes.get_subplotspec()
+    assert place is not None
+    if place.is_last_row() or len(axes.get_shared_x_axes().get_siblings(axes)) == 1:
+        axes.set_xlabel("time [s]")
     if not axes.get_autoscalex_on():
         return
     axes.set_xlim(float(t[0]), float(t[-1]) if t[-1] > t[0] else float(t[0]) + 1.0)

@@ -306,5 +306,5 @@ def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array |
         accuracy_limits(shown[1], run, "")
     finish(shown, run)
     if window is not None and not envelope.jumps:
-        fit(shown[2], window, run.t, [error] if bound is None else [error, bound])
+        fit(shown[2], window, [(run.t, each) for each in (error, bound) if each is not None])
     return figure

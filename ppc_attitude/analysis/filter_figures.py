@@ -90,7 +90,6 @@ def innovation_figure(run: Measured) -> Figure:
         time_axis(axes, run.t)
         mark(axes, run)
         legend(axes)
-    top.set_xlabel("")
     return figure
 
 
@@ -115,6 +114,4 @@ def _in_band(
         time_axis(axes, run.t)
         mark(axes, run)
         legend(axes)
-    for row in rows[:-1]:
-        row[0].set_xlabel("")
     return figure

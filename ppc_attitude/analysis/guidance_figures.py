@@ -104,8 +104,6 @@ def slews(run: Measured, flight: Flight) -> Figure:
     for axes in (left, rate, acceleration):
         _mark_orders(axes, flight, start)
         time_axis(axes, run.t)
-    for axes in (left, rate):
-        axes.set_xlabel("")
     legend(left)
     legend(rate, left.get_legend_handles_labels()[1])
     return figure

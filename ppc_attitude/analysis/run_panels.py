@@ -89,10 +89,13 @@ def log_floor(least: float) -> float:
     return float(10.0 ** np.floor(np.log10(max(least, 1e-12) / BELOW)))
 
 
-def fit(axes: Axes, window: tuple[float, float], t: Array, shown: Sequence[Array]) -> None:
-    """Make the ordinate just large enough for what the arrays, shape (n, …), do in the window."""
-    inside = (t >= window[0]) & (t <= window[1])
-    largest = max(float(np.nanmax(np.abs(each[inside]), initial=0.0)) for each in shown)
+def fit(axes: Axes, window: tuple[float, float], shown: Sequence[tuple[Array, Array]]) -> None:
+    """Make the ordinate just large enough for what is shown in the window.
+
+    That is a time, shape (n,), and values, shape (n, …), for each.
+    """
+    inside = [values[(t >= window[0]) & (t <= window[1])] for t, values in shown]
+    largest = max(float(np.nanmax(np.abs(each), initial=0.0)) for each in inside)
     if largest > 0.0:
         axes.set_ylim(-1.1 * largest, 1.1 * largest)
 
@@ -146,9 +149,6 @@ def finish(shown: Sequence[Axes], run: Measured) -> None:
     for axes in shown:
         time_axis(axes, run.t)
         mark(axes, run)
-    for axes in shown[:-1]:
-        if axes.get_shared_x_axes().joined(axes, shown[-1]):
-            axes.set_xlabel("")
     _, told = shown[0].get_legend_handles_labels()
     legend(shown[0])
     for axes in shown[1:]:

@@ -71,7 +71,6 @@ def bands_figure(bands: QuantileBands, required: Requirements = PAPER) -> Figure
     for axes in (top, bottom):
         time_axis(axes, bands.ends)
         legend(axes)
-    top.set_xlabel("")
     return figure
 
 
