@@ -16,6 +16,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -184,39 +185,40 @@ def _comparisons() -> Iterator[tuple[str, str, _Comparison]]:
             yield f"comparison_{each.error}", caption, partial(error_comparison, envelope=each)
 
 
-def sweep_figure(
-    durations: Sequence[float],
-    recovery_times: Sequence[float | None],
-    outside_times: Sequence[float],
-    required: Requirements = PAPER,
-) -> Figure:
+class SweptHit(NamedTuple):
+    """A hit of a sweep, and what came of it.
+
+    Attributes
+    ----------
+    duration_s : float
+        How long it lasts, positive.
+    recovery_time_s : float or None
+        None if the run did not recover.
+    time_outside_attitude_envelope_s, time_outside_rate_envelope_s : float or None
+        Of the law's errors in that run; None for a law without the envelope.
+    """
+
+    duration_s: float
+    recovery_time_s: float | None
+    time_outside_attitude_envelope_s: float | None
+    time_outside_rate_envelope_s: float | None
+
+
+def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Figure:
     """Draw how recovery and time outside depend on how long a hit lasts.
 
     Parameters
     ----------
-    durations : sequence of float
-        How long each hit lasts, positive [s].
-    recovery_times : sequence of float or None
-        Recovery from each [s]; None if the run did not recover.
-    outside_times : sequence of float
-        Time that each puts the rate error outside its envelope [s].
+    hits : sequence of SweptHit
+        At least one, by duration.
     required : Requirements
         Whose limits are drawn.
-
-    Raises
-    ------
-    AnalysisError
-        If the three are empty or not of one length.
     """
-    if not durations or not len(durations) == len(recovery_times) == len(outside_times):
-        raise AnalysisError(
-            f"a sweep needs one recovery and one time outside for each duration; "
-            f"given {len(recovery_times)} and {len(outside_times)} for {len(durations)}"
-        )
+    durations = [hit.duration_s for hit in hits]
     figure, ((top,), (bottom,)) = panels(2, share_x=True)
     # A hit that is not recovered breaks the line: nothing is known between its neighbours.
-    known = [np.nan if each is None else each for each in recovery_times]
-    lost = [d for d, r in zip(durations, recovery_times, strict=True) if r is None]
+    known = [np.nan if hit.recovery_time_s is None else hit.recovery_time_s for hit in hits]
+    lost = [hit.duration_s for hit in hits if hit.recovery_time_s is None]
     top.plot(durations, known, "o-", color=BLUE, markersize=4, linewidth=1.0, label="recovery")
     top.plot(
         lost,
@@ -229,9 +231,8 @@ def sweep_figure(
     )
     limit_lines(top, required.recovery, label=f"limit {required.recovery:g} s")
     top.set_ylabel("recovery time [s]")
-    bottom.plot(
-        durations, outside_times, "s-", color=BLUE, markersize=4, linewidth=1.0, label="outside"
-    )
+    outside = [hit.time_outside_rate_envelope_s or 0.0 for hit in hits]
+    bottom.plot(durations, outside, "s-", color=BLUE, markersize=4, linewidth=1.0, label="outside")
     allowed = required.outside_after_hit
     if allowed is not None:
         limit_lines(bottom, allowed, label=f"limit {allowed:g} s")

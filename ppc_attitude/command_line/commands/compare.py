@@ -18,7 +18,7 @@ import argparse
 import sys
 
 from ppc_attitude.analysis.comparison import comparisons_of
-from ppc_attitude.analysis.drawing import save_all
+from ppc_attitude.analysis.drawing import RUN_COLOURS, save_all
 from ppc_attitude.analysis.metrics import analyse, verdict_table
 from ppc_attitude.analysis.report import run_labels
 from ppc_attitude.bags.reader import read_runs
@@ -35,7 +35,7 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.paths import some_path
 from ppc_attitude.science.errors import ConfigurationError
 
-_MOST = 6
+_MOST = len(RUN_COLOURS)
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

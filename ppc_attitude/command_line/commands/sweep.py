@@ -18,7 +18,7 @@ import argparse
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ppc_attitude.analysis.comparison import sweep_figure
+from ppc_attitude.analysis.comparison import SweptHit, sweep_figure
 from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
@@ -101,19 +101,23 @@ def execute(arguments: argparse.Namespace) -> int:
             f"from {hits.at:g} s on"
         )
     check_memory(scenario.with_values(PLANT, duration=hits.length))
-    rows = [(duration, _metrics(scenario, required, hits, duration)) for duration in hits.durations]
-    if arguments.json:
-        print_json({"torque": hits.torque, "at_s": hits.at, "hits": _listed(rows)})
-    else:
-        _print_table(rows, hits, required)
-    if arguments.figure:
-        figure = sweep_figure(
-            [duration for duration, _ in rows],
-            [_recovery(metrics) for _, metrics in rows],
-            [metrics.time_outside_rate_envelope_s or 0.0 for _, metrics in rows],
-            required,
+    runs = [_metrics(scenario, required, hits, duration) for duration in hits.durations]
+    swept = [
+        SweptHit(
+            duration,
+            metrics.disturbances[0].recovery_time_s if metrics.disturbances else None,
+            metrics.time_outside_attitude_envelope_s,
+            metrics.time_outside_rate_envelope_s,
         )
-        save(figure, arguments.figure)
+        for duration, metrics in zip(hits.durations, runs, strict=True)
+    ]
+    if arguments.json:
+        listed = [each._asdict() for each in swept]
+        print_json({"torque": hits.torque, "at_s": hits.at, "hits": listed})
+    else:
+        _print_table(swept, hits, required, settled=bool(runs[0].settled))
+    if arguments.figure:
+        save(sweep_figure(swept, required), arguments.figure)
     return DONE
 
 
@@ -137,40 +141,26 @@ def _metrics(scenario: Scenario, required: Requirements, hits: Hits, duration: f
     return analyse(simulate(hit, hits.length), required).metrics
 
 
-def _recovery(metrics: Metrics) -> float | None:
-    return metrics.disturbances[0].recovery_time_s if metrics.disturbances else None
-
-
-def _listed(rows: Sequence[tuple[float, Metrics]]) -> list[dict[str, float | None]]:
-    return [
-        {
-            "duration_s": duration,
-            "recovery_time_s": _recovery(metrics),
-            "time_outside_attitude_envelope_s": metrics.time_outside_attitude_envelope_s,
-            "time_outside_rate_envelope_s": metrics.time_outside_rate_envelope_s,
-        }
-        for duration, metrics in rows
-    ]
-
-
-def _print_table(rows: Sequence[tuple[float, Metrics]], hits: Hits, required: Requirements) -> None:
+def _print_table(
+    swept: Sequence[SweptHit], hits: Hits, required: Requirements, *, settled: bool
+) -> None:
     print(
         paragraph(
             f"{hits.torque:g} N·m on every axis from {hits.at:g} s on; recovered is an attitude "
             f"error that stays below {required.settled}, required within {required.recovery:g} s."
         )
     )
-    if not rows[0][1].settled:
+    if not settled:
         print("The craft has not settled when it is hit, so that it cannot recover.")
     print("\nhit [s]  recovered after [s]  q_ev outside [s]  z2 outside [s]  verdict")
-    for duration, metrics in rows:
-        recovery = _recovery(metrics)
+    for each in swept:
+        recovery = each.recovery_time_s
         after = f"not in {hits.length - hits.at:g}" if recovery is None else f"{recovery:.2f}"
-        outside_q = _number(metrics.time_outside_attitude_envelope_s)
-        outside_z = _number(metrics.time_outside_rate_envelope_s)
+        outside_q = _number(each.time_outside_attitude_envelope_s)
+        outside_z = _number(each.time_outside_rate_envelope_s)
         met = recovery is not None and recovery <= required.recovery
         print(
-            f"{duration:>7g}  {after:>19}  {outside_q:>16}  {outside_z:>14}  "
+            f"{each.duration_s:>7g}  {after:>19}  {outside_q:>16}  {outside_z:>14}  "
             f"{MET if met else NOT_MET}"
         )
 
