@@ -23,7 +23,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import hit_run, normal_run, with_columns, with_error, without_columns
 
-from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.verdict import verdict_table
 
 
 def requirement(verdict, name):

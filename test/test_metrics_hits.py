@@ -22,8 +22,8 @@ import pytest
 from synthetic import environment, hit_run, normal_run, pulse_torque, with_columns
 from test_metrics import constant_error, names, requirement
 
-from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.verdict import disturbance_text
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.verdict import disturbance_text, verdict_table
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.simulation.closed_loop import simulate

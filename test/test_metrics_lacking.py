@@ -22,7 +22,8 @@ import pytest
 from synthetic import normal_run, with_columns, without_columns
 from test_metrics import requirement
 
-from ppc_attitude.analysis.metrics import AnalysisError, analyse
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.series import AnalysisError
 
 
 def test_a_run_without_recorded_disturbance():

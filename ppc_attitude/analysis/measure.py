@@ -66,20 +66,6 @@ _ATTITUDES = (TRUE_ATTITUDE.column, REFERENCE_ATTITUDE.column)
 _FIELDS = frozenset(each.name for each in fields(Metrics))
 
 
-def pulses_of(record: RunRecord) -> tuple[Pulse, ...]:
-    """Find the sudden disturbances of a run, by start; none where none is recorded.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no instant.
-    """
-    t = elapsed(record)
-    if not has(record, DISTURBANCE.column):
-        return ()
-    return find_pulses(t, vectors(record, DISTURBANCE.column))
-
-
 class Measured:
     """The numbers of one run, for a judgement by what is required."""
 
@@ -97,7 +83,9 @@ class Measured:
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
-        pulses = pulses_of(record)
+        pulses: tuple[Pulse, ...] = ()
+        if has(record, DISTURBANCE.column):
+            pulses = find_pulses(self.t, vectors(record, DISTURBANCE.column))
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (0.0, min(self.first_hit, self.end))

@@ -56,7 +56,7 @@ from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
-from ppc_attitude.analysis.measure import Measured, known, largest, lost, pulses_of, window
+from ppc_attitude.analysis.measure import Measured, known, largest, lost, window
 from ppc_attitude.analysis.requirements import (
     DEGREES,
     PAPER,
@@ -65,7 +65,7 @@ from ppc_attitude.analysis.requirements import (
     names_of,
     outside_names,
 )
-from ppc_attitude.analysis.series import AnalysisError, has
+from ppc_attitude.analysis.series import has
 from ppc_attitude.analysis.truth import EXACT, RECORDED, knowledge_errors, truth_of
 from ppc_attitude.analysis.verdict import (
     Disturbance,
@@ -75,7 +75,6 @@ from ppc_attitude.analysis.verdict import (
     change_text,
     number_text,
     span_text,
-    verdict_table,
 )
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
@@ -89,8 +88,6 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science import wheels
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS
 from ppc_attitude.science.kinds import SENSORS
-
-__all__ = ["AnalysisError", "analyse", "pulses_of", "verdict_table"]
 
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""

@@ -22,8 +22,8 @@ from datetime import datetime
 
 from tqdm import tqdm
 
-from ppc_attitude.analysis.metrics import analyse, verdict_table
-from ppc_attitude.analysis.verdict import Verdict
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.verdict import Verdict, verdict_table
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
 from ppc_attitude.campaign.draw import draw, varying

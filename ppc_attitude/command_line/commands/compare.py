@@ -19,8 +19,9 @@ import sys
 
 from ppc_attitude.analysis.comparison import comparisons_of
 from ppc_attitude.analysis.drawing import RUN_COLOURS, save_all
-from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.report import run_labels
+from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import (

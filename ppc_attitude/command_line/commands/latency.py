@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.command_line.errors import DONE, RunError
 from ppc_attitude.command_line.options import (
     PAPER_DURATION,

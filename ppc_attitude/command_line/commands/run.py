@@ -17,7 +17,8 @@
 import argparse
 import sys
 
-from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.options import (
     add_bag_option,

@@ -19,7 +19,8 @@ import shlex
 import sys
 from dataclasses import replace
 
-from ppc_attitude.analysis.metrics import analyse, verdict_table
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.concerns import first_lost, tell_concerns, true_rates
