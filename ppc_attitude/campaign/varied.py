@@ -74,7 +74,7 @@ class Varied:
         """Draw the numbers of these columns."""
         if not isinstance(self.drawn_from, Attitudes):
             return [self.drawn_from.draw(own)]
-        nominal: Any = base.parameters[self.node][self.parameter]
+        nominal = base.parameters[self.node][self.parameter]
         return [
             number
             for k in range(0, len(nominal), 4)
@@ -161,7 +161,7 @@ def values_of(
     found: dict[str, dict[str, Any]] = {}
     for name, each in variables.items():
         values = found.setdefault(each.node, {})
-        nominal: Any = base.parameters[each.node][each.parameter]
+        nominal = base.parameters[each.node][each.parameter]
         if not each.places:
             values[each.parameter] = drawn[name]
             continue

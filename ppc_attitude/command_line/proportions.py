@@ -120,18 +120,17 @@ def _least_turn(
 
 def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
     """The needs of a slew: of the actuator's torque, and of the rate that the craft may have."""
-    reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
+    reference = scenario.parameters[REFERENCE]
     if REFERENCES.selected(reference) is not goal.COMPONENT:
         return
-    plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    plant = scenario.parameters[PLANT]
     rate, acceleration, share = (
-        float(reference[each.name])
-        for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
+        reference[each.name] for each in (goal.MAX_RATE, goal.MAX_ACCELERATION, goal.TORQUE_SHARE)
     )
     spins = "spin" in reference[GOAL_FRAMES.name]
     # In a frame that turns by ω_f a slew is accelerated by ω × ω_f too; a spin may be nearly as
     # fast as V.
-    crossed = rate * abs(float(reference[goal.SPIN_RATE.name])) if spins else 0.0
+    crossed = rate * abs(reference[goal.SPIN_RATE.name]) if spins else 0.0
     yield _at_most(
         "slew torque",
         slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration + crossed),
@@ -140,7 +139,7 @@ def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
         f"max‖J e‖ {'(A + V |spin.rate|)' if spins else 'A'} + max‖ω × J ω‖ leaves the law its "
         "margin (guidance.torque_share)",
     )
-    law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+    law = scenario.parameters[CONTROLLER]
     if scenario.controller.name == ppc.COMPONENT.name:
         yield _rate_of_slew(rate, reference[GOAL_TIMES.name], law)
 
@@ -166,7 +165,7 @@ def actuator_torque(scenario: Scenario) -> float:
 
     Of one that does not tell it is what the law may ask for.
     """
-    plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    plant = scenario.parameters[PLANT]
     actuator = ACTUATORS.selected(plant)
     torques = actuator.torques(plant) if actuator else None
     return torques[0] if torques else scenario.number(CONTROLLER, "max_torque")
@@ -174,7 +173,7 @@ def actuator_torque(scenario: Scenario) -> float:
 
 def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
     """Compare what the actuator gives, and its dead zone, with what the law asks for."""
-    plant: Mapping[str, Any] = scenario.parameters[PLANT]
+    plant = scenario.parameters[PLANT]
     actuator = ACTUATORS.selected(plant)
     if actuator is not None and actuator.torque is not None:
         yield _at_most(
@@ -198,11 +197,11 @@ def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
         f"the dead zone takes at most {100.0 * _DEAD_SHARE:g} % of the actuator",
     )
     if scenario.controller.name == ppc.COMPONENT.name:
-        law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+        law = scenario.parameters[CONTROLLER]
         yield _at_most(
             "min_torque in ρ_ω",
             dead,
-            float(law["K_omega"]) * _least_inertia(law) * float(law["rate_envelope.terminal"]),
+            law["K_omega"] * _moments(law)[0] * law["rate_envelope.terminal"],
             "N·m",
             "K_ω J g∞: at the edge of the rate envelope the law asks for more than the dead zone, "
             "so that the actuator acts inside it",
@@ -212,11 +211,11 @@ def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
 def _pulse_conditions(impulse: float, scenario: Scenario) -> Iterator[Condition]:
     """Compare what the least pulse [N·m·s] of an actuator does with the law's rate envelope."""
     if "rate_envelope" in {column.bound for column in scenario.controller.outputs}:
-        law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+        law = scenario.parameters[CONTROLLER]
         yield Condition(
             "least pulse in ρ_ω",
-            float(law["rate_envelope.terminal"]),
-            _PULSES * impulse / _least_inertia(law),
+            law["rate_envelope.terminal"],
+            _PULSES * impulse / _moments(law)[0],
             "≥",
             "rad/s",
             False,
@@ -228,20 +227,22 @@ def _pulse_conditions(impulse: float, scenario: Scenario) -> Iterator[Condition]
 def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
     """Compare the estimate of the disturbance in the law `ppc` with its rate envelope."""
     if scenario.controller.name == ppc.COMPONENT.name:
-        law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
-        change = float(law["D_m"]) / (scenario.number(PLANT, "rate") * _least_inertia(law))
+        law = scenario.parameters[CONTROLLER]
+        change = law["D_m"] / (scenario.number(PLANT, "rate") * _moments(law)[0])
         yield _at_most(
             "D_m in ρ_ω",
             0.5 * change,
-            float(law["rate_envelope.terminal"]),
+            law["rate_envelope.terminal"],
             "rad/s",
             "D_m h / 2J: if the disturbance estimate changes sign at every sample, the rate error "
             "stays inside its envelope",
         )
 
 
-def _least_inertia(law: Mapping[str, Any]) -> float:
-    return float(np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).min())
+def _moments(law: Mapping[str, Any]) -> list[float]:
+    """Principal moments [kg·m²] of the inertia that the law knows, ascending."""
+    moments: list[float] = np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).tolist()
+    return moments
 
 
 def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
@@ -249,7 +250,7 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
     sigmas = _sigmas(scenario)
     if not any(sigmas):
         return
-    law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+    law = scenario.parameters[CONTROLLER]
     bounded = {column.bound for column in scenario.controller.outputs}
     for prefix, sigma, unit in (
         ("attitude_envelope", sigmas.attitude, ""),
@@ -258,7 +259,7 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
         if prefix in bounded:
             yield Condition(
                 f"{prefix}.terminal",
-                float(law[f"{prefix}.terminal"]),
+                law[f"{prefix}.terminal"],
                 FLOOR * sigma,
                 "≥",
                 unit,
@@ -267,10 +268,9 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
                 "the envelope",
             )
     if scenario.controller.name == ppc.COMPONENT.name:
-        most = float(np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).max())
         yield _at_most(
             "noise torque",
-            _NOISE_SIGMAS * float(law["K_omega"]) * most * sigmas.rate,
+            _NOISE_SIGMAS * law["K_omega"] * _moments(law)[-1] * sigmas.rate,
             actuator_torque(scenario),
             "N·m",
             f"{_NOISE_SIGMAS:g}σ of K_ω J z2: the actuator gives what noise makes the law ask for",
@@ -282,17 +282,15 @@ def _sigmas(scenario: Scenario) -> Sigmas:
 
     Nobody knows those of an estimator or of sensors of somebody else's: zeros.
     """
-    plant: Mapping[str, Any] = scenario.parameters[PLANT]
-    estimator: Mapping[str, Any] = scenario.parameters[ESTIMATOR]
-    law: Mapping[str, Any] = scenario.parameters[CONTROLLER]
+    plant, estimator, law = (scenario.parameters[each] for each in (PLANT, ESTIMATOR, CONTROLLER))
     rate = scenario.number(PLANT, "rate")
     selected = ESTIMATORS.selected(estimator)
     if selected is mekf.COMPONENT:
         found = noise_floors(estimator, law, rate)
         return Sigmas(max(found.attitude), max(found.rate))
     if selected is None and SENSORS.selected(plant) is direct.COMPONENT:
-        white = float(plant["rate_noise"]) / math.sqrt(rate)
-        return error_sigmas(law, rate, white, float(plant["attitude_noise"]) ** 2, 0.0)
+        white = plant["rate_noise"] / math.sqrt(rate)
+        return error_sigmas(law, rate, white, plant["attitude_noise"] ** 2, 0.0)
     return Sigmas(0.0, 0.0)
 
 

@@ -15,8 +15,7 @@
 """The fate of a scenario's goals: the reference alone, run over the instants of its orders."""
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.component import Advice
@@ -47,11 +46,11 @@ def goals_told(scenario: Scenario) -> list[Told]:
     ConfigurationError
         A parameter of the reference is infeasible.
     """
-    values: Mapping[str, Any] = scenario.parameters[REFERENCE]
+    values = scenario.parameters[REFERENCE]
     if REFERENCES.selected(values) is not goal.COMPONENT:
         return []
     rate = scenario.number(PLANT, "rate")
-    craft: Mapping[str, Any] = scenario.parameters[PLANT]
+    craft = scenario.parameters[PLANT]
     part = Part(goal.COMPONENT, values)
     told = []
     steps = sorted({math.ceil(time * rate - 1e-6) for time in values[GOAL_TIMES.name]})

@@ -63,7 +63,7 @@ class Scenario:
         Node name to parameter values, complete.
     """
 
-    parameters: Mapping[str, dict[str, Value]]
+    parameters: Mapping[str, dict[str, Any]]
 
     @property
     def controller(self) -> Component:
@@ -72,7 +72,7 @@ class Scenario:
 
     def number(self, node: str, name: str) -> float:
         """Value of a parameter that is a number."""
-        return float(str(self.parameters[node][name]))
+        return float(self.parameters[node][name])
 
     def overlaid(self, chosen: Overrides) -> "Scenario":
         """Return a copy with some parameters replaced by allowed values.

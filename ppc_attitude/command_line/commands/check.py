@@ -160,7 +160,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _law_conditions(scenario: Scenario, q_e0: float, environment: float) -> tuple[Condition, ...]:
     """Conditions on the law for the reference that it follows."""
-    reference: Mapping[str, Any] = scenario.parameters[REFERENCE]
+    reference = scenario.parameters[REFERENCE]
     rate = (
         float(reference[goal.MAX_RATE.name])
         if REFERENCES.selected(reference) is goal.COMPONENT

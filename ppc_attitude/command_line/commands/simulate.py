@@ -81,7 +81,7 @@ def execute(arguments: argparse.Namespace) -> int:
         print(verdict_table(verdict))
     output = sys.stderr if arguments.json else sys.stdout
     if arguments.bag:
-        write_run(record, arguments.bag, storage=str(scenario.parameters[RECORDER]["storage"]))
+        write_run(record, arguments.bag, storage=scenario.parameters[RECORDER]["storage"])
         print(f"bag: {arguments.bag}", file=output)
     if arguments.export:
         export(record, arguments.export)
