@@ -169,7 +169,7 @@ class Diagram:
                 continue
             values = self._values[kind.name] = parameters.get(_NODE_OF[kind.name], {})
             signals = self._signals[start : start + size]
-            with _naming(kind):
+            with _naming(kind.name):
                 self.parts[kind.name] = Part(component, values, signals)
             sources += self._sources_of(kind, component, int(start))
             first_source.append(len(sources))
@@ -192,15 +192,13 @@ class Diagram:
             A parameter is infeasible.
         """
         self._signals[:] = 0.0
-        for kind in KINDS:
-            if kind.name not in self.parts:
-                continue
-            part, values = self.parts[kind.name], parameters.get(_NODE_OF[kind.name], {})
+        for kind, part in self.parts.items():
             part.forget()
-            if values != self._values[kind.name]:
+            values = parameters.get(_NODE_OF[kind], {})
+            if values != self._values[kind]:
                 with _naming(kind):
                     part.configure(values)
-                self._values[kind.name] = values
+                self._values[kind] = values
         self.columns = recorded_columns(parameters)
 
     @property
@@ -264,12 +262,12 @@ class Diagram:
 
 
 @contextmanager
-def _naming(kind: Kind) -> Iterator[None]:
-    """Name the node of whose parameters an error tells."""
+def _naming(kind: str) -> Iterator[None]:
+    """Name the node of whose parameters an error of a part of this kind tells."""
     try:
         yield
     except ConfigurationError as error:
-        raise ConfigurationError(f"{_NODE_OF[kind.name]}: {error}") from None
+        raise ConfigurationError(f"{_NODE_OF[kind]}: {error}") from None
 
 
 def play(
