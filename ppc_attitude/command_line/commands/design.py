@@ -178,22 +178,24 @@ def execute(arguments: argparse.Namespace) -> int:
     scenario = scenario_of(arguments)
     if not certified:
         return search_gains(arguments, scenario)
-    assumed = _assumptions(scenario, dict(arguments.assume), TUBE)
+    nodes, tube = nodes_around(scenario.parameters), TUBE
+    assumed = _assumptions(scenario, arguments, tube)
     for name, value in zip(("k", "kappa", "ell"), arguments.gains or (), strict=False):
         _TABLE[PREFIX + name].checked(value)
     h = 1.0 / scenario.number(PLANT, "rate")
-    told = white_noise(nodes_around(scenario.parameters))
-    chosen = (arguments.attitude_noise, arguments.rate_noise)
-    noise = [ours if asked is None else asked for asked, ours in zip(chosen, told, strict=True)]
+    attitude_noise, rate_noise = white_noise(nodes)
+    if arguments.attitude_noise is not None:
+        attitude_noise = arguments.attitude_noise
+    if arguments.rate_noise is not None:
+        rate_noise = arguments.rate_noise
     wishes = Wishes(
         accuracy=arguments.accuracy,
         rate=math.radians(arguments.rate),
         time=arguments.time,
         torque_noise=arguments.torque_noise,
-        attitude_noise=noise[0],
-        rate_noise=noise[1],
+        attitude_noise=attitude_noise,
+        rate_noise=rate_noise,
     )
-    tube = TUBE
     try:
         while True:
             found = (
@@ -201,11 +203,11 @@ def execute(arguments: argparse.Namespace) -> int:
                 if arguments.gains
                 else design(assumed, wishes, h)
             )
-            before, needed = assumed, tube_of(assumed, found.law)
+            needed = tube_of(assumed, found.law)
             if needed <= tube:
                 break
             tube = _MORE * needed  # the law lets the craft be faster than the assumptions took
-            assumed = _assumptions(scenario, dict(arguments.assume), tube)
+            before, assumed = assumed, _assumptions(scenario, arguments, tube)
             if assumed == before:  # they do not depend on it
                 break
     except InfeasibleError as error:
@@ -229,8 +231,7 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"the search found numbers that cannot be proved: {', '.join(failing)}")
         return BAD_INPUT
     _tell(found, certificate, assumed)
-    nodes, duration = nodes_around(scenario.parameters), scenario.number(PLANT, "duration")
-    for suspension in suspensions(assumed, nodes, duration):
+    for suspension in suspensions(assumed, nodes, scenario.number(PLANT, "duration")):
         print(f"warning: {suspension}")
     if arguments.output:
         law = scenario.controller.name if scenario.controller.name in LAWS else LAW
@@ -242,9 +243,9 @@ def execute(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _assumptions(scenario: Scenario, chosen: dict[str, float], tube: float) -> Assumptions:
+def _assumptions(scenario: Scenario, arguments: argparse.Namespace, tube: float) -> Assumptions:
     """Assumptions from configuration and options, each within the range of its parameter."""
-    nodes = nodes_around(scenario.parameters)
+    nodes, chosen = nodes_around(scenario.parameters), dict(arguments.assume)
     assumed = assumptions_from(nodes, scenario.parameters[CONTROLLER], chosen, tube)
     for name in ASSUMED:
         _TABLE[f"{PREFIX}assumed.{name}"].checked(getattr(assumed, name))
