@@ -82,6 +82,10 @@ figcaption { font-size: .85rem; color: #444; padding: 0 0 .3rem .5rem; }
 """
 
 
+class Html(str):
+    """A text that is HTML already."""
+
+
 def write_page(path: Path, title: str, body: Sequence[str]) -> None:
     """Write a page.
 
@@ -158,14 +162,29 @@ def pairs(named: Iterable[tuple[str, str]]) -> str:
     return f"<table><tbody>{''.join(rows)}</tbody></table>" if rows else "<p>not recorded</p>"
 
 
-def table(head: Sequence[str], rows: Sequence[str]) -> str:
-    """Table from its head, as plain text, and its rows, as HTML."""
-    cells = "".join(f'<th scope="col">{escape(each)}</th>' for each in head)
-    body = "\n".join(rows)
+def table(head: Iterable[tuple[str, str]], rows: Iterable[Sequence[str]]) -> str:
+    """Table from its head and the cells of its rows, as plain text where they are not `Html`.
+
+    The head has what each column is called, and the style of its cells: a class of the style sheet,
+    ``name`` for what names its row, or nothing.
+    """
+    titles, styles = zip(*head, strict=True)
+    cells = "".join(f'<th scope="col">{escape(each)}</th>' for each in titles)
+    body = "\n".join(
+        f"<tr>{''.join(_cell(*each) for each in zip(row, styles, strict=True))}</tr>"
+        for row in rows
+    )
     return (
         f'<div class="wide"><table><thead><tr>{cells}</tr></thead>\n'
         f"<tbody>{body}</tbody></table></div>\n"
     )
+
+
+def _cell(content: str, style: str) -> str:
+    shown = content if isinstance(content, Html) else escape(content)
+    if style == "name":
+        return f"<th>{shown}</th>"
+    return f'<td class="{style}">{shown}</td>' if style else f"<td>{shown}</td>"
 
 
 def figures(captioned: Iterable[tuple[str, Figure]], width: str) -> str:

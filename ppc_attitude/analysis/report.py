@@ -23,6 +23,7 @@ from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.interactive import replay
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.page import (
+    Html,
     asked,
     collapsed,
     configuration,
@@ -130,10 +131,10 @@ def _comparison(runs: Runs, labels: Sequence[str]) -> str:
     for name in names:
         found = [next((r for r in v.requirements if r.name == name), None) for _, v in runs]
         limits = dict.fromkeys(each.limit_text for each in found if each)
-        told = [f"{escape(each.value_text)} {_outcome(each)}" if each else "–" for each in found]
-        cells = "".join(f'<td class="number">{each}</td>' for each in told)
-        rows.append(f"<tr><th>{escape(name)}</th>{cells}<td>{escape(', '.join(limits))}</td></tr>")
-    compared = table(["requirement", *labels, "limit"], rows)
+        told = [Html(f"{each.value_text} {_outcome(each)}") if each else "–" for each in found]
+        rows.append([name, *told, ", ".join(limits)])
+    numbers = [(label, "number") for label in labels]
+    compared = table([("requirement", "name"), *numbers, ("limit", "")], rows)
     records = [record for record, _ in runs]
     try:
         drawn = figures(comparisons_of(records, labels, runs[0][1].required).values(), "page")
@@ -181,32 +182,28 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
 
 def _requirements(verdict: Verdict) -> str:
     rows = [
-        f'<tr><th>{escape(each.name)}</th><td class="number">{escape(each.value_text)}</td>'
-        f'<td class="text">{escape(each.limit_text)}</td><td>{escape(each.span_text)}</td>'
-        f"<td>{_outcome(each)}</td><td>{escape(each.note)}</td></tr>"
+        (each.name, each.value_text, each.limit_text, each.span_text, _outcome(each), each.note)
         for each in verdict.requirements
     ]
-    return table(["requirement", "value", "limit", "judged [s]", "verdict", "note"], rows)
+    told = [(title, "") for title in ("judged [s]", "verdict", "note")]
+    return table([("requirement", "name"), ("value", "number"), ("limit", "text"), *told], rows)
 
 
-def _outcome(each: Requirement) -> str:
+def _outcome(each: Requirement) -> Html:
     """Tell the verdict in words as well as in colour."""
     style, mark = {None: ("open", "–"), True: ("met", "✓"), False: ("failed", "✗")}[each.met]
-    return f'<span class="{style}">{mark} {each.outcome}</span>'
+    return Html(f'<span class="{style}">{mark} {each.outcome}</span>')
 
 
 def _errors(verdict: Verdict) -> str:
     """The three errors, never mixed."""
     rows = []
     for each in verdict.errors:
-        numbers = [each.max_deg, each.rms_deg]
-        cells = "".join(
-            f'<td class="number">{"not known" if n is None else number_text(n)}</td>'
-            for n in numbers
-        )
-        name = f"{each.name}: {each.meaning}"
-        rows.append(f"<tr><th>{escape(name)}</th>{cells}<td>{span_text(each.span)}</td></tr>")
-    return table(["error", "largest [deg]", "RMS [deg]", "over [s]"], rows)
+        sizes = (each.max_deg, each.rms_deg)
+        told = ("not known" if size is None else number_text(size) for size in sizes)
+        rows.append([f"{each.name}: {each.meaning}", *told, span_text(each.span)])
+    numbers = [(title, "number") for title in ("largest [deg]", "RMS [deg]")]
+    return table([("error", "name"), *numbers, ("over [s]", "")], rows)
 
 
 def _metrics(verdict: Verdict) -> str:
@@ -217,11 +214,8 @@ def _metrics(verdict: Verdict) -> str:
         text = "–" if value is None else f"{number_text(value)} {unit}".rstrip()
         if field == "settling_time_s" and metrics.settled is False:
             text = "not settled"
-        rows.append(
-            f'<tr><th>{escape(name)}</th><td class="number">{escape(text)}</td>'
-            f"<td>{span_text(span)}</td></tr>"
-        )
-    return table(["number", "value", "over [s]"], rows)
+        rows.append((name, text, span_text(span)))
+    return table([("number", "name"), ("value", "number"), ("over [s]", "")], rows)
 
 
 def _changes(record: RunRecord) -> str:
@@ -232,9 +226,8 @@ def _changes(record: RunRecord) -> str:
     for change, before in record.told_changes:
         stamp = f"{change.stamp_ns / 1e9:.9g}"
         old = "not recorded" if before is None else str(before)
-        cells = [stamp, change.node, change.name, f"{old} → {change.value}"]
-        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
-    head = ["stamp [s]", "node", "parameter", "old → new"]
+        rows.append((stamp, change.node, change.name, f"{old} → {change.value}"))
+    head = [(title, "") for title in ("stamp [s]", "node", "parameter", "old → new")]
     return "<h3>Parameters changed in flight</h3>\n" + table(head, rows)
 
 
@@ -248,15 +241,15 @@ def _faults(verdict: Verdict) -> str:
 def _disturbances(verdict: Verdict) -> str:
     if not verdict.metrics.disturbances:
         return "<p>No sudden disturbance.</p>"
-    rows = []
-    for hit in verdict.metrics.disturbances:
-        cells = [
+    rows = [
+        (
             number_text(hit.start_s),
             number_text(hit.duration_s),
             ", ".join(number_text(each) for each in hit.torque),
             hit.outcome,
             hit.judged_by,
-        ]
-        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
-    head = ["start [s]", "duration [s]", "torque x, y, z [N·m]", "recovery", "judged by"]
-    return "<h3>Sudden disturbances</h3>\n" + table(head, rows)
+        )
+        for hit in verdict.metrics.disturbances
+    ]
+    titles = ("start [s]", "duration [s]", "torque x, y, z [N·m]", "recovery", "judged by")
+    return "<h3>Sudden disturbances</h3>\n" + table([(title, "") for title in titles], rows)

@@ -22,6 +22,7 @@ from pathlib import Path
 import yaml
 
 from ppc_attitude.analysis.page import (
+    Html,
     asked,
     collapsed,
     configuration,
@@ -141,18 +142,16 @@ def _requirements(summary: Summary) -> str:
     ]
     rows += [_row(name, "", fraction, 0) for name, fraction in summary.shares()]
     note = "<p>A run is judged by the requirements that apply to it. 95 % Wilson intervals.</p>"
-    head = ["requirement", "limit", "met", "judged", "not judged", "share (95 % interval)"]
+    numbers = ("met", "judged", "not judged", "share (95 % interval)")
+    head = [("requirement", "name"), ("limit", ""), *((title, "number") for title in numbers)]
     return note + table(head, rows)
 
 
-def _row(name: str, limit: str, fraction: Fraction, not_judged: int) -> str:
+def _row(name: str, limit: str, fraction: Fraction, not_judged: int) -> list[str]:
     style = "met" if fraction.met == fraction.judged else "failed"
-    counts = (fraction.met, fraction.judged, not_judged)
-    numbers = "".join(f'<td class="number">{each}</td>' for each in counts)
-    return (
-        f"<tr><th>{escape(name)}</th><td>{escape(limit)}</td>{numbers}"
-        f'<td class="number"><span class="{style}">{share_text(fraction)}</span></td></tr>'
-    )
+    counts = (str(each) for each in (fraction.met, fraction.judged, not_judged))
+    share = Html(f'<span class="{style}">{share_text(fraction)}</span>')
+    return [name, limit, *counts, share]
 
 
 def _worst(summary: Summary, again: Sequence[str]) -> str:
@@ -163,13 +162,11 @@ def _worst(summary: Summary, again: Sequence[str]) -> str:
             continue
         runs = ", ".join(f"{index} ({_value(value)})" for index, value in tally.worst_runs())
         command = shlex.join([*again, "--only", str(tally.worst_runs()[0][0])])
-        rows.append(
-            f"<tr><th>{escape(name)}</th><td>{escape(runs)}</td>"
-            f"<td><code>{escape(command)}</code></td></tr>"
-        )
+        rows.append((name, runs, Html(f"<code>{escape(command)}</code>")))
     if not rows:
         return "<p>No run failed a requirement.</p>"
-    return table(["requirement", "run (value), worst first", "the worst again"], rows)
+    head = [("requirement", "name"), ("run (value), worst first", ""), ("the worst again", "")]
+    return table(head, rows)
 
 
 def _value(value: float) -> str:
