@@ -38,12 +38,12 @@ from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, campaign
-from ppc_attitude.campaign.draw import draw, scenario_of, varying
+from ppc_attitude.campaign.draw import draw, scenario_of_run, varying
 from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN
 from ppc_attitude.campaign.results import BATCH
-from ppc_attitude.campaign.rows import CampaignError, Outcome, columns_of, rerun, run_chunk, run_one
+from ppc_attitude.campaign.rows import CampaignError, Outcome, rerun, row_types, run_chunk, run_one
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
@@ -62,7 +62,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
 
 def test_a_run_is_that_of_its_scenario() -> None:
     of = small()
-    verdict = analyse(simulate(scenario_of(of, 7), of.duration))
+    verdict = analyse(simulate(scenario_of_run(of, 7), of.duration))
     row = run_one(of, 7).row
     assert row["index"] == 7
     assert row["error"] is None
@@ -103,7 +103,7 @@ def test_every_requirement_has_its_columns() -> None:
     own = Requirements(limits={"applied_torque": 0.01})
     for required in (PAPER, own):
         of = replace(small(), required=required)
-        columns = columns_of(of)
+        columns = row_types(of)
         assert set(run_one(of, 0).row) == set(columns)
         assert {f"met_{key}" for key in names_of(required)} <= set(columns)
     row = run_one(replace(small(), required=own), 0).row
@@ -150,7 +150,7 @@ def test_files_do_not_depend_on_the_number_of_workers(finished: Finished, tmp_pa
 
 def test_files_hold_every_run_in_order(finished: Finished) -> None:
     table = pq.read_table(finished.folder / "runs.parquet")
-    assert table.column_names == list(columns_of(small()))
+    assert table.column_names == list(row_types(small()))
     assert table["index"].to_pylist() == list(range(RUNS))
     assert rows_of(finished.folder)[11] == run_one(small(), 11).row
     kept = json.loads(table.schema.metadata[b"ppc_attitude"])

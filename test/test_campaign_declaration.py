@@ -23,7 +23,7 @@ from test_campaign_distributions import CRAFT, base
 from test_layers import ROOT
 
 from ppc_attitude.campaign.declaration import campaign, load_campaign
-from ppc_attitude.campaign.draw import scenario_of
+from ppc_attitude.campaign.draw import scenario_of_run
 from ppc_attitude.contract.topics import ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import load
@@ -59,12 +59,12 @@ def test_an_estimator_waits_for_fixes_as_late_as_they_were_drawn() -> None:
             f"{PLANT}.star_tracker.latency": {"distribution": "uniform", "low": 0.0, "high": 0.3}
         }
     }
-    drawn = scenario_of(campaign(given, craft, 0), 0).parameters
+    drawn = scenario_of_run(campaign(given, craft, 0), 0).parameters
     latency = drawn[PLANT]["star_tracker.latency"]
     assert latency == drawn[ESTIMATOR]["star_tracker.latency"] != 0.1
     given["parameters"][f"{ESTIMATOR}.star_tracker.latency"] = 0.2  # what a mismatch does
     assert (
-        scenario_of(campaign(given, craft, 0), 0).parameters[ESTIMATOR]["star_tracker.latency"]
+        scenario_of_run(campaign(given, craft, 0), 0).parameters[ESTIMATOR]["star_tracker.latency"]
         == 0.2
     )
 
@@ -158,7 +158,7 @@ def test_a_seed_out_of_range_is_refused(seed: int) -> None:
 
 def test_an_index_below_zero_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="index = -1; allowed: ≥ 0"):
-        scenario_of(campaign({}, base(), 0), -1)
+        scenario_of_run(campaign({}, base(), 0), -1)
 
 
 @pytest.mark.parametrize(

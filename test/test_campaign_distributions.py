@@ -26,7 +26,7 @@ from scipy import linalg, stats
 
 from ppc_attitude.campaign.declaration import Campaign, campaign
 from ppc_attitude.campaign.distributions import Fixed, Range, number, on_sphere
-from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_of, stream
+from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_of_run, stream
 from ppc_attitude.campaign.rows import rerun, run_one
 from ppc_attitude.campaign.summary import Summary
 from ppc_attitude.contract.declared import components_of
@@ -192,7 +192,7 @@ def test_the_scenario_holds_what_was_drawn_and_the_controller_does_not_know() ->
     )
     of = campaign(EVERYTHING, given, 11)
     drawn: dict[str, Any] = draw(of, 2)
-    made: Any = scenario_of(of, 2)
+    made: Any = scenario_of_run(of, 2)
     plant, injector = made.parameters[PLANT], made.parameters[INJECTOR]
     assert plant["initial_attitude"] == [drawn[f"initial_attitude_{a}"] for a in "xyzw"]
     assert plant["max_torque"] == 0.05 * drawn["actuator_strength"]
@@ -230,7 +230,7 @@ def test_every_number_of_what_runs_can_be_a_variable() -> None:
     assert {f"{PLANT}.gyro.initial_bias[2]", f"{REFERENCE}.goals.attitudes[3]"} <= set(given)
     assert f"{ESTIMATOR}.star_tracker.cross_noise" in given
     of, none = campaign({"parameters": given}, CRAFT, 3), campaign({}, CRAFT, 3)
-    assert scenario_of(of, 1) == scenario_of(none, 1)
+    assert scenario_of_run(of, 1) == scenario_of_run(none, 1)
 
 
 def test_a_product_of_inertia_acts_whichever_of_its_two_places_is_named() -> None:
@@ -284,7 +284,7 @@ def test_a_fault_that_is_drawn_acts_from_its_time_behind_those_of_the_scenario(
         text = f"{row['fault']} from {row['fault_time']!r}"
         if lasting:
             text += f" for {row['fault_duration']!r}"
-        assert scenario_of(of, index).parameters[PLANT]["faults"] == ["wheel/2 drag 2", text]
+        assert scenario_of_run(of, index).parameters[PLANT]["faults"] == ["wheel/2 drag 2", text]
     record, _ = rerun(of, 1)
     other, _ = rerun(without, 1)
     same = (record["attitude"] == other["attitude"]).all(axis=1)
@@ -314,7 +314,7 @@ def test_a_reference_that_varies_is_no_part_of_what_runs_have_in_common() -> Non
 
 
 def test_without_variables_the_run_is_the_scenario_but_for_the_seed_of_its_noise() -> None:
-    made = scenario_of(campaign({}, base(), 1), 0)
+    made = scenario_of_run(campaign({}, base(), 1), 0)
     seed = made.parameters[PLANT]["seed"]
     np.testing.assert_allclose(
         made.parameters[PLANT]["initial_attitude"],  # normalised

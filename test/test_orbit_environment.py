@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
 from ppc_attitude.campaign.declaration import campaign
-from ppc_attitude.campaign.draw import scenario_of
+from ppc_attitude.campaign.draw import scenario_of_run
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
@@ -178,7 +178,7 @@ def test_no_torque_is_larger_than_its_bound(eccentricity: float) -> None:
 
 def test_what_a_campaign_draws_of_the_craft_is_what_gravity_acts_on() -> None:
     drawn = campaign({"inertia_error": 0.1}, load(FILES, {PLANT: {"duration": 1.0}}), 1)
-    of = scenario_of(drawn, 0).parameters
+    of = scenario_of_run(drawn, 0).parameters
     assert of[INJECTOR]["inertia"] == of[PLANT]["inertia"] != of[CONTROLLER]["inertia"]
 
 

@@ -28,7 +28,7 @@ from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.stamps import stamp_of
-from ppc_attitude.simulation.closed_loop import columns_of, simulate, stamps_of
+from ppc_attitude.simulation.closed_loop import by_column, simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import Scenario, load, scenario
@@ -83,7 +83,7 @@ def changed_in_flight(
     for part, node in parts.items():
         diagram.parts[part].configure(values[node])
     late = diagram.run(stamps[step:])
-    columns = columns_of(diagram.columns, stamps, np.concatenate([early, late], axis=1))
+    columns = by_column(diagram.columns, stamps, np.concatenate([early, late], axis=1))
     parameters = before.with_values(PLANT, lockstep=True).parameters
     return RunRecord("simulate", "ppc", stamps, columns, parameters=parameters, changes=changes)
 

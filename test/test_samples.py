@@ -25,7 +25,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import (
-    columns_of,
+    by_column,
     stamps_of,
     timetable_of,
 )
@@ -40,7 +40,7 @@ def test_every_recorded_column_has_its_own_rows(noise: float) -> None:
     case = scenario({"spacecraft_plant": {"attitude_noise": noise}})
     recorded = recorded_columns(case.parameters)
     samples = np.repeat(np.arange(sum(each.width for each in recorded)), 7).reshape(-1, 7)
-    columns = columns_of(recorded, np.arange(7), samples)
+    columns = by_column(recorded, np.arange(7), samples)
     assert ("truth_attitude" in columns) == bool(noise)
     assert [(name, rows.shape) for name, rows in columns.items()] == [
         (column.name, (7, column.width)) for column in recorded

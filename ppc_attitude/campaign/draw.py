@@ -141,7 +141,7 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | str | None]:
     }
 
 
-def scenario_of(campaign: Campaign, index: int) -> Scenario:
+def scenario_of_run(campaign: Campaign, index: int) -> Scenario:
     """Scenario of one run: complete, checked, to be simulated here or run over ROS.
 
     Raises

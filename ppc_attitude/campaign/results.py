@@ -21,7 +21,7 @@ from typing import Any
 
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.quantile_bands import EDGES, QUANTITIES, QuantileBands
-from ppc_attitude.campaign.rows import Row, columns_of
+from ppc_attitude.campaign.rows import Row, row_types
 from ppc_attitude.science.errors import ConfigurationError
 
 RUNS_FILE, FAN_FILE = "runs.parquet", "error_over_time.parquet"
@@ -71,7 +71,7 @@ class Results:
             str: pyarrow.string(),
         }
         self._schema = pyarrow.schema(
-            [(name, types[kind]) for name, kind in columns_of(campaign).items()],
+            [(name, types[kind]) for name, kind in row_types(campaign).items()],
             metadata=self._metadata,
         )
         self._rows: list[Row] = []

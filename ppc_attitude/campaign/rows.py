@@ -27,7 +27,7 @@ from ppc_attitude.analysis.requirements import names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.analysis.verdict import Metrics, Verdict, all_met
 from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of, scenario_with
+from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of_run, scenario_with
 from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.versions import versions
@@ -39,7 +39,7 @@ _TYPES: dict[str, type] = {"noise_seed": int, "fault": str}
 METRICS = tuple(each.name for each in fields(Metrics) if each.type == float | None)
 
 
-def columns_of(campaign: Campaign) -> dict[str, type]:
+def row_types(campaign: Campaign) -> dict[str, type]:
     """Every column of a row and its type; what does not apply to a run is None.
 
     `recovery_time_s` is that of the last sudden disturbance; `met_<key>` is None where a
@@ -77,7 +77,7 @@ class Outcome:
     Attributes
     ----------
     row : dict
-        A value for every key of `columns_of`.
+        A value for every key of `row_types`.
     levels : ndarray of uint8, shape (len(QUANTITIES), bins)
         See `quantile_bands`.
     """
@@ -165,7 +165,7 @@ def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
     AnalysisError
         The run cannot be judged.
     """
-    scenario = scenario_of(campaign, index)
+    scenario = scenario_of_run(campaign, index)
     record = simulate(scenario, campaign.duration)
     record = replace(record, source=f"campaign run {index}", metadata=campaign.made_with)
     return record, analyse(record, campaign.required)
@@ -175,14 +175,14 @@ def broken(
     campaign: Campaign, index: int, reason: str, drawn: Mapping[str, Any] | None = None
 ) -> Outcome:
     """Outcome of a run that gave no result."""
-    row = dict.fromkeys(columns_of(campaign)) | {"index": index, "error": reason, **(drawn or {})}
+    row = dict.fromkeys(row_types(campaign)) | {"index": index, "error": reason, **(drawn or {})}
     bins = grid_of(campaign.rate, campaign.duration).starts.size
     return Outcome(row, np.full((len(QUANTITIES), bins), UNKNOWN, np.uint8))
 
 
 def _row(campaign: Campaign, index: int, drawn: Mapping[str, Any], judge: Judge) -> Row:
     metrics = judge.metrics
-    row = dict.fromkeys(columns_of(campaign)) | {"index": index, **drawn}
+    row = dict.fromkeys(row_types(campaign)) | {"index": index, **drawn}
     row |= {name: getattr(metrics, name) for name in METRICS}
     if metrics.disturbances:
         row["recovery_time_s"] = metrics.disturbances[-1].recovery_time_s

@@ -34,7 +34,7 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.draw import scenario_of
+from ppc_attitude.campaign.draw import scenario_of_run
 from ppc_attitude.campaign.summary import Fraction
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.errors import ConfigurationError
@@ -172,7 +172,7 @@ def _settling(verdict: Verdict, never: float) -> float:
 def _verdict(campaign: Campaign, index: int, gains: Mapping[str, float]) -> Verdict | None:
     """Verdict of one run with these gains; None if they are impossible or the run breaks."""
     try:
-        scenario = scenario_of(campaign, index).with_values(CONTROLLER, **gains)
+        scenario = scenario_of_run(campaign, index).with_values(CONTROLLER, **gains)
         return analyse(simulate(scenario, campaign.duration), campaign.required)
     except (AnalysisError, ConfigurationError):
         return None

@@ -87,7 +87,7 @@ class Loop:
             source="simulate",
             controller=scenario.controller.name,
             stamps_ns=self._stamps_ns,
-            columns=columns_of(self._diagram.columns, self._stamps_ns, samples),
+            columns=by_column(self._diagram.columns, self._stamps_ns, samples),
             # In process every instant waits for its answers, whatever the nodes would do.
             parameters={
                 **scenario.parameters,
@@ -96,7 +96,7 @@ class Loop:
         )
 
 
-def columns_of(
+def by_column(
     columns: Sequence[Column], stamps_ns: NDArray[np.int64], samples: Array
 ) -> dict[str, Array]:
     """Samples of each column, of shape (n, width), by its name: a view unless it is late."""

@@ -26,8 +26,7 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.verdict import Verdict, verdict_table
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
-from ppc_attitude.campaign.draw import draw, varying
-from ppc_attitude.campaign.draw import scenario_of as scenario_of_run
+from ppc_attitude.campaign.draw import draw, scenario_of_run, varying
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text, write_campaign_report
 from ppc_attitude.campaign.rows import CampaignError, rerun
