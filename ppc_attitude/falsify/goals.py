@@ -16,6 +16,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,7 +52,16 @@ class Goal:
     @property
     def unit(self) -> str:
         """Unit of the value."""
-        return {"settling": "s", "terminal": "", "rate": "deg/s"}.get(self.name, "of its bound")
+        return self._kind.unit
+
+    @property
+    def limit(self) -> float:
+        """The limit that no run should pass; infinite where there is none."""
+        return self._kind.limit(self)
+
+    @property
+    def _kind(self) -> "_Kind":
+        return _OF_RUN.get(self.name, _OF_COLUMN)
 
     def text(self, value: float, duration: float) -> str:
         """Value of a run of so long [s] for a reader."""
@@ -59,27 +69,13 @@ class Goal:
             return f"not settled at {duration:g} s (error {value - duration:.3g})"
         return f"{value:.6g} {self.unit}".rstrip()
 
-    @property
-    def limit(self) -> float:
-        """The limit that no run should pass; infinite where there is none."""
-        return {"settling": np.inf, "terminal": self.accuracy, "rate": self.rate}.get(
-            self.name, 1.0
-        )
-
     def value(self, record: RunRecord, law: Component) -> float:
         """Value of a run; a run that is not finite is worst of all."""
-        late = record.t >= self.after
-        if self.name in _OF_RUN:
-            value = _OF_RUN[self.name](self, record)
-        else:
-            column = next(each for each in law.outputs if each.name == self.name)
-            bound = record[column.bound][late]
-            error = np.abs(record[column.name][late][:, : bound.shape[1]])
-            value = float(np.max(error / bound))
+        value = self._kind.value(self, record, law)
         return value if np.isfinite(value) else np.inf
 
 
-def _settling(goal: Goal, record: RunRecord) -> float:
+def _settling(goal: Goal, record: RunRecord, law: Component) -> float:
     """Last instant outside the accuracy; of a run that ends so, the end and how far out it is."""
     error = _error(record)
     outside = np.flatnonzero(~(error < goal.accuracy))  # an error that is none is not settled
@@ -89,25 +85,42 @@ def _settling(goal: Goal, record: RunRecord) -> float:
     return time + float(error[-1]) if outside[-1] == error.size - 1 else time
 
 
-def _terminal(goal: Goal, record: RunRecord) -> float:
+def _terminal(goal: Goal, record: RunRecord, law: Component) -> float:
     last = record.stamps_ns >= record.stamps_ns[-1] - _LAST
     return float(_error(record)[last].max())
 
 
-def _rate(goal: Goal, record: RunRecord) -> float:
+def _rate(goal: Goal, record: RunRecord, law: Component) -> float:
     rates = np.linalg.norm(record["angular_velocity"][record.t >= goal.after], axis=1)
     return float(np.degrees(rates.max()))
+
+
+def _of_bound(goal: Goal, record: RunRecord, law: Component) -> float:
+    column = next(each for each in law.outputs if each.name == goal.name)
+    late = record.t >= goal.after
+    bound = record[column.bound][late]
+    error = np.abs(record[column.name][late][:, : bound.shape[1]])
+    return float(np.max(error / bound))
 
 
 def _error(record: RunRecord) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.asarray(np.abs(record["attitude_error"][:, :3]).max(axis=1))
 
 
-_OF_RUN: dict[str, Callable[[Goal, RunRecord], float]] = {
-    "settling": _settling,
-    "terminal": _terminal,
-    "rate": _rate,
+class _Kind(NamedTuple):
+    """The unit of a kind of goal, its limit, and how it is measured."""
+
+    unit: str
+    limit: Callable[[Goal], float]
+    value: Callable[[Goal, RunRecord, Component], float]
+
+
+_OF_RUN = {
+    "settling": _Kind("s", lambda goal: np.inf, _settling),
+    "terminal": _Kind("", lambda goal: goal.accuracy, _terminal),
+    "rate": _Kind("deg/s", lambda goal: goal.rate, _rate),
 }
+_OF_COLUMN = _Kind("of its bound", lambda goal: 1.0, _of_bound)
 
 
 def goal_of(name: str, law: Component, accuracy: float, after: float, rate: float = RATE) -> Goal:
