@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Resolved parameters as the ROS parameter file with which a node is started."""
+"""Parameters as a ROS parameter file: those with which a node is started, or an overlay."""
 
 import json
 import sys
@@ -46,7 +46,7 @@ def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
         }
         for node, values in nodes.items()
     }
-    return yaml.safe_dump(content, allow_unicode=True)
+    return yaml.safe_dump(content, default_flow_style=None, sort_keys=False, allow_unicode=True)
 
 
 def run_info(nodes: Mapping[str, Mapping[str, Any]]) -> str:

@@ -22,7 +22,6 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-import yaml
 from tqdm import tqdm
 
 from ppc_attitude.campaign.pools import connected, cores
@@ -37,6 +36,7 @@ from ppc_attitude.command_line.options import (
     print_json,
     scenario_of,
 )
+from ppc_attitude.command_line.parameter_file import ros_parameters
 from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
@@ -127,14 +127,14 @@ def execute(arguments: argparse.Namespace) -> int:
         begin=arguments.begin,
         late=arguments.late,
     )
-    limit = f"{PREFIX}assumed.Omega"  # [rad/s] of the certificate, where the law has one
-    known = limit in scenario.parameters[CONTROLLER]
+    fastest = f"{PREFIX}assumed.Omega"  # [rad/s] of the certificate, where the law has one
+    known = fastest in scenario.parameters[CONTROLLER]
     goal = goal_of(
         arguments.goal,
         scenario.controller,
         arguments.accuracy,
         arguments.after,
-        math.degrees(scenario.number(CONTROLLER, limit)) if known else RATE,
+        math.degrees(scenario.number(CONTROLLER, fastest)) if known else RATE,
     )
     search = Search(space, goal, arguments.out, arguments.seed)
     found: Found | None = None
@@ -180,12 +180,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _file(space: Space, goal: Goal, found: Found) -> str:
     """Overlay of the worst case."""
-    nodes = {
-        f"/**/{node}": {"ros__parameters": values} for node, values in space.choice(found.x).items()
-    }
     text = goal.text(found.value, space.duration)
     head = f"{_HEAD} {found.runs} runs, {goal.name}: {text}.\n"
-    return head + yaml.safe_dump(nodes, default_flow_style=None, sort_keys=False)
+    return head + ros_parameters(space.choice(found.x))
 
 
 @contextmanager
