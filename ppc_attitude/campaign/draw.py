@@ -280,8 +280,7 @@ def _matrix(drawn: Mapping[str, Any]) -> NDArray[np.float64]:
 
 def _pulse(pulse: Pulse | None, own: Generator) -> dict[str, float | None]:
     if pulse is None:
-        names = ("pulse_time", "pulse_duration", "pulse_torque")
-        return dict.fromkeys((*names, *(f"pulse_torque_{axis}" for axis in "xyz")))
+        return dict.fromkeys(name for name in DRAWN if name.startswith("pulse_"))
     time, duration, size = (part.draw(own) for part in (pulse.time, pulse.duration, pulse.torque))
     parts = zip("xyz", pulse.direction.draw(own), strict=True)
     return {
