@@ -29,6 +29,7 @@ from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.flight import flight_of
 from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.keep_out import approaches_of
+from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.guidance.orders import Orders, schedule_of, scheduled_orders
@@ -128,6 +129,27 @@ def test_figures_show_ways_sky_and_angles(record: RunRecord) -> None:
     assert np.deg2rad(path[-1, 1]) == pytest.approx(np.arcsin(z[2]))
     assert plotted(drawn["sky_map"][1]) == ""  # a map has nothing over time to zoom
     assert plotted(drawn["slews"][1]) != ""
+
+
+def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRecord) -> None:
+    values = record.parameters[REFERENCE]
+    cones = {name: values[name] for name in values if name.startswith("keep_out.")}
+    fewer = {
+        "keep_out.axes": [0.0, 0.0, 1.0],
+        "keep_out.directions": ["0 0 1"],
+        "keep_out.half_angles": [0.9],
+    }
+    none = {"keep_out.axes": [], "keep_out.directions": ["sun"], "keep_out.half_angles": []}
+    for before, after in ((none, cones), (fewer, cones), (cones, fewer), (cones, none)):
+        changes = (Change(10**10, REFERENCE, name, value) for name, value in after.items())
+        parameters = {**record.parameters, REFERENCE: {**values, **before}}
+        run = replace(record, parameters=parameters, changes=tuple(changes))
+        drawn = figures_of(run)
+        told = {text.get_text() for text in drawn["sky_map"][1].axes[0].texts}
+        assert told == {"0: 0 0 1", "1: nadir"}
+        assert ("cone_angles" in drawn) is (before is not none)
+        (row,) = (each for each in analyse(run).requirements if each.key == "keep_out")
+        assert (row.met, row.reason) == (None, "keep_out.axes was changed in flight")
 
 
 def test_a_run_without_any_order_has_no_legs_to_shade() -> None:

@@ -65,9 +65,9 @@ class Flight:
     goals : ndarray, shape (m, 4)
         Inertial attitude of the goal, x y z w.
     cones : tuple of tuples of Cone
-        The keep-out cones at each.
+        The keep-out cones at each; in flight some may come, or go.
     names : tuple of str
-        What each cone is about.
+        What each cone is about, when there were most.
     words : tuple of Word
         What was said of orders, and warned of.
     max_rate, max_acceleration : float
@@ -97,6 +97,7 @@ def flight_of(record: RunRecord) -> Flight | None:
     part = Part(goal.COMPONENT, values)
     changes = [change for change in record.changes if change.node == REFERENCE]
     picked, goals, cones, words = [], [], [], []
+    names = cone_names(values)
     for k in _instants(record, values, changes):
         stamp_ns = int(record.stamps_ns[k])
         if changes and changes[0].stamp_ns <= stamp_ns:
@@ -104,6 +105,7 @@ def flight_of(record: RunRecord) -> Flight | None:
                 change = changes.pop(0)
                 values[change.name] = change.value
             part.configure(values)
+            names = max(names, cone_names(values), key=len)
         told, obeyed = part.advices, int(part.state[0]["obeyed"])
         part.step(stamp_ns, record[ATTITUDE.column][k])
         state = part.state[0]
@@ -124,7 +126,7 @@ def flight_of(record: RunRecord) -> Flight | None:
         np.array(picked, np.int64),
         np.array(goals, np.float64).reshape(-1, 4),
         tuple(cones),
-        tuple(cone_names(values)),
+        tuple(names),
         tuple(words),
         float(values[goal.MAX_RATE.name]),
         float(values[goal.MAX_ACCELERATION.name]),

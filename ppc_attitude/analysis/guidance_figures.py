@@ -39,12 +39,13 @@ from ppc_attitude.analysis.drawing import (
     time_axis,
 )
 from ppc_attitude.analysis.flight import Flight, flight_of, pointed
-from ppc_attitude.analysis.keep_out import angles_to_cones, guidance_values
+from ppc_attitude.analysis.keep_out import angles_to_cones, cone_names, guidance_values
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import AnalysisError, has, vectors
 from ppc_attitude.analysis.truth import errors_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE_ACCELERATION, REFERENCE_ATTITUDE, REFERENCE_RATE
+from ppc_attitude.science.guidance.cones import HALF_ANGLES
 from ppc_attitude.science.guidance.scene import Cone
 from ppc_attitude.science.keep_out import perpendicular
 
@@ -63,9 +64,8 @@ def guidance_drawings(record: RunRecord) -> Iterator[Drawing]:
     yield "slews", "Way to the goals: angle left, rate, acceleration", partial(slews, flight=flight)
     caption = "Sky: where body axes pointed, and where they must not"
     yield "sky_map", caption, partial(sky_map, flight=flight)
-    if flight.names:
-        caption = "Angle of body axes to the directions that they must keep away from"
-        yield "cone_angles", caption, partial(cone_angles, flight=flight)
+    caption = "Angle of body axes to the directions that they must keep away from"
+    yield "cone_angles", caption, cone_angles
 
 
 def slews(run: Measured, flight: Flight) -> Figure:
@@ -140,8 +140,8 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
         If the record has no reference or no attitude.
     """
     figure, ((axes,),) = panels(1, row_height=2.4)
-    cones = flight.cones[0] if flight.cones else ()
-    bodies = list(dict.fromkeys(cone.axis for cone in cones)) or [Z_AXIS]
+    axes_of_cones = (cone.axis for cones in flight.cones for cone in cones)
+    bodies = list(dict.fromkeys(axes_of_cones)) or [Z_AXIS]
     wanted = _attitudes(run, REFERENCE_ATTITUDE.column)[flight.picked]
     craft = _attitudes(run, run.truth.attitude)[flight.picked]
     for body, colour in zip(bodies, _colours(len(bodies), start=1), strict=True):
@@ -156,12 +156,13 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
         x, y = _longitude_latitude(path[:1])[0]
         axes.scatter(x, y, s=14, color=colour, zorder=4)
     for i, name in enumerate(flight.names):
-        first, last = flight.cones[0][i], flight.cones[-1][i]
+        seen = [cones[i] for cones in flight.cones if i < len(cones)]
+        first, last = seen[0], seen[-1]
         _trace(axes, _rim(first), RED, "-", 0.8)
         # A cone that moves is drawn where it is at the end, too, with the way of its middle.
         if np.rad2deg(np.arccos(np.clip(np.dot(first.direction, last.direction), -1, 1))) > 0.5:
             _trace(axes, _rim(last), RED, LIMIT_STYLE, 0.8)
-            middles = np.array([each[i].direction for each in flight.cones])
+            middles = np.array([each.direction for each in seen])
             _trace(axes, middles, RED, ":", 0.8)
         x, y = _longitude_latitude(np.array([first.direction]))[0]
         x = min(max(x, -150.0), 150.0)  # the text stays on the map
@@ -176,17 +177,20 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
     return figure
 
 
-def cone_angles(run: Measured, flight: Flight) -> Figure:
+def cone_angles(run: Measured) -> Figure:
     """Draw the angle of each cone's body axis to its direction, of the craft and as desired.
+
+    The cones are those with which the run began.
 
     Raises
     ------
     AnalysisError
-        If the record has no reference or no attitude.
+        If the record has no cones, no reference or no attitude.
     """
     values = guidance_values(run.record)
-    if values is None:
-        raise AnalysisError(f"{run.record.source}: no guidance")
+    if values is None or not values[HALF_ANGLES.name]:
+        raise AnalysisError(f"{run.record.source}: no keep-out cones")
+    names, allowed = cone_names(values), np.rad2deg(values[HALF_ANGLES.name])
     figure, ((axes,),) = panels(1, row_height=2.2)
     for column, style, who in (
         (REFERENCE_ATTITUDE.column, _SHORT, "desired"),
@@ -194,13 +198,12 @@ def cone_angles(run: Measured, flight: Flight) -> Figure:
     ):
         _attitudes(run, column)
         angles = np.rad2deg(angles_to_cones(run.record, column, values))
-        colours = _colours(len(flight.names))
-        for i, (name, colour) in enumerate(zip(flight.names, colours, strict=True)):
+        for i, (name, colour) in enumerate(zip(names, _colours(len(names)), strict=True)):
             label = f"{i}: {name}" if who == "craft" else ""
             draw(axes, run.t, angles[:, i], label=label, colour=colour, style=style)
             if who == "craft":
-                allowed = np.rad2deg(flight.cones[0][i].half_angle)
-                axes.axhline(allowed, color=colour, linewidth=0.8, linestyle=LIMIT_STYLE, label="_")
+                limit = float(allowed[i])
+                axes.axhline(limit, color=colour, linewidth=0.8, linestyle=LIMIT_STYLE, label="_")
     _entry(axes, "allowed", BLACK, LIMIT_STYLE)
     _entry(axes, "desired", BLACK, _SHORT)
     axes.set_ylabel("angle to the direction [deg]")

@@ -309,14 +309,15 @@ class Judge(Measured):
     def _kept_out(self) -> Iterator[Requirement]:
         """Judge how far the craft came into its worst keep-out cone; negative: it stayed out."""
         approaches = approaches_of(self.record)
-        if not approaches:
-            return
-        worst = max(approaches, key=lambda each: each.half_angle - each.angle)
-        angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
-        note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
         why = self.changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
-        value = float(half_angle - angle)
-        yield self._row("keep_out", value, 0.0, "deg", self.whole, why, note=note)
+        if approaches:
+            worst = max(approaches, key=lambda each: each.half_angle - each.angle)
+            angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
+            note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
+            value = float(half_angle - angle)
+            yield self._row("keep_out", value, 0.0, "deg", self.whole, why, note=note)
+        elif why:  # cones that came in flight
+            yield self._row("keep_out", None, 0.0, "deg", self.whole, why)
 
     def _certificate(self) -> Iterator[Requirement]:
         """Judge how long the run broke its certificate's promise while the assumptions held."""
