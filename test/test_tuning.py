@@ -23,12 +23,15 @@ from typing import Any
 import pytest
 import yaml
 
+from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign
-from ppc_attitude.campaign.tuning import GAINS, Tuned, tuned
+from ppc_attitude.campaign.draw import scenario_of_run
+from ppc_attitude.campaign.tuning import GAINS, Tuned, cost, tuned
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load, scenario
 
 CUBESAT: dict[str, dict[str, Any]] = {
@@ -69,6 +72,23 @@ def test_a_search_settles_sooner_than_the_gains_it_began_with() -> None:
     assert begun.missed["settling time"] == 12 - begun.fraction.met
     assert found.fraction.met > begun.fraction.met
     assert found.settling[0] < min(begun.settling[0], 80.0)
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+def test_gains_with_which_a_run_diverges_cost_more_than_any_that_are_merely_slow() -> None:
+    strong = {node: values | {"max_torque": 1e6} for node, values in CUBESAT.items()}
+    strong["disturbance_injector"] = CUBESAT["disturbance_injector"]
+    of = replace(
+        campaign(EVERY_START, scenario(strong), seed=0), required=replace(REQUIRED, rate=None)
+    )
+
+    def costs(frequency: float) -> float:
+        gains = {"quaternion_feedback.natural_frequency": frequency}
+        case = scenario_of_run(of, 0).with_values(CONTROLLER, **gains)
+        return cost(analyse(simulate(case, of.duration), of.required))
+
+    slow, diverging = costs(1e-3), costs(15.0)  # a sample lasts three times as long
+    assert 10.0 < slow < diverging == cost(None)
 
 
 def test_a_law_whose_gains_are_not_searched_is_named() -> None:

@@ -155,6 +155,8 @@ def cost(verdict: Verdict | None) -> float:
         return _WORST
     missed = 0.0
     for each in verdict.requirements:
+        if each.key == "lost_messages" and each.met is False:  # it diverged, and shows no more
+            return _WORST
         share = each.value / each.limit if each.value is not None and each.limit > 0.0 else 0.0
         if each.met is False:
             missed += _MISSED * (1.0 + math.log(max(share, 1.0)))
