@@ -26,8 +26,8 @@ from craft_helpers import case, configs
 from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.guarantee.assumptions import assumptions_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.surroundings import _rate_lag
@@ -214,6 +214,24 @@ def test_a_changed_number_is_not_judged() -> None:
     rows = [each for each in analyse(record).requirements if each.key == "certificate"]
     assert [row.met for row in rows] == [None]
     assert rows[0].reason == "the certificate is for other numbers"
+
+
+@pytest.mark.parametrize(
+    ("node", "name", "value", "told"),
+    [
+        (CONTROLLER, "momentum_tube.kappa", 15.1, "the certificate is for other numbers"),
+        (PLANT, "max_torque", 0.03, "max_torque = 0.03 N·m; assumed: at least 0.05"),
+        (REFERENCE, "amplitude", [0.1, 0.1, 0.1], "the reference reaches 0.1451; assumed: W"),
+        (PLANT, "real_time_factor", 2.0, ""),  # which no assumption is about
+    ],
+)
+def test_what_was_changed_in_flight_is_compared_as_well(
+    node: str, name: str, value: Any, told: str
+) -> None:
+    changes = (Change(10**10, node, name, value), Change(2 * 10**10, PLANT, "seed", 1))
+    held = held_by(replace(record_of("guaranteed"), changes=changes))
+    assert held.reason.startswith(told)
+    assert bool(held.reason) is bool(told)
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,10 @@
 
 """Judge whether a run kept the promise of its certificate, and when that was suspended."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -48,6 +50,7 @@ from ppc_attitude.science.controllers.tube_parameters import (
     digest_of,
 )
 from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.faults import FAULTS
 from ppc_attitude.science.guarantee.actuation import (
     actuation_of,
     are_full,
@@ -91,21 +94,19 @@ class Held:
 def certificate_held(record: RunRecord) -> Held | None:
     """Compare a run with its certificate; None if its law has none."""
     values = record.parameters.get(CONTROLLER, {})
-    digest = values.get(CERTIFICATE.name)
-    if values.get("controller") not in LAWS or not digest:
+    if values.get("controller") not in LAWS or not values.get(CERTIFICATE.name):
         return None
     nothing = np.zeros(record.stamps_ns.size, dtype=np.bool_)
     if not all(each.name in values for each in PARAMETERS):
         return Held(nothing, "the record lacks parameters of the law", "")
-    if digest != digest_of(values):
-        return Held(nothing, "the certificate is for other numbers", "")
     try:
-        different, broken_at = _broken_all_along(record), _assumptions(record)
+        different = [each for told in _in_flight(record) for each in _broken(told, record.t[-1])]
+        broken_at = _assumptions(record)
     except KeyError as lacking:
         return Held(nothing, f"the record lacks the parameter {lacking.args[0]}", "")
     different = different or [f"fault: {each}" for each in faults_of(record)]
     if different:
-        return Held(nothing, "; ".join(different), "")
+        return Held(nothing, "; ".join(dict.fromkeys(different)), "")
     pairs = (("momentum_error", "momentum_tube"), ("turn", "turn_envelope"))
     if not all(has(record, each) for pair in pairs for each in pair):
         return Held(nothing, "the record lacks the law's telemetry", "")
@@ -122,14 +123,28 @@ def certificate_held(record: RunRecord) -> Held | None:
     return Held(outside & ~suspended, "", note)
 
 
-def _broken_all_along(record: RunRecord) -> list[str]:
-    """Assumptions that the craft's own parameters break, where the record has them."""
-    values = record.parameters[CONTROLLER]
-    if not all(record.parameters.get(each) for each in (PLANT, REFERENCE, INJECTOR)):
-        return []
-    assumed, law = assumptions_of(values), law_of(values)
-    duration = float(record.t[-1])
-    return list(broken_assumptions(assumed, law, nodes_around(record.parameters), duration))
+def _in_flight(record: RunRecord) -> Iterator[Mapping[str, Mapping[str, Any]]]:
+    """Yield the parameters as the run began, and after each instant at which some changed.
+
+    Faults are left as they were: they are known by when they acted.
+    """
+    parameters = {node: dict(values) for node, values in record.parameters.items()}
+    yield parameters
+    for _, changes in groupby(record.changes, attrgetter("stamp_ns")):
+        for change in changes:
+            if change.name != FAULTS.name:
+                parameters.setdefault(change.node, {})[change.name] = change.value
+        yield parameters
+
+
+def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float) -> Iterator[str]:
+    """Yield why a certificate is none for these parameters, until an instant [s]."""
+    values = parameters[CONTROLLER]
+    if values[CERTIFICATE.name] != digest_of(values):
+        yield "the certificate is for other numbers"
+    elif all(parameters.get(each) for each in (PLANT, REFERENCE, INJECTOR)):
+        assumed, law = assumptions_of(values), law_of(values)
+        yield from broken_assumptions(assumed, law, nodes_around(parameters), until)
 
 
 def nodes_around(parameters: Mapping[str, Mapping[str, Any]]) -> Nodes:
