@@ -45,7 +45,7 @@ FLOORS: dict[str, tuple[set[str], set[str]]] = {
     "science": (set(), {"flint", "numba", "numpy", "scipy", "sgp4"}),
     "processes": (set(), set()),
     "contract": ({"science"}, {"numpy", "yaml"}),
-    "simulation": ({"science", "contract"}, {"numba", "numpy", "yaml"}),
+    "simulation": ({"science", "contract"}, {"numpy"}),
     "analysis": ({"science", "contract"}, {"matplotlib", "numpy"}),
     "campaign": (
         {"science", "contract", "simulation", "analysis", "processes"},

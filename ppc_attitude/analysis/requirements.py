@@ -215,7 +215,7 @@ def _accuracy(name: str, value: Any) -> Accuracy:
 
 
 def _positive(name: str, value: Any, high: float = math.inf, also: str = "") -> float:
-    """Number from YAML, which reads ``5e-3``, without a point, as text."""
+    """Check a number from YAML, or from the text before a unit."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):

@@ -327,11 +327,5 @@ def _check_order(name: str, low: float, high: float) -> None:
 def _finite(name: str, declared: Any) -> float:
     is_number = isinstance(declared, int | float) and not isinstance(declared, bool)
     if not is_number or not math.isfinite(declared):
-        # YAML takes 1e-7 for text: the commonest mistake in such a file.
-        hint = (
-            ", with a point: 1.0e-7"
-            if isinstance(declared, str) and "e" in declared.lower()
-            else ""
-        )
-        raise ConfigurationError(f"{name} = {declared!r}; allowed: a finite number{hint}")
+        raise ConfigurationError(f"{name} = {declared!r}; allowed: a finite number")
     return float(declared)

@@ -129,8 +129,19 @@ def _demand_harmless(content: Any, file: str) -> None:
         raise ConfigurationError(f"{file}: control characters in {content!r}")
 
 
-def read(path: Path, kind: str, loader: Any = yaml.SafeLoader) -> Any:
-    """Content of a file; `kind` is what it is to the user, the loader says how scalars are read.
+class _Loader(yaml.SafeLoader):
+    """YAML as ROS reads it: 1e-4 is a number, although YAML 1.1 asks for 1.0e-4."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"),
+    list("-+0123456789"),
+)
+
+
+def read(path: Path, kind: str) -> Any:
+    """Content of a file of the user's; `kind` is what it is to the user.
 
     Raises
     ------
@@ -139,7 +150,7 @@ def read(path: Path, kind: str, loader: Any = yaml.SafeLoader) -> Any:
     """
     try:
         with path.open(encoding="utf-8") as file:
-            content = parsed(file.read(LARGEST + 1), loader)
+            content = parsed(file.read(LARGEST + 1), _Loader)
     except OSError as error:
         raise ConfigurationError(f"{kind} {path}: {error.strerror}") from None
     except ValueError as error:

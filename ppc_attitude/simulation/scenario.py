@@ -14,7 +14,6 @@
 
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -23,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ppc_attitude.contract.declared import columns_of, components_of
 from ppc_attitude.contract.parameters import PARAMETERS, SEND_TRUTH, is_of_ros
@@ -40,17 +38,6 @@ from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import seconds, stamp_of, step_of
 
 Overrides = Mapping[str, Mapping[str, Any]]
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-4 is a number, although YAML 1.1 asks for 1.0e-4."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"),
-    list("-+0123456789"),
-)
 
 
 @dataclass(frozen=True)
@@ -146,7 +133,7 @@ def _update_every_node(
 
 def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
     """Node names, or ** for all, with their flat parameters, in the file's order."""
-    content = read(path, "configuration file", _Loader)
+    content = read(path, "configuration file")
     if not isinstance(content, dict):
         raise ConfigurationError(
             f"configuration file {path} is not a ROS parameter file: no node name at its top"
