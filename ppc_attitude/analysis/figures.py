@@ -46,6 +46,7 @@ from ppc_attitude.analysis.run_panels import (
     fit,
     log_floor,
     panels_of,
+    points,
     symbols,
 )
 from ppc_attitude.analysis.series import AnalysisError, has, lacking, vectors
@@ -211,8 +212,7 @@ def column_figure(run: Measured, column: str) -> Figure:
     values = factor * run.record[column]
     figure, ((axes,),) = panels(1, row_height=2.0)
     if topic.late:
-        for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
-            axes.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
+        points(axes, run.t, values)
     elif topic.form in JOINTS:
         last = max(np.flatnonzero(values.any(axis=0)), default=0)  # no part is behind it
         names = [f"{JOINTS[topic.form].part} {k}" for k in range(last + 1)]

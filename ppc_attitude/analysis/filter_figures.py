@@ -29,7 +29,7 @@ from ppc_attitude.analysis.drawing import (
 )
 from ppc_attitude.analysis.filter_health import attitude_sigmas
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.run_panels import AXES, mark
+from ppc_attitude.analysis.run_panels import AXES, mark, points
 from ppc_attitude.analysis.series import vectors
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import Array
@@ -76,8 +76,7 @@ def innovation_figure(run: Measured) -> Figure:
     """
     values = vectors(run.record, "innovation")
     figure, ((top,), (bottom,)) = panels(2, share_x=True)
-    for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=True):
-        top.plot(run.t, component, ".", color=colour, markersize=1.5, label=axis)
+    points(top, run.t, values)
     limit_lines(top, BAND, -BAND, label="3σ")
     bottom.plot(run.t, np.square(values).sum(axis=1), ".", color=BLACK, markersize=1.5, label="NIS")
     gate = run.record.parameters.get(ESTIMATOR, {}).get("gate")

@@ -138,6 +138,12 @@ def components(axes: Axes, t: Array, values: Array, names: Sequence[str] = (*AXE
         draw(axes, t, component, label=name, colour=colour)
 
 
+def points(axes: Axes, t: Array, values: Array) -> None:
+    """Draw the components of what comes with some instants only, with their names."""
+    for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
+        axes.plot(t, component, ".", color=colour, markersize=1.5, label=axis)
+
+
 def mark(axes: Axes, run: Measured) -> None:
     """Mark what happened to the craft: sudden disturbances and faults."""
     mark_hits(axes, [hit.start_s for hit in run.hits])
