@@ -49,7 +49,7 @@ from ppc_attitude.analysis.run_panels import (
     points,
     symbols,
 )
-from ppc_attitude.analysis.series import AnalysisError, has, lacking, vectors
+from ppc_attitude.analysis.series import AnalysisError, has, samples, vectors
 from ppc_attitude.analysis.truth import EXACT, knowledge_errors, reference_rates_in_body, truth_of
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
@@ -207,9 +207,7 @@ def column_figure(run: Measured, column: str) -> Figure:
     """Draw a column of the record; what comes with some instants only, as points."""
     topic = BY_COLUMN[column]
     factor, unit = (1.0, topic.unit) if topic.form in JOINTS else in_degrees(topic.unit)
-    if not has(run.record, column):
-        raise lacking(run.record, column)
-    values = factor * run.record[column]
+    values = factor * samples(run.record, column)
     figure, ((axes,),) = panels(1, row_height=2.0)
     if topic.late:
         points(axes, run.t, values)

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.analysis.series import elapsed, finite, has, is_finite, lacking
+from ppc_attitude.analysis.series import elapsed, finite, has, is_finite, samples
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ESTIMATOR, TRUE_ATTITUDE
@@ -111,9 +111,7 @@ def rate_sigmas(record: RunRecord) -> Array:
 
 
 def _sigmas(record: RunRecord, places: list[int]) -> Array:
-    if not has(record, _ESTIMATE):
-        raise lacking(record, _ESTIMATE)
-    variances = record[_ESTIMATE].T[places].T  # by component, as the loop gives them
+    variances = samples(record, _ESTIMATE).T[places].T  # by component, as the loop gives them
     return np.sqrt(np.where(variances > 0.0, variances, np.nan))
 
 

@@ -41,7 +41,7 @@ from ppc_attitude.analysis.drawing import (
 from ppc_attitude.analysis.flight import Flight, flight_of, pointed
 from ppc_attitude.analysis.keep_out import angles_to_cones, cone_names, guidance_values
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import AnalysisError, has, vectors
+from ppc_attitude.analysis.series import AnalysisError, samples, vectors
 from ppc_attitude.analysis.truth import errors_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE_ACCELERATION, REFERENCE_ATTITUDE, REFERENCE_RATE
@@ -76,8 +76,8 @@ def slews(run: Measured, flight: Flight) -> Figure:
     AnalysisError
         If the record has no reference or no attitude.
     """
-    wanted = _attitudes(run, REFERENCE_ATTITUDE.column)[flight.picked]
-    craft = _attitudes(run, run.truth.attitude)[flight.picked]
+    wanted = samples(run.record, REFERENCE_ATTITUDE.column)[flight.picked]
+    craft = samples(run.record, run.truth.attitude)[flight.picked]
     figure, ((left,), (rate,), (acceleration,)) = panels(3, share_x=True, row_height=1.5)
     t = run.t[flight.picked]
     for label, attitudes, colour in (("craft", craft, BLUE), ("desired", wanted, BLACK)):
@@ -142,8 +142,8 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
     figure, ((axes,),) = panels(1, row_height=2.4)
     axes_of_cones = (cone.axis for cones in flight.cones for cone in cones)
     bodies = list(dict.fromkeys(axes_of_cones)) or [Z_AXIS]
-    wanted = _attitudes(run, REFERENCE_ATTITUDE.column)[flight.picked]
-    craft = _attitudes(run, run.truth.attitude)[flight.picked]
+    wanted = samples(run.record, REFERENCE_ATTITUDE.column)[flight.picked]
+    craft = samples(run.record, run.truth.attitude)[flight.picked]
     for body, colour in zip(bodies, _colours(len(bodies), start=1), strict=True):
         name = f"axis {' '.join(f'{x:.3g}' for x in body)}"
         for attitudes, style, who, width in (
@@ -196,7 +196,6 @@ def cone_angles(run: Measured) -> Figure:
         (REFERENCE_ATTITUDE.column, _SHORT, "desired"),
         (run.truth.attitude, "-", "craft"),
     ):
-        _attitudes(run, column)
         angles = np.rad2deg(angles_to_cones(run.record, column, values))
         for i, (name, colour) in enumerate(zip(names, _colours(len(names)), strict=True)):
             label = f"{i}: {name}" if who == "craft" else ""
@@ -211,13 +210,6 @@ def cone_angles(run: Measured) -> Figure:
     time_axis(axes, run.t)
     legend(axes)
     return figure
-
-
-def _attitudes(run: Measured, column: str) -> Array:
-    if not has(run.record, column):
-        raise AnalysisError(f"{run.record.source}: {run.lacks(column)}")
-    attitudes: Array = run.record[column]
-    return attitudes
 
 
 def _colours(count: int, start: int = 0) -> list[str]:

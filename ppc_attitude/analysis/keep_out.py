@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.analysis.series import has, is_finite
+from ppc_attitude.analysis.series import has, is_finite, samples
 from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE
@@ -71,13 +71,19 @@ def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -
         Its attitudes, x y z w; NaN where one is missing.
     values : mapping
         Parameters of its guidance.
+
+    Raises
+    ------
+    AnalysisError
+        As of `samples`.
     """
+    attitudes = samples(record, column)
     configuration, *_kept = goal.configure(values)
     angles = np.full((record.stamps_ns.size, int(configuration["cones"]["count"])), np.nan)
     seen = is_finite(record, column)
     angles[seen] = cone_angles(
         np.ascontiguousarray(record.stamps_ns[seen]),
-        np.ascontiguousarray(record[column][seen], float),
+        np.ascontiguousarray(attitudes[seen], float),
         configuration,
         np.zeros((), CURSOR)[()],
     )

@@ -83,6 +83,19 @@ def step(t: Array) -> float:
     return float(low if low == high else np.round(np.median(intervals), 9))
 
 
+def samples(record: RunRecord, column: str) -> Array:
+    """Samples of a column, shape (n, width).
+
+    Raises
+    ------
+    AnalysisError
+        If the run has not the column, or no finite sample of it; names the topic.
+    """
+    if not has(record, column):
+        raise AnalysisError(f"{record.source}: the record has no sample of '{topic_of(column)}'")
+    return record[column]
+
+
 def vectors(record: RunRecord, column: str) -> Array:
     """Three-vectors of a column (of a quaternion: its vector part), NaN where not finite.
 
@@ -101,17 +114,10 @@ def vectors(record: RunRecord, column: str) -> Array:
     Raises
     ------
     AnalysisError
-        If the run has not the column, or no finite sample of it.
+        As of `samples`.
     """
-    if not has(record, column):
-        raise lacking(record, column)
-    rows, known = record[column], is_finite(record, column)
+    rows, known = samples(record, column), is_finite(record, column)
     return rows[:, :3] if known.all() else np.where(known[:, None], rows[:, :3], np.nan)
-
-
-def lacking(record: RunRecord, column: str) -> AnalysisError:
-    """Error that says which topic the record lacks."""
-    return AnalysisError(f"{record.source}: the record has no sample of '{topic_of(column)}'")
 
 
 def topic_of(column: str) -> str:

@@ -28,7 +28,7 @@ from functools import cached_property
 import numpy as np
 
 from ppc_attitude.analysis.requirements import DEGREES, Accuracy, component_size
-from ppc_attitude.analysis.series import has, lacking, once, vectors
+from ppc_attitude.analysis.series import has, once, samples, vectors
 from ppc_attitude.contract.declared import is_told_the_truth
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
@@ -143,10 +143,7 @@ def errors_between(record: RunRecord, column: str, base: str) -> Errors:
     AnalysisError
         If the record has no sample of a column.
     """
-    for each in (column, base):
-        if not has(record, each):
-            raise lacking(record, each)
-    return errors_of(record[column], record[base])
+    return errors_of(samples(record, column), samples(record, base))
 
 
 def errors_of(attitudes: Array, bases: Array) -> Errors:
