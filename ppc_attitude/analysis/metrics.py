@@ -139,9 +139,9 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
 class Judge(Measured):
     """One run under judgement: `metrics` and `requirements`, without what only a reader wants."""
 
-    def __init__(self, record: RunRecord, required: Requirements) -> None:
-        super().__init__(record, required)
-        self._names = names_of(required)
+    @cached_property
+    def _names(self) -> dict[str, str]:
+        return names_of(self.required)
 
     @cached_property
     def requirements(self) -> tuple[Requirement, ...]:

@@ -130,10 +130,7 @@ class Space:
 
     def scenario(self, x: Vector) -> Scenario:
         """Return the scenario of a choice."""
-        result = self.base
-        for node, values in self.choice(x).items():
-            result = result.with_values(node, **values)
-        return result
+        return self.base.overlaid(self.choice(x))
 
     def _changed_inertia(self, numbers: list[float]) -> Vector:
         """J = Ĵ^½ (I + S) Ĵ^½ with ‖S‖ ≤ e_S; less of S where no rigid body has it."""

@@ -83,10 +83,7 @@ class Scenario:
 
     def awaiting_recorder(self) -> "Scenario":
         """Return the scenario of a run that is recorded from its first message on."""
-        result = self
-        for node in SOURCES:
-            result = result.with_values(node, wait_for_recorder=True)
-        return result
+        return self.overlaid({node: {"wait_for_recorder": True} for node in SOURCES})
 
 
 def weakened(plant: Mapping[str, Any], strength: float) -> dict[str, Any]:

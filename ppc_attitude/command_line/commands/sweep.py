@@ -135,9 +135,12 @@ def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requireme
 
 
 def _metrics(scenario: Scenario, required: Requirements, hits: Hits, duration: float) -> Metrics:
-    hit = scenario.with_values(
-        INJECTOR, pulse_times=[hits.at], pulse_durations=[duration], pulse_torques=[hits.torque] * 3
-    ).with_values(PLANT, duration=hits.length)
+    pulse = {
+        "pulse_times": [hits.at],
+        "pulse_durations": [duration],
+        "pulse_torques": [hits.torque] * 3,
+    }
+    hit = scenario.overlaid({INJECTOR: pulse, PLANT: {"duration": hits.length}})
     return analyse(simulate(hit, hits.length), required).metrics
 
 
