@@ -14,6 +14,8 @@
 
 """Figures of several runs and of the sweep."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic import hit_run, normal_run, with_columns, without_columns
@@ -24,13 +26,13 @@ from ppc_attitude.analysis.comparison import (
     attitude_comparison,
     comparisons_of,
     error_comparison,
+    run_labels,
     sweep_figure,
 )
 from ppc_attitude.analysis.drawing import BLUE, RED, save
 from ppc_attitude.analysis.envelopes import ENVELOPES
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER
-from ppc_attitude.analysis.series import AnalysisError
 
 LABELS = ["proposed", "benchmark"]
 
@@ -90,13 +92,13 @@ def test_a_late_hit_of_any_run_is_shown_closely():
 
 
 def test_rate_errors_are_compared_where_both_have_envelopes(runs):
-    assert list(comparisons_of(runs, LABELS)) == [
+    assert list(comparisons_of(runs)) == [
         "comparison_attitude_error",
         "comparison_angular_velocity",
         "comparison_rate_error",
     ]
     plain = [runs[0], without_columns(runs[1], "rate_envelope")]
-    assert list(comparisons_of(plain, LABELS)) == [
+    assert list(comparisons_of(plain)) == [
         "comparison_attitude_error",
         "comparison_angular_velocity",
     ]
@@ -111,15 +113,18 @@ def test_runs_of_different_length():
     assert figure.axes[0].get_xlim() == (0.0, 30.0)
 
 
-@pytest.mark.parametrize("count", [0, 1, 7])
-def test_too_few_or_too_many(count, runs):
-    with pytest.raises(AnalysisError, match=f"{count} runs to compare; from 2 to 6"):
-        comparisons_of(runs[:1] * count, ["a"] * count)
-
-
-def test_a_label_for_each(runs):
-    with pytest.raises(AnalysisError, match="1 labels for 2 runs"):
-        comparisons_of(runs, ["a"])
+@pytest.mark.parametrize(
+    ("controllers", "sources", "labels"),
+    [
+        (["ppc", "log_barrier"], ["a", "b"], ["ppc", "log_barrier"]),
+        (["ppc", "ppc"], ["x/a", "x/b"], ["a", "b"]),
+        (["ppc", "ppc"], ["x/a", "y/a"], ["a (1)", "a (2)"]),
+    ],
+)
+def test_labels(controllers, sources, labels):
+    run = normal_run(0.0)
+    runs = [replace(run, controller=c, source=s) for c, s in zip(controllers, sources, strict=True)]
+    assert run_labels(runs) == labels
 
 
 def swept(durations, recovery, outside):

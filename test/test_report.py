@@ -33,9 +33,8 @@ from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.interactive import plotted, replay
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.report import run_labels, write_report
+from ppc_attitude.analysis.report import write_report
 from ppc_attitude.analysis.requirements import PAPER
-from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.contract.run_record import Change
 
@@ -282,22 +281,3 @@ def test_the_page_is_the_same_each_time(tmp_path):
     drawn = {"attitude", "reference_attitude", "attitude_error"}
     run = without_columns(run, *(run.columns.keys() - drawn))
     assert report(tmp_path, run)[1] == report(tmp_path, run)[1]
-
-
-def test_no_run():
-    with pytest.raises(AnalysisError, match="no run"):
-        write_report([], None)
-
-
-@pytest.mark.parametrize(
-    ("controllers", "sources", "labels"),
-    [
-        (["ppc", "log_barrier"], ["a", "b"], ["ppc", "log_barrier"]),
-        (["ppc", "ppc"], ["x/a", "x/b"], ["a", "b"]),
-        (["ppc", "ppc"], ["x/a", "y/a"], ["a (1)", "a (2)"]),
-    ],
-)
-def test_labels(controllers, sources, labels):
-    run = normal_run(0.0)
-    runs = [replace(run, controller=c, source=s) for c, s in zip(controllers, sources, strict=True)]
-    assert run_labels(runs) == labels

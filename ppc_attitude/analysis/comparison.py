@@ -16,6 +16,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -129,8 +130,29 @@ def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str])
     return figure
 
 
+def run_labels(records: Sequence[RunRecord]) -> list[str]:
+    """Name each run as shortly as tells it from the others.
+
+    Parameters
+    ----------
+    records : sequence of RunRecord
+        The runs.
+
+    Returns
+    -------
+    list of str
+        The controllers if they differ; else the names of the bags; else these with numbers.
+    """
+    controllers = [record.controller for record in records]
+    bags = [Path(record.source).name or record.source for record in records]
+    for names in (controllers, bags):
+        if len(set(names)) == len(names):
+            return names
+    return [f"{name} ({k})" for k, name in enumerate(bags, start=1)]
+
+
 def comparisons_of(
-    records: Sequence[RunRecord], labels: Sequence[str], required: Requirements = PAPER
+    records: Sequence[RunRecord], required: Requirements = PAPER
 ) -> dict[str, tuple[str, Figure]]:
     """Draw every comparison for which all the runs have the data.
 
@@ -138,8 +160,6 @@ def comparisons_of(
     ----------
     records : sequence of RunRecord
         Two to six runs; the first is red and the second blue, as in the paper.
-    labels : sequence of str
-        What to call each.
     required : Requirements
         Whose limits are drawn.
 
@@ -151,14 +171,9 @@ def comparisons_of(
     Raises
     ------
     AnalysisError
-        If there are fewer runs or more, not one label each, or nothing that all of them have.
+        If there is nothing that all of them have.
     """
-    if not 2 <= len(records) <= len(RUN_COLOURS):
-        raise AnalysisError(
-            f"{len(records)} runs to compare; from 2 to {len(RUN_COLOURS)} can be told apart"
-        )
-    if len(labels) != len(records):
-        raise AnalysisError(f"{len(labels)} labels for {len(records)} runs; each needs one")
+    labels = run_labels(records)
     runs = [Measured(record, required) for record in records]
     drawn: dict[str, tuple[str, Figure]] = {}
     lacking = ""

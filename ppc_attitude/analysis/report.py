@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from ppc_attitude.analysis.comparison import comparisons_of
+from ppc_attitude.analysis.comparison import comparisons_of, run_labels
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.interactive import replay
 from ppc_attitude.analysis.measure import Measured
@@ -69,7 +69,8 @@ def write_report(runs: Runs, path: Path, *, mission: str = "", date: str = "") -
     Parameters
     ----------
     runs : sequence of (RunRecord, Verdict)
-        Each run with its judgement; several are compared in one table and in common figures.
+        One to six runs with their judgements; several are compared in one table and in common
+        figures.
     path : Path
         The HTML file; its folder is made if there is none, the file is replaced if there is one.
     mission : str
@@ -80,10 +81,8 @@ def write_report(runs: Runs, path: Path, *, mission: str = "", date: str = "") -
     Raises
     ------
     AnalysisError
-        If there is no run, or more than can be told apart in a figure, or nothing to draw.
+        If a run has nothing to draw.
     """
-    if not runs:
-        raise AnalysisError("no run to report on")
     labels = run_labels([record for record, _ in runs])
     title = f"{mission or 'Attitude control report'}: {', '.join(labels)}"
     body = [f"<h1>{escape(title)}</h1>", f"<p>{escape(date)}</p>", _heading(runs, labels)]
@@ -92,27 +91,6 @@ def write_report(runs: Runs, path: Path, *, mission: str = "", date: str = "") -
     for (record, verdict), label in zip(runs, labels, strict=True):
         body.append(_run_section(record, verdict, label if len(runs) > 1 else "Run"))
     write_page(path, title, body)
-
-
-def run_labels(records: Sequence[RunRecord]) -> list[str]:
-    """Name each run as shortly as tells it from the others.
-
-    Parameters
-    ----------
-    records : sequence of RunRecord
-        The runs.
-
-    Returns
-    -------
-    list of str
-        The controllers if they differ; else the names of the bags; else these with numbers.
-    """
-    controllers = [record.controller for record in records]
-    bags = [Path(record.source).name or record.source for record in records]
-    for names in (controllers, bags):
-        if len(set(names)) == len(names):
-            return names
-    return [f"{name} ({k})" for k, name in enumerate(bags, start=1)]
 
 
 def _heading(runs: Runs, labels: Sequence[str]) -> str:
@@ -137,7 +115,7 @@ def _comparison(runs: Runs, labels: Sequence[str]) -> str:
     compared = table([("requirement", "name"), *numbers, ("limit", "")], rows)
     records = [record for record, _ in runs]
     try:
-        drawn = figures(comparisons_of(records, labels, runs[0][1].required).values(), "page")
+        drawn = figures(comparisons_of(records, runs[0][1].required).values(), "page")
     except AnalysisError as error:  # runs of which each lacks what the other has
         drawn = f"<p>{escape(str(error))}</p>"
     return f"<h2>Comparison</h2>\n{compared}{drawn}"

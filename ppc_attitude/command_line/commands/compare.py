@@ -20,7 +20,6 @@ import sys
 from ppc_attitude.analysis.comparison import comparisons_of
 from ppc_attitude.analysis.drawing import RUN_COLOURS, save_all
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.report import run_labels
 from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.errors import DONE
@@ -72,7 +71,7 @@ def execute(arguments: argparse.Namespace) -> int:
     judged = [(record, analyse(record, required)) for record in records]
     print("\n\n".join(verdict_table(verdict) for _, verdict in judged))
     if arguments.figures:
-        drawn = comparisons_of(records, run_labels(records), required)
+        drawn = comparisons_of(records, required)
         for path in save_all(drawn, arguments.figures, arguments.figure_format):
             print(f"figure: {path}")
     write_report_of(arguments, judged, sys.stdout)
