@@ -25,7 +25,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.whole_file import whole_file
 
@@ -45,7 +44,6 @@ BUCKETS = 600
 """Pairs of points a line is drawn with: more than a printed column can show."""
 NOISY = 4.0
 """How many times its own height a line travels within a stretch before it is drawn as a band."""
-FORMATS = ("png", "svg", "pdf")
 
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -306,24 +304,17 @@ def in_degrees(unit: str) -> tuple[float, str]:
     return (1.0, unit) if shown is None else (float(np.rad2deg(1.0)), shown)
 
 
-_UNDATED = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+_UNDATED = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure, the same for the same run, in the format of the path's suffix.
+    """Write a figure, the same for the same run, as the path's suffix says: .png, .svg or .pdf.
 
     The folder is made if there is none. PNG has print resolution.
-
-    Raises
-    ------
-    AnalysisError
-        If the format is not one of `FORMATS`.
     """
-    form = path.suffix.removeprefix(".")
-    if form not in FORMATS:
-        raise AnalysisError(f"figure {path}: its name must end in .{', .'.join(FORMATS)}")
+    form = path.suffix
     with mpl.rc_context({"svg.hashsalt": "ppc_attitude"}), whole_file(path) as file:
-        figure.savefig(file, format=form, dpi=300, metadata=_UNDATED[form])
+        figure.savefig(file, format=form[1:], dpi=300, metadata=_UNDATED[form])
     return path
 
 
@@ -339,7 +330,7 @@ def save_all(
     folder : Path
         Where to.
     formats : sequence of str, optional
-        Some of `FORMATS`; default PNG.
+        Some of ``png``, ``svg`` and ``pdf``; default PNG.
 
     Returns
     -------
