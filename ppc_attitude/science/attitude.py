@@ -116,11 +116,8 @@ def runge_kutta(
 
 
 @kernel
-def _direction_cosines_times(a: Vector, q: Vector, q0: float) -> Vector:
-    """C(q) a = (q0² − qᵀq) a + 2 q qᵀa − 2 q0 q × a, with the direction cosine matrix C.
-
-    The inverse of C(q) is its transpose, C of the conjugate.
-    """
+def to_body(a: Vector, q: Vector, q0: float) -> Vector:
+    """C_e a = (q0² − qᵀq) a + 2 q qᵀa − 2 q0 q × a: desired frame to body."""
     return add(
         scale(q0 * q0 - dot(q, q), a),
         subtract(scale(2.0 * dot(q, a), q), scale(2.0 * q0, cross(q, a))),
@@ -129,14 +126,8 @@ def _direction_cosines_times(a: Vector, q: Vector, q0: float) -> Vector:
 
 @kernel
 def rotate(q: Quaternion, a: Vector) -> Vector:
-    """R(q) a = C(q)ᵀ a: body to inertial when q is an attitude."""
-    return _direction_cosines_times(a, (-q[0], -q[1], -q[2]), q[3])
-
-
-@kernel
-def to_body(a: Vector, q: Vector, q0: float) -> Vector:
-    """C_e a: desired frame to body."""
-    return _direction_cosines_times(a, q, q0)
+    """R(q) a = C(q)ᵀ a, and C of the conjugate is Cᵀ: body to inertial when q is an attitude."""
+    return to_body(a, (-q[0], -q[1], -q[2]), q[3])
 
 
 @kernel
