@@ -26,7 +26,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.kernel import Vector, cross, dot, kernel, norm, scale, subtract, vector
+from ppc_attitude.science.kernel import (
+    ZERO,
+    Vector,
+    cross,
+    dot,
+    kernel,
+    norm,
+    scale,
+    subtract,
+    vector,
+)
 
 _PARALLEL = 1e-9  # sine of an angle below which an axis counts as within a plane, or along a line
 FLAT = 1e-6  # sine of an angle below which wheels do not span the direction
@@ -92,7 +102,7 @@ def _heavier(
 @kernel
 def _span(wheels: WheelArray) -> tuple[int, Vector]:
     """How many dimensions the wheels span that are not lost; of two the normal, of one the line."""
-    rank, found = 0, (0.0, 0.0, 0.0)
+    rank, found = 0, ZERO
     for k in range(wheels.number):
         if wheels.lost[k]:
             continue
@@ -121,11 +131,10 @@ def allocate(t: Vector, wheels: WheelArray) -> tuple[float, int]:
     rank : int
         How many dimensions the wheels span.
     """
-    nothing = (0.0, (0.0, 0.0, 0.0))
     wheels.given[:] = wheels.lost
     wheels.torques[:] = 0.0
     rank, direction = _span(wheels)
-    heaviest = line = last = nothing
+    heaviest = line = last = (0.0, ZERO)
     if rank == 3:
         for i in range(wheels.number):
             for j in range(i):

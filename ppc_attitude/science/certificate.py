@@ -32,6 +32,7 @@ import numpy as np
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
 from ppc_attitude.science.envelope_plan import table_can_be_followed
+from ppc_attitude.science.kernel import ZERO
 from ppc_attitude.science.performance import Envelope
 
 RATE_LIMIT = math.radians(3.0)  # [rad/s] the paper's limit of ‖ω_s‖
@@ -201,7 +202,7 @@ def _largest_component(axis: int, gains: Any) -> float:
         middle = 0.5 * (low + high)
         x, y, z = (middle if axis == i else 0.0 for i in range(3))
         error = (x, y, z, math.sqrt(1.0 - middle * middle))
-        if table_can_be_followed(error, (0.0, 0.0, 0.0), gains):
+        if table_can_be_followed(error, ZERO, gains):
             low = middle
         else:
             high = middle

@@ -42,6 +42,7 @@ import numpy as np
 
 from ppc_attitude.science.attitude import euler_step, kinematics, normalised, rotation_angle
 from ppc_attitude.science.kernel import (
+    ZERO,
     Quaternion,
     Vector,
     add,
@@ -149,9 +150,9 @@ def _asked_rate(q_e: Quaternion, rho: float, gains: Any) -> Vector:
     v, _ = virtual_control(
         vector(q_e),
         q_e[3],
-        (0.0, 0.0, 0.0),
+        ZERO,
         (rho, rho, rho),
-        (0.0, 0.0, 0.0),
+        ZERO,
         gains.beta,
         gains.k * gains.M_omega,
         gains.norm_form != 0.0,

@@ -40,6 +40,7 @@ Quaternion: TypeAlias = tuple[float, float, float, float]  # x y z w
 Matrix: TypeAlias = tuple[Vector, Vector, Vector]  # rows
 ZERO: Vector = (0.0, 0.0, 0.0)
 STRAIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)  # no turn at all
+NO_ATTITUDE: Quaternion = (0.0, 0.0, 0.0, 0.0)  # what stands for one that nobody knows
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses

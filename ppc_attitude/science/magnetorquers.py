@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.component import BODY, VECTOR, Column
-from ppc_attitude.science.kernel import Vector, add, cross, dot, kernel, largest, norm, scale
+from ppc_attitude.science.kernel import ZERO, Vector, add, cross, dot, kernel, largest, norm, scale
 from ppc_attitude.science.noise import normal_vector
 from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.sensors.direct import SEED
@@ -136,7 +136,7 @@ def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
         Record of dtype `MAGNETORQUERS`.
     """
     if norm(excess) < rods.deadband:
-        return (0.0, 0.0, 0.0)
+        return ZERO
     b = add(b, scale(rods.noise, normal_vector(rods.seed, step, _CHANNEL)))
     m = scale(rods.gain / dot(b, b), cross(excess, b))
     return scale(rods.max_dipole / max(largest(m), rods.max_dipole), m)

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.kernel import Vector, add, dot, kernel, norm, scale, store, vector
+from ppc_attitude.science.kernel import ZERO, Vector, add, dot, kernel, norm, scale, store, vector
 
 ORBIT = np.dtype(
     [
@@ -101,7 +101,7 @@ def orbit_at(t: float, orbit: Any, cursor: Any) -> tuple[Vector, Vector]:
     """
     whole = math.floor(t / GRID)
     r, v = vector(cursor.position), vector(cursor.velocity)
-    if r == (0.0, 0.0, 0.0) or cursor.steps > whole:
+    if r == ZERO or cursor.steps > whole:
         cursor.steps = 0
         r, v = vector(orbit.position), vector(orbit.velocity)
     for _ in range(cursor.steps, whole):

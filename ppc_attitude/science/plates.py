@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Vector, add, cross, dot, kernel, scale, vector
+from ppc_attitude.science.kernel import ZERO, Vector, add, cross, dot, kernel, scale, vector
 from ppc_attitude.science.parameter import Parameter
 
 PLATE = np.dtype(
@@ -81,7 +81,7 @@ def air_force(plate: Any, v: Vector, density: float) -> Vector:
     """Force [N] of the air: −½ ρ C_d A |v|² (n·v̂) v̂ where n·v̂ > 0; v [m/s] relative to the air."""
     against = dot(vector(plate.normal), v)
     if against <= 0.0:
-        return (0.0, 0.0, 0.0)
+        return ZERO
     return scale(-0.5 * density * plate.drag * plate.area * against, v)
 
 
@@ -94,7 +94,7 @@ def sunlight_force(plate: Any, s: Vector, pressure: float) -> Vector:
     n = vector(plate.normal)
     c = dot(n, s)
     if c <= 0.0:
-        return (0.0, 0.0, 0.0)
+        return ZERO
     along_n = 2.0 * (plate.specular * c + plate.diffuse / 3.0)
     return scale(-pressure * plate.area * c, add(scale(1.0 - plate.specular, s), scale(along_n, n)))
 
@@ -104,7 +104,7 @@ def plates_torque(
     plates: Any, count: int, v: Vector, density: float, s: Vector, pressure: float
 ) -> Vector:
     """Σ r × F [N·m] of air and sunlight over the first `count` plates; all in body axes."""
-    torque = (0.0, 0.0, 0.0)
+    torque = ZERO
     for i in range(count):
         force = add(air_force(plates[i], v, density), sunlight_force(plates[i], s, pressure))
         torque = add(torque, cross(vector(plates[i].centre), force))

@@ -40,6 +40,8 @@ from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
+    NO_ATTITUDE,
+    ZERO,
     Vector,
     add,
     bounded,
@@ -48,6 +50,7 @@ from ppc_attitude.science.kernel import (
     kernel,
     matrix,
     multiply,
+    quaternion,
     scale,
     store,
     subtract,
@@ -202,9 +205,8 @@ def _step_of(law: Component) -> Any:
     step = law.step
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-        q = inputs.attitude
-        if q[0] == 0.0 and q[1] == 0.0 and q[2] == 0.0 and q[3] == 0.0:
-            store(outputs.torque_command, (0.0, 0.0, 0.0))
+        if quaternion(inputs.attitude) == NO_ATTITUDE:
+            store(outputs.torque_command, ZERO)
             state.observer.started = 0.0  # its last torque does not act over the gap
             return
         if configuration.observer.frequency == 0.0:

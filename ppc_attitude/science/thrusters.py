@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.component import BODY, MAX_THRUSTERS, ON_TIMES, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
+    ZERO,
     Vector,
     add,
     apply,
@@ -237,7 +238,7 @@ def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> float:
         Σ F t [N·s]. Of several threes with the least the first one is taken.
     """
     on_time[:] = 0.0
-    least, best, times = np.inf, 0, (0.0, 0.0, 0.0)
+    least, best, times = np.inf, 0, ZERO
     for k in range(craft.threes):
         t = apply(matrix(craft.inverse[k]), impulse)
         if min(t[0], t[1], t[2]) < -_NONE * largest(t):
@@ -274,7 +275,7 @@ def pulses(impulse: Vector, craft: Any, on_time: Any) -> Vector:
     for j in range(craft.count):
         on_time[j] = admitted(share * on_time[j], craft)
         left = subtract(left, scale(on_time[j], vector(craft.torque[j])))
-    return left if craft.carries != 0.0 else (0.0, 0.0, 0.0)
+    return left if craft.carries != 0.0 else ZERO
 
 
 @kernel
@@ -286,7 +287,7 @@ def open_share(on_time: float, step: int, craft: Any) -> float:
 @kernel
 def thrust(shares: Any, craft: Any) -> tuple[Vector, float]:
     """Mean torque [N·m] and flow of fuel [kg/s] over a step, from each thruster's share of it."""
-    torque, flow = (0.0, 0.0, 0.0), 0.0
+    torque, flow = ZERO, 0.0
     for j in range(craft.count):
         torque = add(torque, scale(shares[j], vector(craft.torque[j])))
         flow += shares[j] * craft.flow[j]

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.science.component import BODY, MAX_WHEELS, WHEEL_SPEEDS, WHEEL_TORQUES, Column
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Vector, add, kernel, scale, vector
+from ppc_attitude.science.kernel import ZERO, Vector, add, kernel, scale, vector
 from ppc_attitude.science.parameter import Parameter, at_start
 
 _S = 3.0**-0.5
@@ -223,7 +223,7 @@ def friction(wheels: Any, i: int, speed: float) -> float:
 @kernel
 def momentum(wheels: Any, speeds: Any) -> Vector:
     """Σ J_s Ω a [N·m·s], body, of wheels at their speeds [rad/s] relative to it."""
-    total = (0.0, 0.0, 0.0)
+    total = ZERO
     for i in range(wheels.count):
         total = add(total, scale(wheels.inertia[i] * speeds[i], vector(wheels.axes[i])))
     return total

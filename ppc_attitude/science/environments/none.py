@@ -17,14 +17,14 @@
 from typing import Any
 
 from ppc_attitude.science.component import Component
-from ppc_attitude.science.kernel import kernel, store
+from ppc_attitude.science.kernel import ZERO, kernel, store
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Give no torque."""
-    store(outputs.environment_torque, (0.0, 0.0, 0.0))
+    store(outputs.environment_torque, ZERO)
 
 
 COMPONENT = Component(name="none", outputs=(ENVIRONMENT_TORQUE,), step=step, bound=lambda _: 0.0)

@@ -31,6 +31,8 @@ from ppc_attitude.science.attitude import (
     rotation_matrix,
 )
 from ppc_attitude.science.kernel import (
+    NO_ATTITUDE,
+    ZERO,
     Matrix,
     Quaternion,
     Vector,
@@ -59,16 +61,16 @@ from ppc_attitude.science.symmetric import (
 
 # q̂, b̂ [rad/s], and the blocks of P: P_θθ [rad²], P_θb [rad²/s], P_bb [rad²/s²].
 Knowledge: TypeAlias = tuple[Quaternion, Vector, Symmetric, Matrix, Symmetric]
-_ZERO: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+_ZEROS: Matrix = (ZERO, ZERO, ZERO)
 _NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NOTHING: Knowledge = ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), _NONE, _ZERO, _NONE)
+NOTHING: Knowledge = (NO_ATTITUDE, ZERO, _NONE, _ZEROS, _NONE)
 
 
 @kernel
 def begun(attitude: Quaternion, fix_covariance: Symmetric, bias_variance: float) -> Knowledge:
     """The estimate from a first fix: its attitude, and nothing of the bias but its variance."""
     d = bias_variance
-    return (attitude, (0.0, 0.0, 0.0), fix_covariance, _ZERO, (d, 0.0, 0.0, d, 0.0, d))
+    return (attitude, ZERO, fix_covariance, _ZEROS, (d, 0.0, 0.0, d, 0.0, d))
 
 
 @inlined

@@ -40,6 +40,7 @@ from ppc_attitude.science.estimators.filter import (
     updated,
 )
 from ppc_attitude.science.kernel import (
+    ZERO,
     Quaternion,
     Vector,
     dot,
@@ -221,17 +222,16 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
         for one of no remembered step, nor for one that comes after a newer one was accepted: only
         in their order are late fixes exact.
     """
-    nothing = (0.0, 0.0, 0.0)
     memory.fixes += 1
     ago = _steps_since(memory, valid_ns)
     repeated = memory.agreeing > 0 and valid_ns == memory.refused_ns  # it would agree with itself
     if ago < 0 or repeated or (memory.knows != 0.0 and valid_ns <= memory.fix_ns):
         memory.unmatched += 1
-        return nothing, False
+        return ZERO, False
     slot = (memory.count - 1 - ago) % STEPS
     covariance = _symmetric(settings.fix_covariance)
     attitude = product(fix, quaternion(settings.unmounting))
-    whitened, told, begins = nothing, False, memory.knows == 0.0
+    whitened, told, begins = ZERO, False, memory.knows == 0.0
     known = begun(attitude, covariance, settings.bias_variance)
     if not begins:
         before = recalled(memory, slot)

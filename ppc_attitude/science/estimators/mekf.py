@@ -40,6 +40,8 @@ from ppc_attitude.science.estimators.late_fixes import (
     take_sample,
 )
 from ppc_attitude.science.kernel import (
+    NO_ATTITUDE,
+    ZERO,
     kernel,
     quaternion,
     store,
@@ -220,10 +222,10 @@ def _lose(stamp_ns: int, state: Any, settings: Any, outputs: Any) -> None:
     state.knows = 0.0
     state.agreeing = 0
     _judge(state, settings, stamp_ns, NOTHING)
-    store_quaternion(outputs.attitude, (0.0, 0.0, 0.0, 0.0))
-    store(outputs.angular_velocity, (0.0, 0.0, 0.0))
-    store(outputs.gyro_bias, (0.0, 0.0, 0.0))
-    store(outputs.gyro_bias_sigma, (0.0, 0.0, 0.0))
+    store_quaternion(outputs.attitude, NO_ATTITUDE)
+    store(outputs.angular_velocity, ZERO)
+    store(outputs.gyro_bias, ZERO)
+    store(outputs.gyro_bias_sigma, ZERO)
     outputs.estimate[:] = 0.0
     outputs.estimate[4] = outputs.estimate[13] = -1.0  # REP 145: there is no such quantity
 

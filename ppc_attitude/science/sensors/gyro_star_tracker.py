@@ -43,6 +43,7 @@ from ppc_attitude.science.faults import (
     number_of,
 )
 from ppc_attitude.science.kernel import (
+    ZERO,
     Quaternion,
     Vector,
     add,
@@ -204,7 +205,7 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
     white, lsb, walk = settings.white, settings.resolution, settings.walk
     outputs.gyro[3] = gyro.sample_variance(white * white, lsb * lsb / 12.0, walk * walk, h)
     if acting(faults, _GYRO, DEAD, stamp_ns) >= 0:
-        store(outputs.gyro, (0.0, 0.0, 0.0))
+        store(outputs.gyro, ZERO)
         outputs.gyro[3] = -1.0  # REP 145: there is no such quantity
     store(state.bias, bias)
     store_quaternion(state.attitude, q)

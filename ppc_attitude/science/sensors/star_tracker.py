@@ -28,6 +28,7 @@ import numpy as np
 from ppc_attitude.science.attitude import exponential, normalised, product, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
+    NO_ATTITUDE,
     Quaternion,
     Vector,
     kernel,
@@ -121,7 +122,7 @@ STAR_TRACKER = np.dtype(
     ],
     align=True,
 )
-NO_FIX: Quaternion = (0.0, 0.0, 0.0, 0.0)
+NO_FIX = NO_ATTITUDE
 _NOISE, _OUTLIER_AXIS = 12, 14
 _DROPOUT, _OUTLIER = 0, 1
 
