@@ -18,5 +18,6 @@ from ppc_attitude.science import stamps
 from ppc_attitude.science.kernel import kernel
 
 seconds = kernel(stamps.seconds)
+nanoseconds = kernel(stamps.nanoseconds)
 stamp_of = kernel(stamps.stamp_of)
 step_of = kernel(stamps.step_of)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import conjugate, rotation_matrix
-from ppc_attitude.science.compiled_stamps import seconds
+from ppc_attitude.science.compiled_stamps import nanoseconds, seconds
 from ppc_attitude.science.component import BODY, MOTION, VECTOR, Advice, Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators.filter import NOTHING, Knowledge
@@ -244,8 +244,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     row = inputs.star_fix
     fix = quaternion(row)
     if fix != NO_FIX:
-        # The age is a whole number of nanoseconds, rounded by the conversion to seconds.
-        valid_ns = inputs.stamp_ns - round(row[7] * 1e9)
+        valid_ns = inputs.stamp_ns - nanoseconds(row[7])
         whitened, told = take_fix(state, configuration, valid_ns, fix)
         if told:
             store(outputs.innovation, whitened)
