@@ -57,15 +57,13 @@ _BITS: Any = np.array([0, -1])  # NumPy's integers, for the reason given in `fra
 NO_CONE, EVERY_CONE = _BITS
 FOUND, GOAL_INSIDE, NO_WAY = range(3)  # what came of planning
 
-_DEGREE = math.pi / 180.0
-_STOP_MARGIN = 0.5 * _DEGREE
-_DISTANCES = (3.0 * _DEGREE, 25.0 * _DEGREE)  # of stops beyond a cone's half angle
+_STOP_MARGIN = math.radians(0.5)
+_DISTANCES = (math.radians(3.0), math.radians(25.0))  # of stops beyond a cone's half angle
 _BEARINGS = 12
 _ROLLS = 4
 _EACH = len(_DISTANCES) * _BEARINGS * 2 * _ROLLS  # stops beside each cone, at most
 _HALF_TURN = math.pi - 1e-11  # [rad] from here on a turn may as well go the other way round
 _ROUNDING = 1e-12  # [rad]
-_INFINITE = math.inf
 
 
 @kernel
@@ -217,7 +215,7 @@ def _way_out(nodes: Any, tried: Any, cones: Any, directions: Any, inside: int) -
     already are left out.
     """
     start = quaternion(nodes[0])
-    best, smallest = 0, _INFINITE
+    best, smallest = 0, math.inf
     for i in range(1, len(nodes) - 1):
         axis, angle = _turn(start, quaternion(nodes[i]))
         nearer = angle < smallest and not tried[i]
@@ -235,7 +233,7 @@ def _search(nodes: Any, root: int, cones: Any, directions: Any, limits: Any) -> 
     """
     count = len(nodes)
     goal = count - 1
-    cost, previous = np.full(count, _INFINITE), np.full(count, -1)
+    cost, previous = np.full(count, math.inf), np.full(count, -1)
     done = np.zeros(count, np.bool_)
     left = np.empty(count)
     for i in range(count):
@@ -243,7 +241,7 @@ def _search(nodes: Any, root: int, cones: Any, directions: Any, limits: Any) -> 
         left[i] = rest_to_rest(angle, limits)
     cost[root] = 0.0
     while True:
-        here, least = -1, _INFINITE
+        here, least = -1, math.inf
         for i in range(count):
             if not done[i] and cost[i] < least:
                 here, least = i, cost[i]

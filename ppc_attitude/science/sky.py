@@ -27,7 +27,6 @@ DAY = 86400.0  # [s]
 EARTH_RATE = 7.292115e-5  # [rad/s]
 ASTRONOMICAL_UNIT = 1.495978707e11  # [m]
 _SUN_RADIUS = 6.957e8  # [m]
-_DEGREE = math.pi / 180.0
 
 
 @kernel
@@ -37,17 +36,17 @@ def sun_direction(days: float) -> tuple[Vector, Vector, Vector]:
     Low-precision formula of the Astronomical Almanac, geocentric, mean equator and equinox of date;
     good to 0.011°.
     """
-    per_day = _DEGREE / DAY  # degrees a day in rad/s
-    g = _DEGREE * (357.528 + 0.9856003 * days)
+    per_day = math.radians(1.0) / DAY  # degrees a day in rad/s
+    g = math.radians(357.528 + 0.9856003 * days)
     g_rate = 0.9856003 * per_day
-    longitude = _DEGREE * (
+    longitude = math.radians(
         280.460 + 0.9856474 * days + 1.915 * math.sin(g) + 0.020 * math.sin(2.0 * g)
     )
     rate = (
-        0.9856474 * per_day + _DEGREE * (1.915 * math.cos(g) + 0.040 * math.cos(2.0 * g)) * g_rate
+        0.9856474 * per_day + math.radians(1.915 * math.cos(g) + 0.040 * math.cos(2.0 * g)) * g_rate
     )
-    curvature = -_DEGREE * (1.915 * math.sin(g) + 0.080 * math.sin(2.0 * g)) * g_rate * g_rate
-    tilt = _DEGREE * (23.439 - 4e-7 * days)
+    curvature = -math.radians(1.915 * math.sin(g) + 0.080 * math.sin(2.0 * g)) * g_rate * g_rate
+    tilt = math.radians(23.439 - 4e-7 * days)
     tilt_rate = -4e-7 * per_day
     cos_l, sin_l = math.cos(longitude), math.sin(longitude)
     cos_e, sin_e = math.cos(tilt), math.sin(tilt)
@@ -71,7 +70,7 @@ def sun_direction(days: float) -> tuple[Vector, Vector, Vector]:
 @kernel
 def sun_distance(days: float) -> float:
     """Distance to the Sun [AU], from the same source as `sun_direction`."""
-    g = _DEGREE * (357.528 + 0.9856003 * days)
+    g = math.radians(357.528 + 0.9856003 * days)
     return 1.00014 - 0.01671 * math.cos(g) - 0.00014 * math.cos(2.0 * g)
 
 
@@ -113,7 +112,7 @@ def earth_angle(days: float) -> float:
     centuries = days / 36525.0
     turns = 0.7790572732640 + 0.00273781191135448 * days + days % 1.0
     precession = 0.014506 + 4612.156534 * centuries + 1.3915817 * centuries**2  # arcseconds
-    return (math.tau * turns + _DEGREE / 3600.0 * precession) % math.tau
+    return (math.tau * turns + math.radians(1.0) / 3600.0 * precession) % math.tau
 
 
 def days_of(name: str, epoch: str) -> float:
