@@ -261,7 +261,7 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
     text = with_checksums(LINES)
     satellite = api.Satrec.twoline2rv(*text.splitlines())
     days = 8853.25  # 2024-03-28 18 h
-    record = orbit_by_lines("orbit.tle", f"ISS (ZARYA)\n{text}\n", days)
+    record = orbit_by_lines(f"ISS (ZARYA)\n{text}\n", days)
     error, position, velocity = satellite.sgp4(2451545.0 + 8853.0, 0.25)
     assert error == 0
     assert record["position"] == pytest.approx(np.multiply(1e3, position))
@@ -286,4 +286,4 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
 def test_bad_two_line_elements_are_refused(lines: str, days: float, reason: str) -> None:
     pytest.importorskip("sgp4.api")
     with pytest.raises(ValueError, match=reason):
-        orbit_by_lines("orbit.tle", lines, days)
+        orbit_by_lines(lines, days)

@@ -110,7 +110,7 @@ def test_the_sum_is_that_of_its_parts() -> None:
     attitude = Rotation.from_rotvec([0.4, -1.1, 2.0])
     r = first["position"]
     earth = Rotation.from_rotvec([0.0, 0.0, earth_angle(days)])
-    b = earth.apply(field_at(tuple(earth.inv().apply(r)), field_of("epoch", days)))
+    b = earth.apply(field_at(tuple(earth.inv().apply(r)), field_of(days)))
     down = attitude.inv().apply(r) / np.linalg.norm(r)
     expected = np.cross(moment, attitude.inv().apply(b))
     expected += 3.0 * MU / np.linalg.norm(r) ** 3 * np.cross(down, INERTIA @ down)

@@ -78,13 +78,11 @@ def _table() -> tuple[list[str], NDArray[np.float64]]:
     return [f"{year}-01-01" for year in years.split(",")[2:]], rows
 
 
-def field_of(name: str, days: float, degree: int = MOST_DEGREE) -> Any:
+def field_of(days: float, degree: int = MOST_DEGREE) -> Any:
     """Record of dtype `FIELD` at a date.
 
     Parameters
     ----------
-    name : str
-        Parameter that gives the date, for an error.
     days : float
         Days from J2000.
     degree : int
@@ -96,11 +94,11 @@ def field_of(name: str, days: float, degree: int = MOST_DEGREE) -> Any:
         The date is outside the model's.
     """
     dates, rows = _table()
-    epochs = [days_of(name, date) for date in dates]
+    epochs = [days_of(EPOCH.name, date) for date in dates]
     if not epochs[0] <= days <= epochs[-1]:
         raise ConfigurationError(
-            f"{name} is {days:.2f} days from 2000-01-01T12:00; allowed with the magnetic field: "
-            f"from {dates[0]} to {dates[-1]}"
+            f"{EPOCH.name} is {days:.2f} days from 2000-01-01T12:00; allowed with the magnetic "
+            f"field: from {dates[0]} to {dates[-1]}"
         )
     record = np.zeros((), FIELD)[()]
     record["degree"] = degree
@@ -189,7 +187,7 @@ def orbit_field(values: Mapping[str, Any]) -> Any:
     days = epoch_of(values)
     record["orbit"] = orbit_of(values)
     record["earth_angle"] = earth_angle(days)
-    record["harmonics"] = field_of(EPOCH.name, days, _DEGREES[values[MODEL.name]])
+    record["harmonics"] = field_of(days, _DEGREES[values[MODEL.name]])
     return record
 
 

@@ -96,7 +96,7 @@ def orbit_of(values: Mapping[str, Any]) -> Any:
         The perigee is below Earth's surface, or the two lines are no orbit.
     """
     if values[TLE.name]:
-        return orbit_by_lines(TLE.name, values[TLE.name], epoch_of(values))
+        return orbit_by_lines(values[TLE.name], epoch_of(values))
     return orbit_record(
         EARTH_RADIUS + values[ALTITUDE.name],
         values[ECCENTRICITY.name],
@@ -185,13 +185,13 @@ def _about(axis: int, angle: float) -> Any:
     return matrix
 
 
-def orbit_by_lines(name: str, text: str, days: float) -> Any:
+def orbit_by_lines(text: str, days: float) -> Any:
     """Record of dtype `ORBIT` at t = 0.
 
     Parameters
     ----------
-    name, text : str
-        Name of the parameter, for errors, and its two lines.
+    text : str
+        The two lines.
     days : float
         Days from J2000 to t = 0.
 
@@ -204,57 +204,59 @@ def orbit_by_lines(name: str, text: str, days: float) -> Any:
         from sgp4.api import SGP4_ERRORS, Satrec
     except ImportError:
         raise ConfigurationError(
-            f"{name} needs the package sgp4: pip install 'ppc_attitude[orbit]'"
+            f"{TLE.name} needs the package sgp4: pip install 'ppc_attitude[orbit]'"
         ) from None
-    first, second = _lines(name, text)
+    first, second = _lines(text)
     satellite = Satrec.twoline2rv(first, second)
     age = days + (J2000 - satellite.jdsatepoch) - satellite.jdsatepochF
     if not abs(age) <= OLDEST:
         raise ConfigurationError(
-            f"orbit.epoch is {age:.1f} days after the epoch of {name}; allowed: within "
+            f"{EPOCH.name} is {age:.1f} days after the epoch of {TLE.name}; allowed: within "
             f"{OLDEST:g} days"
         )
     whole = math.floor(days)
     error, position, velocity = satellite.sgp4(J2000 + whole, days - whole)
     if error:
-        raise ConfigurationError(f"{name} gives no orbit: {SGP4_ERRORS[error]}")
+        raise ConfigurationError(f"{TLE.name} gives no orbit: {SGP4_ERRORS[error]}")
     record = np.zeros((), ORBIT)[()]
     record["position"] = 1e3 * np.array(position)
     record["velocity"] = 1e3 * np.array(velocity)
     height = float(np.linalg.norm(record["position"])) - EARTH_RADIUS
     if not 0.0 < height <= _HIGHEST:
         raise ConfigurationError(
-            f"{name} gives a height of {height:.6g} m; allowed: > 0 and ≤ {_HIGHEST:g}"
+            f"{TLE.name} gives a height of {height:.6g} m; allowed: > 0 and ≤ {_HIGHEST:g}"
         )
     return record
 
 
-def _lines(name: str, text: str) -> tuple[str, str]:
+def _lines(text: str) -> tuple[str, str]:
     """The two lines, with sound checksums; a line with the name of the craft may come first."""
+    from sgp4.io import compute_checksum
+
     lines = [line.rstrip() for line in text.strip().splitlines()][-2:]
     if len(lines) != 2:
-        raise ConfigurationError(f"{name} has {len(lines)} lines; allowed: 2")
+        raise ConfigurationError(f"{TLE.name} has {len(lines)} lines; allowed: 2")
     for number, line in enumerate(lines, start=1):
         if len(line) != _LENGTH or not line.startswith(f"{number} "):
             raise ConfigurationError(
-                f"{name} has line {line!r}; allowed: {_LENGTH} characters that begin with "
-                f"'{number} '"
+                f"{TLE.name} has line {line!r}; allowed: {_LENGTH} characters that begin "
+                f"with '{number} '"
             )
-        # A minus counts as 1, every other sign as 0.
-        total = sum(int(c) if c.isdigit() else c == "-" for c in line[:-1]) % 10
+        total = compute_checksum(line)
         if line[-1] != str(total):
             raise ConfigurationError(
-                f"line {number} of {name} ends in {line[-1]!r}; allowed: its checksum, {total}"
+                f"line {number} of {TLE.name} ends in {line[-1]!r}; allowed: its checksum, {total}"
             )
         for what, columns in _NUMBERS[number].items():
             point = "" if what == "eccentricity" else r"\."  # of which only decimals are written
             if not re.fullmatch(rf"\d*{point}\d+", line[columns].replace(" ", "")):
                 raise ConfigurationError(
-                    f"line {number} of {name} has {what} {line[columns]!r}; allowed: a number"
+                    f"line {number} of {TLE.name} has {what} {line[columns]!r}; allowed: a number"
                 )
     first, second = lines
     if first[_CRAFT] != second[_CRAFT]:
         raise ConfigurationError(
-            f"{name} has lines of craft {first[_CRAFT]!r} and {second[_CRAFT]!r}; allowed: of one"
+            f"{TLE.name} has lines of craft {first[_CRAFT]!r} and {second[_CRAFT]!r}; "
+            "allowed: of one"
         )
     return first, second
