@@ -278,10 +278,11 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
         (with_checksums(LINES).replace("51.6416", "51.6417"), 8853.0, "allowed: its checksum"),
         (LINES.splitlines()[0], 8853.0, r"orbit\.tle has 1 lines; allowed: 2"),
         (with_checksums(LINES).replace("\n2 ", "\n3 "), 8853.0, "allowed: 69 characters"),
+        (with_checksums(LINES).replace(".00016717", ".0001671²"), 8853.0, "allowed: 69 characters"),
         (with_checksums(LINES.replace("51.6416", "       ")), 8853.0, "has inclination"),
         (with_checksums(LINES.replace("2 25544", "2 25545")), 8853.0, "'25544' and '25545'"),
     ],
-    ids=["old", "checksum", "one line", "no element set", "no number", "two craft"],
+    ids=["old", "checksum", "one line", "no element set", "no ASCII", "no number", "two craft"],
 )
 def test_bad_two_line_elements_are_refused(lines: str, days: float, reason: str) -> None:
     pytest.importorskip("sgp4.api")

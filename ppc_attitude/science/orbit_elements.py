@@ -237,9 +237,9 @@ def _lines(text: str) -> tuple[str, str]:
     if len(lines) != 2:
         raise ConfigurationError(f"{TLE.name} has {len(lines)} lines; allowed: 2")
     for number, line in enumerate(lines, start=1):
-        if len(line) != _LENGTH or not line.startswith(f"{number} "):
+        if len(line) != _LENGTH or not line.isascii() or not line.startswith(f"{number} "):
             raise ConfigurationError(
-                f"{TLE.name} has line {line!r}; allowed: {_LENGTH} characters that begin "
+                f"{TLE.name} has line {line!r}; allowed: {_LENGTH} characters of ASCII that begin "
                 f"with '{number} '"
             )
         total = compute_checksum(line)
