@@ -138,17 +138,10 @@ class Column:
                 f"{', '.join(map(str, _WIDTHS[self.form]))}"
             )
 
-
-def output_record(columns: tuple[Column, ...]) -> np.dtype[Any]:
-    """Record of what a step fills: one field for each column."""
-    return np.dtype([(each.name, np.float64, (each.width,)) for each in columns], align=True)
-
-
-def input_record(columns: tuple[Column, ...]) -> np.dtype[Any]:
-    """Record of what a step reads: its instant [ns] and [s], then one field for each column."""
-    instant = [("stamp_ns", np.int64), ("t", np.float64)]
-    fields = [(each.name, np.float64, (each.width,)) for each in columns]
-    return np.dtype([*instant, *fields], align=True)
+    @property
+    def field(self) -> tuple[str, type[np.float64], tuple[int]]:
+        """Its field in a step's records."""
+        return self.name, np.float64, (self.width,)
 
 
 class Advice(NamedTuple):
@@ -332,13 +325,14 @@ class Component:
 
     @cached_property
     def input_record(self) -> np.dtype[Any]:
-        """Record that the step reads: the instant, then the columns."""
-        return input_record(self.inputs)
+        """Record that the step reads: the instant [ns] and [s], then a field for each column."""
+        instant = [("stamp_ns", np.int64), ("t", np.float64)]
+        return np.dtype([*instant, *(each.field for each in self.inputs)], align=True)
 
     @cached_property
     def output_record(self) -> np.dtype[Any]:
-        """Record that the step fills."""
-        return output_record(self.outputs)
+        """Record that the step fills: a field for each column."""
+        return np.dtype([each.field for each in self.outputs], align=True)
 
 
 def read_from_elsewhere(components: Iterable[Component]) -> tuple[Column, ...]:
