@@ -23,6 +23,7 @@ that limits the start.
 """
 
 import math
+import operator
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -33,7 +34,7 @@ from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
 from ppc_attitude.science.envelope_plan import table_can_be_followed
 from ppc_attitude.science.kernel import ZERO
-from ppc_attitude.science.performance import Envelope
+from ppc_attitude.science.performance import R_LIMIT, Envelope
 
 RATE_LIMIT = math.radians(3.0)  # [rad/s] the paper's limit of ‖ω_s‖
 
@@ -69,9 +70,8 @@ class Condition:
     @property
     def holds(self) -> bool:
         """True if the condition is met."""
-        if self.relation == ">":
-            return self.value > self.limit
-        return self.value >= self.limit if self.relation == "≥" else self.value <= self.limit
+        compared = {">": operator.gt, "≥": operator.ge, "≤": operator.le}[self.relation]
+        return bool(compared(self.value, self.limit))
 
 
 def steepest_fall(envelope: Envelope) -> float:
@@ -89,7 +89,7 @@ def steepest_fall(envelope: Envelope) -> float:
 
 def virtual_control_bound(values: Mapping[str, Any]) -> float:
     """Bound of ‖v‖ [rad/s] for ρ_q ≤ 1; the paper's k M_ω only holds for the norm form."""
-    speed = float(values["k"]) * float(values["M_omega"])
+    speed = float(values["k"] * values["M_omega"])
     return speed if values["virtual_control"] == "norm" else math.sqrt(3.0) * speed
 
 
@@ -122,7 +122,7 @@ def certificate(
     rate = envelope_of("rate_envelope", values)
     found = [_feasibility(name, each) for name, each in (("ρ_q", attitude), ("ρ_ω", rate))]
     meaning = "the actuator is stronger than the configured environment's torque"
-    torque = float(values["max_torque"])
+    torque = values["max_torque"]
     found.append(Condition("torque authority", torque, environment, ">", "N·m", True, meaning))
     if values["controller"] == "ppc":
         found += _lyapunov(values, abs(q_e0), steepest_fall(attitude))
@@ -134,17 +134,16 @@ def certificate(
 def _feasibility(name: str, envelope: Envelope) -> Condition:
     joint = f"t1 = {envelope.t1:.9g} s, a1 = {envelope.a1:.12g} 1/s²"
     meaning = f"the envelope has a smooth joint: {joint}"
-    return Condition(f"r of {name}", envelope.r, math.e / 2.0, "≤", "", True, meaning)
+    return Condition(f"r of {name}", envelope.r, R_LIMIT, "≤", "", True, meaning)
 
 
 def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[Condition]:
-    gain = {name: float(values[name]) for name in _GAINS}
-    s1 = q_e0 * gain["M_omega"] - 4.0 * fall
-    papers = q_e0 * gain["M_omega"] - 4.0 * float(values["attitude_envelope.decay"])
-    s2 = 2.0 * gain["K_omega"] - 2.0 * gain["K_u"] - 2.0
-    s3 = 2.0 * gain["K_a"] - 1.0 - gain["K_u"] * gain["k2"]
-    s4 = min(2.0 * gain["C_q"] - gain["C_tau"], 2.0 * gain["C_omega"] - gain["B_tau"])
-    s5 = 2.0 * gain["K_b"] - 1.0 - gain["k2"] - gain["C_tau"] - gain["B_tau"]
+    s1 = q_e0 * values["M_omega"] - 4.0 * fall
+    papers = q_e0 * values["M_omega"] - 4.0 * values["attitude_envelope.decay"]
+    s2 = 2.0 * values["K_omega"] - 2.0 * values["K_u"] - 2.0
+    s3 = 2.0 * values["K_a"] - 1.0 - values["K_u"] * values["k2"]
+    s4 = min(2.0 * values["C_q"] - values["C_tau"], 2.0 * values["C_omega"] - values["B_tau"])
+    s5 = 2.0 * values["K_b"] - 1.0 - values["k2"] - values["C_tau"] - values["B_tau"]
     meaning = "|q_e0| M_ω − 4 max(−ρ_q'/ρ_q): V1 decreases by itself"
     yield Condition("S1", s1, 0.0, ">", "", False, meaning)
     meaning = "|q_e0| M_ω − 4 l, with the paper's approximation max(−ρ_q'/ρ_q) ≈ l"
@@ -158,8 +157,8 @@ def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[C
 
 
 def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[Condition]:
-    shrink = 0.5 * q_e0 * float(values["k"]) * float(values["M_omega"])
-    beta = float(values["beta"])
+    shrink = 0.5 * q_e0 * values["k"] * values["M_omega"]
+    beta = values["beta"]
     meaning = (
         "relative rate of a small error against max(−ρ_q'/ρ_q): no error gains on its envelope"
     )
@@ -173,7 +172,7 @@ def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[
 
 def _rates(values: Mapping[str, Any], desired_rate: float, rate: Envelope) -> Iterator[Condition]:
     bound = virtual_control_bound(values)
-    speed = math.degrees(float(values["k"]) * float(values["M_omega"]))
+    speed = math.degrees(values["k"] * values["M_omega"])
     meaning = "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only"
     yield Condition("bound of v", math.degrees(bound), speed, "≤", "deg/s", False, meaning)
     total = math.degrees(bound + desired_rate + math.sqrt(3.0) * rate.table.terminal)
@@ -209,9 +208,6 @@ def _largest_component(axis: int, gains: Any) -> float:
     return low
 
 
-_GAINS = ("M_omega", "K_omega", "K_u", "K_a", "K_b", "k2", "C_q", "C_omega", "C_tau", "B_tau")
-
-
 def largest_desired_rate(amplitude: Any) -> float:
     """Bound of ‖ω_d‖ [rad/s] from the amplitudes of its three components."""
-    return float(np.linalg.norm(np.asarray(amplitude, dtype=np.float64)))
+    return float(np.linalg.norm(amplitude))

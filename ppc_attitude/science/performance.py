@@ -36,7 +36,7 @@ SHAPE = np.dtype(
     ],
     align=True,
 )
-_R_LIMIT = math.e / 2.0  # the largest r with a real root
+R_LIMIT = math.e / 2.0  # the largest r with a real root
 # Computed tables may sit on the limit up to rounding (terminal = exponential_terminal: r = 0).
 _ROUNDING = 1e-12
 _LARGEST_EXPONENT = 700.0  # e to it is still finite
@@ -147,7 +147,7 @@ def _width(table: EnvelopeTable) -> float | None:
 
 def _roots(r: float) -> list[float]:
     """Real roots x of (1 − x/2) eˣ = r."""
-    if r > _R_LIMIT * (1.0 + _ROUNDING):
+    if r > R_LIMIT * (1.0 + _ROUNDING):
         return []
     from scipy.special import lambertw  # costs 0.1 s, and most processes never solve one
 
@@ -180,8 +180,8 @@ def _infeasible(name: str, table: EnvelopeTable) -> str:
         f"{name} is infeasible: r = (terminal − exponential_terminal) e^(decay·settling_time) / "
         f"(initial − exponential_terminal) = {r:.6g}"
     )
-    if r > _R_LIMIT:
-        reason = f", but at most e/2 = {_R_LIMIT:.6g} has a real t1"
+    if r > R_LIMIT:
+        reason = f", but at most e/2 = {R_LIMIT:.6g} has a real t1"
     else:
         reason = f" gives t1 < 0 with decay·settling_time = {table.decay * table.settling_time:.6g}"
     listed = ", or ".join(f"{name}.{key} = {value:.6g}" for key, value in nearest(table).items())
@@ -200,13 +200,13 @@ def nearest(table: EnvelopeTable) -> dict[str, float]:
     growth = math.exp(min(lt2, _LARGEST_EXPONENT))
     amplitude = table.initial - table.exponential_terminal
     gap = table.terminal - table.exponential_terminal
-    if feasibility(table) > _R_LIMIT:
-        limit = math.log(_R_LIMIT * amplitude / gap)
+    if feasibility(table) > R_LIMIT:
+        limit = math.log(R_LIMIT * amplitude / gap)
         wanted = {
-            "exponential_terminal": (table.terminal * growth - _R_LIMIT * table.initial)
-            / (growth - _R_LIMIT),
-            "terminal": table.exponential_terminal + _R_LIMIT * amplitude / growth,
-            "initial": table.exponential_terminal + gap * growth / _R_LIMIT,
+            "exponential_terminal": (table.terminal * growth - R_LIMIT * table.initial)
+            / (growth - R_LIMIT),
+            "terminal": table.exponential_terminal + R_LIMIT * amplitude / growth,
+            "initial": table.exponential_terminal + gap * growth / R_LIMIT,
             "settling_time": limit / table.decay,
             "decay": limit / table.settling_time,
         }
