@@ -273,5 +273,6 @@ def test_published_noise_floors(
 ) -> None:
     found = noise_floors(suite(name), {**LAW, "rate_observer": observer}, 100.0)
     if across is not None:
-        assert np.multiply(FLOOR, found.attitude) == pytest.approx([across, along], rel=2e-3)
-    assert FLOOR * found.rate[0] == pytest.approx(rate, rel=1e-2)
+        attitude = [FLOOR * each.attitude for each in found]
+        assert attitude == pytest.approx([across, along], rel=2e-3)
+    assert FLOOR * found[0].rate == pytest.approx(rate, rel=1e-2)

@@ -286,8 +286,7 @@ def _sigmas(scenario: Scenario) -> Sigmas:
     rate = scenario.number(PLANT, "rate")
     selected = ESTIMATORS.selected(estimator)
     if selected is mekf.COMPONENT:
-        found = noise_floors(estimator, law, rate)
-        return Sigmas(max(found.attitude), max(found.rate))
+        return Sigmas(*map(max, *noise_floors(estimator, law, rate)))
     if selected is None and SENSORS.selected(plant) is direct.COMPONENT:
         white = plant["rate_noise"] / math.sqrt(rate)
         return error_sigmas(law, rate, white, plant["attitude_noise"] ** 2, 0.0)

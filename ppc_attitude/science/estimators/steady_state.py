@@ -178,28 +178,13 @@ def error_sigmas(
     return Sigmas(0.5 * math.sqrt(attitude), math.sqrt(measured**2 + bias + slope**2 * attitude))
 
 
-class Floors(NamedTuple):
-    """σ of what a law sees, for the axes across the tracker's boresight and the one along it.
-
-    Attributes
-    ----------
-    attitude : tuple of 2 float
-        σ of q_ev.
-    rate : tuple of 2 float
-        σ of z2 [rad/s].
-    """
-
-    attitude: tuple[float, float]
-    rate: tuple[float, float]
-
-
 def noise_floors(
     estimator: Mapping[str, Any], controller: Mapping[str, Any], rate: float
-) -> Floors:
+) -> tuple[Sigmas, Sigmas]:
     """σ of the errors that a law sees of its own craft, once the filter has settled.
 
-    A published estimate is oldest just before a fix arrives: latency and interval after it was
-    updated.
+    The first is of axes across the tracker's boresight, the second of the one along it. A published
+    estimate is oldest just before a fix arrives: latency and interval after it was updated.
 
     Parameters
     ----------
@@ -216,10 +201,10 @@ def noise_floors(
     every, delay = slots(rate, estimator)
     interval, age = every / rate, (every + delay) / rate
     white, walk = _gyro_noise(estimator, rate)
-    found = []
-    for noise in (CROSS_NOISE, BORESIGHT_NOISE):
-        _, after = steady_state(estimator[noise.name], white, walk, interval)
+
+    def of_axis(noise: float) -> Sigmas:
+        _, after = steady_state(noise, white, walk, interval)
         known = after_gap(after, white, walk, age)
-        found.append(error_sigmas(controller, rate, white, known.attitude, known.bias))
-    across, along = found
-    return Floors((across.attitude, along.attitude), (across.rate, along.rate))
+        return error_sigmas(controller, rate, white, known.attitude, known.bias)
+
+    return of_axis(estimator[CROSS_NOISE.name]), of_axis(estimator[BORESIGHT_NOISE.name])
