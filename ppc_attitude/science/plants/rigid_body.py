@@ -42,7 +42,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.parameter import Parameter, at_start
-from ppc_attitude.science.signals import APPLIED_TORQUE, DISTURBANCE, TRUE_ATTITUDE, TRUE_RATE
+from ppc_attitude.science.signals import APPLIED_TORQUE, DISTURBANCE, TRUTH
 
 INERTIA = Parameter(
     "inertia",
@@ -174,6 +174,6 @@ COMPONENT = Component(
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(APPLIED_TORQUE, DISTURBANCE),
-    outputs=(TRUE_ATTITUDE, TRUE_RATE),
+    outputs=TRUTH,
     step=step,
 )
