@@ -158,7 +158,7 @@ def test_the_sun_pushes_unless_earth_hides_it() -> None:
         r = orbit_of(given)["position"]
         facing, _ = Rotation.align_vectors([sun, [0.0, 0.0, 1.0]], [[1.0, 0, 0], [0, 0, 1.0]])
         pushes[anomaly] = np.linalg.norm(plates_alone(given, facing))
-        assert lit_fraction(tuple(r), tuple(1.496e11 * sun), EARTH_RADIUS) == (anomaly == 0.0)
+        assert lit_fraction(tuple(r), tuple(1.496e11 * sun)) == (anomaly == 0.0)
     pressure = 1361.0 / 299792458.0 / 0.9959**2  # in March
     force = pressure * 0.35 * (0.7 + 2.0 * (0.3 + 0.2 / 3.0))
     assert pushes[0.0] == pytest.approx(force * math.hypot(0.015, 0.03), rel=2e-3)

@@ -19,7 +19,6 @@ import pytest
 from truth_tables import columns, rows, table
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.sky import (
     DAY,
     EARTH_RATE,
@@ -85,8 +84,6 @@ def test_earths_shadow_is_the_truths() -> None:
     """The truth's own rounding is 5.4e-9, as computed once more with 40 digits."""
     truth = table("eclipse")
     craft, suns = columns(truth, "rx", "ry", "rz"), columns(truth, "sx", "sy", "sz")
-    lit = [
-        lit_fraction(tuple(r), tuple(sun), EARTH_RADIUS) for r, sun in zip(craft, suns, strict=True)
-    ]
+    lit = [lit_fraction(tuple(r), tuple(sun)) for r, sun in zip(craft, suns, strict=True)]
     assert np.abs(lit - truth["lit"]).max() < 6e-9
     assert {0.0, 1.0} < set(lit)  # all of it, none of it, and parts

@@ -22,6 +22,7 @@ from datetime import datetime, timezone
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, cross, dot, kernel, norm, scale, subtract
+from ppc_attitude.science.orbit import EARTH_RADIUS
 
 DAY = 86400.0  # [s]
 EARTH_RATE = 7.292115e-5  # [rad/s]
@@ -75,22 +76,21 @@ def sun_distance(days: float) -> float:
 
 
 @kernel
-def lit_fraction(r: Vector, sun: Vector, earth_radius: float) -> float:
+def lit_fraction(r: Vector, sun: Vector) -> float:
     """Part of the Sun's disc that Earth leaves free, 0 to 1 (Montenbruck and Gill, section 3.4).
 
-    Angles are taken by their tangents: by cosines the part would be wrong by 5e-9.
+    Earth is a sphere. Angles are taken by their tangents: by cosines the part would be wrong by
+    5e-9.
 
     Parameters
     ----------
     r, sun
         Craft and Sun from Earth's centre [m].
-    earth_radius
-        Earth as a sphere [m].
     """
     towards = subtract(sun, r)
     distance, radius = norm(towards), norm(r)
     a = math.asin(_SUN_RADIUS / distance)  # half-angles of the two discs, and between their centres
-    b = math.asin(min(earth_radius / radius, 1.0))
+    b = math.asin(min(EARTH_RADIUS / radius, 1.0))
     c = math.atan2(norm(cross(r, towards)), -dot(r, towards))
     if c >= a + b:
         return 1.0

@@ -130,7 +130,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["scale_height"] = values[SCALE_HEIGHT.name]
     plates = plates_of(values)
     record["plates"][: plates.size], record["count"] = plates, plates.size
-    density = air_density((_lowest(record)[0], 0.0, 0.0), record)
+    density = air_density(_lowest(record)[0], record)
     if not density <= DENSITY.high:  # NaN is not either
         raise ConfigurationError(
             f"{DENSITY.name} = {values[DENSITY.name]:g} kg/m³ at {ALTITUDE.name} = "
@@ -160,9 +160,9 @@ def gravity_gradient(r: Vector, inertia: Matrix) -> Vector:
 
 
 @kernel
-def air_density(r: Vector, craft: Any) -> float:
-    """ρ = ρ0 e^{−(altitude − altitude0)/H} [kg/m³] at r [m]."""
-    above = norm(r) - EARTH_RADIUS - craft.altitude
+def air_density(radius: float, craft: Any) -> float:
+    """ρ = ρ0 e^{−(altitude − altitude0)/H} [kg/m³] at a distance [m] from Earth's centre."""
+    above = radius - EARTH_RADIUS - craft.altitude
     return float(craft.density * math.exp(-above / craft.scale_height))
 
 
@@ -185,11 +185,11 @@ def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
         days = craft.days + inputs.t / DAY
         distance = sun_distance(days)  # [au]
         sun = scale(distance * ASTRONOMICAL_UNIT, sun_direction(days)[0])
-        pressure = PRESSURE / (distance * distance) * lit_fraction(r, sun, EARTH_RADIUS)
+        pressure = PRESSURE / (distance * distance) * lit_fraction(r, sun)
         towards = subtract(sun, r)
         s = to_body(scale(1.0 / norm(towards), towards), q, q0)
         wind = to_body(air_velocity(r, v), q, q0)
-        density = air_density(r, craft)
+        density = air_density(norm(r), craft)
         torque = add(torque, plates_torque(craft.plates, craft.count, wind, density, s, pressure))
     store(outputs.environment_torque, torque)
 
@@ -214,7 +214,7 @@ def bound(values: Mapping[str, Any]) -> float:
     air, light = largest_torques(
         craft["plates"][: craft["count"]],
         speed,
-        air_density((lowest, 0.0, 0.0), craft),
+        air_density(lowest, craft),
         PRESSURE / _NEAREST_SUN**2,
     )
     return gradient + magnetic + air + light
