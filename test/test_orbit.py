@@ -17,6 +17,7 @@ import math
 import numpy as np
 import pytest
 from guidance_helpers import truth_orbit
+from record_helpers import new_record
 from scipy.integrate import solve_ivp
 from truth_tables import columns, table
 
@@ -57,7 +58,7 @@ def test_elements_give_the_truths_first_state() -> None:
 
 
 def test_orbit_follows_an_independent_integration() -> None:
-    orbit, cursor = truth_orbit(), np.zeros((), CURSOR)[()]
+    orbit, cursor = truth_orbit(), new_record(CURSOR)
     end = 1800.5
     truth = solve_ivp(
         lambda _, y: (*y[3:], *gravity(tuple(y[:3]))),
@@ -73,20 +74,20 @@ def test_orbit_follows_an_independent_integration() -> None:
 
 
 def test_orbit_of_the_truth_after_a_revolution() -> None:
-    orbit, cursor = truth_orbit(), np.zeros((), CURSOR)[()]
+    orbit, cursor = truth_orbit(), new_record(CURSOR)
     r = [orbit_at(t, orbit, cursor)[0] for t in TRUTH["t"]]
     assert np.abs(np.array(r) - columns(TRUTH, "rx", "ry", "rz")).max() < 1e-5
 
 
 def test_orbit_is_a_function_of_time_alone() -> None:
-    orbit, cursor = truth_orbit(), np.zeros((), CURSOR)[()]
+    orbit, cursor = truth_orbit(), new_record(CURSOR)
     times = [0.0, 3.2, 3.7, 100.01, 20.0, 20.0]
-    fresh = [orbit_at(t, orbit, np.zeros((), CURSOR)[()]) for t in times]
+    fresh = [orbit_at(t, orbit, new_record(CURSOR)) for t in times]
     assert [orbit_at(t, orbit, cursor) for t in times] == fresh
 
 
 def test_energy_and_axial_momentum_stay() -> None:
-    orbit, cursor = truth_orbit(), np.zeros((), CURSOR)[()]
+    orbit, cursor = truth_orbit(), new_record(CURSOR)
 
     def conserved(t: float) -> tuple[float, float]:
         r, v = map(np.array, orbit_at(t, orbit, cursor))

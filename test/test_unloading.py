@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 import pytest
 import truth_tables
-from craft_helpers import configs
+from craft_helpers import configs, part_of
 from estimation_helpers import STEP_NS, Array
 from guidance_helpers import mean_anomaly
+from record_helpers import new_record
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.topics import PLANT, REFERENCE
@@ -33,7 +34,6 @@ from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.magnetorquers import unloading_dipole
 from ppc_attitude.science.orbit import CURSOR, orbit_at
 from ppc_attitude.science.orbit_elements import orbit_record
-from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -43,13 +43,10 @@ AXES = np.reshape(RODS.defaults["wheels.axes"], (4, 3))
 FIELD = (1.2e-5, -2.5e-5, 3.1e-5)  # [T]
 
 
-def part_of(component: Any, **given: Any) -> Part:
-    named = {f"magnetorquers.{name}": value for name, value in given.items()}
-    return Part(component, {**component.defaults, "rate": 100.0, **named})
-
-
 def rods_of(**given: Any) -> Any:
-    return part_of(RODS, **given).configuration[0]["rods"]
+    """Configuration of the rods; parameters without the group's name."""
+    named = {f"magnetorquers__{name}": value for name, value in given.items()}
+    return part_of(ACTUATORS, "wheels_rods", **named).configuration[0]["rods"]
 
 
 def speeds_of(momentum: Array) -> Array:
@@ -62,7 +59,7 @@ def truth_field() -> tuple[Any, list[float]]:
     notes = " ".join(truth_tables.notes("unloading"))
     elements = notes.split("orbit (")[1].split(")")[0].split(",")
     (a, e), angles = map(float, elements[:2]), np.deg2rad(np.array(elements[2:], np.float64))
-    field = np.zeros((), ORBIT_FIELD)[()]
+    field = new_record(ORBIT_FIELD)
     field["orbit"] = orbit_record(a, e, *angles[:3], mean_anomaly(e, angles[3]))
     field["earth_angle"] = 1.0
     harmonics = field["harmonics"]
@@ -76,7 +73,7 @@ def truth_field() -> tuple[Any, list[float]]:
 def test_wheels_are_unloaded_as_in_the_truth() -> None:
     """Three hours in a dipole field, the craft held still; the momentum is integrated here."""
     (field, q), truth = truth_field(), truth_tables.table("unloading")
-    cursor, rods = np.zeros((), CURSOR)[()], rods_of(deadband=0.0)
+    cursor, rods = new_record(CURSOR), rods_of(deadband=0.0)
     momenta, fields, dipoles = (
         truth_tables.columns(truth, *(f"{name}{axis}" for axis in "xyz")) for name in "hBm"
     )
@@ -126,7 +123,8 @@ def test_noise_of_the_magnetometer_belongs_to_a_step() -> None:
 
 
 def test_rods_act_beside_the_wheels_and_hold_their_dipole_for_a_period() -> None:
-    rods, wheels = part_of(RODS, period=0.5), part_of(ACTUATORS.components["wheels"])
+    rods = part_of(ACTUATORS, "wheels_rods", magnetorquers__period=0.5)
+    wheels = part_of(ACTUATORS, "wheels")
     random = np.random.default_rng(5)
     dipoles = []
     for k in range(120):
@@ -146,8 +144,7 @@ def test_rods_act_beside_the_wheels_and_hold_their_dipole_for_a_period() -> None
 def test_a_rod_that_fails_gives_another_dipole() -> None:
     faults = ["magnetorquer/x effectiveness 0.5", "magnetorquer/y stuck -3 from 0.5 for 0.2"]
     row = [*[0.0] * 6, *speeds_of(np.array([0.1, 0.2, -0.05])), *FIELD]
-    whole = part_of(RODS)
-    part = Part(RODS, {**RODS.defaults, "rate": 100.0, "faults": faults})
+    whole, part = part_of(ACTUATORS, "wheels_rods"), part_of(ACTUATORS, "wheels_rods", *faults)
     for k in range(100):
         asked = np.array(whole.step(k * STEP_NS, row))[-3:]
         given = np.array(part.step(k * STEP_NS, row))
@@ -160,11 +157,8 @@ def test_a_rod_that_fails_gives_another_dipole() -> None:
 
 def test_the_field_takes_momentum_and_nothing_else_does() -> None:
     """H of craft and wheels, inertial axes: it changes by the torque of the rods alone."""
-    given = {"initial_angular_velocity": [0.02, -0.01, 0.03], "wheels.initial_speed": [300.0]}
-    component = PLANTS.components["gyrostat_rods"]
-    plain = PLANTS.components["gyrostat"]
-    values = {**component.defaults, "rate": 100.0, **given}
-    plant, free = Part(component, values), Part(plain, {**plain.defaults, "rate": 100.0, **given})
+    given = {"initial_angular_velocity": [0.02, -0.01, 0.03], "wheels__initial_speed": [300.0]}
+    plant, free = (part_of(PLANTS, name, **given) for name in ("gyrostat_rods", "gyrostat"))
     random = np.random.default_rng(2)
     motor, dipole, momenta, attitudes, pushes = np.zeros(8), np.zeros(3), [], [], []
     for k in range(400):
