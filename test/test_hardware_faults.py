@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.actuators.ideal import PARTS
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.faults import KINDS, acting_of, fault_of, faults_of
+from ppc_attitude.science.faults import How, acting_of, fault_of, faults_of
 from ppc_attitude.science.kinds import ACTUATORS, SENSORS
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.replay import replay
@@ -96,6 +96,7 @@ def test_too_many_faults_are_refused() -> None:
         case(faults=["actuator/x stuck 0"] * 17)
 
 
+KINDS = [each.name.lower() for each in How]
 WORDS = st.one_of(
     st.sampled_from([*PARTS, *KINDS, "from", "for", "1", "-1", "nan", "1e-9", "0.5", "1e400"]),
     st.text("az/.- \n\x1b\u00e9", max_size=5),
@@ -126,7 +127,7 @@ def test_a_text_says_what_it_is_written_from(start: float, lasts: float | None, 
     record = faults_of({"faults": ["actuator/x stuck 0", text], "rate": 100.0}, PARTS)
     assert record["count"] == 2
     fault = record["fault"][1]
-    assert (KINDS[fault["kind"]], fault["part"], fault["value"][0]) == ("bias", 1, x)
+    assert (fault["kind"], fault["part"], fault["value"][0]) == (How.BIAS, 1, x)
     assert fault["start_ns"] == round(start * 1e9)
     end = np.iinfo(np.int64).max if lasts is None else round(start * 1e9) + round(lasts * 1e9)
     assert fault["end_ns"] == end

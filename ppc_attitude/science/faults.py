@@ -22,6 +22,7 @@ each step which of them act. Of faults of one kind of one part the last one coun
 import math
 import re
 from collections.abc import Iterable, Mapping
+from enum import IntEnum, auto
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,24 +43,24 @@ FAULTS = Parameter(
     f"what fails, up to {MOST_FAULTS} texts {_ORDER}, times in s, such as "
     "`wheel/2 effectiveness 0.3 from 40 for 10`; docs/faults.md lists parts and kinds",
 )
-KINDS = (
-    "effectiveness",
-    "bias",
-    "stuck",
-    "drag",
-    "seized",
-    "frozen",
-    "noise",
-    "saturated",
-    "dead",
-    "blind",
-    "outliers",
-    "stuck_closed",
-    "stuck_open",
-)
-# Places among them.
-EFFECTIVENESS, BIAS, STUCK, DRAG, SEIZED, FROZEN, NOISE = range(7)
-SATURATED, DEAD, BLIND, OUTLIERS, STUCK_CLOSED, STUCK_OPEN = range(7, 13)
+
+
+class How(IntEnum):
+    """Kinds of faults; texts have their names in small letters."""
+
+    EFFECTIVENESS = auto()
+    BIAS = auto()
+    STUCK = auto()
+    DRAG = auto()
+    SEIZED = auto()
+    FROZEN = auto()
+    NOISE = auto()
+    SATURATED = auto()
+    DEAD = auto()
+    BLIND = auto()
+    OUTLIERS = auto()
+    STUCK_CLOSED = auto()
+    STUCK_OPEN = auto()
 
 
 class Failure(NamedTuple):
@@ -67,8 +68,8 @@ class Failure(NamedTuple):
 
     Attributes
     ----------
-    kind : int
-        Its place among `KINDS`.
+    kind : How
+        What becomes of it.
     numbers : int
         How many numbers it takes.
     low, high : float
@@ -79,7 +80,7 @@ class Failure(NamedTuple):
         Parameters that it multiplies: one of them at least must not be zero.
     """
 
-    kind: int
+    kind: How
     numbers: int = 0
     low: float = -1e6
     high: float = 1e6
@@ -89,14 +90,14 @@ class Failure(NamedTuple):
 
 Parts = Mapping[str, tuple[Failure, ...]]
 OF_A_TORQUE = (
-    Failure(EFFECTIVENESS, 1, 0.0, 1.0),
-    Failure(BIAS, 1, unit="N·m"),
-    Failure(STUCK, 1, unit="N·m"),
+    Failure(How.EFFECTIVENESS, 1, 0.0, 1.0),
+    Failure(How.BIAS, 1, unit="N·m"),
+    Failure(How.STUCK, 1, unit="N·m"),
 )
 FAULT = np.dtype(
     [
         ("part", np.int64),  # place among the component's parts
-        ("kind", np.int64),
+        ("kind", np.int64),  # of `How`
         ("start_ns", np.int64),  # first instant [ns] at which it acts
         ("end_ns", np.int64),  # first instant [ns] at which it no longer acts
         ("value", np.float64, (3,)),
@@ -248,7 +249,7 @@ def _failure(
     text: str, fault: Fault, possible: tuple[Failure, ...], values: Mapping[str, Any]
 ) -> Failure:
     """How a part fails by a fault, which takes as many numbers and has what it multiplies."""
-    named = {KINDS[each.kind]: each for each in possible}
+    named = {each.kind.name.lower(): each for each in possible}
     if fault.kind not in named:
         raise ConfigurationError(
             f"{FAULTS.name}: {text!r}: {fault.part} has no fault {fault.kind}; "
@@ -269,7 +270,7 @@ def _failure(
 
 
 @kernel
-def acting(faults: Any, part: int, kind: int, stamp_ns: int) -> int:
+def acting(faults: Any, part: int, kind: How, stamp_ns: int) -> int:
     """Place of the last fault of a kind of a part that acts at an instant [ns]; −1 if none does."""
     for i in range(faults.count - 1, -1, -1):
         fault = faults.fault[i]
@@ -279,7 +280,7 @@ def acting(faults: Any, part: int, kind: int, stamp_ns: int) -> int:
 
 
 @kernel
-def number_of(faults: Any, part: int, kind: int, stamp_ns: int, without: float) -> float:
+def number_of(faults: Any, part: int, kind: How, stamp_ns: int, without: float) -> float:
     """Return the first number of a fault that acts, or what stands for none."""
     i = acting(faults, part, kind, stamp_ns)
     return float(faults.fault[i].value[0]) if i >= 0 else without
@@ -301,7 +302,7 @@ def faulty(asked: float, limit: float, faults: Any, part: int, stamp_ns: int) ->
 
     What fails gives no more than its limit either.
     """
-    weak = number_of(faults, part, EFFECTIVENESS, stamp_ns, 1.0) * asked
-    biased = weak + number_of(faults, part, BIAS, stamp_ns, 0.0)
-    given = number_of(faults, part, STUCK, stamp_ns, biased)
+    weak = number_of(faults, part, How.EFFECTIVENESS, stamp_ns, 1.0) * asked
+    biased = weak + number_of(faults, part, How.BIAS, stamp_ns, 0.0)
+    given = number_of(faults, part, How.STUCK, stamp_ns, biased)
     return min(max(given, -limit), limit)

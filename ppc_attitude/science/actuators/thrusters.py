@@ -29,12 +29,10 @@ from ppc_attitude.science import thrusters
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import MAX_THRUSTERS, Advice, Component
 from ppc_attitude.science.faults import (
-    EFFECTIVENESS,
     FAULTS,
     RECORD,
-    STUCK_CLOSED,
-    STUCK_OPEN,
     Failure,
+    How,
     acting,
     fails,
     faults_of,
@@ -52,9 +50,9 @@ from ppc_attitude.science.thrusters import (
 )
 
 _HOW = (
-    Failure(EFFECTIVENESS, 1, 0.0, 1.0),
-    Failure(STUCK_CLOSED),
-    Failure(STUCK_OPEN, 1, 0.0, 1.0),
+    Failure(How.EFFECTIVENESS, 1, 0.0, 1.0),
+    Failure(How.STUCK_CLOSED),
+    Failure(How.STUCK_OPEN, 1, 0.0, 1.0),
 )
 CONFIGURATION = np.dtype([("craft", THRUSTERS), ("faults", RECORD)], align=True)
 STATE = np.dtype(
@@ -93,10 +91,10 @@ def configure(values: Mapping[str, Any]) -> Any:
 @kernel
 def _failed(share: float, j: int, faults: Any, stamp_ns: int) -> float:
     """Share of its force that a thruster gives in a step, with its faults."""
-    if acting(faults, j, STUCK_CLOSED, stamp_ns) >= 0:
+    if acting(faults, j, How.STUCK_CLOSED, stamp_ns) >= 0:
         return 0.0
-    weak = number_of(faults, j, EFFECTIVENESS, stamp_ns, 1.0) * share
-    return number_of(faults, j, STUCK_OPEN, stamp_ns, weak)
+    weak = number_of(faults, j, How.EFFECTIVENESS, stamp_ns, 1.0) * share
+    return number_of(faults, j, How.STUCK_OPEN, stamp_ns, weak)
 
 
 @kernel

@@ -37,14 +37,11 @@ from ppc_attitude.science.allocation import (
 )
 from ppc_attitude.science.component import MAX_WHEELS, Advice, Component
 from ppc_attitude.science.faults import (
-    DRAG,
-    EFFECTIVENESS,
     FAULTS,
     OF_A_TORQUE,
     RECORD,
-    SEIZED,
-    STUCK,
     Failure,
+    How,
     acting,
     fails,
     faults_of,
@@ -98,7 +95,7 @@ DETECTION_DELAY = Parameter(
     high=1e6,
 )
 _SEIZING = 0.1  # [s] in which the speed of a wheel that seizes falls to 1/e
-_HOW = (*OF_A_TORQUE, Failure(DRAG, 1, 1.0), Failure(SEIZED))
+_HOW = (*OF_A_TORQUE, Failure(How.DRAG, 1, 1.0), Failure(How.SEIZED))
 CONFIGURATION = np.dtype(
     [
         ("wheels", WHEELS),
@@ -166,7 +163,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["delay_ns"] = nanoseconds(values[DETECTION_DELAY.name])
     record["faults"] = faults_of(values, parts_of(values))
     for fault in record["faults"]["fault"][: record["faults"]["count"]]:
-        if fault["kind"] == DRAG:
+        if fault["kind"] == How.DRAG:
             wheels.see_that_a_step_follows(
                 given, int(fault["part"]), 1.0 / values["rate"], float(fault["value"][0])
             )
@@ -246,11 +243,11 @@ def _failed(motor: float, i: int, speed: float, stamp_ns: int, configuration: An
     """Motor torque [N·m] of a wheel that fails; what its bearing does is told as the motor's."""
     faults, craft = configuration.faults, configuration.wheels
     resistance, limit = friction(craft, i, speed), craft.max_torque[i]
-    drag = number_of(faults, i, DRAG, stamp_ns, 1.0)
+    drag = number_of(faults, i, How.DRAG, stamp_ns, 1.0)
     net = faulty(motor, limit, faults, i, stamp_ns)
-    if acting(faults, i, SEIZED, stamp_ns) >= 0:
+    if acting(faults, i, How.SEIZED, stamp_ns) >= 0:
         net = -craft.inertia[i] * speed / max(_SEIZING, configuration.h)
-    elif acting(faults, i, STUCK, stamp_ns) < 0:  # what is stuck is so at the shaft
+    elif acting(faults, i, How.STUCK, stamp_ns) < 0:  # what is stuck is so at the shaft
         net -= drag * resistance
     slower, faster = _room(speed, i, configuration)
     return float(resistance + min(max(net, -max(slower, 0.0)), max(faster, 0.0)))
@@ -266,9 +263,9 @@ def _look_for_losses(stamp_ns: int, configuration: Any, state: Any) -> None:
     null[:] = configuration.null
     for i in range(configuration.wheels.count):
         useless = (
-            number_of(faults, i, EFFECTIVENESS, stamp_ns, 1.0) == 0.0
-            or acting(faults, i, STUCK, stamp_ns) >= 0
-            or acting(faults, i, SEIZED, stamp_ns) >= 0
+            number_of(faults, i, How.EFFECTIVENESS, stamp_ns, 1.0) == 0.0
+            or acting(faults, i, How.STUCK, stamp_ns) >= 0
+            or acting(faults, i, How.SEIZED, stamp_ns) >= 0
         )
         if not useless:
             state.since_ns[i] = 0

@@ -29,7 +29,7 @@ from ppc_attitude.science.actuators import wheels
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.faults import EFFECTIVENESS, RECORD, STUCK, Failure, faults_of, faulty
+from ppc_attitude.science.faults import RECORD, Failure, How, faults_of, faulty
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
 from ppc_attitude.science.kernel import Vector, add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import (
@@ -44,7 +44,7 @@ from ppc_attitude.science.wheels import momentum
 
 _RODS = dict.fromkeys(
     ("magnetorquer/x", "magnetorquer/y", "magnetorquer/z"),
-    (Failure(EFFECTIVENESS, 1, 0.0, 1.0), Failure(STUCK, 1, unit="A·m²")),
+    (Failure(How.EFFECTIVENESS, 1, 0.0, 1.0), Failure(How.STUCK, 1, unit="A·m²")),
 )
 CONFIGURATION = np.dtype(
     [("drive", wheels.CONFIGURATION), ("rods", MAGNETORQUERS), ("faults", RECORD)], align=True

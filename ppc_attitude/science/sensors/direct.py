@@ -24,12 +24,10 @@ from ppc_attitude.science.attitude import euler_step, exponential, kinematics, n
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.faults import (
-    BIAS,
     FAULTS,
-    FROZEN,
-    NOISE,
     RECORD,
     Failure,
+    How,
     acting,
     fault_texts,
     faults_of,
@@ -59,9 +57,9 @@ SEED = at_start("seed", 0, "seed of the sensor noise", low=0, high=2**53)
 _ATTITUDE, _RATE = 0, 1
 PARTS = {
     f"sensor/{name}": (
-        Failure(FROZEN),
-        Failure(BIAS, 3, unit=unit),
-        Failure(NOISE, 1, 0.0, multiplies=(f"{name}_noise",)),
+        Failure(How.FROZEN),
+        Failure(How.BIAS, 3, unit=unit),
+        Failure(How.NOISE, 1, 0.0, multiplies=(f"{name}_noise",)),
     )
     for name, unit in (("attitude", "rad"), ("rate", "rad/s"))
 }
@@ -122,16 +120,16 @@ def _failed(
     q: Quaternion, omega: Vector, stamp_ns: int, state: Any, faults: Any
 ) -> tuple[Quaternion, Vector]:
     """Attitude and rate [rad/s] that sensors tell with their faults, of what they would tell."""
-    i = acting(faults, _ATTITUDE, BIAS, stamp_ns)
+    i = acting(faults, _ATTITUDE, How.BIAS, stamp_ns)
     if i >= 0:
         q = normalised(product(q, exponential(vector(faults.fault[i].value))))
-    i = acting(faults, _RATE, BIAS, stamp_ns)
+    i = acting(faults, _RATE, How.BIAS, stamp_ns)
     if i >= 0:
         omega = add(omega, vector(faults.fault[i].value))
     if state.started != 0.0:
-        if acting(faults, _ATTITUDE, FROZEN, stamp_ns) >= 0:
+        if acting(faults, _ATTITUDE, How.FROZEN, stamp_ns) >= 0:
             q = quaternion(state.attitude)
-        if acting(faults, _RATE, FROZEN, stamp_ns) >= 0:
+        if acting(faults, _RATE, How.FROZEN, stamp_ns) >= 0:
             omega = vector(state.rate)
     return q, omega
 
@@ -143,8 +141,8 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     q, omega = measured(
         quaternion(inputs.truth_attitude),
         vector(inputs.truth_angular_velocity),
-        configuration.attitude_noise * number_of(faults, _ATTITUDE, NOISE, stamp_ns, 1.0),
-        configuration.rate_noise * number_of(faults, _RATE, NOISE, stamp_ns, 1.0),
+        configuration.attitude_noise * number_of(faults, _ATTITUDE, How.NOISE, stamp_ns, 1.0),
+        configuration.rate_noise * number_of(faults, _RATE, How.NOISE, stamp_ns, 1.0),
         configuration.seed,
         step_of(stamp_ns, configuration.rate),
     )

@@ -27,21 +27,7 @@ import numpy as np
 from ppc_attitude.science.attitude import exponential, normalised, product
 from ppc_attitude.science.compiled_stamps import seconds, stamp_of, step_of
 from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Advice, Column, Component
-from ppc_attitude.science.faults import (
-    BIAS,
-    BLIND,
-    DEAD,
-    FAULTS,
-    FROZEN,
-    NOISE,
-    OUTLIERS,
-    RECORD,
-    SATURATED,
-    Failure,
-    acting,
-    faults_of,
-    number_of,
-)
+from ppc_attitude.science.faults import FAULTS, RECORD, Failure, How, acting, faults_of, number_of
 from ppc_attitude.science.kernel import (
     ZERO,
     Quaternion,
@@ -95,24 +81,27 @@ INITIAL_FIX = at_start(
 _GYRO, _TRACKER = 0, 1
 PARTS = {
     "gyro": (
-        Failure(FROZEN),
-        Failure(BIAS, 3, unit="rad/s"),
+        Failure(How.FROZEN),
+        Failure(How.BIAS, 3, unit="rad/s"),
         Failure(
-            NOISE, 1, 0.0, multiplies=(gyro.ANGULAR_RANDOM_WALK.name, gyro.RATE_RANDOM_WALK.name)
+            How.NOISE,
+            1,
+            0.0,
+            multiplies=(gyro.ANGULAR_RANDOM_WALK.name, gyro.RATE_RANDOM_WALK.name),
         ),
-        Failure(SATURATED),
-        Failure(DEAD),
+        Failure(How.SATURATED),
+        Failure(How.DEAD),
     ),
     "star_tracker": (
-        Failure(BLIND),
-        Failure(BIAS, 3, unit="rad"),
+        Failure(How.BLIND),
+        Failure(How.BIAS, 3, unit="rad"),
         Failure(
-            NOISE,
+            How.NOISE,
             1,
             0.0,
             multiplies=(star_tracker.CROSS_NOISE.name, star_tracker.BORESIGHT_NOISE.name),
         ),
-        Failure(OUTLIERS, 1, 0.0, 1.0, multiplies=(star_tracker.OUTLIER_SIZE.name,)),
+        Failure(How.OUTLIERS, 1, 0.0, 1.0, multiplies=(star_tracker.OUTLIER_SIZE.name,)),
     ),
 }
 _SLOTS = 1024  # pending fixes, more than MAX_DELAY
@@ -163,13 +152,13 @@ def configure(values: Mapping[str, Any]) -> Any:
 def _failed_gyro(sample: Vector, state: Any, configuration: Any, stamp_ns: int) -> Vector:
     """Rate [rad/s] that the gyro tells with its faults, of what it would tell."""
     faults, most = configuration.faults, configuration.gyro.full_scale
-    if acting(faults, _GYRO, SATURATED, stamp_ns) >= 0:
+    if acting(faults, _GYRO, How.SATURATED, stamp_ns) >= 0:
         sample = (
             math.copysign(most, sample[0]),
             math.copysign(most, sample[1]),
             math.copysign(most, sample[2]),
         )
-    if acting(faults, _GYRO, FROZEN, stamp_ns) >= 0 and state.started != 0.0:
+    if acting(faults, _GYRO, How.FROZEN, stamp_ns) >= 0 and state.started != 0.0:
         sample = vector(state.told)
     return sample
 
@@ -194,8 +183,8 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         bias = walked_bias(settings, before, step, h)
         middle = scale(0.5, add(before, bias))
     faults, stamp_ns = configuration.faults, inputs.stamp_ns
-    louder = number_of(faults, _GYRO, NOISE, stamp_ns, 1.0)
-    i = acting(faults, _GYRO, BIAS, stamp_ns)
+    louder = number_of(faults, _GYRO, How.NOISE, stamp_ns, 1.0)
+    i = acting(faults, _GYRO, How.BIAS, stamp_ns)
     if i >= 0:
         middle = add(middle, vector(faults.fault[i].value))
     sample = gyro_sample(settings, rate, middle, step, h, louder)
@@ -204,7 +193,7 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
     store(outputs.gyro, sample)
     white, lsb, walk = settings.white, settings.resolution, settings.walk
     outputs.gyro[3] = gyro.sample_variance(white * white, lsb * lsb / 12.0, walk * walk, h)
-    if acting(faults, _GYRO, DEAD, stamp_ns) >= 0:
+    if acting(faults, _GYRO, How.DEAD, stamp_ns) >= 0:
         store(outputs.gyro, ZERO)
         outputs.gyro[3] = -1.0  # REP 145: there is no such quantity
     store(state.bias, bias)
@@ -226,12 +215,12 @@ def _sensed_fix(inputs: Any, configuration: Any, step: int) -> Quaternion:
     """Fix of a slot, with the tracker's faults."""
     tracker, faults, stamp_ns = configuration.tracker, configuration.faults, inputs.stamp_ns
     q, omega = quaternion(inputs.truth_attitude), vector(inputs.truth_angular_velocity)
-    if acting(faults, _TRACKER, BLIND, stamp_ns) >= 0:
+    if acting(faults, _TRACKER, How.BLIND, stamp_ns) >= 0:
         return NO_FIX
-    louder = number_of(faults, _TRACKER, NOISE, stamp_ns, 1.0)
-    outliers = number_of(faults, _TRACKER, OUTLIERS, stamp_ns, 0.0)
+    louder = number_of(faults, _TRACKER, How.NOISE, stamp_ns, 1.0)
+    outliers = number_of(faults, _TRACKER, How.OUTLIERS, stamp_ns, 0.0)
     fix = star_fix(tracker, q, omega, stamp_ns, step, louder, outliers)
-    i = acting(faults, _TRACKER, BIAS, stamp_ns)
+    i = acting(faults, _TRACKER, How.BIAS, stamp_ns)
     if i < 0 or fix == NO_FIX:
         return fix
     return normalised(product(fix, exponential(vector(faults.fault[i].value))))
