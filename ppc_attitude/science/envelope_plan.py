@@ -41,6 +41,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import euler_step, kinematics, normalised, rotation_angle
+from ppc_attitude.science.component import Advice
 from ppc_attitude.science.kernel import (
     ZERO,
     Quaternion,
@@ -344,23 +345,20 @@ def carry_on(plan: Any, t: float, gains: Any) -> tuple[tuple[float, float], tupl
     return nominal(plan.rate_clock + since, gains.rate_shape), (rho_q, rho_q_rate)
 
 
-def is_feasible(plan: Any) -> bool:
-    """True if the error is expected to stay inside the envelopes of the plan."""
-    return bool(plan["feasible"] == 1.0)
-
-
-def plan_text(plan: Any) -> str:
-    """Describe a plan; one that is not feasible with what to change."""
+def plan_advice(plan: Any) -> Advice:
+    """Describe a plan; if its envelopes cannot be kept, warn with what to change."""
     text = (
         f"envelope plan from t = {plan['start']:.3f} s: attitude error {plan['angle_deg']:.2f}°, "
         f"hold {plan['hold']:.2f} s, stretch {plan['stretch']:.3f}, begins "
         f"{plan['attitude_clock']:.2f} s down its table"
     )
-    if is_feasible(plan):
-        return text
+    if plan["feasible"] == 1.0:
+        return Advice(text, warning=False)
     if plan["stretch"] == MAX_STRETCH:
-        return f"{text}; even so slow an envelope cannot be followed: raise k, M_omega or beta"
-    return (
-        f"{text}; the error is not expected to stay inside from here: use envelope: auto, which "
-        "stretches the envelope, or a longer attitude_envelope.settling_time"
-    )
+        text += "; even so slow an envelope cannot be followed: raise k, M_omega or beta"
+    else:
+        text += (
+            "; the error is not expected to stay inside from here: use envelope: auto, which "
+            "stretches the envelope, or a longer attitude_envelope.settling_time"
+        )
+    return Advice(text, warning=True)

@@ -45,9 +45,8 @@ from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_st
 from ppc_attitude.science.envelope_plan import (
     PLAN,
     carry_on,
-    is_feasible,
+    plan_advice,
     plan_envelopes,
-    plan_text,
     revise_plan,
 )
 from ppc_attitude.science.inertia import inertia_matrix
@@ -360,7 +359,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
 
 def advice(memory: Any) -> Advice:
     """Say which plan the envelopes follow, and warn of a start from which they cannot be kept."""
-    return Advice(plan_text(memory["plan"]), warning=not is_feasible(memory["plan"]))
+    return plan_advice(memory["plan"])
 
 
 def advices(memory: Any) -> int:
