@@ -109,10 +109,6 @@ def certificate(
     environment : float
         Largest norm of the environment torque [N·m].
 
-    Returns
-    -------
-    tuple of Condition
-
     Raises
     ------
     ConfigurationError

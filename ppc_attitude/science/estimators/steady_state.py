@@ -56,10 +56,6 @@ def steady_state(
         σ_u of the gyro [rad/s^1.5].
     interval : float
         T, from fix to fix [s].
-
-    Returns
-    -------
-    before, after : AxisKnowledge
     """
     s_v = white * math.sqrt(interval) / fix
     s_u = walk * interval**1.5 / fix
