@@ -88,14 +88,22 @@ def closest_angle(b: Vector, axis: Vector, angle: float, s: Vector) -> float:
 
 
 @kernel
+def cone_angle(i: int, q: Quaternion, cones: Any, directions: Any) -> float:
+    """Angle [rad] between body axis and direction of a cone at an attitude.
+
+    `directions` are those of all cones [inertial], shape (count, 3).
+    """
+    return angle_between(rotate(q, vector(cones.body_axis[i])), vector(directions[i]))
+
+
+@kernel
 def violated(q: Quaternion, cones: Any, directions: Any, margin: float) -> int:
     """Index of the first cone that an attitude is inside of, or not clear of by a margin [rad].
 
-    `directions` are those of the cones [inertial], shape (count, 3). −1: none.
+    −1: none.
     """
     for i in range(cones.count):
-        angle = angle_between(rotate(q, vector(cones.body_axis[i])), vector(directions[i]))
-        if angle < cones.half_angle[i] + margin - _ROUNDING:
+        if cone_angle(i, q, cones, directions) < cones.half_angle[i] + margin - _ROUNDING:
             return i
     return -1
 
@@ -123,8 +131,7 @@ def cones_around(q: Quaternion, cones: Any, directions: Any) -> int:
     """Bits of the cones that an attitude is inside of."""
     bits = 0
     for i in range(cones.count):
-        angle = angle_between(rotate(q, vector(cones.body_axis[i])), vector(directions[i]))
-        if angle < cones.half_angle[i] - _ROUNDING:
+        if cone_angle(i, q, cones, directions) < cones.half_angle[i] - _ROUNDING:
             bits |= 1 << i
     return bits
 

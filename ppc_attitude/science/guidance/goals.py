@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import conjugate, product, rotate
+from ppc_attitude.science.attitude import conjugate, product
 from ppc_attitude.science.guidance.frames import INERTIAL, LEAST_SINE, SKY, SPIN, frame_at
 from ppc_attitude.science.guidance.plan import (
     LIMITS,
@@ -45,7 +45,7 @@ from ppc_attitude.science.keep_out import (
     FOUND,
     GOAL_INSIDE,
     NO_CONE,
-    angle_between,
+    cone_angle,
     cones_around,
     rest_to_rest,
     route,
@@ -222,8 +222,7 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
         if outcome == GOAL_INSIDE:
             i = violated(goal, cones, directions, 0.0)
             state.cone = i
-            b = rotate(goal, vector(cones.body_axis[i]))
-            angle = angle_between(b, vector(directions[i]))
+            angle = cone_angle(i, goal, cones, directions)
             return refused(INSIDE_CONE, angle, cones.half_angle[i], state)
         if outcome != FOUND:
             state.barred = _bars(stand, goal, cones, directions)

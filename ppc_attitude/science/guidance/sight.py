@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import normalised, product, rotate
+from ppc_attitude.science.attitude import normalised, product
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.guidance.frames import frame_at
 from ppc_attitude.science.guidance.plan import copy_cursor, plan_motion
-from ppc_attitude.science.keep_out import FIXED, SUN, angle_between
+from ppc_attitude.science.keep_out import FIXED, SUN, cone_angle
 from ppc_attitude.science.kernel import Quaternion, kernel, norm, quaternion, scale, store, vector
 from ppc_attitude.science.orbit import orbit_at
 from ppc_attitude.science.sky import DAY, sun_direction
@@ -73,8 +73,7 @@ def cone_angles(stamps_ns: Any, attitudes: Any, guidance: Any, cursor: Any) -> A
         directions = directions_at(seconds(stamps_ns[k]), cones, guidance.sky, cursor)
         q = quaternion(attitudes[k])
         for i in range(cones.count):
-            b = rotate(q, vector(cones.body_axis[i]))
-            angles[k, i] = angle_between(b, vector(directions[i]))
+            angles[k, i] = cone_angle(i, q, cones, directions)
     return angles
 
 
@@ -109,7 +108,7 @@ def crossing(
         for i in range(cones.count):
             if exempt >> i & 1 and s < free:
                 continue
-            angle = angle_between(rotate(q, vector(cones.body_axis[i])), vector(directions[i]))
+            angle = cone_angle(i, q, cones, directions)
             if angle < cones.half_angle[i] - _TOLERANCE:
                 return i, s
             room = min(room, angle - cones.half_angle[i])
