@@ -27,6 +27,7 @@ import math
 import struct
 from collections.abc import Sequence
 from operator import itemgetter
+from string import ascii_lowercase
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,6 @@ from ppc_attitude.science.component import (
     MOTION,
     QUATERNION,
     VECTOR,
-    WHEEL_SPEEDS,
     WRENCH,
     Joints,
 )
@@ -48,18 +48,21 @@ from ppc_attitude.science.stamps import NANOSECONDS
 
 LARGEST = 1e6
 """No rate [rad/s] or torque [N·m] of a spacecraft is larger."""
-_DOUBLES = {MSGTYPES[QUATERNION]: 4, MSGTYPES[VECTOR]: 3, MSGTYPES[WRENCH]: 6, MSGTYPES[GYRO]: 37}
-_SKIPPED = {MSGTYPES[WRENCH]: 3}  # the force of a wrench is not ours
 _MAX_FRAME_ID = 4096
-# Where the numbers of a form lie among an Imu's: orientation, its covariance (9), angular velocity,
-# its covariance, linear acceleration, its covariance. "o" is zero, "-" the −1 of REP 145: there is
-# no such quantity. A letter stands for a number of the form, in the order of the alphabet.
+# What each float64 of a message is. A letter stands for a number of the form, in the order of the
+# alphabet; "o" is zero, as the force of a wrench, and "-" the −1 of REP 145: there is no such
+# quantity. An Imu has orientation, its covariance (9), angular velocity, its covariance, linear
+# acceleration, its covariance.
 _NONE = "-oooooooo"
 _NO_ACCELERATION = "ooo" + _NONE
-_IMU = {
+_LAYOUTS = {
+    QUATERNION: "abcd",
+    VECTOR: "abc",
+    WRENCH: "ooo" + "abc",
     GYRO: "oooo" + _NONE + "abc" + "dooodoood" + _NO_ACCELERATION,
     FIX: "abcd" + "eooofooog" + "ooo" + _NONE + _NO_ACCELERATION,
     MOTION: "abcd" + "efgfhigij" + "klm" + "npqprsqst" + _NO_ACCELERATION,
+    **{form: ascii_lowercase.replace("o", "")[: joints.number] for form, joints in JOINTS.items()},
 }
 _OURS = b"\x00\x01"  # little-endian XCDR1
 # representation id -> (struct byte order, alignment of float64)
@@ -72,7 +75,7 @@ _ENCAPSULATION = {
 _LITTLE_ENDIAN = _OURS + b"\x00\x00"
 _STAMPS = {order: struct.Struct(f"{order}iI") for order in "<>"}
 _STAMP_OFFSET, _AFTER_STAMP = 4, 12
-_STAMPED = {*_DOUBLES, MSGTYPES[WHEEL_SPEEDS], CLOCK}
+_STAMPED = {*MSGTYPES.values(), CLOCK}
 
 
 class CdrError(ValueError):
@@ -92,46 +95,40 @@ class Codec:
 
     def __init__(self, topic: Topic) -> None:
         self.topic = topic
-        self._skipped = _SKIPPED.get(topic.msgtype, 0)
-        joints = JOINTS.get(topic.form)
-        count = joints.number if joints else _DOUBLES[topic.msgtype]
-        self._count = count
+        layout = _LAYOUTS[topic.form]
+        self._count = len(layout)
+        letters = sorted(set(layout) - {"o", "-"})[: topic.width]
+        # From the numbers of a sample, with 0 and −1 behind them, to those of the message, and
+        # back; what a sample of fewer numbers than the form leaves over is zero too.
+        order = {"-": -1, **{letter: k for k, letter in enumerate(letters)}}
+        self._spread = itemgetter(*(order.get(each, -2) for each in layout))
+        self._places = [layout.index(letter) for letter in letters]
+        first, end = self._places[0], self._places[-1] + 1
+        alone = self._places == [*range(first, end)]
+        self._pick = itemgetter(slice(first, end)) if alone else itemgetter(*self._places)
         name = topic.frame_id.encode() + b"\0"
         self._name_length = len(name)
         # All between the length of the frame name and the numbers, and the bytes behind them.
-        head, behind = _around_joints(name, joints) if joints else (name, 0)
-        pad = -(12 + len(head)) % 8
-        self._struct = struct.Struct(f"<4siII{len(head)}s{pad}x{count}d{behind}x")
-        self._head = head
-        self._before = (0.0,) * self._skipped
-        layout = _IMU.get(topic.form, "")
-        letters = sorted(set(layout) - {"o", "-"})
-        order = {**{letter: k for k, letter in enumerate(letters)}, "o": -2, "-": -1}
-        # From a form's numbers, with 0 and −1 behind them, to those of the message, and back.
-        self._spread = itemgetter(*map(order.get, layout)) if layout else None
-        self._places = [layout.index(letter) for letter in letters]
-        self._behind = (0.0,) * (count - self._skipped - (len(layout) or topic.width))
+        joints = JOINTS.get(topic.form)
+        self._head, behind = _around_joints(name, joints) if joints else (name, 0)
+        length = len(self._head)
+        self._struct = struct.Struct(f"<4siII{length}s{-(12 + length) % 8}x{self._count}d{behind}x")
         # How our own messages look, for the fast way of `decode`.
-        self._frame = struct.pack("<I", self._name_length) + head
+        self._frame = struct.pack("<I", self._name_length) + self._head
         self._frame_end = 12 + len(self._frame)
-        self._width = len(layout) or topic.width  # numbers of the message that are ours
-        self._numbers = struct.Struct(f"<{self._width}d")
-        self._start = self._struct.size - behind - 8 * (count - self._skipped)
+        self._numbers = struct.Struct(f"<{self._count}d")
+        self._start = self._struct.size - behind - self._numbers.size
 
     def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
         """Bytes of the message with this stamp and these numbers (of a wrench: the torque)."""
         sec, nanosec = divmod(stamp_ns, NANOSECONDS)
-        if self._spread:
-            values = self._spread((*values, 0.0, -1.0))
         return self._struct.pack(
             _LITTLE_ENDIAN,
             sec,
             nanosec,
             self._name_length,
             self._head,
-            *self._before,
-            *values,
-            *self._behind,
+            *self._spread((*values, 0.0, -1.0)),
         )
 
     def decode(self, data: bytes) -> Sample:
@@ -147,16 +144,14 @@ class Codec:
             and data[12 : self._frame_end] == self._frame
             and data[:2] == _OURS
         ):
-            values = self._numbers.unpack_from(data, self._start)
-            if self._places:
-                values = tuple(values[place] for place in self._places)
+            values = self._pick(self._numbers.unpack_from(data, self._start))
             return Sample(_stamp(data), self.topic.frame_id, values)
         return self._decode_general(data)
 
     def has_force(self, data: bytes) -> bool:
         """True if a wrench, which can be decoded, has a force."""
         order, _, start = self._layout(data)
-        return any(struct.unpack_from(f"{order}{self._skipped}d", data, start))
+        return any(struct.unpack_from(f"{order}{self._places[0]}d", data, start))
 
     def decode_rows(
         self, rows: NDArray[np.uint8]
@@ -191,11 +186,9 @@ class Codec:
             named = slice(12, start if self.topic.form in JOINTS else 16)
             alike = _hold(rows, 0, rows[0, :2].tobytes())
             alike &= _hold(rows, named.start, rows[0, named].tobytes())
-            begin = start + 8 * self._skipped
-            end = begin + 8 * self._width
             stamps = stamps_of_rows(rows, order)
-            numbers = rows[:, begin:end].view(order + "f8")
-            values[:] = numbers[:, self._places] if self._places else numbers
+            numbers = rows[:, start : start + 8 * self._count].view(order + "f8")
+            values[:] = numbers[:, self._places]
         for row in np.flatnonzero(~alike):
             try:
                 sample = self.decode(rows[row].tobytes())
@@ -212,10 +205,7 @@ class Codec:
     def _decode_general(self, data: bytes) -> Sample:
         order, length, start = self._layout(data)
         frame_id = data[_AFTER_STAMP + 4 : _AFTER_STAMP + 3 + length].decode(errors="replace")
-        begin = start + 8 * self._skipped
-        values = struct.unpack_from(f"{order}{self._width}d", data, begin)
-        if self._places:
-            values = tuple(values[place] for place in self._places)
+        values = self._pick(struct.unpack_from(f"{order}{self._count}d", data, start))
         return Sample(_stamp(data, order), frame_id, values)
 
     def _layout(self, data: bytes) -> tuple[str, int, int]:

@@ -165,6 +165,7 @@ INJECT = Topic(
     unit="N·m",
     meaning="extra torque, from anyone",
     width=3,
+    form=WRENCH,
 )
 GOAL_POSE = Topic(
     "goal_pose",
