@@ -25,7 +25,6 @@ from rclpy.parameter import Parameter
 from ppc_attitude.contract.cdr import finite
 from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.nodes.visiting import await_answer, visiting
-from ppc_attitude.science.disturbances.pulses import TIMES
 from ppc_attitude.science.errors import ConfigurationError
 
 _AGAIN = 2.0  # [s] after which a request whose answer does not come is sent again
@@ -40,14 +39,12 @@ def inject(torque: tuple[float, ...], at: float, duration: float | None, namespa
     Raises
     ------
     ConfigurationError
-        The torque is not finite, the time too large, the namespace none, or the injector refuses.
+        The torque is not finite, the namespace none, or the injector refuses.
     TimeoutError
         No injector answered.
     """
     if not finite(torque):
         raise ConfigurationError(f"torque = {torque} N·m; allowed: finite")
-    if at > (latest := TIMES.high):
-        raise ConfigurationError(f"at = {at:g} s; allowed: up to {latest:g}")
     with visiting("inject", namespace) as node:
         wishes = {"torque": list(torque), "start": at, "duration": duration}
         # By its name the injector knows a request that is sent again, and adds the torque once.
