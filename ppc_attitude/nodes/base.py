@@ -39,7 +39,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import Inbox, diagnostics, message_class, stamped
 from ppc_attitude.nodes.parameters import NodeParameters
-from ppc_attitude.nodes.publisher_watch import PublisherWatch
+from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
@@ -301,7 +301,7 @@ class BaseNode(Node):
         for publisher in publishers:
             while publisher.get_subscription_count() and not publisher.wait_for_all_acked(_GLANCE):
                 readers = self.get_subscriptions_info_by_topic(publisher.topic_name)
-                names = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in readers}
+                names = set(map(node_of, readers))
                 waited = self.now() - begin
                 if waited < _SOON:
                     continue

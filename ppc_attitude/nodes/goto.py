@@ -23,10 +23,10 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
 from ppc_attitude.nodes.guidance_desk import ASKED, pose_asked
+from ppc_attitude.nodes.publisher_watch import node_of
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
@@ -93,13 +93,9 @@ def _all_listen(node: Node, publisher: Publisher) -> bool:
         for each in node.get_subscriptions_info_by_topic(publisher.topic_name)
         if each.qos_profile.durability == DurabilityPolicy.VOLATILE  # others hear no such publisher
     ]
-    listeners = {_name(each) for each in following}
-    answerers = {_name(each) for each in node.get_publishers_info_by_topic(GUIDANCE_STATUS.name)}
+    listeners = set(map(node_of, following))
+    answerers = set(map(node_of, node.get_publishers_info_by_topic(GUIDANCE_STATUS.name)))
     return bool(listeners & answerers) and publisher.get_subscription_count() >= len(following)
-
-
-def _name(endpoint: TopicEndpointInfo) -> tuple[str, str]:
-    return endpoint.node_namespace, endpoint.node_name
 
 
 def _answers(status: DiagnosticStatus, asked: str) -> bool:

@@ -19,6 +19,7 @@ from collections.abc import Hashable
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.nodes.messages import Inbox, message_class
@@ -31,12 +32,15 @@ _LASTS = 30.0  # [s] after which none of several in the graph is one that was ki
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")  # what rmw says meanwhile
 
 
+def node_of(end: TopicEndpointInfo) -> str:
+    """Full name of the node that a publisher or subscription belongs to."""
+    return f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+
+
 def publishing_nodes(node: Node, topic: str) -> dict[Hashable, str]:
     """Full name of the node of each publisher of a topic; empty if the graph does not know it."""
     return {
-        bytes(end.endpoint_gid): ""
-        if end.node_name in _UNKNOWN
-        else f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+        bytes(end.endpoint_gid): "" if end.node_name in _UNKNOWN else node_of(end)
         for end in node.get_publishers_info_by_topic(topic)
     }
 
