@@ -18,18 +18,20 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Pose, PoseStamped, Quaternion
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
+from rclpy.time import Time
+from std_msgs.msg import Header
 
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
 from ppc_attitude.nodes.guidance_desk import ASKED, pose_asked
 from ppc_attitude.nodes.publisher_watch import node_of
 from ppc_attitude.nodes.qos import published, subscribed
 from ppc_attitude.nodes.visiting import await_answer, visiting
-from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
+from ppc_attitude.science.stamps import nanoseconds
 
 _SOON = Duration(seconds=0.1)
 
@@ -58,11 +60,10 @@ def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> A
 
 def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answer:
     heard: list[DiagnosticStatus] = []
-    goal = PoseStamped()
-    goal.header.frame_id = frame
-    goal.header.stamp.sec, goal.header.stamp.nanosec = divmod(nanoseconds(at), NANOSECONDS)
-    turn = goal.pose.orientation
-    turn.x, turn.y, turn.z, turn.w = map(float, attitude)
+    stamp = Time(nanoseconds=nanoseconds(at)).to_msg()
+    x, y, z, w = map(float, attitude)
+    pose = Pose(orientation=Quaternion(x=x, y=y, z=z, w=w))
+    goal = PoseStamped(header=Header(stamp=stamp, frame_id=frame), pose=pose)
 
     def hear(message: Any) -> None:
         heard.extend(status for status in message.status if _answers(status, pose_asked(goal)))

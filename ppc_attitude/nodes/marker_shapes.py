@@ -18,6 +18,7 @@ import math
 from itertools import pairwise
 
 from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3
+from rclpy.time import Time
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
@@ -25,7 +26,6 @@ from ppc_attitude.science import kernel
 from ppc_attitude.science.attitude import rotate
 from ppc_attitude.science.component import INERTIAL
 from ppc_attitude.science.keep_out import perpendicular
-from ppc_attitude.science.stamps import NANOSECONDS
 
 LONGEST = 2.0  # [m] of an arrow, whatever the torque
 CONE_LENGTH = 2.0  # [m]
@@ -41,9 +41,7 @@ _AXES = (
 
 def header(stamp_ns: int) -> Header:
     """Header of every shape: all of them stand in the inertial frame."""
-    result = Header(frame_id=INERTIAL)
-    result.stamp.sec, result.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
-    return result
+    return Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id=INERTIAL)
 
 
 def box(stamp_ns: int, position: kernel.Vector, attitude: kernel.Quaternion) -> Marker:

@@ -26,6 +26,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rclpy.time import Time
+from std_msgs.msg import Header
 
 from ppc_attitude.contract.cdr import LARGEST, CdrError, Codec, Sample, finite
 from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, Topic
@@ -33,7 +35,6 @@ from ppc_attitude.nodes.qos import ONLOOKER
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.component import FIX, GYRO, QUATERNION, WRENCH
-from ppc_attitude.science.stamps import NANOSECONDS
 
 _UNIT_TOLERANCE = 1e-3
 _OWN_TOLERANCE = 1e-12
@@ -187,9 +188,7 @@ def diagnostics(stamp_ns: int, node: str, what: str, status: Status) -> Diagnost
 
 def stamped(stamp_ns: int, said: DiagnosticStatus) -> DiagnosticArray:
     """Message with one status at a stamp [ns]."""
-    message = DiagnosticArray(status=[said])
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
-    return message
+    return DiagnosticArray(header=Header(stamp=Time(nanoseconds=stamp_ns).to_msg()), status=[said])
 
 
 def _text(value: Any) -> str:
