@@ -28,7 +28,8 @@ from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
 from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE
-from ppc_attitude.nodes.onlooker import Health, Snapshot
+from ppc_attitude.nodes.onlooker import Snapshot
+from ppc_attitude.runtime.health import WARN, Status
 
 
 def lines(snapshot: Snapshot, silent: float = 0.0) -> list[str]:
@@ -49,7 +50,7 @@ SNAPSHOT = Snapshot(
         APPLIED_TORQUE.name: Sample(12_340_000_000, "body", (0.05, 0.0, 0.0)),
         DISTURBANCE.name: Sample(12_340_000_000, "body", (0.8, 0.8, 0.8)),
     },
-    health={"/ppc_controller": Health(1, "outside: attitude", {"steps": "3", "time [s]": "1"})},
+    health={"/ppc_controller": Status(WARN, "outside: attitude", {"steps": "3", "time [s]": "1"})},
 )
 
 

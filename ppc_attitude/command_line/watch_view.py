@@ -37,25 +37,25 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
-from ppc_attitude.nodes.onlooker import Health, Snapshot
+from ppc_attitude.nodes.onlooker import Snapshot
 from ppc_attitude.science.attitude import rotation_angle
 from ppc_attitude.science.stamps import seconds
 
 _AXES = "xyz"
-_LEVELS = ("OK", "WARN", "ERROR", "STALE")
-_STYLES = ("green", "yellow", "bold red", "dim")
+# Word and style of each level of a DiagnosticStatus.
+_LEVELS = (("OK", "green"), ("WARN", "yellow"), ("ERROR", "bold red"), ("STALE", "dim"))
 _NEAR = 0.8  # part of an envelope from which its bar is yellow
 _DEGREES, _MILLI = 180.0 / math.pi, 1e3
 _ABSENT = "–"
 _SHARE = "|error| / envelope"
-_OWN_COLUMNS = ("time [s]",)  # shown elsewhere
+_ELSEWHERE = ("time [s]",)  # a detail that the title shows
 
 
 def view(snapshot: Snapshot, silent: float) -> RenderableType:
     """Draw a snapshot; `silent` is for how long no new state has come [s]."""
     parts: list[RenderableType] = [_errors(snapshot), _motion(snapshot)]
     if snapshot.health:
-        parts.append(_health(snapshot.health))
+        parts.append(_health(snapshot))
     return Panel(Group(*parts), title=_title(snapshot, silent), title_align="left", expand=False)
 
 
@@ -128,16 +128,12 @@ def _motion(snapshot: Snapshot) -> Table:
     return table
 
 
-def _health(health: dict[str, Health]) -> Table:
+def _health(snapshot: Snapshot) -> Table:
     table = Table("node", "health", "", box=None, pad_edge=False)
-    for name, state in sorted(health.items()):
-        level = min(state.level, len(_LEVELS) - 1)
-        details = "  ".join(
-            f"{key} {value}" for key, value in state.details.items() if key not in _OWN_COLUMNS
-        )
-        table.add_row(
-            name, Text(f"{_LEVELS[level]} {state.message}", style=_STYLES[level]), Text(details)
-        )
+    for name, (level, summary, details) in sorted(snapshot.health.items()):
+        word, style = _LEVELS[min(level[0], len(_LEVELS) - 1)]
+        told = "  ".join(f"{key} {each}" for key, each in details.items() if key not in _ELSEWHERE)
+        table.add_row(name, Text(f"{word} {summary}", style=style), Text(told))
     return table
 
 

@@ -39,6 +39,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.messages import LatestSamples
 from ppc_attitude.nodes.qos import subscribed
 from ppc_attitude.nodes.visiting import listening, visiting
+from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 
 WATCHED = (
@@ -55,20 +56,11 @@ WATCHED = (
 
 
 @dataclass(frozen=True)
-class Health:
-    """The latest status of one node on `/diagnostics`."""
-
-    level: int
-    message: str
-    details: dict[str, str]
-
-
-@dataclass(frozen=True)
 class Snapshot:
     """The state of a stack at one moment."""
 
     samples: dict[str, Sample] = field(default_factory=dict)  # the latest usable one of each topic
-    health: dict[str, Health] = field(default_factory=dict)  # by the full name of the node
+    health: dict[str, Status] = field(default_factory=dict)  # the latest, by the node's full name
 
     @property
     def complete(self) -> bool:
@@ -83,7 +75,7 @@ class Onlooker:
         self._listen = listen
         self._home = node.get_namespace()
         self._latest = LatestSamples(node, WATCHED)
-        self._health: dict[str, Health] = {}
+        self._health: dict[str, Status] = {}
         node.create_subscription(
             DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._on_health, subscribed(DIAGNOSTICS_TOPIC)
         )
@@ -92,7 +84,7 @@ class Onlooker:
         for status in message.status:
             if status.hardware_id.rpartition("/")[0] == self._home.rstrip("/"):
                 details = {entry.key: entry.value for entry in status.values}
-                self._health[status.hardware_id] = Health(status.level[0], status.message, details)
+                self._health[status.hardware_id] = Status(status.level, status.message, details)
 
     def look(self, duration: float) -> Snapshot:
         """Take in messages for some time [s], and return the latest of all."""
