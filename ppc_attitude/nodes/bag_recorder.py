@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
@@ -73,6 +73,14 @@ _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a r
 Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
 
 
+class _Ear(NamedTuple):
+    """How one topic of one run is heard."""
+
+    home: str
+    topic: Topic
+    subscription: Any
+
+
 class BagRecorder(BaseNode):
     """Writes raw messages as they arrive; a bag with a missing message is never called complete.
 
@@ -97,10 +105,9 @@ class BagRecorder(BaseNode):
         self._written = 0
         self._now = 0.0
         self._looked = -_LOOK
-        self._topics: dict[str, Topic] = {}  # by full name
-        self._names: dict[tuple[str, str], str] = {}  # full name of each topic of each run
-        self._ears: dict[str, Any] = {}
-        self._lively: list[Any] = []  # those that heard something when all were looked at
+        self._ears: dict[str, _Ear] = {}  # by the full name of the topic
+        self._names: dict[tuple[str, str], str] = {}  # that name, for each topic of each run
+        self._lively: list[_Ear] = []  # those that heard something when all were looked at
         self._listened = 0.0
         self._announced: set[str] = set()
         self._incompatible: set[str] = set()
@@ -155,12 +162,10 @@ class BagRecorder(BaseNode):
 
     def _record_topic(self, home: str, topic: Topic, reliable: bool = True) -> None:
         name = self.resolve_topic_name(_full(home, topic.name))
-        if name in self._topics and reliable:
-            return
-        self._topics[name] = topic
-        self._names[home, topic.name] = name
         old = self._ears.get(name)
-        self._ears[name] = self.create_subscription(
+        if old is not None and reliable:
+            return
+        subscription = self.create_subscription(
             message_class(topic.msgtype),
             name,
             self._receiver(home, topic),
@@ -170,9 +175,11 @@ class BagRecorder(BaseNode):
                 incompatible_qos=lambda event: self._incompatible.add(name)
             ),
         )
+        self._ears[name] = _Ear(home, topic, subscription)
+        self._names[home, topic.name] = name
         self._lively.clear()
         if old is not None:
-            self.destroy_subscription(old)
+            self.destroy_subscription(old.subscription)
 
     def _receiver(self, home: str, topic: Topic) -> Take:
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
@@ -199,7 +206,7 @@ class BagRecorder(BaseNode):
         try:
             if full not in self._announced:
                 self._announced.add(full)
-                topic = self._topics[full]
+                topic = self._ears[full].topic
                 self._writer.add_topic(full, topic.msgtype, [_offered(topic)])
             self._writer.write(full, time_ns, data)
             self._written += 1
@@ -218,9 +225,9 @@ class BagRecorder(BaseNode):
         for home, topic in self._graph.look():
             if self._can_be_written(topic):
                 self._record_topic(home, topic)
-        for (home, name), full in self._names.items():
-            if self._topics[full].column and self.count_publishers(full) > 1:
-                self._recordings[home].see(name, publishing_nodes(self, full), self._now)
+        for full, (home, topic, _) in self._ears.items():
+            if topic.column and self.count_publishers(full) > 1:
+                self._recordings[home].see(topic.name, publishing_nodes(self, full), self._now)
         if runs:
             for name in self._incompatible:
                 self._take_less(name)
@@ -243,8 +250,8 @@ class BagRecorder(BaseNode):
         nodes = ", ".join(sorted(publishing_nodes(self, name).values()))
         if offered and not any(offered):
             self.get_logger().info(f"{name}: {nodes} offers less than ours do: taken as is")
-            home = next(each for each in self._recordings if name.startswith(f"{each}/"))
-            self._record_topic(home, self._topics[name], reliable=False)
+            home, topic, _ = self._ears[name]
+            self._record_topic(home, topic, reliable=False)
         elif offered:
             text = f"{name}: what is sent at best effort is not recorded; publishers: {nodes}"
             self.get_logger().warning(text)
@@ -262,8 +269,8 @@ class BagRecorder(BaseNode):
         self._now = time.monotonic()
         before = self._heard
         if self._now - self._listened < _LISTEN:
-            for subscription in self._lively:
-                self._take(subscription)
+            for ear in self._lively:
+                self._take(ear)
         else:  # a look costs a few microseconds, and most topics of the contract are silent
             self._listened = self._now
             self._lively = [each for each in tuple(self._ears.values()) if self._take(each)]
@@ -274,10 +281,10 @@ class BagRecorder(BaseNode):
         if self._heard != before:
             self._heard_at = self._now
 
-    def _take(self, subscription: Any) -> bool:
+    def _take(self, ear: _Ear) -> bool:
         """Take all that has arrived on a topic; False if there was nothing."""
-        before = self._heard
-        handle, kind, receive = subscription.handle, subscription.msg_type, subscription.callback
+        before, heard = self._heard, ear.subscription
+        handle, kind, receive = heard.handle, heard.msg_type, heard.callback
         with handle:
             while (message := handle.take_message(kind, True)) is not None:
                 receive(*message)
