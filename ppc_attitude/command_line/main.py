@@ -17,6 +17,7 @@
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -27,9 +28,9 @@ from ppc_attitude import __version__
 from ppc_attitude.bags.errors import printable
 from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError
 from ppc_attitude.command_line.examples import EXAMPLES, epilog
-from ppc_attitude.command_line.stopping import asked, end_at_once, ignore, interrupt
+from ppc_attitude.command_line.stopping import asked, end_at_once, interrupt
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
-from ppc_attitude.processes.child import forget_current_folder, take_signals
+from ppc_attitude.processes.child import forget_current_folder, handle_ending, take_signals
 
 COMMANDS = tuple(EXAMPLES)
 _EXAMPLES = """examples:
@@ -161,7 +162,7 @@ def run() -> None:
         code = BROKEN
     except KeyboardInterrupt:  # the second, while the first was being told
         code = BROKEN
-    ignore()
+    handle_ending(signal.SIG_IGN)  # nothing disturbs the end
     if asked:
         # Python remembers an interrupt that has left an `exec`, such as makes every dataclass, and
         # would die of SIGINT at its end, although the interrupt was handled.

@@ -18,12 +18,12 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
 
 from ppc_attitude.command_line.errors import BROKEN
-from ppc_attitude.processes.child import ENDING
+from ppc_attitude.processes.child import Handler, handle_ending
 
 
 def _end_at_once(number: int, frame: FrameType | None) -> None:
@@ -34,8 +34,7 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
 
 def end_at_once() -> None:
     """Let a request to end simply end this process: nothing has begun yet."""
-    for number in ENDING:
-        signal.signal(number, _end_at_once)
+    handle_ending(_end_at_once)
 
 
 asked: list[int] = []
@@ -53,21 +52,14 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def interrupt() -> None:
     """Let a request to end raise KeyboardInterrupt, if it was to end this process at once."""
-    for number in ENDING:
-        if signal.getsignal(number) is _end_at_once:
-            signal.signal(number, _interrupt)
-
-
-def ignore() -> None:
-    """Let no signal disturb the end of this process."""
-    for number in ENDING:
-        signal.signal(number, signal.SIG_IGN)
+    if signal.getsignal(signal.SIGINT) is _end_at_once:
+        handle_ending(_interrupt)
 
 
 @contextmanager
-def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+def _handled(handler: Handler) -> Iterator[None]:
     """Let requests to end be handled so while the block runs."""
-    previous = {number: signal.signal(number, handler) for number in ENDING}
+    previous = handle_ending(handler)
     try:
         yield
     finally:

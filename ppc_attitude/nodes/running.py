@@ -32,7 +32,7 @@ from rclpy.signals import SignalHandlerOptions
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.nodes.base import EXIT_BROKEN, EXIT_CONFIGURATION, EXIT_OK, BaseNode
 from ppc_attitude.nodes.discovery import tune_transport
-from ppc_attitude.processes.child import ENDING, take_signals
+from ppc_attitude.processes.child import handle_ending, take_signals
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.processes.telling import tell_broken
 from ppc_attitude.science.errors import ConfigurationError
@@ -46,14 +46,12 @@ class StopRequest:
 
     def __init__(self) -> None:
         self.requested = False
-        for number in ENDING:
-            signal.signal(number, self._on_signal)
+        handle_ending(self._on_signal)
         take_signals()
 
     def forget(self) -> None:
         """Ignore that from now on: an interpreter that ends would die of them."""
-        for number in ENDING:
-            signal.signal(number, signal.SIG_IGN)
+        handle_ending(signal.SIG_IGN)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.requested = True

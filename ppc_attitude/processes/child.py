@@ -30,7 +30,8 @@ from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from types import FrameType
+from typing import Any, TypeAlias, TypeVar
 
 from ppc_attitude.processes.copied import Copy, can_copy
 from ppc_attitude.processes.imports import prepare_imports
@@ -44,6 +45,7 @@ _SPEAKS_WITHIN = 0.5  # [s] a process says where it hangs
 _GLANCE = 0.02  # [s] between two looks at a process that is to end
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _Done = TypeVar("_Done")
+Handler: TypeAlias = Callable[[int, FrameType | None], object] | signal.Handlers
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) + (
     # To who was started by nohup, a terminal that closes is nothing.
     (signal.SIGHUP,) if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN else ()
@@ -227,6 +229,11 @@ def starved(pid: int) -> float:
     return float(waiting) * 1e-9
 
 
+def handle_ending(handler: Handler) -> dict[int, Any]:
+    """Let requests to end this process be handled so; return how each was until now."""
+    return {number: signal.signal(number, handler) for number in ENDING}
+
+
 def take_signals() -> None:
     """Let the signals in that have waited since this process was started."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
@@ -237,8 +244,7 @@ def end_at_once() -> None:
 
     Python would raise KeyboardInterrupt amidst an import, and a start can take long.
     """
-    for number in ENDING:
-        signal.signal(number, lambda number, frame: os._exit(0))
+    handle_ending(lambda number, frame: os._exit(0))
     take_signals()
 
 
