@@ -55,7 +55,6 @@ class Inbox:
     def __init__(self, topic: Topic, any_frame: bool = False) -> None:
         self._topic = topic
         self._codec = Codec(topic)
-        self._decode = self._codec.decode
         self._frames = {topic.frame_id, ""} if any_frame else {topic.frame_id}
         self._is_attitude = topic.msgtype == MSGTYPES[QUATERNION]
         self._may_be_unknown = topic.name == ATTITUDE.name  # a zero quaternion: no estimate yet
@@ -74,61 +73,34 @@ class Inbox:
             force without a torque.
         """
         try:
-            sample = self._decode(data)
+            sample = self._codec.decode(data)
         except CdrError as error:
-            raise RefusedError(f"{self._topic.name}: {error}") from None
+            raise self._refusal(error) from None
         stamp_ns, frame_id, values = sample
         if self._is_torque and not any(values) and self._codec.has_force(data):
-            raise RefusedError(f"{self._topic.name}: a force without a torque; forces are not used")
-        if frame_id in self._frames and stamp_ns >= 0 and self._is_ordinary(values):
-            return sample
-        return self._judge(sample)
-
-    def _is_ordinary(self, values: tuple[float, ...]) -> bool:
-        """True if the numbers are within the limits or a quaternion of our own, as nearly always.
-
-        A sum that is not finite fails the comparison, so `_judge` sees all that may be wrong.
-        """
-        if self._is_attitude:
-            x, y, z, w = values
-            return abs(x * x + y * y + z * z + w * w - 1.0) <= _OWN_TOLERANCE
-        if self._is_fix:
-            return False
-        if self._is_rate and not 0.0 <= values[3] <= _GYRO_VARIANCE:
-            return False
-        return sum(map(abs, values)) <= LARGEST
-
-    def _judge(self, sample: Sample) -> Sample:
-        stamp_ns, frame_id, values = sample
+            raise self._refusal("a force without a torque; forces are not used")
         if frame_id not in self._frames:
-            raise RefusedError(
-                f"{self._topic.name}: frame_id {frame_id!r}; allowed: {self._topic.frame_id!r}"
-            )
+            raise self._refusal(f"frame_id {frame_id!r}; allowed: {self._topic.frame_id!r}")
         if stamp_ns < 0:
-            raise RefusedError(f"{self._topic.name}: negative stamp {stamp_ns} ns")
+            raise self._refusal(f"negative stamp {stamp_ns} ns")
         if not finite(values):
-            raise RefusedError(f"{self._topic.name}: {values} is not finite")
+            raise self._refusal(f"{values} is not finite")
         if self._may_be_unknown and not any(values):
             return sample
         if self._is_attitude:
             return Sample(stamp_ns, frame_id, self._unit(values))
         if self._is_fix and any(values[:4]):
             if min(values[4:]) <= 0.0 or max(values[4:]) > _FIX_VARIANCE:
-                raise RefusedError(
-                    f"{self._topic.name}: variances {values[4:]} rad²; allowed: > 0 and "
-                    "≤ π² of a fix"
-                )
+                raise self._refusal(f"variances {values[4:]} rad²; allowed: > 0 and ≤ π² of a fix")
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
         if self._is_rate and values != _NO_RATE and not 0.0 <= values[3] <= _GYRO_VARIANCE:
-            raise RefusedError(
-                f"{self._topic.name}: variance {values[3]} (rad/s)²; allowed: ≥ 0 and "
-                f"≤ {_GYRO_VARIANCE:g} of a rate, −1 of none, which is zero"
+            raise self._refusal(
+                f"variance {values[3]} (rad/s)²; allowed: ≥ 0 and ≤ {_GYRO_VARIANCE:g} of a rate, "
+                "−1 of none, which is zero"
             )
         if max(map(abs, values)) > LARGEST:
-            raise RefusedError(
-                f"{self._topic.name}: {values} {self._topic.unit}; allowed: magnitudes up to "
-                f"{LARGEST:g}"
-            )
+            unit = self._topic.unit
+            raise self._refusal(f"{values} {unit}; allowed: magnitudes up to {LARGEST:g}")
         return sample
 
     def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:
@@ -136,11 +108,13 @@ class Inbox:
         if abs(length - 1.0) <= _OWN_TOLERANCE:
             return values  # of our own: normalising it again would change its last bits
         if abs(length - 1.0) > _UNIT_TOLERANCE:
-            raise RefusedError(
-                f"{self._topic.name}: quaternion {values} has norm {length:.6g}; allowed: 1 "
-                f"within {_UNIT_TOLERANCE:g}"
+            raise self._refusal(
+                f"quaternion {values} has norm {length:.6g}; allowed: 1 within {_UNIT_TOLERANCE:g}"
             )
         return tuple(value / length for value in values)
+
+    def _refusal(self, reason: object) -> RefusedError:
+        return RefusedError(f"{self._topic.name}: {reason}")
 
 
 class LatestSamples:
