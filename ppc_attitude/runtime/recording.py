@@ -19,6 +19,7 @@ sent ahead and never reached its instant is in no record, and makes no gap. Whet
 complete is judged while it grows, in memory that does not grow with it.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass
 
@@ -55,17 +56,17 @@ class Completeness:
     """
 
     def __init__(self) -> None:
-        self._tallies: dict[str, _Tally] = {}
-        self._earlier: dict[str, list[_Tally]] = {}  # before each reset
+        # Of each topic, one a stretch of time without a reset; the last is the present one's.
+        self._tallies: defaultdict[str, list[_Tally]] = defaultdict(lambda: [_Tally()])
         self._period: int | None = None
         self._jumps: list[str] = []
 
     def add(self, name: str, stamp_ns: int) -> None:
         """Count one message of a topic."""
-        tally = self._tallies.get(name) or self._tallies.setdefault(name, _Tally())
-        if stamp_ns == 0 < tally.last:
-            self._earlier.setdefault(name, []).append(tally)
-            tally = self._tallies[name] = _Tally()
+        tallies = self._tallies[name]
+        if stamp_ns == 0 < tallies[-1].last:
+            tallies.append(_Tally())
+        tally = tallies[-1]
         if name == _LEAD and tally.count:
             self._look_for_jump(tally.last, stamp_ns)
         tally.count += 1
@@ -90,21 +91,16 @@ class Completeness:
             others = [f"{name} without {_LEAD}" for name in self._tallies]
             return others or [f"{_LEAD} never came"]
         found = list(self._jumps)
-        if _LEAD in self._earlier or self._tallies[_LEAD].count > 1:
+        *earlier, present = self._tallies[_LEAD]
+        if earlier or present.count > 1:
             found += [f"{name} never came" for name in expected if name not in self._tallies]
-        resets = len(self._earlier.get(_LEAD, []))
-        for name in self._tallies:
-            if len(self._earlier.get(name, [])) != resets:
+        for name, tallies in self._tallies.items():
+            if len(tallies) != len(earlier) + 1:
                 found.append(f"{name} begins again at another time than {_LEAD}")
-        for epoch in range(resets):
-            found += self._compare(
-                {
-                    name: epochs[epoch]
-                    for name, epochs in self._earlier.items()
-                    if epoch < len(epochs)
-                }
-            )
-        return found + self._compare(self._tallies)
+        for k in range(len(earlier)):
+            ended = {name: each[k] for name, each in self._tallies.items() if k < len(each) - 1}
+            found += self._compare(ended)
+        return found + self._compare({name: each[-1] for name, each in self._tallies.items()})
 
     def _compare(self, tallies: dict[str, _Tally]) -> list[str]:
         """Compare the topics over a stretch of time without a reset."""
@@ -141,10 +137,11 @@ class Recording:
     def __init__(self, write: Write) -> None:
         self._write = write
         self._completeness = Completeness()
-        self._lanes: dict[str, _Lane] = {}
+        self._lanes: defaultdict[str, _Lane] = defaultdict(_Lane)
         self._ends: list[int] = []  # the last state [ns] before each new beginning
+        # What waits for its state: topics and bytes, by the epoch and stamp [ns] of that.
         self._ahead: dict[tuple[int, int], list[tuple[str, bytes]]] = {}
-        self._waiting = 0
+        self._waiting = 0  # how many messages those are
         self.now = -1  # the newest state [ns]; -1: none has come
         self._unreported = 0
 
@@ -164,7 +161,7 @@ class Recording:
         if stamp_ns is None or stamp_ns < 0:
             self.event(name, stamp_ns, data)
             return
-        lane = self._lanes.get(name) or self._lanes.setdefault(name, _Lane())
+        lane = self._lanes[name]
         if number is not None:
             lane.publishers.hear(number, stamp_ns, now)
         if stamp_ns == 0 < lane.heard:
