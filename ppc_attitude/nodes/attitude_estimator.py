@@ -15,7 +15,7 @@
 """The estimator: attitude, rate and gyro bias from what the sensors measure."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ppc_attitude.contract.declared import components_of
@@ -28,48 +28,47 @@ from ppc_attitude.runtime.stamps import Instant, Values
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.sensors.arrivals import Slots, check_slots
 
-Completed = Iterator[tuple[int, Mapping[str, Values], Values]]
-
 
 class AttitudeEstimator(ComponentNode):
     """Runs the selected filter; an instant is complete when the fix is there that is due."""
 
     executable = ESTIMATOR
 
-    def __init__(self) -> None:
-        self._fixes: Fixes | None = None
-        super().__init__()
-
-    def _receiver(self, topic: Topic) -> Callable[[int, Values], None]:
-        late = [each for each in self._topics if each.late]
+    def new_instant(self, topics: Sequence[Topic]) -> Instant:
+        """Return what collects the samples of an instant; `Fixes` join the fixes to them."""
+        self._fixes: Fixes[Mapping[str, Values]] | None = None
+        late = [each for each in topics if each.late]
         if not late:
-            return super()._receiver(topic)
+            return super().new_instant(topics)
+        if not len(late) == 1 < len(topics):
+            names = ", ".join(each.name for each in topics)
+            raise ConfigurationError(
+                f"the estimator reads {names}; allowed: one that comes late, such as fixes, "
+                "beside what comes with every instant"
+            )
+        for component in components_of(self.executable, self.parameters.values):
+            check_slots(component)
+        (self._late,) = late
+        self._fixes = Fixes(Slots.of(self.parameters.values), self._late.width)
+        return super().new_instant([each for each in topics if not each.late])
+
+    def receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:
+        """Take a message; a fix may complete several instants."""
+        if self._fixes is not None and topic.late:
+            self._answer_all(self._fixes.fix(stamp_ns, values, self.now()))
+        else:
+            super().receive(topic, stamp_ns, values)
+
+    def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
+        """Answer an instant whose samples are all there, and those that waited for no more."""
         if self._fixes is None:
-            if not len(late) == 1 < len(self._topics):
-                names = ", ".join(each.name for each in self._topics)
-                raise ConfigurationError(
-                    f"the estimator reads {names}; allowed: one that comes late, such as fixes, "
-                    "beside what comes with every instant"
-                )
-            for component in components_of(self.executable, self.parameters.values):
-                check_slots(component)
-            self._fixes = Fixes(Slots.of(self.parameters.values), late[0].width)
-            self._instant = Instant(each.column for each in self._topics if not each.late)
-        fixes, column, fix = self._fixes, topic.column, late[0].column
+            super().on_instant(stamp_ns, parts)
+        else:
+            self._answer_all(self._fixes.sample(stamp_ns, parts, self.now()))
 
-        def answer(completed: Completed) -> None:
-            for stamp, parts, row in completed:
-                self._on_instant(stamp, {**parts, fix: row})
-
-        def receive_fix(stamp_ns: int, values: Values) -> None:
-            answer(fixes.fix(stamp_ns, values, self.now()))
-
-        def receive_sample(stamp_ns: int, values: Values) -> None:
-            parts = self._instant.add(column, stamp_ns, values)
-            if parts is not None:
-                answer(fixes.sample(stamp_ns, parts, self.now()))
-
-        return receive_fix if topic.late else receive_sample
+    def _answer_all(self, completed: Iterable[tuple[int, Mapping[str, Values], Values]]) -> None:
+        for stamp, parts, row in completed:
+            super().on_instant(stamp, {**parts, self._late.column: row})
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""
@@ -81,8 +80,7 @@ class AttitudeEstimator(ComponentNode):
         """Status of the filter, or that of every component node."""
         status = super().status()
         if status.level == STALE and self._fixes and self._fixes.waits_for_fix:
-            late = ", ".join(topic.name for topic in self._topics if topic.late)
-            return Status(STALE, f"waiting for {late}", status.details)
+            return Status(STALE, f"waiting for {self._late.name}", status.details)
         for part in self.chain.parts:
             if status.level != STALE and part.advice.text:
                 text, warning, failed, _ = part.advice

@@ -14,7 +14,8 @@
 
 """A node that runs components: it collects their inputs by stamp, steps, publishes the outputs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from math import isfinite
 from typing import Any
 
@@ -47,7 +48,7 @@ class ComponentNode(BaseNode):
         self._exchanges = self._exchanged(values)
         self.chain = Chain(components_of(self.executable, values), values)
         self._topics = [BY_COLUMN[column.name] for column in self.chain.inputs] or [ATTITUDE]
-        self._instant = Instant(topic.column for topic in self._topics)
+        self._instant = self.new_instant(self._topics)
         self.answers = Answers(self._answer, not self.chain.inputs, self._begin_again)
         self._senders = {
             column.name: self.sender(BY_COLUMN[column.name])
@@ -55,7 +56,11 @@ class ComponentNode(BaseNode):
         }
         self._steps = 0
         for topic in self._topics:
-            self.listen(topic, self._receiver(topic))
+            self.listen(topic, partial(self.receive, topic))
+
+    def new_instant(self, topics: Sequence[Topic]) -> Instant:
+        """Return what collects the messages of an instant on the topics that are read."""
+        return Instant(topic.column for topic in topics)
 
     def check(self, values: Mapping[str, Value]) -> None:
         """See that the selected components can run with the parameters, and on the same topics."""
@@ -85,17 +90,14 @@ class ComponentNode(BaseNode):
         """Run the components at an instant; the numbers of all columns by name."""
         return self.chain.step(stamp_ns, inputs)
 
-    def _receiver(self, topic: Topic) -> Callable[[int, Values], None]:
-        column = topic.column
+    def receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:
+        """Take a message of a topic that is read; step once its instant is complete."""
+        parts = self._instant.add(topic.column, stamp_ns, values)
+        if parts is not None:
+            self.on_instant(stamp_ns, parts)
 
-        def receive(stamp_ns: int, values: Values) -> None:
-            parts = self._instant.add(column, stamp_ns, values)
-            if parts is not None:
-                self._on_instant(stamp_ns, parts)
-
-        return receive
-
-    def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
+    def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
+        """Answer an instant [ns] whose messages are all there, by column."""
         name = self._topics[0].name
         for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
             if not isfinite(sum(map(sum, map(answer.__getitem__, self._senders)))):
