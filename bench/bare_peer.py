@@ -35,7 +35,7 @@ from ppc_attitude.contract.topics import Topic
 from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
-from ppc_attitude.nodes.qos import published, recorded, subscribed
+from ppc_attitude.nodes.qos import PEER, published, recorded
 from ppc_attitude.nodes.running import StopRequest
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.science.component import QUATERNION
@@ -75,7 +75,7 @@ class Peer(Node):
 
     def taker(self, topic: Topic, take: Callable[[bytes], None], recording: bool = False) -> None:
         """Call `take` with the bytes of every message of a topic."""
-        qos = recorded(topic) if recording else subscribed(topic)
+        qos = recorded(topic) if recording else PEER
         self.create_subscription(message_class(topic.msgtype), topic.name, take, qos, raw=True)
 
     def act_on(self, topics: Collection[Topic], act: Callable[[int], None]) -> None:

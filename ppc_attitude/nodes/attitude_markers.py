@@ -39,7 +39,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.marker_shapes import CONE_LENGTH, arrow, axes, box, cone, transform
 from ppc_attitude.nodes.messages import LatestSamples
-from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.nodes.qos import LATE_PEER, published
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.runtime.stamps import RefusedError
@@ -73,8 +73,9 @@ class AttitudeMarkers(BaseNode):
         self._prefix = f"{self.get_namespace()}/".lstrip("/")
         self._scene: Scene | None = None  # of guidance; none in mode `paper`
         # Who comes late still gets the last word.
-        kept = subscribed(GUIDANCE_STATUS, late=True)
-        self.create_subscription(DiagnosticArray, GUIDANCE_STATUS.name, self._on_guidance, kept)
+        self.create_subscription(
+            DiagnosticArray, GUIDANCE_STATUS.name, self._on_guidance, LATE_PEER
+        )
         self._stamp = -1
         self._next = 0.0
         self._drawn = 0

@@ -40,7 +40,7 @@ from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import Inbox, diagnostics, message_class, stamped
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of
-from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
 from ppc_attitude.runtime.stamps import RefusedError
@@ -185,7 +185,7 @@ class BaseNode(Node):
 
         def subscribe() -> None:
             self.create_subscription(
-                message_class(topic.msgtype), topic.name, receive, subscribed(topic), raw=True
+                message_class(topic.msgtype), topic.name, receive, PEER, raw=True
             )
 
         if self.waits:

@@ -29,7 +29,7 @@ from std_msgs.msg import Header
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
 from ppc_attitude.nodes.guidance_desk import ASKED, pose_asked
 from ppc_attitude.nodes.publisher_watch import node_of
-from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.stamps import nanoseconds
 
@@ -68,9 +68,7 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
     def hear(message: Any) -> None:
         heard.extend(status for status in message.status if _answers(status, pose_asked(goal)))
 
-    answers = node.create_subscription(
-        DiagnosticArray, GUIDANCE_STATUS.name, hear, subscribed(GUIDANCE_STATUS)
-    )
+    answers = node.create_subscription(DiagnosticArray, GUIDANCE_STATUS.name, hear, PEER)
     publisher = node.create_publisher(PoseStamped, GOAL_POSE.name, published(GOAL_POSE))
     await_answer(
         node,

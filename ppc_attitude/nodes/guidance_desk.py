@@ -27,7 +27,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from ppc_attitude.contract.topics import GOAL_POSE, GOAL_TRAJECTORY, GUIDANCE_STATUS, Topic
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.messages import diagnostics
-from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.runtime.health import OK, WARN, Status
 from ppc_attitude.science.component import INERTIAL
 from ppc_attitude.science.guidance.orders import (
@@ -96,7 +96,7 @@ class GuidanceDesk:
                 text = f"refused {topic.name}: {reason}"
                 self._say(self._stamp, WARN, text, {ASKED: name(message)})
 
-        self._node.create_subscription(kind, topic.name, receive, subscribed(topic))
+        self._node.create_subscription(kind, topic.name, receive, PEER)
 
     def before(self, stamp_ns: int) -> None:
         """Let the orders act that have come, before the step of an instant [ns]."""

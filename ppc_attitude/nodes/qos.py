@@ -32,8 +32,15 @@ from ppc_attitude.contract.topics import (
 # Publishers keep so many messages for a recorder that lags; the plant in lock-step never runs
 # further ahead of it (`runtime.pace`). Who joins late gets none of them.
 _KEPT = 5000
-# A peer that lags on a busy machine still answers so many states, so the record has no gap.
-_BACKLOG = 100
+# A peer reads all that is sent from now on. One that lags on a busy machine still answers so many
+# states, so the record has no gap.
+PEER = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE
+)
+# Who comes late reads what was kept for it as well; no publisher that keeps nothing fits that.
+LATE_PEER = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 # An onlooker never holds up a publisher, and of what it missed it wants the newest only.
 ONLOOKER = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE
@@ -46,15 +53,6 @@ def published(topic: Topic) -> QoSProfile:
     depth = _KEPT if topic.column else 1 if topic in (CLOCK_TOPIC, RECORDED_TOPIC) else 10
     kept = DurabilityPolicy.TRANSIENT_LOCAL if topic in _KEPT_EVENTS else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
-
-
-def subscribed(topic: Topic, late: bool = False) -> QoSProfile:
-    """QoS with which a peer reads a topic: all that is sent from now on.
-
-    With `late` also what was kept for who comes late; no publisher that keeps nothing fits that.
-    """
-    kept = DurabilityPolicy.TRANSIENT_LOCAL if late else DurabilityPolicy.VOLATILE
-    return QoSProfile(depth=_BACKLOG, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 
 
 def recorded(topic: Topic, reliable: bool = True) -> QoSProfile:

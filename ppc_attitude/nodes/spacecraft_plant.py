@@ -26,7 +26,7 @@ from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of,
 from ppc_attitude.contract.parameters import SEND_TRUTH, WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import CLOCK_TOPIC, PLANT, RECORDED_TOPIC, TRUE_RATE
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.qos import published, subscribed
+from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.processes.telling import TIME, tell
 from ppc_attitude.runtime.chain import Chain
@@ -81,9 +81,7 @@ class SpacecraftPlant(BaseNode):
         for topic in topics:
             self.listen(topic, self._receiver(topic.name))
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_subscription(
-            Clock, RECORDED_TOPIC.name, self._on_recorded, subscribed(RECORDED_TOPIC), raw=True
-        )
+        self.create_subscription(Clock, RECORDED_TOPIC.name, self._on_recorded, PEER, raw=True)
 
     def check(self, values: Mapping[str, Value]) -> None:
         """See that the selected components can run with the parameters, and send the truth."""
