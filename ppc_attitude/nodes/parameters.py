@@ -188,6 +188,11 @@ def _plain(value: Any) -> Any:
     """Value as Python has it; a parameter file may hold a number with an exponent as text."""
     if isinstance(value, str) and _EXPONENT.fullmatch(value):
         return float(value)
+    return with_lists(value)
+
+
+def with_lists(value: Any) -> Any:
+    """Value with a list in the place of the array or tuple in which rclpy keeps several numbers."""
     return list(value) if isinstance(value, array | tuple) else value
 
 

@@ -14,7 +14,6 @@
 
 """The nodes of a run: what they publish, by the ROS graph, and their parameters, when asked."""
 
-from array import array
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import chain
@@ -37,6 +36,7 @@ from ppc_attitude.contract.topics import (
     STANDARD,
     Topic,
 )
+from ppc_attitude.nodes.parameters import with_lists
 from ppc_attitude.science.parameter import unquoted
 
 _PERIOD = 1.0  # [s] between two looks for nodes that have not told their parameters
@@ -145,8 +145,9 @@ class ParameterSurvey:
     def _on_values(self, full: str, names: list[str], future: Future) -> None:
         response = future.result()
         if response is not None and len(response.values) == len(names):
-            values = [unquoted(_plain(parameter_value_to_python(each))) for each in response.values]
-            self._answers[full] = dict(zip(names, values, strict=True))
+            values = map(parameter_value_to_python, response.values)
+            told = [unquoted(with_lists(each)) for each in values]
+            self._answers[full] = dict(zip(names, told, strict=True))
             self._on_answer(self._answers)
             self._node.get_logger().info(f"the parameters of {full} are on record")
 
@@ -156,7 +157,3 @@ class ParameterSurvey:
         if silent := sorted(seen - self._answers.keys()):
             text = f"the parameters of {', '.join(silent)} are not on record: no answer yet"
             self._node.get_logger().warning(text)
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, array | tuple) else value
