@@ -16,6 +16,7 @@
 
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from rosgraph_msgs.msg import Clock
@@ -79,7 +80,7 @@ class SpacecraftPlant(BaseNode):
         self.pace = kind(self, rules, self.now())
         self._set_pace()
         for topic in topics:
-            self.listen(topic, self._receiver(topic.name))
+            self.listen(topic, partial(self._on_input, topic.name))
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_subscription(Clock, RECORDED_TOPIC.name, self._on_recorded, PEER, raw=True)
 
@@ -171,12 +172,9 @@ class SpacecraftPlant(BaseNode):
 
     # What comes from outside.
 
-    def _receiver(self, name: str) -> Callable[[int, Values], None]:
-        def receive(stamp_ns: int, values: Values) -> None:
-            if not self.finished and self._moved(self.pace.take, name, stamp_ns, values):
-                self.wake_now()
-
-        return receive
+    def _on_input(self, name: str, stamp_ns: int, values: Values) -> None:
+        if not self.finished and self._moved(self.pace.take, name, stamp_ns, values):
+            self.wake_now()
 
     def _on_recorded(self, data: bytes) -> None:
         if isinstance(self.pace, Lockstep):

@@ -18,6 +18,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import rclpy
 import rclpy.utilities
@@ -25,6 +26,7 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.nodes.discovery import check_discovery
@@ -65,13 +67,8 @@ def listening(node: Node) -> Iterator[Callable[[float], None]]:
     executor = new_executor()
     executor.add_node(node)
 
-    def listen(duration: float) -> None:
-        end = time.monotonic() + duration
-        while (left := end - time.monotonic()) > 0.0:
-            executor.spin_once(timeout_sec=left)
-
     try:
-        yield listen
+        yield partial(executor.spin_until_future_complete, Future())  # which nothing completes
     finally:
         executor.shutdown()  # or it keeps the node in the graph
 
