@@ -32,8 +32,8 @@ class Injections:
     def __init__(self, pulse: Callable[[int, float, Sequence[float]], Pulse]) -> None:
         self._pulse = pulse
         self._pulses: list[Pulse] = []
-        # Torque [N·m] and duration [s] of what acts from the next instant on.
-        self._beginning: list[tuple[tuple[float, ...], float]] = []
+        # Duration [s] and torque [N·m] of what acts from the next instant on.
+        self._beginning: list[tuple[float, tuple[float, ...]]] = []
         self._changed = False
         self._stamp = -1  # the latest instant [ns] that was asked for
         self._answers: dict[str, str] = {}  # to requests that have a name
@@ -74,7 +74,7 @@ class Injections:
             self._pulses.append(self._pulse(start_ns, duration, torque))
             self._changed = True
         else:
-            self._beginning.append((torque, duration))
+            self._beginning.append((duration, torque))
         text = f"{torque} N·m acts from the next state on for {duration:g} s"
         if begin is not None:
             end = seconds(begin) + duration
@@ -89,7 +89,7 @@ class Injections:
         """Begin the pulses that wait for the next instant [ns]; return all if they have changed."""
         self._stamp = stamp_ns
         if self._beginning:
-            self._pulses += [self._pulse(stamp_ns, each[1], each[0]) for each in self._beginning]
+            self._pulses += [self._pulse(stamp_ns, *each) for each in self._beginning]
             self._beginning.clear()
         elif not self._changed:
             return None

@@ -15,6 +15,7 @@
 """Judge by the messages of a topic whether it has one publisher, as the contract wants."""
 
 from collections.abc import Hashable, Mapping
+from dataclasses import dataclass
 
 from ppc_attitude.science.stamps import NANOSECONDS
 
@@ -27,15 +28,13 @@ _TOLD = 3.0  # [s] from the proof on until everybody else has had time to find b
 _MOST = 8  # publishers of one topic that are told apart
 
 
+@dataclass(slots=True)
 class _Publisher:
     """The latest messages of one publisher."""
 
-    __slots__ = ("number", "stamp_ns", "stretch")
-
-    def __init__(self, number: int, stamp_ns: int) -> None:
-        self.number = number
-        self.stamp_ns = stamp_ns
-        self.stretch = 0  # good messages since another one spoke
+    number: int
+    stamp_ns: int
+    stretch: int = 0  # good messages since another one spoke
 
 
 class Publishers:

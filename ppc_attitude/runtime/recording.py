@@ -21,7 +21,7 @@ complete is judged while it grows, in memory that does not grow with it.
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.runtime.publishers import Publishers
@@ -117,18 +117,18 @@ class Completeness:
         return found
 
 
+@dataclass(slots=True)
 class _Lane:
     """One topic with a sample at each instant."""
 
-    def __init__(self) -> None:
-        self.epoch = 0  # how often its time has begun again
-        self.heard = -1  # the latest stamp [ns]
-        self.written = 0  # of which epoch the last sample was that was written
-        self.last = -1  # the newest stamp [ns] that was written of that epoch
-        self.data = b""  # what was written with it
-        self.before = -1, b""  # the same of the sample before
-        self.surplus = 0  # messages beside the first one of their instant
-        self.publishers = Publishers()
+    epoch: int = 0  # how often its time has begun again
+    heard: int = -1  # the latest stamp [ns]
+    written: int = 0  # of which epoch the last sample was that was written
+    last: int = -1  # the newest stamp [ns] that was written of that epoch
+    data: bytes = b""  # what was written with it
+    before: tuple[int, bytes] = (-1, b"")  # the same of the sample before
+    surplus: int = 0  # messages beside the first one of their instant
+    publishers: Publishers = field(default_factory=Publishers)
 
 
 class Recording:
