@@ -143,12 +143,10 @@ def tune_transport(environment: MutableMapping[str, str] = os.environ) -> None:
     ConfigurationError
         The environment names a range, a domain or a peer that is none.
     """
-    from rclpy.utilities import (
-        get_rmw_implementation_identifier,  # commands need no ROS for all else
-    )
+    from rclpy import utilities  # commands need no ROS for all else
 
     check_discovery(environment)
-    middleware = get_rmw_implementation_identifier()
+    middleware = utilities.get_rmw_implementation_identifier()
     if chosen_by_user({**environment, MIDDLEWARE: middleware}):
         return
     environment[_NO_OTHER] = "1"
