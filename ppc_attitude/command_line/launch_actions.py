@@ -78,12 +78,8 @@ def stack(scenario: Scenario, names: Iterable[str], namespace: str) -> list[Any]
     """Return the nodes of one run."""
     needed = (*nodes_of(scenario.parameters), MARKERS)
     known = {name: scenario.parameters[name] for name in names if name in needed}
-    told = {"run_info": run_info(known)}
-    return _nodes(
-        {name: {**values, **(told if name == RECORDER else {})} for name, values in known.items()},
-        namespace,
-        Ending(),
-    )
+    told = scenario.with_values(RECORDER, run_info=run_info(known)).parameters
+    return _nodes({name: told[name] for name in known}, namespace, Ending())
 
 
 def side_by_side(runs: Mapping[str, Scenario], names: Iterable[str]) -> list[Any]:
@@ -93,10 +89,10 @@ def side_by_side(runs: Mapping[str, Scenario], names: Iterable[str]) -> list[Any
         for namespace, run in runs.items()
         for name in nodes_of(run.parameters)
     }
-    own = next(iter(runs.values())).parameters[RECORDER]
-    told = {"namespaces": list(runs), "run_info": run_info(known)}
+    first = next(iter(runs.values()))
+    told = first.with_values(RECORDER, namespaces=list(runs), run_info=run_info(known))
     ending = Ending(len(runs))
-    actions = _nodes({RECORDER: {**own, **told}}, "", ending)
+    actions = _nodes({RECORDER: told.parameters[RECORDER]}, "", ending)
     for namespace, run in runs.items():
         needed = set(nodes_of(run.parameters)) - {RECORDER}
         others = {name: run.parameters[name] for name in names if name in needed}

@@ -117,7 +117,7 @@ class Request:
         files = [_file(name, config) for name in self.words("config")]
         recorded = RECORDER in self.nodes()
         overrides: dict[str, dict[str, Any]] = {
-            name: {WAIT_FOR_RECORDER.name: recorded} for name in (*SOURCES, ESTIMATOR)
+            name: {WAIT_FOR_RECORDER.name: recorded} for name in SOURCES
         }
         overrides[PLANT]["lockstep"] = not self.flag("realtime")
         if self["duration"]:

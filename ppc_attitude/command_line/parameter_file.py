@@ -29,12 +29,7 @@ from ppc_attitude.simulation.scenario import Scenario
 def parameter_file(scenario: Scenario) -> str:
     """Return the resolved parameters of every node; the recorder's say what it records."""
     known = {name: scenario.parameters[name] for name in nodes_of(scenario.parameters)}
-    return ros_parameters(
-        {
-            **scenario.parameters,
-            RECORDER: {**scenario.parameters[RECORDER], "run_info": run_info(known)},
-        }
-    )
+    return ros_parameters(scenario.with_values(RECORDER, run_info=run_info(known)).parameters)
 
 
 def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
