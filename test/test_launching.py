@@ -15,7 +15,10 @@
 """The arguments of the launch files make the configuration of `ppc_attitude run`."""
 
 import shlex
+import sys
+from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from docs_helpers import ALL, Command
@@ -93,6 +96,28 @@ def test_without_a_recorder_nobody_waits_for_one() -> None:
 def test_what_is_wrong_is_named(given: dict[str, str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         parameters(**given)
+
+
+def test_two_runs_have_all_their_nodes_and_one_recorder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`launch` is on ROS machines only: stand-ins take what it is told."""
+    stand_in = SimpleNamespace(
+        launch_config=SimpleNamespace(log_dir=tmp_path),
+        **dict.fromkeys(("DeclareLaunchArgument", "Shutdown", "Node"), SimpleNamespace),
+        LaunchConfiguration=lambda name, default: default,
+    )
+    for name in ("launch", "launch_ros"):
+        for part in ("", ".actions", ".logging", ".substitutions"):
+            monkeypatch.setitem(sys.modules, name + part, stand_in)
+    module = "ppc_attitude.command_line.launch_actions"
+    asked = Request({"markers": "true"})
+    runs = {name: asked.scenario(CONFIG) for name in ("/one", "/other")}
+    nodes = import_module(module).side_by_side(runs, asked.nodes())
+    del sys.modules[module]
+    expected = [("", RECORDER)]
+    expected += [(run, n) for run in runs for n in (*NODES, MARKERS) if n != RECORDER]
+    assert [(node.namespace, node.executable) for node in nodes] == expected
 
 
 @pytest.mark.parametrize(

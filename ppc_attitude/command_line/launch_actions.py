@@ -17,7 +17,7 @@
 Only launch files import this: launch and launch_ros are on ROS machines only.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from shutil import which
 from typing import Any
@@ -76,28 +76,31 @@ class Ending:
 
 def stack(scenario: Scenario, names: Iterable[str], namespace: str) -> list[Any]:
     """Return the nodes of one run."""
-    needed = (*nodes_of(scenario.parameters), MARKERS)
-    known = {name: scenario.parameters[name] for name in names if name in needed}
+    known = _parameters(scenario, names)
     told = scenario.with_values(RECORDER, run_info=run_info(known)).parameters
     return _nodes({name: told[name] for name in known}, namespace, Ending())
 
 
-def side_by_side(runs: Mapping[str, Scenario], names: Iterable[str]) -> list[Any]:
+def side_by_side(runs: Mapping[str, Scenario], names: Collection[str]) -> list[Any]:
     """Return the nodes of several runs, each in its namespace, and one recorder for all."""
+    own = {namespace: _parameters(run, names) for namespace, run in runs.items()}
     known = {
-        f"{namespace}/{name}": run.parameters[name]
-        for namespace, run in runs.items()
-        for name in nodes_of(run.parameters)
+        f"{home}/{name}": values for home, each in own.items() for name, values in each.items()
     }
     first = next(iter(runs.values()))
     told = first.with_values(RECORDER, namespaces=list(runs), run_info=run_info(known))
     ending = Ending(len(runs))
     actions = _nodes({RECORDER: told.parameters[RECORDER]}, "", ending)
-    for namespace, run in runs.items():
-        needed = set(nodes_of(run.parameters)) - {RECORDER}
-        others = {name: run.parameters[name] for name in names if name in needed}
+    for namespace, nodes in own.items():
+        others = {name: values for name, values in nodes.items() if name != RECORDER}
         actions += _nodes(others, namespace, ending)
     return actions
+
+
+def _parameters(scenario: Scenario, names: Iterable[str]) -> Overrides:
+    """Parameters of those nodes among the names that the run has, or that draw it."""
+    needed = (*nodes_of(scenario.parameters), MARKERS)
+    return {name: scenario.parameters[name] for name in names if name in needed}
 
 
 def _nodes(parameters: Overrides, namespace: str, ending: Ending) -> list[Any]:
