@@ -30,7 +30,8 @@ from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError
 from ppc_attitude.command_line.examples import EXAMPLES, epilog
 from ppc_attitude.command_line.stopping import asked, end_at_once, interrupt
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
-from ppc_attitude.processes.child import forget_current_folder, handle_ending, take_signals
+from ppc_attitude.processes.child import handle_ending, take_signals
+from ppc_attitude.processes.imports import forget_current_folder
 
 COMMANDS = tuple(EXAMPLES)
 _EXAMPLES = """examples:

@@ -22,7 +22,8 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 
-from ppc_attitude.processes.child import end_at_once, forget_current_folder
+from ppc_attitude.processes.child import end_at_once
+from ppc_attitude.processes.imports import forget_current_folder
 
 
 def _run(node: str) -> int:

@@ -34,12 +34,10 @@ from types import FrameType
 from typing import Any, TypeAlias, TypeVar
 
 from ppc_attitude.processes.copied import Copy, can_copy
-from ppc_attitude.processes.imports import prepare_imports
+from ppc_attitude.processes.imports import without_empty_entries
 from ppc_attitude.processes.telling import tell_broken, tell_through
 
 _START = str(Path(__file__).resolve().with_name("start.py"))
-# An empty entry of these means the current folder: for programs, modules and libraries.
-_SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 _KILLED_AFTER = 5.0  # [s] how long a process may take to end when it was killed
 _SPEAKS_WITHIN = 0.5  # [s] a process says where it hangs
 _GLANCE = 0.02  # [s] between two looks at a process that is to end
@@ -246,39 +244,6 @@ def end_at_once() -> None:
     """
     handle_ending(lambda number, frame: os._exit(0))
     take_signals()
-
-
-def without_empty_entries(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment in which no search path names the current folder by an empty entry."""
-    safe = dict(environment)
-    for name in _SEARCHED:
-        if name in safe:
-            safe[name] = os.pathsep.join(filter(None, safe[name].split(os.pathsep)))
-            if not safe[name]:
-                del safe[name]
-    return safe
-
-
-def forget_current_folder() -> None:
-    """Read nothing from the current folder, and leave it out of paths, unless somebody named it.
-
-    Python puts it before the standard library, for ``-m`` or an empty entry of PYTHONPATH.
-    """
-    safe = without_empty_entries(os.environ)
-    for name in _SEARCHED:
-        if name in safe:
-            os.environ[name] = safe[name]
-        else:
-            os.environ.pop(name, None)
-    library = str(Path(os.__file__).parent)
-    if library in sys.path:
-        first = sys.path.index(library)
-        entries = safe.get("PYTHONPATH", "").split(os.pathsep)
-        named = {str(Path(each).absolute()) for each in entries if each}
-        sys.path[:first] = [
-            each for each in sys.path[:first] if each in named or each.endswith(".zip")
-        ]
-    prepare_imports()
 
 
 @contextmanager

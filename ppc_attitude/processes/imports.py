@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How our processes import the packages that would read or start more than we use.
+"""How our processes import: nothing from the folder where the user stands, and no more than we use.
 
 Packages that read settings from the folder where the user stands are imported from another one: a
 `matplotlibrc` there could start LaTeX, a `.numba_config.yaml` choose what is compiled, and either
@@ -22,15 +22,18 @@ our matrices are small, and its threads took a sixth of the processor time of a 
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
 from types import ModuleType
 
-_CURIOUS = ("matplotlib", "numba")
+_CURIOUS = ("matplotlib", "numba")  # read settings from the current folder
+# An empty entry of these means the current folder: for programs, modules and libraries.
+_SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 
 
 def prepare_imports() -> None:
-    """Let this process import them so, and the processes that it starts."""
+    """Let this process, and those that it starts, import these packages so."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.meta_path.insert(0, _Finder)
 
@@ -58,3 +61,36 @@ class _Finder(PathFinder):
 
             vars(spec.loader)["exec_module"] = execute_elsewhere
         return spec
+
+
+def without_empty_entries(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return an environment in which no search path names the current folder by an empty entry."""
+    safe = dict(environment)
+    for name in _SEARCHED:
+        if name in safe:
+            safe[name] = os.pathsep.join(filter(None, safe[name].split(os.pathsep)))
+            if not safe[name]:
+                del safe[name]
+    return safe
+
+
+def forget_current_folder() -> None:
+    """Read nothing from the current folder, and leave it out of paths, unless somebody named it.
+
+    Python puts it before the standard library, for ``-m`` or an empty entry of PYTHONPATH.
+    """
+    safe = without_empty_entries(os.environ)
+    for name in _SEARCHED:
+        if name in safe:
+            os.environ[name] = safe[name]
+        else:
+            os.environ.pop(name, None)
+    library = str(Path(os.__file__).parent)
+    if library in sys.path:
+        first = sys.path.index(library)
+        entries = safe.get("PYTHONPATH", "").split(os.pathsep)
+        named = {str(Path(each).absolute()) for each in entries if each}
+        sys.path[:first] = [
+            each for each in sys.path[:first] if each in named or each.endswith(".zip")
+        ]
+    prepare_imports()
