@@ -120,16 +120,16 @@ class Topic:
 def topic_of(column: Column, source: str) -> Topic:
     """Topic that carries a column, published by a node."""
     return Topic(
-        column.topic,
-        MSGTYPES[column.form],
-        column.frame,
-        source,
-        column.name,
-        column.unit,
-        column.meaning,
-        column.width - column.late,
-        column.form,
-        column.late,
+        name=column.topic,
+        msgtype=MSGTYPES[column.form],
+        frame_id=column.frame,
+        source=source,
+        column=column.name,
+        unit=column.unit,
+        meaning=column.meaning,
+        width=column.width - column.late,  # without the age, which is no number of the message
+        form=column.form,
+        late=column.late,
     )
 
 
