@@ -173,6 +173,9 @@ def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
     scene.arrived(ATTITUDE)
     scene.node.wake()
     scene.until(lambda: scene.node.health.refused[ATTITUDE.name] > 0 or not scene.node.wake())
+    for _ in range(3):  # no new message
+        scene.node._draw()
+    assert scene.node.health.refused[ATTITUDE.name] == 1
     scene.show(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
     assert scene.picture()["craft", 0].header.stamp.sec == 3
     assert len(scene.drawn) == 1

@@ -122,7 +122,8 @@ class LatestSamples:
 
     def __init__(self, node: Node, topics: Sequence[Topic]) -> None:
         self._inboxes = {topic: Inbox(topic) for topic in topics}
-        self._raw: dict[Topic, bytes] = {}
+        self._raw: dict[Topic, bytes] = {}  # what has not been asked for
+        self._samples: dict[Topic, Sample] = {}
         for topic in topics:
             node.create_subscription(
                 message_class(topic.msgtype),
@@ -136,15 +137,18 @@ class LatestSamples:
         self._raw[topic] = data
 
     def get(self, topic: Topic) -> Sample | None:
-        """Latest sample of a topic; None if none has come.
+        """Latest sample of a topic; None if none has come, or one that was refused.
 
         Raises
         ------
         RefusedError
-            The message must not be used; says why.
+            The message must not be used; says why, once.
         """
-        data = self._raw.get(topic)
-        return None if data is None else self._inboxes[topic].read(data)
+        data = self._raw.pop(topic, None)
+        if data is not None:
+            self._samples.pop(topic, None)
+            self._samples[topic] = self._inboxes[topic].read(data)
+        return self._samples.get(topic)
 
 
 def diagnostics(stamp_ns: int, node: str, what: str, status: Status) -> DiagnosticArray:
