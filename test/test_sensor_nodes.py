@@ -43,8 +43,8 @@ def test_a_pause_costs_lockstep_nothing_but_time(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
     """The plant repeats what a paused node does not answer, sensors included: no bit changes."""
-    overlay = pace(2.0) + SMALLSAT.read_text()
-    run = Run(start_process, tmp_path / "bag", "--duration", "6", overlay=overlay)
+    options = ("--duration", "6", "--config", str(SMALLSAT))
+    run = Run(start_process, tmp_path / "bag", *options, overlay=pace(2.0))
     run.reaches(1.0)
     pid = run.nodes()[name]
     pause(pid)

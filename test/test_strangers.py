@@ -62,13 +62,12 @@ long = pytest.mark.long
 def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
     name: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
-    overlay = pace(0.2)
-    if name == ESTIMATOR:
-        overlay += (PAPER.parent / "sensors_smallsat.yaml").read_text()
-    run = Run(start_process, tmp_path / "bag", "--duration", "10000", overlay=overlay)
+    sensors = [PAPER.with_name("sensors_smallsat.yaml")] if name == ESTIMATOR else []
+    options = ["--duration", "10000", *(f"--config={file}" for file in sensors)]
+    run = Run(start_process, tmp_path / "bag", *options, overlay=pace(0.2))
     run.reaches(2.2)  # after eleven seconds of the clock: who is that old never gives way
     parameters = tmp_path / "parameters.yaml"
-    parameters.write_text(parameter_file(load([PAPER, tmp_path / "overlay.yaml"])))
+    parameters.write_text(parameter_file(load([PAPER, tmp_path / "overlay.yaml", *sensors])))
     second = Node(start_process, tmp_path, name, file=parameters)
     assert second.ends() == 3, second.err
     found = re.search(rf"another node publishes (\S+): /{name}, /{name};", second.err)

@@ -37,6 +37,7 @@ from ppc_attitude.command_line.commands import watch
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
     ATTITUDE,
     CLOCK_TOPIC,
     PLANT,
@@ -224,6 +225,8 @@ def test_a_goal_for_one_craft_moves_no_other(
     assert "order 1 is followed" in capfd.readouterr().out
     turning = f"{homes[0]}/{REFERENCE_ACCELERATION.name}"
     hears(stranger, turning, REFERENCE_ACCELERATION, lambda each: each.vector.z != 0.0)
+    acts = f"{homes[1]}/{APPLIED_TORQUE.name}"  # of the other craft, which has time of its own
+    hears(stranger, acts, APPLIED_TORQUE, lambda each: each.header.stamp.sec >= 1)
     end_all([*crafts, recorder])
 
     chief, deputy = (read_run(bag, namespace=home) for home in homes)
