@@ -132,6 +132,7 @@ def test_whole_numbers_and_empty_lists_are_numbers_and_lists(tmp_path: Path) -> 
         ("ppc_controller: {k: 3.0}\n", "ppc_controller has no mapping ros__parameters"),
         ("ppc_controller:\n  ros__parameters: 5\n", "no mapping ros__parameters"),
         ("ppc_controller:\n", "no mapping ros__parameters"),
+        ("a: {b: 1}\nc: 2\na: {d: 3}\n", "is not YAML: a stands again in line 3"),
     ],
 )
 def test_files_that_are_no_parameter_files(tmp_path: Path, text: str, complaint: str) -> None:

@@ -130,7 +130,20 @@ def _demand_harmless(content: Any, file: str) -> None:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-4 is a number, although YAML 1.1 asks for 1.0e-4."""
+    """YAML as ROS reads it: 1e-4 is a number, although YAML 1.1 asks for 1.0e-4.
+
+    A key that stands twice is an error: one of the two would be lost, where ROS takes both.
+    """
+
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        mapping = super().compose_mapping_node(anchor)
+        seen: set[str] = set()
+        for key, _ in mapping.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in seen:
+                    raise ValueError(f"{key.value} stands again in line {key.start_mark.line + 1}")
+                seen.add(key.value)
+        return mapping
 
 
 _Loader.add_implicit_resolver(
