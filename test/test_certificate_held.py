@@ -148,8 +148,8 @@ def test_a_design_knows_the_torque_noise_that_its_sensors_make(
 @pytest.mark.parametrize(
     ("option", "told"),
     [
-        ("--rate=-1", "argument --rate: -1 must be finite and not negative"),
-        ("--rate-noise=nan", "argument --rate-noise: nan must be finite and not negative"),
+        ("--rate=-1", "argument --rate: -1; allowed: finite numbers from 0"),
+        ("--rate-noise=nan", "argument --rate-noise: nan; allowed: finite numbers from 0"),
         ("--gains 1 1 2", "momentum_tube.ell = 2.0; allowed: finite, ≥ 1e-09, ≤ 1"),
         ("--assume=eta=2", "momentum_tube.assumed.eta = 2.0; allowed: finite, > 0, ≤ 1"),
     ],

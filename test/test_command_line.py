@@ -157,7 +157,7 @@ WRONG = [
         (f"analyse taken --topic {wrong}", "allowed: OURS=THEIRS, as in attitude=/imu/data")
         for wrong in ("attitude", "=/imu", "attitude=")
     ),
-    ("simulate --duration 0", "0 must be positive"),
+    ("simulate --duration 0", "0; allowed: finite numbers above 0"),
     ("simulate --controller pid", "pid"),
     ("simulate --duration 1e8", "1e+10 instants need "),
     ("run --duration 1e8", "duration = 1e+08 s at 100 Hz"),

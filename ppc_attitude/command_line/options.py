@@ -46,7 +46,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     text = "ROS parameter file; may be given several times, later files win"
     _add_files(parser, "--config", text)
     parser.add_argument(
-        "--duration", metavar="S", type=positive, help="simulated time [s]; the plant's `duration`"
+        "--duration", metavar="S", type=POSITIVE, help="simulated time [s]; the plant's `duration`"
     )
     parser.add_argument(
         "--controller", choices=tuple(CONTROLLERS.components), help="the control law"
@@ -209,11 +209,17 @@ def add_bag_option(parser: argparse.ArgumentParser, default: str = "a new, dated
 
 
 def number(
-    low: float = -math.inf, high: float = math.inf, unit: str = "", *, whole: bool = False
+    low: float = -math.inf,
+    high: float = math.inf,
+    unit: str = "",
+    *,
+    above: float = -math.inf,
+    whole: bool = False,
 ) -> Callable[[str], float]:
-    """Give the parser of finite numbers in a range, both ends included; nothing else is one."""
+    """Give the parser of finite numbers in a range, `above` not included; nothing else is one."""
     kind = "whole numbers" if whole else "finite numbers"
-    ends = [f"{word} {end:g}" for word, end in (("from", low), ("to", high)) if math.isfinite(end)]
+    limits = (("from", low), ("above", above), ("to", high))
+    ends = [f"{word} {end:g}" for word, end in limits if math.isfinite(end)]
     allowed = " ".join([kind, *ends, unit]).rstrip()
 
     def parsed(text: str) -> float:
@@ -221,7 +227,7 @@ def number(
             value = int(text) if whole else float(text)
         except ValueError:
             value = math.nan
-        if not (low <= value <= high and abs(value) < math.inf):
+        if not (low <= value <= high and value > above and abs(value) < math.inf):
             raise argparse.ArgumentTypeError(f"{text}; allowed: {allowed}")
         return value
 
@@ -230,22 +236,8 @@ def number(
 
 ACCURACY = number(1e-9, 1.0)
 """Parser of what a component of a unit quaternion is to be below."""
-
-
-def positive(text: str) -> float:
-    """Parse a positive finite number."""
-    value = float(text)
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} must be positive and finite")
-    return value
-
-
-def not_negative(text: str) -> float:
-    """Parse a finite number of 0 or more."""
-    value = float(text)
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} must be finite and not negative")
-    return value
+POSITIVE = number(above=0.0)
+NOT_NEGATIVE = number(0.0)
 
 
 def scenario_of(arguments: argparse.Namespace, extra: Overrides | None = None) -> Scenario:

@@ -28,10 +28,10 @@ from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
+    POSITIVE,
     add_requirements_option,
     add_scenario_options,
     paragraph,
-    positive,
     print_json,
     scenario_of,
     see_that_none_is_idle,
@@ -99,7 +99,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--hit",
         nargs=2,
-        type=positive,
+        type=POSITIVE,
         action="append",
         default=[],
         metavar=("TORQUE", "SECONDS"),

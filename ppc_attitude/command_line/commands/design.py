@@ -29,11 +29,11 @@ from ppc_attitude.command_line.gain_search import WRITTEN, search_gains
 from ppc_attitude.command_line.guarantee_view import certificate_path, promise_lines
 from ppc_attitude.command_line.options import (
     ACCURACY,
+    NOT_NEGATIVE,
+    POSITIVE,
     add_requirements_option,
     add_scenario_options,
-    not_negative,
     number,
-    positive,
     scenario_of,
     see_that_none_is_idle,
 )
@@ -114,7 +114,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument(
         "--seconds",
-        type=positive,
+        type=POSITIVE,
         help=f"how long a search may take [s]; default {_DEFAULTS['seconds']:g}",
     )
     parser.add_argument(
@@ -132,18 +132,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument(
         "--rate",
-        type=not_negative,
+        type=NOT_NEGATIVE,
         help=f"rate at the start for which to be fast [deg/s]; default {_DEFAULTS['rate']:g}",
     )
-    parser.add_argument("--time", type=positive, help="longest settling time [s]; default any")
+    parser.add_argument("--time", type=POSITIVE, help="longest settling time [s]; default any")
     parser.add_argument(
-        "--torque-noise", type=positive, help="largest RMS torque noise [N·m]; default any"
+        "--torque-noise", type=POSITIVE, help="largest RMS torque noise [N·m]; default any"
     )
     for name, unit in (("attitude", "rad"), ("rate", "rad/s")):
         told = f"deviation of what is measured [{unit}]; default: as the sensors say"
-        parser.add_argument(f"--{name}-noise", type=not_negative, help=told)
+        parser.add_argument(f"--{name}-noise", type=NOT_NEGATIVE, help=told)
     parser.add_argument(
-        "--gains", nargs=3, type=positive, metavar=("K", "KAPPA", "ELL"), help="no search: these"
+        "--gains", nargs=3, type=POSITIVE, metavar=("K", "KAPPA", "ELL"), help="no search: these"
     )
     parser.add_argument("--output", metavar="FILE.yaml", type=_output, help="parameter file")
 

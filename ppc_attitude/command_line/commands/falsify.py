@@ -29,10 +29,10 @@ from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     ACCURACY,
+    NOT_NEGATIVE,
+    POSITIVE,
     add_scenario_options,
-    not_negative,
     number,
-    positive,
     print_json,
     scenario_of,
 )
@@ -70,7 +70,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("--accuracy", type=ACCURACY, default=5e-3, help="settled: below this")
     parser.add_argument(
-        "--after", type=not_negative, default=0.0, help="judge bounds and rate from here on [s]"
+        "--after", type=NOT_NEGATIVE, default=0.0, help="judge bounds and rate from here on [s]"
     )
     for option, allowed, default, told in (
         ("--start-rate", number(0.0, 5000.0, "deg/s"), 1.0, "largest ‖ω_s‖ [deg/s]"),
@@ -88,7 +88,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         default=1000,
         help="runs in all, those of earlier sessions and the last generation whole; default 1000",
     )
-    parser.add_argument("--seconds", type=positive, default=math.inf, help="time for this session")
+    parser.add_argument("--seconds", type=POSITIVE, default=math.inf, help="time for this session")
     parser.add_argument("--seed", type=number(0, 1e15, whole=True), default=0, help="default 0")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on this Dask cluster")
     parser.add_argument(

@@ -17,7 +17,7 @@
 import argparse
 
 from ppc_attitude.command_line.errors import DONE
-from ppc_attitude.command_line.options import add_stack_options, positive
+from ppc_attitude.command_line.options import POSITIVE, add_stack_options
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -35,7 +35,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--duration",
         metavar="S",
-        type=positive,
+        type=POSITIVE,
         help="how long it acts [s]; default the injector's `injection_duration`",
     )
     add_stack_options(parser, "at which it begins")

@@ -27,9 +27,9 @@ from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.command_line.errors import DONE, RunError
 from ppc_attitude.command_line.options import (
     PAPER_DURATION,
+    POSITIVE,
     add_bag_option,
     add_scenario_options,
-    positive,
     scenario_of,
     see_that_none_is_idle,
 )
@@ -55,7 +55,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         ),
     )
     add_scenario_options(parser)
-    parser.add_argument("--rate", metavar="HZ", type=positive, help="the plant's `rate`")
+    parser.add_argument("--rate", metavar="HZ", type=POSITIVE, help="the plant's `rate`")
     add_bag_option(parser)
     parser.add_argument(
         "--live", action="store_true", help="listen to the running graph instead of starting one"

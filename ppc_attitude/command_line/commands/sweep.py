@@ -26,10 +26,10 @@ from ppc_attitude.analysis.verdict import MET, NOT_MET, Metrics
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
+    POSITIVE,
     add_requirements_option,
     add_scenario_options,
     paragraph,
-    positive,
     print_json,
     scenario_of,
 )
@@ -70,20 +70,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--pulse-durations",
         metavar="S",
-        type=positive,
+        type=POSITIVE,
         nargs="+",
         help="durations of the hit [s]; default 1/1200 to 1/60 of the settling deadline",
     )
     parser.add_argument(
         "--torque",
         metavar="NM",
-        type=positive,
+        type=POSITIVE,
         help="on every axis [N·m]; default 16 times what the actuator gives",
     )
     parser.add_argument(
         "--at",
         metavar="T",
-        type=positive,
+        type=POSITIVE,
         help="start [s]; default when the craft must have settled and a terminal window is over",
     )
     picture = new_file(*_PICTURES, replaces=_PICTURES)

@@ -22,7 +22,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from ppc_attitude.command_line.errors import DONE, RunError
-from ppc_attitude.command_line.options import add_namespace_option, positive, see_that_none_is_idle
+from ppc_attitude.command_line.options import POSITIVE, add_namespace_option, see_that_none_is_idle
 from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.nodes.discovery import DOMAIN
 
@@ -49,7 +49,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--timeout",
         metavar="S",
-        type=positive,
+        type=POSITIVE,
         help=f"with --once: how long to wait for a state [s]; default {_TIMEOUT:g}",
     )
 
