@@ -35,6 +35,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.science.kinds import ours_first
 from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.stamps import LATEST
 
 WAIT_FOR_RECORDER = at_start(
     "wait_for_recorder",
@@ -72,7 +73,7 @@ _PLANT = (
         "simulated time after which the plant ends; 0: never",
         "s",
         low=0.0,
-        high=1e8,
+        high=LATEST,
     ),
     Parameter(
         "command_timeout",
@@ -85,7 +86,7 @@ _PLANT = (
 )
 _INJECTOR = (
     Parameter(
-        "injection_duration", 0.1, "how long an injected torque acts", "s", above=0.0, high=1e8
+        "injection_duration", 0.1, "how long an injected torque acts", "s", above=0.0, high=LATEST
     ),
     Parameter(
         "max_injected_torque",

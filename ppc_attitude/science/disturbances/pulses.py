@@ -25,11 +25,11 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, array_at, kernel, store, vector
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.signals import DISTURBANCE, ENVIRONMENT_TORQUE
-from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.science.stamps import LATEST, nanoseconds
 
-TIMES = Parameter("pulse_times", [], "start of each scheduled pulse", "s", low=0.0, high=1e8)
+TIMES = Parameter("pulse_times", [], "start of each scheduled pulse", "s", low=0.0, high=LATEST)
 DURATIONS = Parameter(
-    "pulse_durations", [], "duration of each scheduled pulse", "s", above=0.0, high=1e8
+    "pulse_durations", [], "duration of each scheduled pulse", "s", above=0.0, high=LATEST
 )
 TORQUES = Parameter(
     "pulse_torques",

@@ -32,11 +32,11 @@ from ppc_attitude.science.guidance.frames import FRAME_NAMES
 from ppc_attitude.science.guidance.trajectory import OWN_TOLERANCE, POINTS, points
 from ppc_attitude.science.kernel import STRAIGHT
 from ppc_attitude.science.parameter import at_start
-from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
+from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
 
 HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
 GOAL_TIMES = at_start(
-    "goals.times", [], "when each scheduled goal comes, in this order", "s", low=0.0, high=1e8
+    "goals.times", [], "when each scheduled goal comes, in this order", "s", low=0.0, high=LATEST
 )
 GOAL_FRAMES = at_start(
     "goals.frames",

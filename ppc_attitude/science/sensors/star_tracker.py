@@ -40,7 +40,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.noise import normal_vector, uniform
 from ppc_attitude.science.parameter import Parameter, at_start
-from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.science.stamps import LATEST, nanoseconds
 
 _share = partial(Parameter, low=0.0, high=1.0)
 CROSS_NOISE = _share(
@@ -93,9 +93,16 @@ PARAMETERS = (
     _share("star_tracker.outlier_probability", 0.0, "share of false fixes"),
     OUTLIER_SIZE,
     # At start only: one without the other would be refused, and `ros2 param set` sets one.
-    at_start("star_tracker.blinding_times", [], "start of each blinding", "s", low=0.0, high=1e8),
     at_start(
-        "star_tracker.blinding_durations", [], "duration of each blinding", "s", above=0.0, high=1e8
+        "star_tracker.blinding_times", [], "start of each blinding", "s", low=0.0, high=LATEST
+    ),
+    at_start(
+        "star_tracker.blinding_durations",
+        [],
+        "duration of each blinding",
+        "s",
+        above=0.0,
+        high=LATEST,
     ),
 )
 ROUNDING = 7e-7
