@@ -14,6 +14,7 @@
 
 """What the recorder takes of publishers that offer less than the nodes of a run do."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import ATTITUDE
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.science.stamps import stamp_of
@@ -56,3 +57,28 @@ def test_what_one_run_sends_at_best_effort_is_recorded_as_of_that_run(tmp_path: 
     beside.close()
     rclpy.try_shutdown()
     assert read_run(bag, namespace="/craft").stamps_ns.size > 0
+
+
+@pytest.mark.ros
+def test_a_node_that_is_started_again_is_asked_again(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The first may have had other parameters, or have ended before it answered."""
+    rclpy.init(args=["--ros-args", "-p", f"bag:={tmp_path / 'bag'}"])
+    beside = Beside(BagRecorder())
+
+    def is_on_record(k: float) -> bool:
+        beside.node.wake()
+        parameters = beside.node._run_info.get("parameters", {})
+        return bool(parameters.get(f"/{CONTROLLER}", {}).get("k") == k)
+
+    for k in (1.0, 2.0):
+        controller = rclpy.create_node(CONTROLLER)
+        controller.declare_parameter("k", k)
+        beside.executor.add_node(controller)
+        beside.until(partial(is_on_record, k))
+        beside.executor.remove_node(controller)
+        controller.destroy_node()
+    beside.close()
+    rclpy.try_shutdown()
+    assert f"/{CONTROLLER} was started again with other parameters" in capfd.readouterr().err

@@ -31,6 +31,7 @@ from ppc_attitude.contract.topics import (
     EVENTS,
     MARKERS_TOPIC,
     NODES,
+    PARAMETER_EVENTS_TOPIC,
     RECORDED_TOPIC,
     RECORDER,
     STANDARD,
@@ -106,7 +107,8 @@ class RunGraph:
 class ParameterSurvey:
     """Ask every node of some runs for its parameters, when it appears: nobody else has told them.
 
-    After each answer `on_answer` gets all so far, node name to parameters.
+    One that is started again is asked again: it may have others. After each answer `on_answer` gets
+    all so far, node name to parameters.
     """
 
     def __init__(
@@ -119,37 +121,50 @@ class ParameterSurvey:
         self._graph = graph
         self._on_answer = on_answer
         self._answers: dict[str, dict[str, Any]] = {}
-        self._asked: dict[str, Any] = {}
+        self._clients: dict[str, tuple[Any, Any]] = {}
+        self._answered: set[bytes] = set()  # by what no two starts of a node have in common
         node.create_timer(_PERIOD, self._ask)
 
     def _ask(self) -> None:
-        for home, name in self._graph.nodes:
-            full = f"{home}/{name}"
-            if full not in self._asked:
-                client = self._node.create_client(ListParameters, f"{full}/list_parameters")
-                self._asked[full] = client
-            client = self._asked[full]
-            if client is not None and client.service_is_ready():
-                self._asked[full] = None
+        """Ask who has not answered; an answer is lost if its node ends amid the questions."""
+        for end in self._node.get_publishers_info_by_topic(PARAMETER_EVENTS_TOPIC.name):
+            home, start = end.node_namespace.rstrip("/"), bytes(end.endpoint_gid)
+            if (home, end.node_name) not in self._graph.nodes or start in self._answered:
+                continue
+            full = f"{home}/{end.node_name}"
+            if full not in self._clients:
+                self._clients[full] = (
+                    self._node.create_client(ListParameters, f"{full}/list_parameters"),
+                    self._node.create_client(GetParameters, f"{full}/get_parameters"),
+                )
+            client, _ = self._clients[full]
+            if client.service_is_ready():
                 future = client.call_async(ListParameters.Request())
-                future.add_done_callback(partial(self._on_names, full))
+                future.add_done_callback(partial(self._on_names, full, start))
 
-    def _on_names(self, full: str, future: Future) -> None:
+    def _on_names(self, full: str, start: bytes, future: Future) -> None:
         listed = future.result()
         names = [] if listed is None else listed.result.names
         names = [name for name in names if not is_of_ros(name)]
-        client = self._node.create_client(GetParameters, f"{full}/get_parameters")
-        request = GetParameters.Request(names=names)
-        client.call_async(request).add_done_callback(partial(self._on_values, full, names))
+        future = self._clients[full][1].call_async(GetParameters.Request(names=names))
+        future.add_done_callback(partial(self._on_values, full, start, names))
 
-    def _on_values(self, full: str, names: list[str], future: Future) -> None:
+    def _on_values(self, full: str, start: bytes, names: list[str], future: Future) -> None:
         response = future.result()
-        if response is not None and len(response.values) == len(names):
-            values = map(parameter_value_to_python, response.values)
-            told = [unquoted(with_lists(each)) for each in values]
-            self._answers[full] = dict(zip(names, told, strict=True))
-            self._on_answer(self._answers)
-            self._node.get_logger().info(f"the parameters of {full} are on record")
+        if start in self._answered or response is None or len(response.values) != len(names):
+            return
+        self._answered.add(start)
+        values = map(parameter_value_to_python, response.values)
+        told = dict(zip(names, (unquoted(with_lists(each)) for each in values), strict=True))
+        before = self._answers.get(full, told)
+        self._answers[full] = told
+        self._on_answer(self._answers)
+        self._node.get_logger().info(f"the parameters of {full} are on record")
+        if before != told:
+            text = (
+                f"{full} was started again with other parameters: only the new ones are on record"
+            )
+            self._node.get_logger().warning(text)
 
     def close(self) -> None:
         """Say who has not answered."""
