@@ -71,6 +71,14 @@ def test_a_gate_that_is_too_narrow_refuses_good_fixes() -> None:
     assert rows(record)["refused_fixes"].met is False
 
 
+def test_exact_fixes_that_are_refused_are_good_ones() -> None:
+    exact = {"star_tracker.cross_noise": 0.0, "star_tracker.boresight_noise": 0.0}
+    bias = {"gyro.initial_bias": [0.01, 0.0, 0.0]}  # much more than the filter believes
+    health = filter_health(run(spacecraft_plant={**exact, **bias}))
+    assert health is not None and health.refused is not None
+    assert health.refused >= 1.0
+
+
 def test_false_fixes_that_are_refused_are_no_good_ones() -> None:
     given = {"star_tracker.outlier_probability": 0.1, "star_tracker.outlier_size": 0.05}
     record = run(spacecraft_plant={"seed": 4, **given})

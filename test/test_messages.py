@@ -75,9 +75,10 @@ def test_impossible_variances_of_sensors_are_refused():
     for variance in (-1.0, -1e-9, 1.1e5, 1e6, math.nan):
         with pytest.raises(RefusedError, match="imu/data_raw"):
             read(gyro, 0, (0.1, 0.2, 0.3, variance))
-    read(fix, 0, (*UNIT, 1e-10, 1e-10, 1e-8))
+    for variances in ((1e-10, 1e-10, 1e-8), (0.0, 0.0, 0.0)):  # the default: an exact tracker
+        read(fix, 0, (*UNIT, *variances))
     assert read(fix, 0, (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)).values[4] == -1.0  # no fix
-    impossible = ((-1.0, 0.0, 0.0), (1e-10, 0.0, 1e-8), (1e-10, 1e-10, -1e-8), (math.nan,) * 3)
+    impossible = ((-1.0, 0.0, 0.0), (1e-10, 1e-10, -1e-8), (math.nan,) * 3)
     for variances in (*impossible, (1e-10, 1e-10, 9.9), (1e300,) * 3):
         with pytest.raises(RefusedError, match="star_tracker/attitude"):
             read(fix, 0, (*UNIT, *variances))

@@ -36,6 +36,7 @@ SETTLED = 10.0
 OUTSIDE_LIMIT = 0.01
 """Share of the instants that an axis may be outside 3σ."""
 _ESTIMATE, _FIX, _INNOVATION = "estimate", "star_fix", "innovation"
+_ROUNDING = 1e-28  # [rad²] of the error of a fix that has no other
 # Where the variances lie among the numbers of an estimate.
 _ATTITUDE_VARIANCES, _RATE_VARIANCES = [4, 7, 9], [13, 16, 18]
 
@@ -137,4 +138,5 @@ def _is_good(record: RunRecord, settings: Any, row: int) -> bool:
     true = product(tuple(record[TRUE_ATTITUDE.column][row]), (x, y, z, w))
     fix = record[_FIX][row]
     error = logarithm(product(conjugate(true), tuple(fix[:4])))
-    return bool(np.sum(np.square(error) / fix[4:7]) <= settings["gate"])
+    variances = np.maximum(fix[4:7], _ROUNDING)
+    return bool(np.sum(np.square(error) / variances) <= settings["gate"])

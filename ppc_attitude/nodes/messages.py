@@ -90,8 +90,8 @@ class Inbox:
         if self._is_attitude:
             return Sample(stamp_ns, frame_id, self._unit(values))
         if self._is_fix and any(values[:4]):
-            if min(values[4:]) <= 0.0 or max(values[4:]) > _FIX_VARIANCE:
-                raise self._refusal(f"variances {values[4:]} rad²; allowed: > 0 and ≤ π² of a fix")
+            if min(values[4:]) < 0.0 or max(values[4:]) > _FIX_VARIANCE:
+                raise self._refusal(f"variances {values[4:]} rad²; allowed: ≥ 0 and ≤ π² of a fix")
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
         if self._is_rate and values != _NO_RATE and not 0.0 <= values[3] <= _GYRO_VARIANCE:
             raise self._refusal(
