@@ -26,8 +26,10 @@ from rcl_interfaces.msg import ParameterEvent
 from rosbags.highlevel import AnyReader
 
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
+    ATTITUDE,
     CONTROLLER,
     INJECTOR,
     PLANT,
@@ -35,6 +37,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
     TORQUE_COMMAND,
 )
+from ppc_attitude.science.stamps import nanoseconds
 
 pytestmark = pytest.mark.ros
 
@@ -165,3 +168,18 @@ def events(bag: Path) -> set[tuple[str, str, float]]:
             for changed in event.changed_parameters:
                 found.add((event.node, changed.name, changed.value.double_value))
     return found
+
+
+def test_a_reference_that_has_years_to_integrate_says_so_and_ends_when_asked(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    """As beside hardware that counts from its own start, or when a node joins a long run."""
+    reference = Node(start_process, tmp_path, REFERENCE)
+    with peer(ATTITUDE) as hardware:
+        hardware.matched(ATTITUDE, [REFERENCE])
+        for second in range(5):
+            stamp = nanoseconds(9e7 + second)
+            hardware.send(ATTITUDE, Codec(ATTITUDE).encode(stamp, (0.0, 0.0, 0.0, 1.0)))
+        reference.says("integrates the motion from zero to the stamp: 0 s of 9000000")
+        reference.send(signal.SIGTERM)
+        assert reference.ends() == 0, reference.err

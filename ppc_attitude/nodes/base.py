@@ -67,6 +67,7 @@ class BaseNode(Node):
 
     executable = ""
     now = staticmethod(time.monotonic)  # [s] by the wall clock; a test has a clock of its own
+    is_asked_to_end = staticmethod(lambda: False)  # who runs the node knows
 
     def __init__(self) -> None:
         super().__init__(self.executable, start_parameter_services=False)

@@ -22,8 +22,11 @@ from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.guidance_desk import GuidanceDesk
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, WARN, Status
-from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.runtime.stamps import RefusedError, Values
 from ppc_attitude.science.references import goal
+from ppc_attitude.science.stamps import NANOSECONDS, seconds
+
+_STRIDE = 10_000 * NANOSECONDS  # the paper's motion is integrated over as much in 0.2 s
 
 
 class ReferenceGenerator(ComponentNode):
@@ -33,17 +36,20 @@ class ReferenceGenerator(ComponentNode):
 
     def __init__(self) -> None:
         super().__init__()
+        self._reached = 0  # the latest instant [ns] from which the motion goes on
         (part,) = self.chain.parts
         self._desk = GuidanceDesk(self, part) if part.component is goal.COMPONENT else None
 
     def apply_parameters(self, stamp_ns: int) -> None:
         """Take over parameters; the goals that were given in flight stay."""
+        self._reached = 0
         super().apply_parameters(stamp_ns)
         if self._desk:
             self._desk.configure()
 
     def arm(self) -> None:
         """Forget the past, and the goals that were given in flight."""
+        self._reached = 0
         super().arm()
         if self._desk:
             self._desk.begin_again()
@@ -52,10 +58,27 @@ class ReferenceGenerator(ComponentNode):
         """Desired motion of an instant, with the goals that have come."""
         if self._desk:
             self._desk.before(stamp_ns)
+        self._catch_up(stamp_ns)
         outputs = super().compute(stamp_ns, inputs)
         if self._desk:
             self._desk.after(stamp_ns)
         return outputs
+
+    def _catch_up(self, stamp_ns: int) -> None:
+        """Integrate what depends on time alone until it is near; meanwhile the node may be ended.
+
+        A run that a node joins late, or a bridge whose clock began long before, leaves it days.
+        """
+        reached = self._reached if self._reached <= stamp_ns else 0
+        while not self.chain.inputs and stamp_ns - reached > _STRIDE:
+            text = f"{seconds(reached):.0f} s of {seconds(stamp_ns):.0f} s"
+            if self.finished or self.is_asked_to_end():
+                raise RefusedError(f"a state: the motion was integrated to {text} at the end")
+            self.complain("late", f"integrates the motion from zero to the stamp: {text}")
+            self.wake()
+            reached += _STRIDE
+            self.chain.step(reached, {})
+        self._reached = stamp_ns
 
     def status(self) -> Status:
         """As of any such node; a warning while the guidance warns of something."""

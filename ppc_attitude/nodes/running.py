@@ -133,6 +133,7 @@ def _refused(error: Exception) -> int:
 def _spin(node: BaseNode, stop: StopRequest) -> None:
     executor = node.new_executor()
     executor.add_node(node)
+    node.is_asked_to_end = lambda: stop.requested
     # What exists now stays: a collection that walks through all of it would cost milliseconds.
     gc.freeze()
     gc.enable()
