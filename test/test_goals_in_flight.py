@@ -276,3 +276,14 @@ def test_time_that_begins_again_forgets_the_goals(pilot: Pilot) -> None:
         pilot.heard[topic.name].clear()
     assert pilot.state(0.0) == [*START, *[0.0] * 6]
     assert pilot.state(4.0) == [*START, *[0.0] * 6]
+
+
+def test_a_gap_of_the_states_forgets_no_goal(pilot: Pilot) -> None:
+    """As hardware makes one that is silent for a while: its time has not begun again."""
+    pilot.state(0.0)
+    pilot.pose(GOAL)
+    assert not any(pilot.state(0.1)[4:])
+    for t in (60.0, 60.1):
+        pilot.send(ATTITUDE, nanoseconds(t), START)
+    pilot.state(60.2)  # the third that agrees on the other time
+    assert any(pilot.state(64.0)[4:])

@@ -14,15 +14,18 @@
 
 """Injected torques: from which stamp to which they act, what the injector says, what it refuses."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
+import rclpy
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 
-from ppc_attitude.nodes.disturbance_injector import _asked
+from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector, _asked
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.disturbances.pulses import pulse, with_pulses
-from ppc_attitude.science.stamps import stamp_of
+from ppc_attitude.science.stamps import nanoseconds, stamp_of
 
 TORQUE = (0.1, -0.2, 0.3)
 LIMIT = 1.0
@@ -161,3 +164,22 @@ def test_a_request_that_comes_again_by_its_name_acts_once_and_gets_the_same_answ
     injector.runs(30)
     assert injector.steps() == [7, 8, 15, 16]
     assert injector.injections.accepted == 2
+
+
+@pytest.mark.ros
+def test_a_gap_of_the_states_ends_none_and_time_that_begins_again_all() -> None:
+    rclpy.init(args=[])
+    node = DisturbanceInjector()
+
+    def pending_after(*times: float) -> int:
+        for t in times:
+            with suppress(RefusedError):  # the first two of another time
+                node.on_instant(nanoseconds(t), {})
+        return node._injections.pending
+
+    assert pending_after(0.0, 0.1) == 0
+    node._inject(TORQUE, nanoseconds(70.0), 1.0)
+    assert pending_after(60.0, 60.1, 60.2) == 1
+    assert pending_after(0.0) == 0
+    node.destroy_node()
+    rclpy.try_shutdown()

@@ -86,6 +86,9 @@ class ComponentNode(BaseNode):
         """Forget the past: the next step begins anew."""
         self.chain.forget()
 
+    def forget_orders(self) -> None:
+        """Forget what was ordered in flight: time has begun again."""
+
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Run the components at an instant; the numbers of all columns by name."""
         return self.chain.step(stamp_ns, inputs)
@@ -127,8 +130,10 @@ class ComponentNode(BaseNode):
         self.fail(stamp_ns, f"at t = {seconds(stamp_ns):.3f} s {told}{why}")
 
     def _begin_again(self, stamp_ns: int) -> None:
-        text = f"time has begun again at {seconds(stamp_ns):.3f} s: re-armed"
-        self.mention("restart", text)
+        begins = "goes on after a gap" if stamp_ns > self.health.time_ns else "has begun again"
+        self.mention("restart", f"time {begins} at {seconds(stamp_ns):.3f} s: re-armed")
+        if stamp_ns <= self.health.time_ns:
+            self.forget_orders()
         self.arm()
         self.health.begin_again()
 

@@ -81,9 +81,8 @@ class DisturbanceInjector(ComponentNode):
         record, self._kept = configuration_of(np.concatenate([scheduled, self._injected]))
         self.chain.parts[-1].hold(record)
 
-    def arm(self) -> None:
+    def forget_orders(self) -> None:
         """Forget the torques that were injected before time began again."""
-        super().arm()
         self._injections.begin_again()
 
     def _inject(self, torque: Values, start_ns: int, duration: float, request: str = "") -> str:

@@ -146,6 +146,9 @@ class GuidanceDesk:
         """Forget all orders in flight: time has begun again."""
         self._book.begin_again()
         self._profiles = list(self._scheduled.profiles)
+
+    def tell_again(self) -> None:
+        """Tell anew what becomes of the orders: the reference begins anew."""
         self._told, self._details, self._look_again = -1, {}, 0
 
     def _say(self, stamp_ns: int, level: bytes, text: str, details: Mapping[str, Any]) -> None:

@@ -48,9 +48,14 @@ class ReferenceGenerator(ComponentNode):
             self._desk.configure()
 
     def arm(self) -> None:
-        """Forget the past, and the goals that were given in flight."""
+        """Forget the past; the goals that were given in flight stay."""
         self._reached = 0
         super().arm()
+        if self._desk:
+            self._desk.tell_again()
+
+    def forget_orders(self) -> None:
+        """Forget the goals that were given in flight."""
         if self._desk:
             self._desk.begin_again()
 
