@@ -45,12 +45,22 @@ def test_missing_samples_are_skipped_and_counted(column):
     ]
 
 
-def test_a_reference_of_zeros_is_as_good_as_none():
+@pytest.mark.parametrize("column", ["reference_attitude", "attitude"])
+def test_an_attitude_of_zeros_is_as_good_as_none(column):
+    run = normal_run()
+    rows = run[column].copy()
+    rows[-2000:] = 0.0
+    verdict = analyse(with_columns(run, **{column: rows}))
+    assert requirement(verdict, "messages missing or not finite").value == 2000
+
+
+def test_a_reference_that_ends_before_the_craft_has_settled_is_no_disturbance():
     run = normal_run()
     rows = run["reference_attitude"].copy()
-    rows[-2000:] = 0.0
-    verdict = analyse(with_columns(run, reference_attitude=rows))
-    assert requirement(verdict, "messages missing or not finite").value == 2000
+    rows[1001:] = np.nan
+    row = requirement(analyse(with_columns(run, reference_attitude=rows)), "settling time")
+    assert row.met is None
+    assert row.reason == "no attitude error is known after 10 s, when it was not settled"
 
 
 def test_what_was_told_of_the_rate_is_no_truth_where_the_truth_is_recorded():

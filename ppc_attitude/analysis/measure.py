@@ -53,7 +53,6 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     PLANT,
     REFERENCE_ATTITUDE,
-    TRUE_ATTITUDE,
 )
 from ppc_attitude.science import wheels
 from ppc_attitude.science.kinds import ACTUATORS
@@ -61,8 +60,6 @@ from ppc_attitude.science.kinds import ACTUATORS
 Mask = NDArray[np.bool_]
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
-_ATTITUDES = (TRUE_ATTITUDE.column, REFERENCE_ATTITUDE.column)
-"""Attitudes that are always known: zeros say as little as NaN. Only an estimate may be unknown."""
 _FIELDS = frozenset(each.name for each in fields(Metrics))
 
 
@@ -313,14 +310,19 @@ def largest(values: Array | None, where: Mask | slice = slice(None)) -> float | 
 
 
 def lost(record: RunRecord) -> int:
-    """Messages that are missing, and samples that are there but not finite."""
+    """Messages that are missing, and samples that are there but not finite.
+
+    What a run is judged by is always known: an attitude of zeros says as little as NaN. What is
+    told beside a recorded truth may be unknown, while a filter has no estimate.
+    """
+    attitudes = (truth_of(record).attitude, REFERENCE_ATTITUDE.column)
     count = record.missing_messages
     for column, rows in record.columns.items():
         known = is_finite(record, column)
-        if column not in _ATTITUDES and known.all():
+        if column not in attitudes and known.all():
             continue
         lacks = ~known
-        if column in _ATTITUDES:
+        if column in attitudes:
             lacks |= ~np.logical_or.reduce(rows.T)
         late = column in BY_COLUMN and BY_COLUMN[column].late
         if late or column in record.held:  # it comes with some instants only

@@ -42,8 +42,9 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   limit that the requirements set, or within what the configured noise explains.
 - *Filter*: the share of knowledge errors outside the filter's own 3σ, the mean of its squared
   innovations, and the good fixes it refused (`filter_health`).
-- *Messages missing or not finite*: those missing, those that carry a NaN or an infinity, and a true
-  or desired attitude of zeros. Such samples are skipped everywhere else.
+- *Messages missing or not finite*: those missing, those that carry a NaN or an infinity, and an
+  attitude of zeros where it is desired or what the run is judged by. Such samples are skipped
+  everywhere else.
 """
 
 from collections.abc import Iterator
@@ -228,6 +229,8 @@ class Judge(Measured):
         value = self.metrics.settling_time_s
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when it was {note}"
+            if not self.hits:
+                why = f"no attitude error is known after {value:g} s, when it was not settled"
         key, span = "settling_time", self.calm_span
         return self._row(key, value, deadline, "s", span, why, strict=True, note=note)
 
