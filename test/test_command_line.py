@@ -231,6 +231,7 @@ WRONG = [
     ("inject 1 0 0 --namespace a-b", "a-b"),
     ("watch --once --timeout never", "never"),
     ("watch --once --namespace a-b", "error: namespace 'a-b': "),
+    ("simulate --bag b\udce4g", r"argument b\udce4g; allowed: text in UTF-8"),
     ("recover", "BAG"),
     ("recover none", "none"),
     ("recover empty", "empty"),

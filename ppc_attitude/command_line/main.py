@@ -114,6 +114,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "_ARGCOMPLETE" in os.environ:
         _complete()
     parser = build_parser(words[0] if words else "")
+    for word in words:
+        if word != word.encode(errors="replace").decode():  # no page, bag or table can name it
+            parser.error(f"argument {printable(word)}; allowed: text in UTF-8")
     try:
         parsed = parser.parse_args(words)
         interrupt()
