@@ -116,8 +116,9 @@ def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: P
     points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
     points.write_text(
         "[ppc_attitude.controllers]\nbroken = outside_parts:NOWHERE\nwrong = outside_parts:RING\n"
-        "[ppc_attitude.plants]\nshare = outside_parts:LAW\n"
+        "script = leaving:LAW\n[ppc_attitude.plants]\nshare = outside_parts:LAW\n"
     )
+    (tmp_path / "installed/leaving.py").write_text("raise SystemExit(5)\n")
     code = (
         "from ppc_attitude.science.kinds import all_components as a; print(*(c.name for c in a()))"
     )
@@ -127,6 +128,7 @@ def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: P
     assert (
         "broken = outside_parts:NOWHERE of ppc_attitude.controllers cannot be loaded" in done.stderr
     )
+    assert "of ppc_attitude.controllers cannot be loaded: SystemExit(5)" in done.stderr
     assert "is left out: it is a Parameter, not a Component" in done.stderr
     assert "is left out: share does not give truth_attitude" in done.stderr
 

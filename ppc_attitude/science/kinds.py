@@ -95,7 +95,7 @@ class Kind:
                 component = self._completed(self._fitting(point.load(), found))
             except ConfigurationError as error:
                 warnings.warn(f"{origin} is left out: {error}", stacklevel=2)
-            except Exception as error:  # a package of somebody else's may fail in any way
+            except (Exception, SystemExit) as error:  # somebody else's may fail in any way
                 warnings.warn(f"{origin} cannot be loaded: {error!r}", stacklevel=2)
             else:
                 found[component.name] = component
