@@ -114,16 +114,22 @@ def _elsewhere(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
     outputs.nowhere[0] = 1.0
 
 
+@kernel
+def _mistyped(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    outputs.environment_torque[0] = "a" * inputs.t
+
+
 @pytest.mark.parametrize(
     ("step", "told"),
     [
         (_uncompiled, "is no kernel: <function _uncompiled"),
         (_of_two, "cannot be compiled: TypingError: .*too many positional arguments"),
         (_elsewhere, "cannot be compiled: KeyError: 'nowhere'"),
+        (_mistyped, "cannot be compiled: "),
     ],
 )
 def test_a_step_that_cannot_be_compiled_is_told_with_its_component(step: Any, told: str) -> None:
-    with pytest.raises(ConfigurationError, match=f"(?s)^component mine: step {told}"):
+    with pytest.raises(ConfigurationError, match=f"(?s)^component mine: step {told}[^\x1b]*$"):
         Part(replace(ONE, step=step), {})
 
 

@@ -20,6 +20,7 @@ anew, and nodes, replay and loop run the same machine code.
 """
 
 import hashlib
+import re
 import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
@@ -130,7 +131,7 @@ def entry_point(component: Component) -> Any:
     except Exception as error:  # not all that Numba raises is a NumbaError
         # The innermost reason; around it stands how `_step` has led there.
         told = f"{type(error).__name__}: {error}".rpartition("raised a specific error:")[2]
-        reason = told.partition("During:")[0].strip()
+        reason = re.sub(r"\x1b\[\d+m", "", told.partition("During:")[0]).strip()  # no colours
         raise ConfigurationError(f"component {name}: step cannot be compiled: {reason}") from error
     _entries[id(component)] = component, entry
     return entry
