@@ -105,7 +105,8 @@ def test_a_limit_on_any_column_and_on_the_torque(tmp_path: Path) -> None:
     [
         ("setled: 1", "no requirement setled; did you mean settled"),
         ("settled: -1", "settled = -1; allowed: a number > 0, ≤ 1, or an angle such as"),
-        ("settled: 200 deg", "allowed: a number > 0, ≤ 180 deg"),
+        ("settled: 200 deg", "settled = '200'; allowed: a number > 0, ≤ 180 deg"),
+        ("torque: ideal", "torque = 'ideal'; allowed: a number > 0 or 'actuator'; null"),
         ("settled: fast", "settled = 'fast'"),
         ("settled: null", "settled = None"),
         ("rate: true", "rate = True; allowed: a number > 0; null asks for nothing"),

@@ -164,7 +164,7 @@ def _checked(name: Any, value: Any) -> Any:
         }
     if name in _ACCURACIES:
         return _accuracy(name, value)
-    return _positive(name, value)
+    return _positive(name, value, also=f" or {ACTUATOR!r}" if name == "torque" else "")
 
 
 def names_of(required: Requirements) -> dict[str, str]:
@@ -210,7 +210,8 @@ def _known(name: Any, names: Iterable[str], what: str) -> str:
 def _accuracy(name: str, value: Any) -> Accuracy:
     text = str(value).strip()
     if text.endswith(DEGREES):
-        return Accuracy(_positive(name, text.removesuffix(DEGREES), 180.0, " deg"), DEGREES)
+        angle = text.removesuffix(DEGREES).rstrip()
+        return Accuracy(_positive(name, angle, 180.0, " deg"), DEGREES)
     return Accuracy(_positive(name, value, 1.0, ", or an angle such as `0.1 deg`"))
 
 
