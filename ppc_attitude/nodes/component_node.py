@@ -130,9 +130,10 @@ class ComponentNode(BaseNode):
         self.fail(stamp_ns, f"at t = {seconds(stamp_ns):.3f} s {told}{why}")
 
     def _begin_again(self, stamp_ns: int) -> None:
-        begins = "goes on after a gap" if stamp_ns > self.health.time_ns else "has begun again"
-        self.mention("restart", f"time {begins} at {seconds(stamp_ns):.3f} s: re-armed")
-        if stamp_ns <= self.health.time_ns:
+        goes_on = stamp_ns > self.health.time_ns
+        told = "goes on after a gap" if goes_on else "has begun again"
+        self.mention("restart", f"time {told} at {seconds(stamp_ns):.3f} s: re-armed")
+        if not goes_on:
             self.forget_orders()
         self.arm()
         self.health.begin_again()

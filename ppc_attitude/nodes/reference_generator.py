@@ -78,7 +78,7 @@ class ReferenceGenerator(ComponentNode):
         while not self.chain.inputs and stamp_ns - reached > _STRIDE:
             text = f"{seconds(reached):.0f} s of {seconds(stamp_ns):.0f} s"
             if self.finished or self.is_asked_to_end():
-                raise RefusedError(f"a state: the motion was integrated to {text} at the end")
+                raise RefusedError(f"the state of {seconds(stamp_ns):.0f} s: the node ends before")
             self.complain("late", f"integrates the motion from zero to the stamp: {text}")
             self.wake()
             reached += _STRIDE
