@@ -91,6 +91,17 @@ def test_goals_given_in_flight_are_found_too(record: RunRecord) -> None:
     assert np.array_equal(there.goals, here.goals)
 
 
+def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
+    (row,) = (row for row in analyse(record).requirements if row.key == "refused_orders")
+    assert (row.value, row.met) == (1.0, False)
+    assert row.reason.startswith("order 3 is refused: it is inside keep-out cone 0")
+    obeyed = analyse(simulate(flight(goals__times=[1.0], goals__attitudes=STRAIGHT), 2.0))
+    (row,) = (row for row in obeyed.requirements if row.key == "refused_orders")
+    assert (row.value, row.met) == (0.0, True)
+    resting = analyse(simulate(flight(), 2.0))
+    assert "refused_orders" not in {row.key for row in resting.requirements}
+
+
 def test_figures_show_ways_sky_and_angles(record: RunRecord) -> None:
     drawn = figures_of(record)
     assert set(drawn) >= OWN

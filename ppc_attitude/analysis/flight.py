@@ -15,7 +15,7 @@
 """The guidance of a run: its reference once more, from the parameters on record."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -92,31 +92,21 @@ def flight_of(record: RunRecord) -> Flight | None:
         The parameters on record are infeasible.
     """
     values = guidance_values(record)
-    if values is None or not has(record, ATTITUDE.column):
+    if values is None:
         return None
-    part = Part(goal.COMPONENT, values)
-    changes = [change for change in record.changes if change.node == REFERENCE]
     picked, goals, cones, words = [], [], [], []
     names = cone_names(values)
-    for k in _instants(record, values, changes):
-        stamp_ns = int(record.stamps_ns[k])
-        if changes and changes[0].stamp_ns <= stamp_ns:
-            while changes and changes[0].stamp_ns <= stamp_ns:
-                change = changes.pop(0)
-                values[change.name] = change.value
-            part.configure(values)
-            names = max(names, cone_names(values), key=len)
-        told, obeyed = part.advices, int(part.state[0]["obeyed"])
-        part.step(stamp_ns, record[ATTITUDE.column][k])
-        state = part.state[0]
-        if not state["begun"]:
-            continue
+    told = obeyed = 0
+    for k, part in _flown(record, values, _SAMPLES):
+        names = max(names, cone_names(values), key=len)
+        t, state = seconds(int(record.stamps_ns[k])), part.state[0]
         if part.advices > told:
             followed = int(state["obeyed"]) > obeyed and state["outcome"] == ACCEPTED
             legs = _legs(state["plans"][state["active"]]) if followed else ()
             advice = part.advice
-            words.append(Word(seconds(stamp_ns), advice.text, advice.warning, legs))
-        scene = scene_at(seconds(stamp_ns), part.configuration[0], state)
+            words.append(Word(t, advice.text, advice.warning, legs))
+        told, obeyed = part.advices, int(state["obeyed"])
+        scene = scene_at(t, part.configuration[0], state)
         picked.append(k)
         goals.append(scene.goal)
         cones.append(scene.cones)
@@ -133,14 +123,58 @@ def flight_of(record: RunRecord) -> Flight | None:
     )
 
 
-def _instants(record: RunRecord, values: Mapping[str, Any], changes: list[Any]) -> list[int]:
+def refusals_of(record: RunRecord) -> tuple[int, str] | None:
+    """How many orders the guidance of a run refused, and why the first; None if it had none.
+
+    Raises
+    ------
+    ConfigurationError
+        The parameters on record are infeasible.
+    """
+    values = guidance_values(record)
+    if values is None:
+        return None
+    obeyed = refused = 0
+    reason = ""
+    for _, part in _flown(record, values, 1):
+        state = part.state[0]
+        obeyed, refused = int(state["obeyed"]), int(state["refused"])
+        if refused and not reason:
+            reason = part.advice.text
+    return (refused, reason) if obeyed else None
+
+
+def _flown(record: RunRecord, values: dict[str, Any], samples: int) -> Iterator[tuple[int, Part]]:
+    """Yield number of the instant and reference after it, as of `_instants`, once it has begun.
+
+    The parameters follow what was changed in flight.
+    """
+    if not has(record, ATTITUDE.column):
+        return
+    part = Part(goal.COMPONENT, values)
+    changes = [change for change in record.changes if change.node == REFERENCE]
+    for k in _instants(record, values, changes, samples):
+        stamp_ns = int(record.stamps_ns[k])
+        if changes and changes[0].stamp_ns <= stamp_ns:
+            while changes and changes[0].stamp_ns <= stamp_ns:
+                change = changes.pop(0)
+                values[change.name] = change.value
+            part.configure(values)
+        part.step(stamp_ns, record[ATTITUDE.column][k])
+        if part.state[0]["begun"]:
+            yield k, part
+
+
+def _instants(
+    record: RunRecord, values: Mapping[str, Any], changes: list[Any], samples: int
+) -> list[int]:
     """Numbers of the instants to look at: evenly, and those from which something acts."""
     seen = np.flatnonzero(is_finite(record, ATTITUDE.column))
     times = [values[GOAL_TIMES.name], *(c.value for c in changes if c.name == GOAL_TIMES.name)]
     stamps = {nanoseconds(time) for each in times for time in each}
     stamps |= {change.stamp_ns for change in changes}
     acting = np.searchsorted(record.stamps_ns[seen], sorted(stamps))
-    evenly = range(0, seen.size, max(math.ceil(seen.size / _SAMPLES), 1))
+    evenly = range(0, seen.size, max(math.ceil(seen.size / samples), 1))
     chosen = {*evenly, *acting[acting < seen.size].tolist(), seen.size - 1}
     return [int(seen[i]) for i in sorted(chosen) if i >= 0]
 

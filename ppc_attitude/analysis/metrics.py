@@ -34,6 +34,8 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   own errors, and that time is left out.
 - *Recovery* applies to hits from T on. One that the next hit interrupts within R is judged with
   that one; one that the run's end interrupts within R is not judged.
+- *Refused orders* applies to a run with goals, holds or profiles: who refuses one stays where it
+  was, so that no error tells of it.
 - *Keep-out* applies to a run with cones: the truth, so that the craft's error is in it.
 - *Certificate*: time outside what the law's certificate promises, while its assumptions, as far as
   the record shows them, held; two samples after one was broken the promise begins anew.
@@ -55,6 +57,7 @@ import numpy as np
 from ppc_attitude.analysis.envelopes import Envelope, envelopes_of
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
+from ppc_attitude.analysis.flight import refusals_of
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.measure import Measured, known, largest, lost, window
@@ -171,6 +174,7 @@ class Judge(Measured):
         for column, limit in required.limits.items():
             yield self._column(f"limit_{column}", column, limit)
         yield from self._wheels()
+        yield from self._obeyed()
         yield from self._kept_out()
         yield from self._certificate()
         yield from self._reported()
@@ -308,6 +312,13 @@ class Judge(Measured):
             name = self._names["recovery"]
             return Requirement("recovery", name, None, limit, "s", False, span, reason=never)
         return self._row("recovery", slowest, limit, "s", span, why)
+
+    def _obeyed(self) -> Iterator[Requirement]:
+        """Judge that every order was followed: a refused one leaves the reference where it was."""
+        found = refusals_of(self.record)
+        if found is not None:
+            refused, reason = found
+            yield self._row("refused_orders", float(refused), 0.0, "", self.whole, note=reason)
 
     def _kept_out(self) -> Iterator[Requirement]:
         """Judge how far the craft came into its worst keep-out cone; negative: it stayed out."""

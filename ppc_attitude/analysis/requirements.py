@@ -179,6 +179,7 @@ def names_of(required: Requirements) -> dict[str, str]:
         "recovery": "recovery from a sudden disturbance",
         **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
         "wheel_speed": "speed of a wheel, share of its largest",
+        "refused_orders": "orders that the guidance refused",
         "keep_out": "angle inside a keep-out cone",
         "certificate": "certificate held: time outside",
         "reported_error": "difference in the reported attitude error",

@@ -84,6 +84,7 @@ STATE = np.dtype(
         ("plans", PLAN, (2,)),
         ("look", LOOK),
         ("obeyed", np.int64),  # orders so far
+        ("refused", np.int64),  # of these
         ("outcome", np.int64),  # of the last one
         ("measured", np.float64),  # what it was refused for, and what is allowed, each in the
         ("allowed", np.float64),  # unit of its reason
@@ -286,6 +287,8 @@ def adopt_plan(t: float, outcome: int, state: Any) -> int:
     if outcome == ACCEPTED:
         state.active = 1 - state.active
         begin_watch(t, state.inside, state.watch)
+    else:
+        state.refused += 1
     return outcome
 
 
