@@ -14,7 +14,6 @@
 
 """What the recorder takes of publishers that offer less than the nodes of a run do."""
 
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -63,22 +62,33 @@ def test_what_one_run_sends_at_best_effort_is_recorded_as_of_that_run(tmp_path: 
 def test_a_node_that_is_started_again_is_asked_again(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The first may have had other parameters, or have ended before it answered."""
-    rclpy.init(args=["--ros-args", "-p", f"bag:={tmp_path / 'bag'}"])
-    beside = Beside(BagRecorder())
+    """What it has else than before is a change; before the run its latest start counts."""
+    bag = tmp_path / "bag"
+    rclpy.init(args=["--ros-args", "-p", f"bag:={bag}"])
+    beside = Beside(BagRecorder(), ATTITUDE)
+    beside.meet()
+    asked, said = 0, ""
 
-    def is_on_record(k: float) -> bool:
+    def has_answered() -> bool:
+        nonlocal said
         beside.node.wake()
-        parameters = beside.node._run_info.get("parameters", {})
-        return bool(parameters.get(f"/{CONTROLLER}", {}).get("k") == k)
+        said += capfd.readouterr().err
+        return said.count(f"/{CONTROLLER} are on record") == asked
 
-    for k in (1.0, 2.0):
+    for k in (1.0, 2.0, 3.0, 3.0):
+        if k == 3.0:  # the run has begun
+            beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
         controller = rclpy.create_node(CONTROLLER)
-        controller.declare_parameter("k", k)
+        controller.declare_parameters("", [("k", k), ("controller", "ppc")])
         beside.executor.add_node(controller)
-        beside.until(partial(is_on_record, k))
+        asked += 1
+        beside.until(has_answered)
         beside.executor.remove_node(controller)
         controller.destroy_node()
+    beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
     beside.close()
     rclpy.try_shutdown()
-    assert f"/{CONTROLLER} was started again with other parameters" in capfd.readouterr().err
+    record = read_run(bag)
+    assert record.parameters[CONTROLLER]["k"] == 2.0
+    (change,) = record.changes
+    assert (change.stamp_ns, change.name, change.value) == (stamp_of(2, 100.0), "k", 3.0)

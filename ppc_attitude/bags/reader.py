@@ -25,7 +25,7 @@ from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.timeline import align
 from ppc_attitude.contract.carriers import carriers
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED, promised
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.run_record import RunRecord, told
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
@@ -165,7 +165,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         missing={**timeline.missing, **empty},
         held=timeline.held,
         parameters=facts.parameters,
-        changes=changes,
+        changes=tuple(each for each, old in told(changes, facts.parameters) if each.value != old),
         metadata=facts.metadata,
         warnings=tuple(map(printable, warnings)),
     )

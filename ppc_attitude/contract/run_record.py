@@ -18,7 +18,7 @@ The in-process loop and the bag reader produce it; metrics, figures, reports and
 consume it. So a figure never knows whether ROS was there.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -63,6 +63,25 @@ class ToldChange(NamedTuple):
 
     change: Change
     before: Any
+
+
+def told(
+    changes: Iterable[Change], parameters: Mapping[str, Mapping[str, Any]]
+) -> Iterator[ToldChange]:
+    """Yield changes in the order of their stamps, each with the value before.
+
+    Parameters
+    ----------
+    changes : iterable of Change
+        The changes.
+    parameters : mapping of str to mapping
+        What the nodes' parameters were before the first.
+    """
+    values = {(node, name): each for node, own in parameters.items() for name, each in own.items()}
+    for change in changes:
+        key = change.node, change.name
+        yield ToldChange(change, values.get(key))
+        values[key] = change.value
 
 
 @dataclass(frozen=True)
@@ -127,16 +146,7 @@ class RunRecord:
     @property
     def told_changes(self) -> list[ToldChange]:
         """Changes during the run, each with the value before, in the order of the stamps."""
-        values = {
-            (node, name): value
-            for node, own in self.parameters.items()
-            for name, value in own.items()
-        }
-        told = []
-        for change in self.changes:
-            told.append(ToldChange(change, values.get((change.node, change.name))))
-            values[change.node, change.name] = change.value
-        return told
+        return list(told(self.changes, self.parameters))
 
     @property
     def missing_messages(self) -> int:

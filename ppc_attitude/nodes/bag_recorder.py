@@ -28,6 +28,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.qos import ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
@@ -42,6 +43,7 @@ from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import encode_clock, header_stamp
 from ppc_attitude.contract.topics import (
     ATTITUDE,
+    CHANGES_TOPIC,
     CONTROLLER,
     EVENTS,
     RECORDED_TOPIC,
@@ -52,7 +54,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
-from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.messages import changed, message_class
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
 from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph
@@ -62,6 +64,7 @@ from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.runtime.recording import Recording
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.stamps import seconds
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
@@ -148,9 +151,21 @@ class BagRecorder(BaseNode):
         for topic in (*STANDARD, *EVENTS):
             self._record_topic(home, topic)
 
-    def _learn(self, parameters: dict[str, dict[str, Any]]) -> None:
-        """Write down the parameters that the other nodes have told."""
-        self._run_info["parameters"] = parameters
+    def _learn(self, home: str, node: str, values: dict[str, Any]) -> None:
+        """Write down the parameters that another node has told.
+
+        Those of one that is started again amid the run are changes: the run began with others.
+        """
+        full, recording = f"{home}/{node}", self._recordings[home]
+        parameters = self._run_info.setdefault("parameters", {})
+        since = ""
+        if full in parameters and recording.now >= 0:
+            data = serialize_message(changed(recording.now, node, values))
+            recording.event(CHANGES_TOPIC.name, recording.now, data)
+            since = f" from t = {seconds(recording.now):.6f} s on: it was started again"
+        else:
+            parameters[full] = values
+        self.get_logger().info(f"the parameters of {full} are on record{since}")
         for key, value in self._custom_data().items():
             self._writer.set_custom_data(key, value)
 

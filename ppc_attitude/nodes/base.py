@@ -14,12 +14,11 @@
 
 """The base of all nodes: parameters, links, refusals, diagnostics."""
 
-import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -37,7 +36,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.messages import Inbox, diagnostics, message_class, stamped
+from ppc_attitude.nodes.messages import Inbox, changed, diagnostics, message_class
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of
 from ppc_attitude.nodes.qos import PEER, published
@@ -140,11 +139,7 @@ class BaseNode(Node):
 
     def tell_changes(self, stamp_ns: int, changes: Mapping[str, Value]) -> None:
         """Publish values that hold from a stamp [ns] on as parameters; so they are recorded."""
-        said = DiagnosticStatus(
-            name=self.get_name(),
-            values=[KeyValue(key=key, value=json.dumps(value)) for key, value in changes.items()],
-        )
-        self._changes.publish(stamped(stamp_ns, said))
+        self._changes.publish(changed(stamp_ns, self.get_name(), changes))
         text = ", ".join(f"{name} = {value}" for name, value in changes.items())
         self.get_logger().info(f"from t = {seconds(stamp_ns):.6f} s on: {text}")
 

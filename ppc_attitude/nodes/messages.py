@@ -18,8 +18,9 @@ Raw subscriptions and publishers carry CDR bytes; `contract.cdr` packs and unpac
 arrives is checked here, once for all nodes: frame, finite numbers, unit quaternions.
 """
 
+import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -35,6 +36,7 @@ from ppc_attitude.nodes.qos import ONLOOKER
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.component import FIX, GYRO, QUATERNION, WRENCH
+from ppc_attitude.science.parameter import Value
 
 _UNIT_TOLERANCE = 1e-3
 _OWN_TOLERANCE = 1e-12
@@ -161,11 +163,16 @@ def diagnostics(stamp_ns: int, node: str, what: str, status: Status) -> Diagnost
         hardware_id=node,
         values=[KeyValue(key=key, value=_text(value)) for key, value in status.details.items()],
     )
-    return stamped(stamp_ns, said)
+    return _stamped(stamp_ns, said)
 
 
-def stamped(stamp_ns: int, said: DiagnosticStatus) -> DiagnosticArray:
-    """Message with one status at a stamp [ns]."""
+def changed(stamp_ns: int, node: str, values: Mapping[str, Value]) -> DiagnosticArray:
+    """Message with values that a node's parameters have from a stamp [ns] on."""
+    told = [KeyValue(key=key, value=json.dumps(value)) for key, value in values.items()]
+    return _stamped(stamp_ns, DiagnosticStatus(name=node, values=told))
+
+
+def _stamped(stamp_ns: int, said: DiagnosticStatus) -> DiagnosticArray:
     return DiagnosticArray(header=Header(stamp=Time(nanoseconds=stamp_ns).to_msg()), status=[said])
 
 

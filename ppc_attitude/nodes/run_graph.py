@@ -108,67 +108,61 @@ class ParameterSurvey:
     """Ask every node of some runs for its parameters, when it appears: nobody else has told them.
 
     One that is started again is asked again: it may have others. After each answer `on_answer` gets
-    all so far, node name to parameters.
+    the namespace of the run, as of `RunGraph`, the node's name, and its parameters.
     """
 
     def __init__(
         self,
         node: Node,
         graph: RunGraph,
-        on_answer: Callable[[dict[str, dict[str, Any]]], None],
+        on_answer: Callable[[str, str, dict[str, Any]], None],
     ) -> None:
         self._node = node
         self._graph = graph
         self._on_answer = on_answer
-        self._answers: dict[str, dict[str, Any]] = {}
-        self._clients: dict[str, tuple[Any, Any]] = {}
+        self._told: set[tuple[str, str]] = set()  # namespace and name of who has answered
+        self._clients: dict[tuple[str, str], tuple[Any, Any]] = {}
         self._answered: set[bytes] = set()  # by what no two starts of a node have in common
         node.create_timer(_PERIOD, self._ask)
 
     def _ask(self) -> None:
         """Ask who has not answered; an answer is lost if its node ends amid the questions."""
         for end in self._node.get_publishers_info_by_topic(PARAMETER_EVENTS_TOPIC.name):
-            home, start = end.node_namespace.rstrip("/"), bytes(end.endpoint_gid)
-            if (home, end.node_name) not in self._graph.nodes or start in self._answered:
+            who, start = (end.node_namespace.rstrip("/"), end.node_name), bytes(end.endpoint_gid)
+            if who not in self._graph.nodes or start in self._answered:
                 continue
-            full = f"{home}/{end.node_name}"
-            if full not in self._clients:
-                self._clients[full] = (
+            if who not in self._clients:
+                full = "/".join(who)
+                self._clients[who] = (
                     self._node.create_client(ListParameters, f"{full}/list_parameters"),
                     self._node.create_client(GetParameters, f"{full}/get_parameters"),
                 )
-            client, _ = self._clients[full]
+            client, _ = self._clients[who]
             if client.service_is_ready():
                 future = client.call_async(ListParameters.Request())
-                future.add_done_callback(partial(self._on_names, full, start))
+                future.add_done_callback(partial(self._on_names, who, start))
 
-    def _on_names(self, full: str, start: bytes, future: Future) -> None:
+    def _on_names(self, who: tuple[str, str], start: bytes, future: Future) -> None:
         listed = future.result()
         names = [] if listed is None else listed.result.names
         names = [name for name in names if not is_of_ros(name)]
-        future = self._clients[full][1].call_async(GetParameters.Request(names=names))
-        future.add_done_callback(partial(self._on_values, full, start, names))
+        future = self._clients[who][1].call_async(GetParameters.Request(names=names))
+        future.add_done_callback(partial(self._on_values, who, start, names))
 
-    def _on_values(self, full: str, start: bytes, names: list[str], future: Future) -> None:
+    def _on_values(
+        self, who: tuple[str, str], start: bytes, names: list[str], future: Future
+    ) -> None:
         response = future.result()
         if start in self._answered or response is None or len(response.values) != len(names):
             return
         self._answered.add(start)
         values = map(parameter_value_to_python, response.values)
         told = dict(zip(names, (unquoted(with_lists(each)) for each in values), strict=True))
-        before = self._answers.get(full, told)
-        self._answers[full] = told
-        self._on_answer(self._answers)
-        self._node.get_logger().info(f"the parameters of {full} are on record")
-        if before != told:
-            text = (
-                f"{full} was started again with other parameters: only the new ones are on record"
-            )
-            self._node.get_logger().warning(text)
+        self._told.add(who)
+        self._on_answer(*who, told)
 
     def close(self) -> None:
         """Say who has not answered."""
-        seen = {f"{home}/{name}" for home, name in self._graph.nodes}
-        if silent := sorted(seen - self._answers.keys()):
+        if silent := sorted(map("/".join, self._graph.nodes - self._told)):
             text = f"the parameters of {', '.join(silent)} are not on record: no answer yet"
             self._node.get_logger().warning(text)
