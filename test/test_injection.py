@@ -164,6 +164,12 @@ def test_a_request_that_comes_again_by_its_name_acts_once_and_gets_the_same_answ
     injector.runs(30)
     assert injector.steps() == [7, 8, 15, 16]
     assert injector.injections.accepted == 2
+    injector.injections.begin_again()  # what was forgotten acts if it is asked for again
+    injector.step, injector.acted = 0, []
+    injector.runs(3)
+    assert "from t = 0.030000 s" in ask("mine")
+    injector.runs(9)
+    assert injector.steps() == [3, 4]
 
 
 @pytest.mark.ros

@@ -97,8 +97,9 @@ class Injections:
         return self._pulses
 
     def begin_again(self) -> None:
-        """Forget the torques that were injected before time began again."""
+        """Forget the torques that were injected before time began again, and who asked for them."""
         self._pulses.clear()
+        self._answers.clear()
         self._changed = True
         self._stamp = -1
 
