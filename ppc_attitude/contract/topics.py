@@ -195,6 +195,7 @@ PARAMETER_EVENTS_TOPIC = Topic(
 CHANGES_TOPIC = Topic(
     "parameters/changed", DIAGNOSTICS, meaning="parameters that changed, from the stamp on"
 )
+ENABLED = "enabled"  # told there by the controller when its torque is switched; no parameter
 RECORDED_TOPIC = Topic(
     "recorded_until",
     CLOCK,

@@ -20,7 +20,7 @@ from typing import Any
 
 from std_srvs.srv import SetBool
 
-from ppc_attitude.contract.topics import CONTROLLER, TORQUE_COMMAND
+from ppc_attitude.contract.topics import CONTROLLER, ENABLED, TORQUE_COMMAND
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import STALE, WARN, Status
@@ -38,11 +38,15 @@ class PpcController(ComponentNode):
     def __init__(self) -> None:
         super().__init__()
         self._enabled = True
+        self._switched = False  # and not yet told
         self._saturated = 0
         self.create_service(SetBool, "~/enable", self._on_enable)
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Step the law."""
+        if self._switched:
+            self._switched = False
+            self.tell_changes(stamp_ns, {ENABLED: self._enabled})
         outputs = super().compute(stamp_ns, inputs)
         torque = outputs[TORQUE_COMMAND.column]
         self._saturated += torque != outputs.get(_UNSATURATED, torque)
@@ -51,6 +55,7 @@ class PpcController(ComponentNode):
     def _on_enable(self, request: Any, response: Any) -> Any:
         if request.data and not self._enabled:
             self.arm()
+        self._switched = self._switched or self._enabled != request.data
         self._enabled = bool(request.data)
         state = (
             "enabled: re-armed from the present error" if self._enabled else "disabled: zero torque"

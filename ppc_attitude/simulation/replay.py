@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.declared import BY_COLUMN, is_told_the_truth
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, HOSTED, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, ENABLED, HOSTED, PLANT
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, NONE, PLANTS, SENSORS, Kind
@@ -231,14 +231,23 @@ def _computed(
     side: Literal["left", "right"] = "right" if kind in (PLANTS, SENSORS) else "left"
     own = [change for change in record.changes if change.node == node]
     starts = np.searchsorted(stamps, [change.stamp_ns for change in own], side).tolist()
-    pieces, begin = [], 0
+    pieces, begin, enabled = [], 0, True
+
+    def played(end: int | None = None) -> Array:
+        outputs = play(part, stamps[begin:end], read[:, begin:end], compared)
+        return outputs if enabled else np.zeros_like(outputs)
+
     # What changed at one instant fits together only as a whole.
     for start, group in groupby(zip(starts, own, strict=True), itemgetter(0)):
-        pieces.append(play(part, stamps[begin:start], read[:, begin:start], compared))
+        pieces.append(played(start))
         begin = start
-        values.update({change.name: change.value for _, change in group})
+        changed = {change.name: change.value for _, change in group}
+        values.update(changed)
         part.configure(_installed(node, values))
-    pieces.append(play(part, stamps[begin:], read[:, begin:], compared))
+        enabled = changed.get(ENABLED, enabled)
+        if ENABLED in changed:  # the law begins anew
+            part.forget()
+    pieces.append(played())
     return np.concatenate(pieces, axis=1)
 
 
