@@ -24,16 +24,19 @@ from bag_helpers import assert_same, messages, record_all, write_messages
 from synthetic import SAMPLED, normal_run, without_columns
 
 from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.bags.changes import encode_changes
 from ppc_attitude.bags.custom_data import GAPS_KEY
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
+    CHANGES_TOPIC,
     CONTROLLER,
     DISTURBANCE,
     PLANT,
@@ -170,6 +173,28 @@ def test_after_a_reset_the_last_epoch_is_read(tmp_path: Path, steps: list[int]) 
     times = "time" if len(steps) == 2 else "times"
     assert f"the clock went back {len(steps) - 1} {times}" in read.warnings[0]
     assert "to 0 s (plant reset or restarted)" in read.warnings[0]
+
+
+def test_after_a_reset_the_changes_of_the_last_epoch_are_read(tmp_path: Path) -> None:
+    """What is told anew at its begin may be written before it, and what was told before after."""
+
+    def told(stamp: int, name: str, value: float) -> list:
+        change = Change(stamp, CONTROLLER, name, value)
+        return [(CHANGES_TOPIC, *each) for each in encode_changes([change])]
+
+    states = list(messages(RUN))
+    late = int(RUN.stamps_ns[-1])
+    sequence = [*states, *told(late, "k", 0.7), *told(late, "eta", 0.1), *told(0, "k", 0.7)]
+    sequence += [*states[:40], *told(late, "enabled", True), *told(0, "enabled", False)]
+    sequence += [*states[40:], *told(late, "eta", 0.2)]
+    began = {**RUN.parameters, CONTROLLER: {"k": 0.5, "eta": 0.3}}
+    bag = write_messages(tmp_path / "bag", sequence, run=replace(RUN, parameters=began))
+    read = read_run(bag)
+    assert read.parameters[CONTROLLER] == {"k": 0.7, "eta": 0.3}
+    assert read.changes == (
+        Change(0, CONTROLLER, "enabled", False),
+        Change(late, CONTROLLER, "eta", 0.2),
+    )
 
 
 def test_undecodable_messages_are_counted(tmp_path: Path) -> None:

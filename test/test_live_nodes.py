@@ -20,10 +20,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import StartProcess
-from peer import last_torque, peer
-from process_helpers import LOCKSTEP, Node, end_all, loop_nodes, plans, until
+from peer import Peer, last_torque, peer
+from process_helpers import ENDLESS, LOCKSTEP, Node, Run, end_all, loop_nodes, pace, plans, until
 from rcl_interfaces.msg import ParameterEvent
 from rosbags.highlevel import AnyReader
+from std_srvs.srv import SetBool, Trigger
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.cdr import Codec
@@ -38,6 +39,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.simulation.replay import replay
 
 pytestmark = pytest.mark.ros
 
@@ -156,6 +158,41 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
     assert (largest[changed:] == 0.02).all()
     changed_by_user = {event for event in events(bag) if event[0] == f"/{CONTROLLER}"}
     assert changed_by_user == {(f"/{CONTROLLER}", "max_torque", 0.02)}
+
+
+def test_what_was_set_and_switched_is_replayed_also_after_a_reset(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(1.0))
+    with peer() as stack:
+        stack.goes_on()
+        assert stack.set_parameter(CONTROLLER, "k", 0.9).successful
+        assert stack.set_parameter(PLANT, "max_torque", 0.03).successful
+        stack.until(lambda: last_torque(stack) == 0.03, "the new limit")
+        switch(stack, False)
+        stack.until(lambda: last_torque(stack) == 0.0, "zero torque")
+        before = stack.time(APPLIED_TORQUE)
+        assert stack.call(Trigger, f"/{PLANT}/reset", Trigger.Request()).success
+        stack.until(lambda: stack.time(APPLIED_TORQUE) < before, "time to go back")
+        stack.goes_on()
+        switch(stack, True)
+        stack.until(lambda: last_torque(stack) == 0.03, "torque")
+        stack.goes_on()
+        run.send(signal.SIGINT)
+        assert run.ends() == 3, run.err
+    record = read_run(run.bag)
+    assert record.parameters[CONTROLLER]["k"] == 0.9
+    assert record.parameters[PLANT]["max_torque"] == 0.03
+    assert [(each.name, each.value) for each in record.changes] == [
+        ("enabled", False),
+        ("enabled", True),
+    ]
+    assert [each.largest for each in replay(record).found] == [0.0] * 5
+
+
+def switch(stack: Peer, enabled: bool) -> None:
+    """Let the controller command torque, or none."""
+    assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=enabled)).success
 
 
 def events(bag: Path) -> set[tuple[str, str, float]]:

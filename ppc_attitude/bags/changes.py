@@ -31,16 +31,16 @@ MOST = 10_000
 """So many messages of changes are read at the most."""
 
 
-def changes_of(messages: Iterable[bytes]) -> tuple[tuple[Change, ...], int]:
-    """Changes in the order of their stamps, and how many of the messages are none."""
-    found: list[Change] = []
+def changes_of(messages: Iterable[tuple[int, bytes]]) -> tuple[list[tuple[int, Change]], int]:
+    """Changes in the order of their arrival, with that, and how many messages are none."""
+    found: list[tuple[int, Change]] = []
     unreadable = 0
-    for data in messages:
+    for arrival, data in sorted(messages):  # a block has them by their length
         try:
-            found += _changes(data)
+            found += [(arrival, change) for change in _changes(data)]
         except Exception:  # rosbags raises many types for bytes that are no message
             unreadable += 1
-    return tuple(sorted(found, key=lambda change: change.stamp_ns)), unreadable
+    return found, unreadable
 
 
 def encode_changes(changes: Iterable[Change]) -> Iterator[tuple[int, bytes]]:

@@ -70,7 +70,7 @@ class Collected:
         # How many messages have another frame, and what a node says of the first.
         self._strange: dict[str, tuple[int, str]] = {}
         self._notes: list[str] = []
-        self._changes: dict[str, list[bytes]] = {}
+        self._changes: dict[str, list[tuple[int, bytes]]] = {}  # with their arrival
         self._met = 0
 
     def add(self, channels: Mapping[int, Channel], block: Block) -> None:
@@ -79,7 +79,9 @@ class Collected:
             channel = channels[key]
             if channel.topic.endswith(f"/{CHANGES_TOPIC.name}"):
                 kept = self._changes.setdefault(channel.topic, [])
-                kept += [row.tobytes() for row in rows[: MOST - len(kept)]]
+                arrivals = (indices + self._met).tolist()
+                taken = zip(arrivals, rows[: MOST - len(kept)], strict=False)
+                kept += [(arrival, row.tobytes()) for arrival, row in taken]
                 continue
             if channel.encoding != "cdr":
                 continue
@@ -142,8 +144,8 @@ class Collected:
         joined = Series(stamps, values, arrival)
         return joined[order] if (np.diff(order) != 1).any() else joined
 
-    def changes(self, namespace: str) -> tuple[Change, ...]:
-        """Parameters that were changed in flight; messages that are none are counted."""
+    def changes(self, namespace: str) -> list[tuple[int, Change]]:
+        """Arrival of each change in flight, and the change; messages that are none are counted."""
         name = f"{namespace}/{CHANGES_TOPIC.name}"
         changes, unreadable = changes_of(self._changes.get(name, []))
         if unreadable:

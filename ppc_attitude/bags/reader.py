@@ -14,7 +14,8 @@
 
 """Reading a recorded run, finished or cut, into a `RunRecord`."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,10 @@ from ppc_attitude.bags.collected import Collected, readings
 from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data
 from ppc_attitude.bags.errors import BagError, printable
 from ppc_attitude.bags.folder import Bag
-from ppc_attitude.bags.timeline import align
+from ppc_attitude.bags.timeline import Timeline, align
 from ppc_attitude.contract.carriers import carriers
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED, promised
-from ppc_attitude.contract.run_record import RunRecord, told
+from ppc_attitude.contract.run_record import Change, RunRecord, told
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
@@ -149,6 +150,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
     rate = _rate(facts.parameters)
     timeline = align(series, rate, cut=bool(cut), end_ns=_planned_end(facts.parameters, rate))
+    parameters, in_flight = _of_last_epoch(facts.parameters, changes, timeline)
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     empty = dict.fromkeys(announced, len(timeline.stamps))
     warnings = [*facts.flaws, *collected.warnings(home), *timeline.warnings]
@@ -164,11 +166,41 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         columns=timeline.columns,
         missing={**timeline.missing, **empty},
         held=timeline.held,
-        parameters=facts.parameters,
-        changes=tuple(each for each, old in told(changes, facts.parameters) if each.value != old),
+        parameters=parameters,
+        changes=tuple(each for each, old in told(in_flight, parameters) if each.value != old),
         metadata=facts.metadata,
         warnings=tuple(map(printable, warnings)),
     )
+
+
+def _of_last_epoch(
+    parameters: Mapping[str, Mapping[str, Any]],
+    changes: Iterable[tuple[int, Change]],
+    timeline: Timeline,
+) -> tuple[Mapping[str, Mapping[str, Any]], tuple[Change, ...]]:
+    """Parameters with which the last epoch began, and what was changed during it.
+
+    When time begins again a node tells anew, at that stamp, all that it has told. Such a message
+    may be written before the state, and what the node told before it after the state.
+    """
+    if timeline.begun is None:
+        return parameters, _by_stamp(change for _, change in changes)
+    began: dict[str, dict[str, Any]] = {node: dict(own) for node, own in parameters.items()}
+    first: dict[tuple[str, str], Change] = {}
+    later: dict[str, list[Change]] = {}
+    for arrival, change in changes:
+        if change.stamp_ns <= timeline.stamps[0]:
+            first[change.node, change.name] = change
+            later.pop(change.node, None)
+        elif arrival >= timeline.begun:
+            later.setdefault(change.node, []).append(change)
+    for node, name in first.keys() & {(node, name) for node, own in began.items() for name in own}:
+        began[node][name] = first.pop((node, name)).value
+    return began, _by_stamp(chain(first.values(), *later.values()))
+
+
+def _by_stamp(changes: Iterable[Change]) -> tuple[Change, ...]:
+    return tuple(sorted(changes, key=lambda change: change.stamp_ns))
 
 
 def _by_namespace(bag: Bag) -> dict[str, set[Topic]]:

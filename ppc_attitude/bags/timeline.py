@@ -65,6 +65,7 @@ class Timeline:
     missing: Mapping[str, int]
     held: frozenset[str]
     warnings: tuple[str, ...]
+    begun: int | None  # when the state arrived at which time began again, if it did
 
 
 def align(
@@ -90,7 +91,7 @@ def align(
     for topic in series:
         series[topic] = _without_leaps(topic, series[topic], warnings)
     master = _master(series)
-    _keep_last_epoch(series, master, warnings)
+    begun = _keep_last_epoch(series, master, warnings)
     for topic in series:
         series[topic] = _in_order(topic, series[topic], warnings)
     held = frozenset() if rate else _hold(series, master, warnings)
@@ -115,7 +116,7 @@ def align(
         if strays:
             warnings.append(f"{strays} messages of {topic.name} have no stamp of the plant's")
     return Timeline(
-        stamps, columns, missing, frozenset(topic.column for topic in held), tuple(warnings)
+        stamps, columns, missing, frozenset(topic.column for topic in held), tuple(warnings), begun
     )
 
 
@@ -151,22 +152,23 @@ def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> fr
     return frozenset(held)
 
 
-def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> None:
-    """Drop what came before the last reset of the plant."""
+def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> int | None:
+    """Drop what came before the last reset of the plant; return when that arrived, if any did."""
     plant = series[master]
     start, resets = _last_reset(plant.stamps)
     if not resets:
-        return
+        return None
     before, after = seconds(int(plant.stamps[start - 1])), seconds(int(plant.stamps[start]))
     warnings.append(
         f"the clock went back {resets} time{'s' if resets > 1 else ''}, last from {before:g} s to "
         f"{after:g} s (plant reset or restarted); only what follows is read"
     )
-    arrival = plant.arrival[start]
+    arrival = int(plant.arrival[start])
     for topic, messages in series.items():
         own, own_resets = _last_reset(messages.stamps)
         first = own if own_resets else int(np.searchsorted(messages.arrival, arrival))
         series[topic] = messages[first:]
+    return arrival
 
 
 def _last_reset(stamps: Integers) -> tuple[int, int]:

@@ -80,6 +80,7 @@ class BaseNode(Node):
         self.health = Health(self.now())
         self._subscribe: list[Callable[[], None]] = []  # put off until the recorder listens
         self._born = self.now()
+        self.told: dict[str, Value] = {}  # changes that are on record, by name
         self._incoming: list[str] = []
         self._outgoing: list[Any] = []
         self._diagnostics = self.create_publisher(
@@ -139,9 +140,15 @@ class BaseNode(Node):
 
     def tell_changes(self, stamp_ns: int, changes: Mapping[str, Value]) -> None:
         """Publish values that hold from a stamp [ns] on as parameters; so they are recorded."""
+        self.told |= changes
         self._changes.publish(changed(stamp_ns, self.get_name(), changes))
         text = ", ".join(f"{name} = {value}" for name, value in changes.items())
         self.get_logger().info(f"from t = {seconds(stamp_ns):.6f} s on: {text}")
+
+    def tell_again(self, stamp_ns: int) -> None:
+        """Tell all changes anew: time begins again at a stamp [ns], and with it the record."""
+        if self.told:
+            self.tell_changes(stamp_ns, self.told)
 
     def sender(self, topic: Topic) -> Callable[[int, Sequence[float]], None]:
         """Return a function that publishes (stamp [ns], numbers) on a topic."""

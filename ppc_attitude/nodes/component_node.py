@@ -135,6 +135,7 @@ class ComponentNode(BaseNode):
         self.mention("restart", f"time {told} at {seconds(stamp_ns):.3f} s: re-armed")
         if not goes_on:
             self.forget_orders()
+            self.tell_again(stamp_ns)
         self.arm()
         self.health.begin_again()
 

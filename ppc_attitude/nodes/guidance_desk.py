@@ -144,6 +144,8 @@ class GuidanceDesk:
 
     def begin_again(self) -> None:
         """Forget all orders in flight: time has begun again."""
+        if self._book.in_flight:
+            self._node.told |= schedule_of(self._scheduled)
         self._book.begin_again()
         self._profiles = list(self._scheduled.profiles)
 

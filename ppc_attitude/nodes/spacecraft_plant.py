@@ -205,6 +205,7 @@ class SpacecraftPlant(BaseNode):
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         self.pace.begin(self.now())
+        self.tell_again(0)
         self.wake_now()
         self.get_logger().info("reset: time begins again at zero")
         response.success = True
