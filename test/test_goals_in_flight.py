@@ -18,6 +18,7 @@ import itertools
 import json
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,10 @@ from ppc_attitude.nodes.goto import Answer, _all_listen, _go_to
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.orders import (
+    ORDER,
+    OrderBook,
     Orders,
     goal_order,
     hold_order,
@@ -114,10 +118,10 @@ class Pilot(Beside):
         self.publishers[topic].publish(message)
         self.until(lambda: self.seen() > before)
 
-    def changed(self) -> dict[str, Any]:
-        """What was told last on `parameters/changed`."""
-        self.until(lambda: self._changes)
-        return {each.key: json.loads(each.value) for each in self._changes[-1].values}
+    def changes(self, count: int) -> list[dict[str, Any]]:
+        """What was told on `parameters/changed`, so many times."""
+        self.until(lambda: len(self._changes) >= count)
+        return [{e.key: json.loads(e.value) for e in each.values} for each in self._changes]
 
     def seen(self) -> int:
         """How many orders the node has taken or refused."""
@@ -164,6 +168,8 @@ def test_goals_and_hold_act_from_the_next_state_as_in_process(pilot: Pilot) -> N
         goal_order(nanoseconds(20.0), "nadir", NEAR),
     ]
     assert given == flown(orders, times)
+    # Each change tells what was yet to come, else a stream of goals would be told again and again.
+    assert [each["goals.times"] for each in pilot.changes(2)] == [[2.0], [8.0, 20.0]]
     status = pilot.hears("order 3 is followed: nadir frame")
     assert status.level == DiagnosticStatus.OK
     assert {entry.key: entry.value for entry in status.values}["frame"] == "nadir"
@@ -188,7 +194,7 @@ def test_timed_profile_by_topic(pilot: Pilot) -> None:
     assert given[-1] == pytest.approx([*NEAR, *[0.0] * 6])
     # What was flown is told as the schedule that flies it again.
     schedule = schedule_of(Orders(np.concatenate(orders), np.array([profile])))
-    assert pilot.changed() == schedule
+    assert pilot.changes(1) == [schedule]
 
 
 def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None:
@@ -287,3 +293,18 @@ def test_a_gap_of_the_states_forgets_no_goal(pilot: Pilot) -> None:
         pilot.send(ATTITUDE, nanoseconds(t), START)
     pilot.state(60.2)  # the third that agrees on the other time
     assert any(pilot.state(64.0)[4:])
+
+
+def test_only_orders_that_wait_are_counted() -> None:
+    """A stream of goals goes on for ever, and a reference that begins anew finds the latest."""
+    book = OrderBook(np.zeros(0, ORDER))
+    book.accept(partial(goal_order, frame="inertial", attitude=GOAL), 1)
+    for stamp in range(2, 10_100):
+        book.accept(hold_order, 0)
+        listed = book.at(stamp)
+    assert listed is not None
+    assert (len(listed), listed["stamp_ns"][-1]) == (10_000, 10_099)
+    for stamp in range(20_000, 30_000):
+        book.accept(hold_order, stamp)
+    with pytest.raises(ConfigurationError, match="10000 orders wait; allowed: no more at a time"):
+        book.accept(hold_order, 0)

@@ -81,7 +81,7 @@ def test_goals_given_in_flight_are_found_too(record: RunRecord) -> None:
         parameters={**record.parameters, "reference_generator": {**values, **first}},
         changes=tuple(
             Change(20_000_000_000, "reference_generator", name, value)
-            for name, value in schedule_of(orders).items()
+            for name, value in schedule_of(orders._replace(listed=orders.listed[1:])).items()
         ),
     )
     here, there = flight_of(record), flight_of(live)

@@ -17,6 +17,8 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -152,15 +154,19 @@ def _flown(record: RunRecord, values: dict[str, Any], samples: int) -> Iterator[
     if not has(record, ATTITUDE.column):
         return
     part = Part(goal.COMPONENT, values)
-    changes = [change for change in record.changes if change.node == REFERENCE]
-    for k in _instants(record, values, changes, samples):
-        stamp_ns = int(record.stamps_ns[k])
-        if changes and changes[0].stamp_ns <= stamp_ns:
-            while changes and changes[0].stamp_ns <= stamp_ns:
-                change = changes.pop(0)
-                values[change.name] = change.value
+    own = [change for change in record.changes if change.node == REFERENCE]
+    changes = [(stamp_ns, [*each]) for stamp_ns, each in groupby(own, attrgetter("stamp_ns"))]
+    for k in _instants(record, values, own, samples):
+        stamp_ns, attitude = int(record.stamps_ns[k]), record[ATTITUDE.column][k]
+        while changes and changes[0][0] <= stamp_ns:
+            since, together = changes.pop(0)
+            values.update({change.name: change.value for change in together})
             part.configure(values)
-        part.step(stamp_ns, record[ATTITUDE.column][k])
+            # Each tells the orders that were yet to come: those of an instant that is not on
+            # record would be lost with the next.
+            if since < stamp_ns and part.state[0]["begun"]:
+                part.step(since, attitude)
+        part.step(stamp_ns, attitude)
         if part.state[0]["begun"]:
             yield k, part
 

@@ -107,7 +107,9 @@ class GuidanceDesk:
         self._orders = Orders(orders, np.array(self._profiles, POINTS))
         self.configure()
         if self._book.in_flight:
-            self._node.tell_changes(stamp_ns, schedule_of(self._orders))
+            waiting = orders[orders["stamp_ns"] >= self._part.state[0]["open_ns"]]
+            told = schedule_of(self._orders._replace(listed=waiting))
+            self._node.tell_changes(stamp_ns, told)
 
     def configure(self) -> None:
         """Let the reference fly with the node's present parameters and all orders."""

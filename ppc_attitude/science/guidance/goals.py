@@ -85,6 +85,7 @@ STATE = np.dtype(
         ("look", LOOK),
         ("obeyed", np.int64),  # orders so far
         ("refused", np.int64),  # of these
+        ("open_ns", np.int64),  # orders before this instant have been obeyed
         ("outcome", np.int64),  # of the last one
         ("measured", np.float64),  # what it was refused for, and what is allowed, each in the
         ("allowed", np.float64),  # unit of its reason

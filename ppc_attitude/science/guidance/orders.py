@@ -60,7 +60,7 @@ GOAL_POINTS = at_start(
     "time [s]; inertial attitude x y z w; rate [rad/s] and acceleration [rad/s²], desired frame",
     length=-_POINT,
 )
-_MOST = 10_000  # orders of a run
+_MOST = 10_000  # orders that wait, or are kept for a reference that begins anew
 GOAL_PARAMETERS = (GOAL_TIMES, GOAL_FRAMES, GOAL_ATTITUDES, GOAL_POINTS)
 
 HOLD, PROFILE = -1, -2  # in place of an order's frame
@@ -206,10 +206,11 @@ class OrderBook:
         Raises
         ------
         ConfigurationError
-            There are too many orders.
+            Too many orders wait.
         """
-        if len(self._orders) + len(self._beginning) >= _MOST:
-            raise ConfigurationError(f"{_MOST} orders were given; allowed: no more in one run")
+        waiting = np.count_nonzero(self._orders["stamp_ns"] > self._stamp)
+        if waiting + len(self._beginning) >= _MOST:
+            raise ConfigurationError(f"{_MOST} orders wait; allowed: no more at a time")
         self.in_flight += 1
         if stamp_ns <= self._stamp:
             self._beginning.append(make)
@@ -219,7 +220,7 @@ class OrderBook:
 
     def _insert(self, order: NDArray[Any]) -> None:
         orders = np.concatenate([self._orders, order])
-        self._orders = orders[np.argsort(orders["stamp_ns"], kind="stable")]
+        self._orders = orders[np.argsort(orders["stamp_ns"], kind="stable")][-_MOST:]
         self._changed = True
 
     def at(self, stamp_ns: int) -> NDArray[Any] | None:

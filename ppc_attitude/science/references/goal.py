@@ -209,12 +209,14 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
         store(outputs.reference_angular_acceleration, ZERO)
         return
     orders = array_at(guidance.address, guidance.orders, ORDER)
-    before = state.obeyed
-    while state.obeyed < guidance.orders and orders[state.obeyed].stamp_ns <= inputs.stamp_ns:
-        state.obeyed += 1
-        obey(orders[state.obeyed - 1], guidance, state)
+    first = np.searchsorted(orders["stamp_ns"], state.open_ns)
+    due = np.searchsorted(orders["stamp_ns"], inputs.stamp_ns + 1)
+    for i in range(first, due):
+        obey(orders[i], guidance, state)
+    state.obeyed += due - first
+    state.open_ns = inputs.stamp_ns + 1
     look_out(inputs.t, state.plans[state.active], guidance, state.look, state.watch)
-    if state.obeyed > before:
+    if due > first:
         state.watch.said = state.watch.changes
     q_d, omega_d, acceleration_d = motion_now(inputs.t, guidance, state)
     last = quaternion(state.attitude)
