@@ -73,7 +73,7 @@ REFUSED: list[tuple[Parameter, list[Any]]] = [
     (AXIS, [1.0, "xyz", {"x": 1.0}, [1.0, 0.0], [1.0, 0.0, 0.0, 0.0], []]),
     (AXIS, [[1.0, 0.0, each] for each in (math.nan, False, 1.5, "0")]),
     (TIMES, [[-1.0]]),
-    (TORQUES, [[1.0, 2.0]]),
+    (TORQUES, [[1.0, 2.0], [1.0, 2.0, 1e300], [-1e300, 0.0, 0.0]]),
     (LAWS, [["c"], "a"]),
 ]
 
@@ -96,7 +96,7 @@ def test_what_is_allowed_in_words() -> None:
     assert LAW.allowed == "one of a, b"
     assert LAWS.allowed == "any of a, b"
     assert AXIS.allowed == "finite, ≥ -1, ≤ 1, 3 values"
-    assert TORQUES.allowed == "finite, a multiple of 3"
+    assert TORQUES.allowed == "finite, ≥ -1e+30, ≤ 1e+30, a multiple of 3"
     assert "N·m" in refusal(GAIN, -1.0)
 
 

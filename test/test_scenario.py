@@ -216,8 +216,7 @@ def test_no_allowed_gain_makes_a_law_give_nan(law: str, start: dict[str, dict[st
     found = []
     for each in CONTROLLERS.components[law].parameters:
         least = math.nextafter(each.above, math.inf) if math.isfinite(each.above) else each.low
-        most = each.high if math.isfinite(each.high) else 1e300
-        for value in (least, most) if each.is_real and math.isfinite(least) else ():
+        for value in (least, each.high) if each.is_real else ():
             chosen = {"controller": law, each.name: [value] * each.length or value}
             with suppress(ConfigurationError):
                 case = scenario({**start, "ppc_controller": chosen})

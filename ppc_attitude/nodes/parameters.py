@@ -38,7 +38,7 @@ from rclpy.parameter_service import ParameterService
 from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
 from ppc_attitude.contract.yaml_file import FAST, parsed
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import Parameter, Value, resolved
+from ppc_attitude.science.parameter import LARGEST, Parameter, Value, resolved
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 _TYPES = {each.value: each.name for each in RosParameter.Type}
@@ -238,7 +238,7 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
         dynamic_typing=True,
     )
     # rcl compares a range's ends inclusively and knows no open end: only closed ones go there.
-    closed = parameter.low > -float("inf") and parameter.high < float("inf")
+    closed = -LARGEST < parameter.low and parameter.high < LARGEST
     if closed and not parameter.is_list and parameter.above == -float("inf"):
         if isinstance(parameter.default, int):
             result.integer_range = [

@@ -26,6 +26,8 @@ from typing import Any, TypeAlias
 from ppc_attitude.science.errors import ConfigurationError
 
 Value: TypeAlias = bool | int | float | str | list[Any]
+LARGEST = 1e30
+"""No number of a craft is larger: products of several such numbers are still finite."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ class Parameter:
     unit : str
         Empty for a number without unit.
     low, high : float
-        Allowed range of a number, or of each number of a list, both ends included.
+        Allowed range of a number, or of each number of a list, both ends included; by default up
+        to `LARGEST`.
     length : int
         Required length of a list; 0 allows any, a negative −n any multiple of n.
     choices : tuple of str
@@ -63,8 +66,8 @@ class Parameter:
     default: Value
     description: str
     unit: str = ""
-    low: float = -math.inf
-    high: float = math.inf
+    low: float = -LARGEST
+    high: float = LARGEST
     length: int = 0
     choices: tuple[str, ...] = ()
     read_only: bool = False
@@ -111,10 +114,9 @@ class Parameter:
     def _bounds(self) -> Iterable[str]:
         if math.isfinite(self.above):
             yield f"> {self.above:g}"
-        if math.isfinite(self.low):
+        if self.low > self.above:
             yield f"≥ {self.low:g}"
-        if math.isfinite(self.high):
-            yield f"≤ {self.high:g}"
+        yield f"≤ {self.high:g}"
 
     def checked(self, value: Any) -> Value:
         """Return the value in the parameter's own type.

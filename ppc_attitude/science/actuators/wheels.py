@@ -112,7 +112,11 @@ CONFIGURATION = np.dtype(
     align=True,
 )
 _TRACE = 1e-9  # share of its torque that a full wheel keeps, so that no load is infinite
-_SPANS = ("no direction", "a line", "a plane")
+_LEFT = (
+    "none gives torque",
+    "the others give torque in a line only",
+    "the others give torque in a plane only",
+)
 STATE = np.dtype(
     [
         ("full", np.int64),  # wheel that first reached its largest speed, counted from 1; 0: none
@@ -335,7 +339,7 @@ def advice(state: Any) -> Advice:
     failed = bool(lost) and int(state["rank"]) < 3
     texts = []
     if failed:
-        texts.append(f"{named}: the others give torque in {_SPANS[int(state['rank'])]} only")
+        texts.append(f"{named}: {_LEFT[int(state['rank'])]}")
     elif lost:
         texts.append(f"{named}: the others give the torque")
     if state["full"]:
