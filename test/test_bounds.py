@@ -55,10 +55,13 @@ def test_a_container_may_have_less_than_the_machine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limit = tmp_path / "memory.max"
-    monkeypatch.setattr(memory, "_CONTAINER", limit)
-    limit.write_text("max\n")
-    check_memory(load([PAPER], {PLANT: {"duration": 100.0}}))
-    limit.write_text("1000000\n")
+    monkeypatch.setattr(memory, "_CONTAINER", tmp_path)
+    (tmp_path / "memory.current").write_text("900000000\n")
+    (tmp_path / "memory.stat").write_text("anon 500000000\ninactive_file 400000000\n")
+    for enough in ("max\n", "900000000\n"):
+        limit.write_text(enough)
+        check_memory(load([PAPER], {PLANT: {"duration": 100.0}}))
+    limit.write_text("501000000\n")
     with pytest.raises(ConfigurationError, match=r"0\.000931 are free"):
         check_memory(load([PAPER], {PLANT: {"duration": 100.0}}))
 

@@ -25,7 +25,7 @@ from ppc_attitude.simulation.scenario import Scenario
 # Of a recorded number, measured: 10 with what is not recorded, 15 while the run is judged. The rest
 # is for sensors and reports.
 _BYTES_PER_NUMBER = 24
-_MACHINE, _CONTAINER = Path("/proc/meminfo"), Path("/sys/fs/cgroup/memory.max")
+_MACHINE, _CONTAINER = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
 def check_memory(scenario: Scenario, at_once: int = 1) -> None:
@@ -56,5 +56,12 @@ def _free() -> float:
             if line.startswith("MemAvailable:"):
                 sizes.append(1024.0 * float(line.split()[1]))
     with suppress(OSError, ValueError):  # "max" is no number
-        sizes.append(float(_CONTAINER.read_text(encoding="ascii")))
+        limit, taken = (
+            float((_CONTAINER / f"memory.{name}").read_text(encoding="ascii"))
+            for name in ("max", "current")
+        )
+        lines = (_CONTAINER / "memory.stat").read_text(encoding="ascii").splitlines()
+        # Files that nobody reads any more count as taken, and are given up for whoever needs room.
+        idle = sum(float(line.split()[1]) for line in lines if line.startswith("inactive_file "))
+        sizes.append(max(limit - taken + idle, 0.0))
     return min(sizes)
