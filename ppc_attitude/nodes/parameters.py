@@ -238,7 +238,7 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
         dynamic_typing=True,
     )
     # rcl compares a range's ends inclusively and knows no open end: only closed ones go there.
-    closed = -LARGEST < parameter.low and parameter.high < LARGEST
+    closed = parameter.low > -LARGEST and parameter.high < LARGEST
     if closed and not parameter.is_list and parameter.above == -float("inf"):
         if isinstance(parameter.default, int):
             result.integer_range = [
