@@ -17,6 +17,7 @@
 import fcntl
 import hashlib
 import json
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -130,7 +131,7 @@ class Search:
                 f"{self._file} belongs to another search: choose another folder, or the same "
                 "configuration, goal, bounds and seed"
             )
-        self._file.write_text(whole + "\n", encoding="utf-8")
+        os.truncate(self._file, len(f"{whole}\n".encode()))
         return answers
 
     def run(
