@@ -76,6 +76,17 @@ def test_output_that_nobody_takes(
     assert (process.returncode, out, err) == (code, "", told)
 
 
+def test_a_report_for_which_there_is_no_room_is_named(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    report = tmp_path / "report.html"
+    small = ["bash", "-c", 'ulimit -f 8; exec "$@"', "bash"]
+    process = start_process([*small, *SIMULATE, "--report", str(report)])
+    _, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err) == (2, f"error: {report}: File too large\n")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("encoding", ["ascii", pytest.param("latin-1", marks=long)])
 def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": encoding}

@@ -31,7 +31,8 @@ def unfinished_of(path: Path) -> Path:
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """File to write, beside its place while it grows, in a folder that is made if there is none.
 
-    No step follows a link of somebody else's.
+    No step follows a link of somebody else's. What the system refuses names the file: a disk that
+    is full does not.
     """
     unfinished = unfinished_of(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -40,6 +41,9 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         with unfinished.open("xb") as file:
             yield file
         unfinished.replace(path)
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
     finally:
         unfinished.unlink(missing_ok=True)
 
