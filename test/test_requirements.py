@@ -100,6 +100,14 @@ def test_a_limit_on_any_column_and_on_the_torque(tmp_path: Path) -> None:
     assert (row.met, row.value) == (False, 0.03)
 
 
+def test_a_limit_on_a_quaternion_is_one_on_its_vector(tmp_path: Path) -> None:
+    own = load_requirements([written(tmp_path, "limits: {attitude_error: 0.5}")])
+    turned = np.tile([0.1, -0.4, 0.0, np.sqrt(0.83)], (12001, 1))
+    verdict = analyse(with_columns(normal_run(), attitude_error=turned), own)
+    row = requirement(verdict, "attitude error")
+    assert (row.met, row.value, row.limit_text) == (True, 0.4, "≤ 0.5")
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

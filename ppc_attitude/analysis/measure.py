@@ -55,6 +55,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE_ATTITUDE,
 )
 from ppc_attitude.science import wheels
+from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
 
 Mask = NDArray[np.bool_]
@@ -203,8 +204,11 @@ class Measured:
         )
 
     def largest_of(self, column: str) -> float | None:
-        """Largest magnitude of a number of a column; None if the record has none."""
-        return largest(np.abs(self.record[column])) if has(self.record, column) else None
+        """Largest magnitude of a number of a column, or of a quaternion's vector; None: no such."""
+        if not has(self.record, column):
+            return None
+        is_quaternion = column in BY_COLUMN and BY_COLUMN[column].form == QUATERNION
+        return largest(np.abs(self.record[column][:, : 3 if is_quaternion else None]))
 
     @property
     def torque_limit(self) -> float:

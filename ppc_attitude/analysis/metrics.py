@@ -274,7 +274,7 @@ class Judge(Measured):
         """Judge the largest number of a column over the whole run, unless a reason is given."""
         unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
         value, why = self.largest_of(column), self.lacks(column) or why
-        return self._row(key, value, limit, unit, self.whole, why)
+        return self._row(key, value, limit, "" if unit == "1" else unit, self.whole, why)
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
