@@ -80,7 +80,7 @@ def test_a_report_for_which_there_is_no_room_is_named(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
     report = tmp_path / "report.html"
-    small = ["bash", "-c", 'ulimit -f 8; exec "$@"', "bash"]
+    small = ["bash", "-c", 'ulimit -f 512; exec "$@"', "bash"]  # [kB]; git's index has room
     process = start_process([*small, *SIMULATE, "--report", str(report)])
     _, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, err) == (2, f"error: {report}: File too large\n")
