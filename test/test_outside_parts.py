@@ -147,7 +147,7 @@ MISFITS = {
         "selector": "left out: ppc_controller has another parameter controller than selector",
         "two": "left out: ppc_controller has another parameter z than two",
         "no_default": "left out: z = None; allowed: finite",
-        "beyond": "left out: z = 3; allowed: an integer, ≤ 1",
+        "beyond": "left out: z = 3; allowed: an integer, ≥ -1e+30, ≤ 1",
     },
     "plants": {"first": ""},
     "sensors": {
