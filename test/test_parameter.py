@@ -96,7 +96,7 @@ def test_what_is_allowed_in_words() -> None:
     assert LAW.allowed == "one of a, b"
     assert LAWS.allowed == "any of a, b"
     assert AXIS.allowed == "finite, ≥ -1, ≤ 1, 3 values"
-    assert TORQUES.allowed == "finite, ≥ -1e+30, ≤ 1e+30, a multiple of 3"
+    assert TORQUES.allowed == "finite, up to ±1e+30, a multiple of 3"
     assert "N·m" in refusal(GAIN, -1.0)
 
 

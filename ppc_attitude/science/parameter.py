@@ -112,6 +112,9 @@ class Parameter:
         return ", ".join(parts)
 
     def _bounds(self) -> Iterable[str]:
+        if max(self.low, self.above) == -LARGEST and self.high == LARGEST:
+            yield f"up to ±{LARGEST:g}"
+            return
         if math.isfinite(self.above):
             yield f"> {self.above:g}"
         if self.low > self.above:
