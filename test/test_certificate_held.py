@@ -219,6 +219,7 @@ def test_a_changed_number_is_not_judged() -> None:
     ("node", "name", "value", "told"),
     [
         (CONTROLLER, "momentum_tube.kappa", 15.1, "the certificate is for other numbers"),
+        (CONTROLLER, "enabled", False, "the law was switched off"),
         (PLANT, "max_torque", 0.03, "max_torque = 0.03 N·m; assumed: at least 0.05"),
         (REFERENCE, "amplitude", [0.1, 0.1, 0.1], "the reference reaches 0.1451; assumed: W"),
         (PLANT, "real_time_factor", 2.0, ""),  # which no assumption is about

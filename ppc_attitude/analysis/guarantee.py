@@ -34,6 +34,7 @@ from ppc_attitude.contract.topics import (
     ATTITUDE,
     CONTROLLER,
     DISTURBANCE,
+    ENABLED,
     ESTIMATOR,
     INJECTOR,
     PLANT,
@@ -140,6 +141,8 @@ def _in_flight(record: RunRecord) -> Iterator[Mapping[str, Mapping[str, Any]]]:
 def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float) -> Iterator[str]:
     """Yield why a certificate is none for these parameters, until an instant [s]."""
     values = parameters[CONTROLLER]
+    if not values.get(ENABLED, True):
+        yield "the law was switched off"
     if values[CERTIFICATE.name] != digest_of(values):
         yield "the certificate is for other numbers"
     elif all(parameters.get(each) for each in (PLANT, REFERENCE, INJECTOR)):
