@@ -176,6 +176,9 @@ def test_what_was_changed_in_flight_is_told(tmp_path, undrawn):
     told = "parameters changed in flight: ppc_controller k 3.0 → 4.0 from 1.5 s on"
     assert verdict_table(verdict).splitlines()[-1] == told
     assert verdict.to_json()["changes"] == ["ppc_controller k 3.0 → 4.0 from 1.5 s on"]
+    many = analyse(replace(run, changes=25 * changes))
+    last = verdict_table(many).splitlines()[-1]
+    assert last.endswith("from 1.5 s on; 5 more, all of them with --json")
 
 
 def test_a_good_run(tmp_path, undrawn):

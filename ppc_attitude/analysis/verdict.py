@@ -24,6 +24,7 @@ from ppc_attitude.analysis.truth import EXACT, STANDING
 from ppc_attitude.contract.run_record import ToldChange
 
 MET, NOT_MET, NOT_JUDGED = "met", "NOT MET", "not judged"
+_MOST_CHANGES = 20  # that a terminal shows: a stream of goals has thousands
 
 Span = tuple[float, float]
 
@@ -337,7 +338,9 @@ def verdict_table(verdict: Verdict) -> str:
     lines += [disturbance_text(each) for each in verdict.metrics.disturbances]
     lines += [f"fault: {each}" for each in verdict.faults]
     if verdict.changes:
-        lines.append(f"parameters changed in flight: {'; '.join(verdict.changes)}")
+        shown, left = verdict.changes[:_MOST_CHANGES], len(verdict.changes) - _MOST_CHANGES
+        more = (f"{left} more, all of them with --json",) if left > 0 else ()
+        lines.append(f"parameters changed in flight: {'; '.join([*shown, *more])}")
     return "\n".join(lines)
 
 
