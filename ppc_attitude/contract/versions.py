@@ -44,9 +44,16 @@ def _git_revision() -> str:
     folder = Path(__file__).resolve().parents[2]
     if not (folder / ".git").exists():
         return ""
-    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=40"]
+    # `describe --dirty` would take the lock of the user's index, and leave it behind if killed.
+    git = ["git", "--no-optional-locks", "-C", str(folder)]
     try:
-        result = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+        revision, changed = (
+            subprocess.run(git + asked, capture_output=True, text=True, timeout=10, check=True)
+            for asked in (
+                ["describe", "--always", "--abbrev=40"],
+                ["status", "--porcelain", "-uno"],
+            )
+        )
     except (OSError, subprocess.SubprocessError):
         return ""
-    return result.stdout.strip()
+    return revision.stdout.strip() + ("-dirty" if changed.stdout else "")
