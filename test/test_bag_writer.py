@@ -150,6 +150,14 @@ def test_messages_become_safe_when_nothing_follows_them(
     assert assert_child_wrote(bag, bag_child.IDLE_STEPS) == bag_child.IDLE_STEPS
 
 
+def test_a_folder_that_is_moved_away_ends_the_bag_at_once(tmp_path: Path, storage: str) -> None:
+    bag = BagWriter(tmp_path / "bag", storage=storage)
+    (tmp_path / "bag").rename(tmp_path / "elsewhere")
+    for doing in (bag.flush, bag.close):
+        with pytest.raises(BagError, match="any further: its folder was moved or removed; what"):
+            doing()
+
+
 def test_a_full_disk_is_named_and_leaves_a_readable_bag(
     tmp_path: Path, storage: str, start_process: StartProcess
 ) -> None:

@@ -20,6 +20,7 @@ end: so a reader can tell a cut recording from a complete one.
 """
 
 import contextlib
+import errno
 import os
 import sqlite3
 import threading
@@ -236,6 +237,9 @@ class BagWriter:
     def _flush(self) -> None:
         self._flush_is_due = False
         self._writer.flush()
+        # The system writes on into a file that nobody can find any more.
+        if not (self.path / UNFINISHED).exists():
+            raise FileNotFoundError(errno.ENOENT, "its folder was moved or removed")
 
     def _fail(self, error: Exception) -> BagError:
         """Stop recording for good and leave what is on disk as it is."""
