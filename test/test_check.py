@@ -196,6 +196,18 @@ def test_the_page_fits_a_terminal_and_holds_no_rounding_of_zero(
     assert "e-3" not in page.replace("1e-3", "")  # such as 4.94e-324
 
 
+def test_a_goal_that_will_be_refused_is_no_good_configuration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The run will miss the requirement that every order is followed."""
+    goals = "{mode: goal, goals.times: [1.0, 5.0], goals.attitudes: [0, 0, 0, 1, 0, 0, 0, 1], "
+    late = "goals.frames: [inertial, spin], spin.rate: 0.05}"
+    file = tmp_path / "goals.yaml"
+    file.write_text(f"/**/reference_generator:\n  ros__parameters: {goals}{late}\n")
+    assert main(["check", "--config", str(file)]) == 1
+    assert "refused goals  1 ≤ 0  VIOLATED" in capsys.readouterr().out
+
+
 def test_a_start_without_a_fix_is_checked_by_the_truth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

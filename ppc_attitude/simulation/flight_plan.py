@@ -28,10 +28,11 @@ from ppc_attitude.simulation.scenario import Scenario
 
 
 class Told(NamedTuple):
-    """The answer to a goal, and when [s] it came."""
+    """The answer to a goal, when [s] it came, and how many goals were refused then."""
 
     time: float
     advice: Advice
+    refused: int = 0
 
 
 def goals_told(scenario: Scenario) -> list[Told]:
@@ -55,8 +56,9 @@ def goals_told(scenario: Scenario) -> list[Told]:
     told = []
     steps = sorted({math.ceil(time * rate - 1e-6) for time in values[GOAL_TIMES.name]})
     for stamp_ns in [0, *(stamp_of(step, rate) for step in steps)]:
-        before = part.advices
+        before, refused = part.advices, int(part.state[0]["refused"])
         part.step(stamp_ns, craft["initial_attitude"])
         if part.advices > before:
-            told.append(Told(seconds(stamp_ns), part.advice))
+            refused = int(part.state[0]["refused"]) - refused
+            told.append(Told(seconds(stamp_ns), part.advice, refused))
     return told

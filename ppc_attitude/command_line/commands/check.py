@@ -20,7 +20,7 @@ the requirements need at best of craft and law, and warns of what is out of prop
 """
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -120,16 +120,17 @@ def execute(arguments: argparse.Namespace) -> int:
     told, desired = (_given(parts, each) for each in (ATTITUDE.column, REFERENCE_ATTITUDE.column))
     q_e = attitude_error(tuple(told.tolist()), tuple(desired.tolist()))
     environment = environment_torque(scenario, parts[ENVIRONMENTS.name])
+    goals = goals_told(scenario)
     conditions = (
         *(() if guarantee else _law_conditions(scenario, q_e[3], environment)),
         *settling_conditions(scenario, required, q_e),
         *slew_conditions(scenario),
+        *_goal_conditions(goals),
         *actuator_conditions(scenario),
         *sampling_conditions(scenario),
         *noise_conditions(scenario),
         *pulse_conditions(scenario, required),
     )
-    goals = goals_told(scenario)
     known: list[str] = []
     hits: list[str] = []
     if guarantee:
@@ -167,6 +168,14 @@ def _law_conditions(scenario: Scenario, q_e0: float, environment: float) -> tupl
         else largest_desired_rate(reference["amplitude"])
     )
     return certificate(scenario.parameters[CONTROLLER], q_e0, rate, environment)
+
+
+def _goal_conditions(goals: list[Told]) -> Iterator[Condition]:
+    """Scheduled goals are followed: a run that refuses one misses a requirement."""
+    if goals:
+        meaning = "the guidance follows every scheduled goal"
+        refused = sum(told.refused for told in goals)
+        yield Condition("refused goals", refused, 0.0, "≤", "", True, meaning)
 
 
 def _json(
