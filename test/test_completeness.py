@@ -90,6 +90,35 @@ def test_a_lost_instant_is_a_gap() -> None:
     assert gap == "attitude jumps from 0.190000 s to 0.210000 s"
 
 
+def test_the_first_step_of_a_plant_may_be_shorter_than_others() -> None:
+    """A bridge's first state is at zero, and the next one when its clock comes round."""
+    for second in (1, 4, 9):
+        first = [*run(range(1)), *run(range(second, 100, 10))]
+        assert told(*first) == told(*first, *run(range(second + 100, 300, 10))) == []
+        (gap,) = told(*first, *run(range(second + 120, 300, 10)))
+        assert gap.startswith("attitude jumps from 0.9")
+
+
+def test_a_first_step_that_is_longer_hides_no_gap() -> None:
+    gaps = told(*run(range(1)), *run(range(3, 20)), *run(range(22, STEPS)))
+    assert gaps[1:] == ["attitude jumps from 0.190000 s to 0.220000 s"]
+
+
+def test_a_rhythm_that_changes_has_no_gaps() -> None:
+    lengths = itertools.cycle((12, 3, 17, 8, 5))
+    steps = list(itertools.accumulate(itertools.islice(lengths, 43)))
+    events = [event for step in steps for event in run(range(step, step + 1))]
+    assert told(*events) == []
+    assert told(*(each for each in events if each != (TORQUE_COMMAND, steps[-1]))) == []
+
+
+def test_many_gaps_are_counted_and_only_the_first_are_told() -> None:
+    steps = [step for step in range(1000) if step % 10]
+    gaps = told(*(event for step in steps for event in run(range(step, step + 1))))
+    assert gaps[0] == "attitude jumps from 0.090000 s to 0.110000 s"
+    assert (len(gaps), gaps[-1]) == (6, "attitude jumps 94 times more")
+
+
 def test_each_side_of_a_reset_is_compared_by_itself() -> None:
     assert told(*run(range(30)), *run(range(20))) == []
     before = [event for event in run(range(30)) if event != (DISTURBANCE, 7)]

@@ -38,7 +38,7 @@ class Bag:
     def take(self, name: str, step: int, data: bytes = b"") -> None:
         stamp = stamp_of(step, 100.0)
         number = next(self._numbers[name])
-        self.recording.sample(name, stamp, data or b"%d" % step, number, 0.0)
+        self.recording.sample(name, stamp, data or b"%d" % step, number, 0.0, name == AHEAD)
 
     def run(self, steps: range) -> None:
         for step in steps:
@@ -59,6 +59,22 @@ def test_what_was_sent_beyond_the_end_is_no_part_of_the_record() -> None:
     bag.run(range(20))
     assert {name: bag.steps(name) for name in ALL} == {name: list(range(20)) for name in ALL}
     assert bag.gaps() == []
+
+
+def test_what_was_sent_ahead_of_an_instant_that_never_came_is_in_no_record() -> None:
+    """A plant of whole milliseconds is foreseen now and then, and comes otherwise."""
+    before, after = Bag(), Bag()
+    for step in (0, 8, 19, 27, 37):
+        before.take(AHEAD, step)
+        before.take(AHEAD, step + 8)
+        for bag in (before, after):
+            bag.take(STATE, step)
+            bag.take(TORQUE, step)
+    for step in (0, 8, 16, 19, 27, 35, 37):
+        after.take(AHEAD, step)
+    for bag in (before, after):
+        assert sorted(bag.steps(AHEAD)) == [0, 8, 19, 27, 37]
+        assert bag.gaps() == []
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -46,8 +46,10 @@ from ppc_attitude.contract.topics import (
     CHANGES_TOPIC,
     CONTROLLER,
     EVENTS,
+    INJECTOR,
     RECORDED_TOPIC,
     RECORDER,
+    REFERENCE,
     STANDARD,
     Topic,
 )
@@ -198,6 +200,7 @@ class BagRecorder(BaseNode):
 
     def _receiver(self, home: str, topic: Topic) -> Take:
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
+        ahead = topic.source in (REFERENCE, INJECTOR)  # they know instants before they come
 
         # Who takes two arguments is told the number, also of what the executor has taken; rclpy's
         # events executor fails at that.
@@ -210,7 +213,7 @@ class BagRecorder(BaseNode):
             if self.wake_at:  # the executor took the first after a silence: `wake` takes the others
                 self.wake_now()
             number = about["publication_sequence_number"]
-            recording.sample(name, header_stamp(data, msgtype), data, number, self._now)
+            recording.sample(name, header_stamp(data, msgtype), data, number, self._now, ahead)
 
         return receive if topic.column else receive_event
 

@@ -22,6 +22,7 @@ complete is judged while it grows, in memory that does not grow with it.
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
+from statistics import median_low
 
 from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.runtime.publishers import Publishers
@@ -30,6 +31,10 @@ from ppc_attitude.science.stamps import seconds
 _LEAD = ATTITUDE.name
 _MOST_AHEAD = 200_000  # messages that may wait for their states: what publishers keep, and more
 _EVERY = 500  # states between two reports of how far the record has come
+_REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
+_FIRST = 9  # steps whose median is the rhythm: the first one alone may be of any length
+_STEADY = 0.2  # states have gaps only if three in four steps are as near as this to the rhythm
+_MOST_JUMPS = 5  # that are told one by one
 
 Write = Callable[[str, int, bytes], None]
 
@@ -59,6 +64,8 @@ class Completeness:
         # Of each topic, one a stretch of time without a reset; the last is the present one's.
         self._tallies: defaultdict[str, list[_Tally]] = defaultdict(lambda: [_Tally()])
         self._period: int | None = None
+        self._steps: list[tuple[int, int]] = []  # pairs of states that are not yet weighed
+        self._weighed = self._steady = self._jumped = 0
         self._jumps: list[str] = []
 
     def add(self, name: str, stamp_ns: int) -> None:
@@ -74,13 +81,33 @@ class Completeness:
         tally.previous, tally.last = tally.last, stamp_ns
 
     def _look_for_jump(self, last: int, stamp_ns: int) -> None:
-        step = stamp_ns - last
-        if self._period is None and step > 0:
-            self._period = step
-        elif self._period is not None and step > 1.5 * self._period:
-            self._jumps.append(
-                f"{_LEAD} jumps from {seconds(last):.6f} s to {seconds(stamp_ns):.6f} s"
-            )
+        if stamp_ns > last:
+            self._steps.append((last, stamp_ns))
+        if self._period is not None or len(self._steps) == _FIRST:
+            self._weigh_steps()
+
+    def _weigh_steps(self) -> None:
+        """See which steps are longer than usual."""
+        if self._period is None and self._steps:
+            self._period = median_low(after - before for before, after in self._steps)
+        for before, after in self._steps:
+            ratio = (after - before) / (self._period or 1)
+            self._weighed += 1
+            self._steady += abs(ratio - 1.0) <= _STEADY
+            if ratio > 1.5:
+                self._jumped += 1
+                if self._jumped <= _MOST_JUMPS:
+                    text = f"{_LEAD} jumps from {seconds(before):.6f} s to {seconds(after):.6f} s"
+                    self._jumps.append(text)
+        self._steps.clear()
+
+    def _told_jumps(self) -> list[str]:
+        """Describe the gaps of the states; a rhythm that changes has none."""
+        self._weigh_steps()
+        if 4 * self._steady < 3 * self._weighed:
+            return []
+        more = self._jumped - len(self._jumps)
+        return self._jumps + ([f"{_LEAD} jumps {more} times more"] if more else [])
 
     def gaps(self, expected: Iterable[str] = ()) -> list[str]:
         """Describe what is missing; empty if nothing is.
@@ -90,7 +117,7 @@ class Completeness:
         if _LEAD not in self._tallies:
             others = [f"{name} without {_LEAD}" for name in self._tallies]
             return others or [f"{_LEAD} never came"]
-        found = list(self._jumps)
+        found = self._told_jumps()
         *earlier, present = self._tallies[_LEAD]
         if earlier or present.count > 1:
             found += [f"{name} never came" for name in expected if name not in self._tallies]
@@ -108,8 +135,7 @@ class Completeness:
         found = []
         for name, tally in tallies.items():
             end = min(tally.last, states.last)
-            complete = abs(tally.last - states.last) <= 1.5 * (self._period or 0)
-            if not complete or tally.until(end) != states.until(end):
+            if tally.until(end) != states.until(end):
                 found.append(
                     f"{name} has {tally.count} messages until {seconds(tally.last):.6f} s, "
                     f"{_LEAD} {states.count} until {seconds(states.last):.6f} s"
@@ -143,6 +169,7 @@ class Recording:
         self._ahead: dict[tuple[int, int], list[tuple[str, bytes]]] = {}
         self._waiting = 0  # how many messages those are
         self.now = -1  # the newest state [ns]; -1: none has come
+        self._states: dict[int, None] = {}  # stamps [ns] of the latest ones, in their order
         self._unreported = 0
 
     def event(self, name: str, stamp_ns: int | None, data: bytes) -> None:
@@ -151,10 +178,17 @@ class Recording:
         self._write(name, time_ns, data)
 
     def sample(
-        self, name: str, stamp_ns: int | None, data: bytes, number: int | None, now: float
+        self,
+        name: str,
+        stamp_ns: int | None,
+        data: bytes,
+        number: int | None,
+        now: float,
+        ahead: bool = False,
     ) -> None:
         """Write a sample when its state has come; `now` is the time of the wall clock [s].
 
+        What its node sends `ahead` may be of an instant that is skipped, and is in no record then.
         The stamp [ns] is None where none can be read. The number is the one that the publisher gave
         the message, and None where the middleware does not tell it.
         """
@@ -173,7 +207,8 @@ class Recording:
             self._keep(name, lane, lane.epoch, stamp_ns, data)
             self._lead(stamp_ns)
         elif self._is_present(lane, stamp_ns):
-            self._keep(name, lane, lane.epoch, stamp_ns, data)
+            if not ahead or self._has_state(lane, stamp_ns):
+                self._keep(name, lane, lane.epoch, stamp_ns, data)
         elif lane.epoch >= len(self._ends):
             self._wait(name, lane, stamp_ns, data)
 
@@ -182,6 +217,7 @@ class Recording:
         if name == _LEAD:
             self._ends.append(self.now)
             self.now = -1
+            self._states.clear()
             self._ahead = {key: each for key, each in self._ahead.items() if key[0] >= lane.epoch}
             self._waiting = sum(map(len, self._ahead.values()))
 
@@ -196,6 +232,11 @@ class Recording:
             return stamp_ns <= self.now
         return lane.epoch < begun and stamp_ns <= self._ends[lane.epoch]
 
+    def _has_state(self, lane: _Lane, stamp_ns: int) -> bool:
+        """True if an instant that has passed was a state's, as far as these are remembered."""
+        oldest = next(iter(self._states), 0)
+        return lane.epoch < len(self._ends) or stamp_ns < oldest or stamp_ns in self._states
+
     def _wait(self, name: str, lane: _Lane, stamp_ns: int, data: bytes) -> None:
         waiting = self._ahead.setdefault((lane.epoch, stamp_ns), [])
         if (name, data) in waiting:
@@ -208,15 +249,18 @@ class Recording:
 
     def _lead(self, stamp_ns: int) -> None:
         """Take a state, and write the messages that were ahead of it."""
-        begins = self.now < 0
         self.now = max(self.now, stamp_ns)
         self._unreported += 1
-        for name, data in self._ahead.pop((len(self._ends), stamp_ns), ()):
+        self._states[stamp_ns] = None
+        if len(self._states) > _REMEMBERED:
+            del self._states[next(iter(self._states))]
+        present = len(self._ends), stamp_ns
+        for name, data in self._ahead.pop(present, ()):
             self._waiting -= 1
             self._keep(name, self._lanes[name], len(self._ends), stamp_ns, data)
-        if begins and self._ahead:  # what came before the first state belongs to none
-            early = [key for key in self._ahead if key[0] == len(self._ends) and key[1] < stamp_ns]
-            self._waiting -= sum(len(self._ahead.pop(key)) for key in early)
+        # What waits for an instant that has passed, or that was before the first, belongs to none.
+        while self._ahead and (first := next(iter(self._ahead))) < present:
+            self._waiting -= len(self._ahead.pop(first))
 
     def _keep(self, name: str, lane: _Lane, epoch: int, stamp_ns: int, data: bytes) -> None:
         """Write a sample, and count it if it is the first one of its instant."""
