@@ -301,6 +301,21 @@ def test_a_value_of_a_type_that_ros_does_not_have_is_refused_by_name(asker: Node
         assert told.reason.startswith("rate is of type 77; allowed: 0 (NOT_SET), 1 (BOOL), ")
 
 
+@pytest.mark.ros
+def test_a_name_that_a_node_does_not_know_is_refused_by_name(asker: Node) -> None:
+    """rclpy refuses `undeclared parameter(s): []`."""
+    strange = [Parameter(name="max_torqe", value=ParameterValue(type=3, double_value=1.0))]
+    with serving(PLANT):
+        one_by_one = SetParameters.Request(parameters=strange)
+        (each,) = call(asker, f"/{PLANT}", SetParameters, "set_parameters", one_by_one).results
+        at_once = SetParametersAtomically.Request(parameters=strange)
+        name = "set_parameters_atomically"
+        whole = call(asker, f"/{PLANT}", SetParametersAtomically, name, at_once).result
+    for told in (each, whole):
+        assert not told.successful
+        assert told.reason == f"{PLANT} has no parameter max_torqe; did you mean max_torque?"
+
+
 @pytest.mark.parametrize("node", [INJECTOR, PLANT])
 def test_a_node_says_what_it_is_and_which_parameters_it_has(
     node: str, capsys: pytest.CaptureFixture[str]

@@ -38,7 +38,7 @@ from rclpy.parameter_service import ParameterService
 from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
 from ppc_attitude.contract.yaml_file import FAST, parsed
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import LARGEST, Parameter, Value, resolved
+from ppc_attitude.science.parameter import LARGEST, Parameter, Value, resolved, unknown
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 _TYPES = {each.value: each.name for each in RosParameter.Type}
@@ -129,11 +129,22 @@ class _Services(ParameterService):
         names = {node: {each.name for each in table} for node, table in PARAMETERS.items()}
         return names.pop(self._executable) & set().union(*names.values())
 
+    def _not_to_be_taken(self, asked: ParameterMessage) -> str:
+        """Why rclpy raises for what is asked, or refuses it without its name; else empty."""
+        node = self._get_node()
+        if not node.has_parameter(asked.name):
+            known = [each.name for each in PARAMETERS[self._executable]]
+            return unknown(asked.name, known, node.get_name())
+        if asked.value.type in _TYPES:
+            return ""
+        allowed = ", ".join(f"{number} ({name})" for number, name in _TYPES.items())
+        return f"{asked.name} is of type {asked.value.type}; allowed: {allowed}"
+
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
         node = self._get_node()
         ours = all(node.has_parameter(each.name) for each in request.parameters)
         for each in request.parameters:
-            reason = _of_no_type(each)
+            reason = self._not_to_be_taken(each)
             if not reason and (ours or each.name not in self._shared):
                 super()._set_parameters_callback(SetParameters.Request(parameters=[each]), response)
                 continue
@@ -145,21 +156,11 @@ class _Services(ParameterService):
         return response
 
     def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
-        reason = next(filter(None, map(_of_no_type, request.parameters)), "")
+        reason = next(filter(None, map(self._not_to_be_taken, request.parameters)), "")
         if not reason:
             return super()._set_parameters_atomically_callback(request, response)
         response.result = SetParametersResult(successful=False, reason=reason)
         return response
-
-
-def _of_no_type(asked: ParameterMessage) -> str:
-    """Why a value cannot be taken whose type ROS does not have, for which rclpy raises."""
-    if asked.value.type in _TYPES:
-        return ""
-    return (
-        f"{asked.name} is of type {asked.value.type}; allowed: "
-        f"{', '.join(f'{number} ({name})' for number, name in _TYPES.items())}"
-    )
 
 
 def type_name(value: ParameterValue) -> str:

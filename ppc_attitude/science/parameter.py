@@ -205,14 +205,19 @@ def checked(table: Iterable[Parameter], chosen: Mapping[str, Any], owner: str) -
     values = {}
     for name, value in chosen.items():
         if name not in known:
-            close = get_close_matches(name, known, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise ConfigurationError(f"{owner} has no parameter {name}{hint}")
+            raise ConfigurationError(unknown(name, known, owner))
         try:
             values[name] = known[name].checked(value)
         except ConfigurationError as error:
             raise ConfigurationError(f"{owner}: {error}") from None
     return values
+
+
+def unknown(name: str, known: Collection[str], owner: str) -> str:
+    """Say that nobody knows a name, and the nearest one that is known."""
+    close = get_close_matches(name, known, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    return f"{owner} has no parameter {name}{hint}"
 
 
 def resolved(
