@@ -12,18 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the recorder takes of publishers that offer less than the nodes of a run do."""
+"""The recorder beside others: what they offer, what it asks them, and what they ask it."""
 
+import signal
 from pathlib import Path
 
 import pytest
 import rclpy
-from peer import Beside
+from conftest import StartProcess
+from peer import Beside, peer
+from process_helpers import Node, end_all, loop_nodes
+from rcl_interfaces.srv import ListParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, PLANT, RECORDER
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.science.stamps import stamp_of
@@ -92,3 +96,24 @@ def test_a_node_that_is_started_again_is_asked_again(
     assert record.parameters[CONTROLLER]["k"] == 2.0
     (change,) = record.changes
     assert (change.stamp_ns, change.name, change.value) == (stamp_of(2, 100.0), "k", 3.0)
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_recorder_asks_and_answers_in_full_flow(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    """Also by simulated time, whose clock comes as often as the states."""
+    with peer() as stack:
+        nodes = [*loop_nodes(start_process, tmp_path, "free-running").values()]
+        stack.goes_on()
+        bag, sim = f"bag:={tmp_path / 'bag'}", "use_sim_time:=true"
+        nodes.append(recorder := Node(start_process, tmp_path, RECORDER, bag, sim))
+        for name in (CONTROLLER, PLANT):
+            recorder.says(f"the parameters of /{name} are on record")
+        listed = ListParameters.Request()
+        told = stack.call(ListParameters, f"/{RECORDER}/list_parameters", listed)
+        assert "storage" in told.result.names
+        end_all(nodes[:-1])
+        recorder.send(signal.SIGINT)
+        recorder.ends()

@@ -24,11 +24,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
@@ -73,6 +75,7 @@ _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _CALM = 0.05  # [s] without a message after which the executor waits for the next: 0.5 ms for each
 _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
+_CALLS = 5  # of the executor in full flow, each time: clock, timer, services and answers
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
 
 Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
@@ -84,6 +87,19 @@ class _Ear(NamedTuple):
     home: str
     topic: Topic
     subscription: Any
+
+
+class _Flow(ReentrantCallbackGroup):
+    """What is recorded; the executor leaves it to `wake` while there is much of it.
+
+    The executor takes messages first, so that in full flow no service would have its turn.
+    """
+
+    full = False
+
+    def can_execute(self, entity: Any) -> bool:
+        """True if the executor may take what has come; events that are no messages always."""
+        return not (self.full and isinstance(entity, Subscription))
 
 
 class BagRecorder(BaseNode):
@@ -105,6 +121,8 @@ class BagRecorder(BaseNode):
             )
         except BagError as error:
             raise ConfigurationError(str(error)) from None
+        self._flow = _Flow()
+        self._executor = SingleThreadedExecutor()
         self._heard = 0  # messages, whether the executor took them or `wake`
         self._heard_at = 0.0  # time of the last look that found any
         self._written = 0
@@ -187,6 +205,7 @@ class BagRecorder(BaseNode):
             name,
             self._receiver(home, topic),
             recorded(topic, reliable),
+            callback_group=self._flow,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=lambda event: self._incompatible.add(name)
@@ -280,7 +299,7 @@ class BagRecorder(BaseNode):
         The recorder alone has nobody who waits for it. Waking up for every message costs more
         than all the rest of recording, so `wake` takes what has gathered.
         """
-        return SingleThreadedExecutor()
+        return self._executor
 
     def _take_gathered(self) -> None:
         """Take all that has arrived."""
@@ -357,6 +376,9 @@ class BagRecorder(BaseNode):
         while self._now - self._heard_at < _CALM and self._now < end:
             time.sleep(_BATCH)
             self._take_gathered()
+        self._flow.full = self._now - self._heard_at < _CALM
+        for _ in range(_CALLS if self._flow.full else 0):
+            self._executor.spin_once(timeout_sec=0.0)
         self._look_around()
         return super().wake()
 

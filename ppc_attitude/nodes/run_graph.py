@@ -20,6 +20,8 @@ from itertools import chain
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidNodeNameException, InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -123,7 +125,8 @@ class ParameterSurvey:
         self._told: set[tuple[str, str]] = set()  # namespace and name of who has answered
         self._clients: dict[tuple[str, str], tuple[Any, Any]] = {}
         self._answered: set[bytes] = set()  # by what no two starts of a node have in common
-        node.create_timer(_PERIOD, self._ask)
+        # By the steady clock: simulated time, which a node may be told to use, may not have begun.
+        node.create_timer(_PERIOD, self._ask, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _ask(self) -> None:
         """Ask who has not answered; an answer is lost if its node ends amid the questions."""
