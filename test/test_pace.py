@@ -166,6 +166,18 @@ def test_an_unanswered_state_is_repeated_less_and_less_often_and_told() -> None:
     assert bench.pace.status(bench.now) == (OK, "running")
 
 
+@pytest.mark.parametrize("kind", [Lockstep, FreeRunning])
+def test_the_stamp_of_what_came_last_is_told(kind: type[Pace]) -> None:
+    """A controller that leaves the stamp at zero is heard, and waited for all the same."""
+    bench = Bench(kind)
+    for _ in range(80):
+        bench.pace.take(COMMAND, 0, TORQUE, bench.now)
+        bench.pace.take(DISTURBANCE, bench.stamp, ZERO, bench.now)
+        bench.passes(PERIOD)
+    said = [bench.pace.waiting()] if isinstance(bench.pace, Lockstep) else bench.said
+    assert any(text.endswith("; the last torque_command has the stamp 0.000 s") for text in said)
+
+
 def test_lockstep_keeps_the_pace_that_is_asked_for() -> None:
     bench = Bench(Lockstep, factor=2.0)
     for _ in range(4000):

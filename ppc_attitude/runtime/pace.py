@@ -163,6 +163,12 @@ class Pace(ABC):
     def status(self, now: float) -> tuple[bytes, str]:
         """Level and summary of how it goes."""
 
+    def _last(self, name: str) -> str:
+        """Say how old an input is: its peer has fallen silent, or copies no stamp of a state."""
+        stamp_ns = self.inputs[name].stamp
+        told = f"; the last {name} has the stamp {seconds(stamp_ns):.3f} s"
+        return told if stamp_ns >= 0 else ""
+
     def _show(self, now: float) -> None:
         self.craft.show()
         self._shown = True
@@ -273,7 +279,9 @@ class Lockstep(Pace):
             return f"{text}the recorder to follow"
         absent = [name for name in missing if not self.craft.is_published(name)]
         text += ", ".join(missing)
-        return f"{text}; nobody publishes {', '.join(absent)}" if absent else text
+        if absent:
+            text += f"; nobody publishes {', '.join(absent)}"
+        return text + "".join(self._last(name) for name in missing if name not in absent)
 
     def status(self, now: float) -> tuple[bytes, str]:
         """Running, or waiting."""
@@ -340,8 +348,10 @@ class FreeRunning(Pace):
             self._timed_out ^= {name}
             when = f"t = {seconds(self.stamp):.3f} s"
             timeout = seconds(self.rules.timeout_ns)
-            text = f"no {name} for {timeout:g} s: zero torque from" if timed_out else None
-            self.craft.announce(f"{text or f'{name} is back at'} {when}", warning=timed_out)
+            text = f"{name} is back at {when}"
+            if timed_out:
+                text = f"no {name} for {timeout:g} s: zero torque from {when}{self._last(name)}"
+            self.craft.announce(text, warning=timed_out)
         return self.rules.inputs[name] if timed_out else self.inputs[name].values
 
     def status(self, now: float) -> tuple[bytes, str]:
