@@ -168,6 +168,16 @@ def test_nobody_to_visit_is_said(monkeypatch: pytest.MonkeyPatch, capfd: Shown) 
     assert "nobody offers /disturbance_injector/inject" in capfd.readouterr().err
 
 
+def test_states_that_nobody_answers_have_no_latency(
+    tmp_path: Path, start_process: StartProcess, capfd: Shown
+) -> None:
+    plant = Node(start_process, tmp_path, PLANT)
+    assert main(["latency", "--live", "--duration", "1"]) == errors.BROKEN
+    told = capfd.readouterr().err
+    assert re.search(r"none of [1-9]\d* states was answered on torque_command", told)
+    end_all([plant])
+
+
 def test_a_request_whose_answer_is_lost_is_sent_again_by_its_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -35,7 +35,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stack import private_environment
-from ppc_attitude.contract.topics import ATTITUDE, PLANT
+from ppc_attitude.contract.topics import ATTITUDE, PLANT, TORQUE_COMMAND
 from ppc_attitude.simulation.scenario import Overrides
 
 if TYPE_CHECKING:
@@ -71,7 +71,10 @@ def execute(arguments: argparse.Namespace) -> int:
     from ppc_attitude.nodes.latency_probe import measure  # before a run: it takes its time
 
     if live:
-        _print(measure(_live(arguments.duration or PAPER_DURATION), arguments.namespace))
+        result = measure(_live(arguments.duration or PAPER_DURATION), arguments.namespace)
+        if not result.answered.size:
+            raise RunError(f"none of {result.states} states was answered on {TORQUE_COMMAND.name}")
+        _print(result)
         return DONE
     overrides: Overrides = {PLANT: {"rate": arguments.rate}} if arguments.rate else {}
     scenario = scenario_of(arguments, overrides)
