@@ -77,6 +77,18 @@ def test_what_was_sent_ahead_of_an_instant_that_never_came_is_in_no_record() -> 
         assert bag.gaps() == []
 
 
+@pytest.mark.parametrize("silent", [range(10, 300), range(10, 500), range(300)])
+def test_what_the_others_send_while_no_state_comes_is_written(silent: range) -> None:
+    """An estimator that gives the states is late, is started again, or has died amid the run."""
+    bag = Bag()
+    for step in range(500):
+        if step not in silent:
+            bag.take(STATE, step)
+        bag.take(TORQUE, step)
+    assert bag.gaps() != []
+    assert bag.steps(TORQUE) == list(range(500))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_in_whatever_order_topics_are_read_the_record_is_the_same(seed: int) -> None:
     """Each topic keeps its order; how far each has been read at a time is chance."""

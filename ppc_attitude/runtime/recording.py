@@ -22,16 +22,19 @@ complete is judged while it grows, in memory that does not grow with it.
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
+from math import inf
 from statistics import median_low
 
 from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.runtime.publishers import Publishers
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
 _LEAD = ATTITUDE.name
 _MOST_AHEAD = 200_000  # messages that may wait for their states: what publishers keep, and more
 _EVERY = 500  # states between two reports of how far the record has come
 _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
+_LOST = NANOSECONDS  # [ns] before the first state: more than who joins a run hears of others
+_FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
 _FIRST = 9  # steps whose median is the rhythm: the first one alone may be of any length
 _STEADY = 0.2  # states have gaps only if three in four steps are as near as this to the rhythm
 _MOST_JUMPS = 5  # that are told one by one
@@ -165,8 +168,8 @@ class Recording:
         self._completeness = Completeness()
         self._lanes: defaultdict[str, _Lane] = defaultdict(_Lane)
         self._ends: list[int] = []  # the last state [ns] before each new beginning
-        # What waits for its state: topics and bytes, by the epoch and stamp [ns] of that.
-        self._ahead: dict[tuple[int, int], list[tuple[str, bytes]]] = {}
+        # What waits for its state: topic, bytes, and if it was sent ahead, by epoch and stamp [ns].
+        self._ahead: dict[tuple[int, int], list[tuple[str, bytes, bool]]] = {}
         self._waiting = 0  # how many messages those are
         self.now = -1  # the newest state [ns]; -1: none has come
         self._states: dict[int, None] = {}  # stamps [ns] of the latest ones, in their order
@@ -210,7 +213,7 @@ class Recording:
             if not ahead or self._has_state(lane, stamp_ns):
                 self._keep(name, lane, lane.epoch, stamp_ns, data)
         elif lane.epoch >= len(self._ends):
-            self._wait(name, lane, stamp_ns, data)
+            self._wait(name, lane, stamp_ns, data, ahead)
 
     def _begin_again(self, name: str, lane: _Lane) -> None:
         lane.epoch += 1
@@ -237,30 +240,41 @@ class Recording:
         oldest = next(iter(self._states), 0)
         return lane.epoch < len(self._ends) or stamp_ns < oldest or stamp_ns in self._states
 
-    def _wait(self, name: str, lane: _Lane, stamp_ns: int, data: bytes) -> None:
+    def _wait(self, name: str, lane: _Lane, stamp_ns: int, data: bytes, ahead: bool) -> None:
         waiting = self._ahead.setdefault((lane.epoch, stamp_ns), [])
-        if (name, data) in waiting:
+        if (name, data, ahead) in waiting:
             return
-        if self._waiting >= _MOST_AHEAD:  # no run is so far ahead: it is written as it came
-            self._keep(name, lane, lane.epoch, stamp_ns, data)
-            return
+        if self._waiting >= _MOST_AHEAD:  # no run is so far ahead: no states come any more
+            self._pass((lane.epoch, stamp_ns))
+            waiting = self._ahead.setdefault((lane.epoch, stamp_ns), [])
         self._waiting += 1
-        waiting.append((name, data))
+        waiting.append((name, data, ahead))
 
     def _lead(self, stamp_ns: int) -> None:
         """Take a state, and write the messages that were ahead of it."""
+        present = len(self._ends), stamp_ns
+        oldest = next(iter(self._ahead), present)
+        # Who joins a run hears the last answers to states that it has not heard: they are left out.
+        self._pass(present, joins=self.now < 0 and oldest >= (present[0], stamp_ns - _LOST))
         self.now = max(self.now, stamp_ns)
         self._unreported += 1
         self._states[stamp_ns] = None
         if len(self._states) > _REMEMBERED:
             del self._states[next(iter(self._states))]
-        present = len(self._ends), stamp_ns
-        for name, data in self._ahead.pop(present, ()):
+        for name, data, _ in self._ahead.pop(present, ()):
             self._waiting -= 1
             self._keep(name, self._lanes[name], len(self._ends), stamp_ns, data)
-        # What waits for an instant that has passed, or that was before the first, belongs to none.
-        while self._ahead and (first := next(iter(self._ahead))) < present:
-            self._waiting -= len(self._ahead.pop(first))
+
+    def _pass(self, until: tuple[int, float], joins: bool = False) -> None:
+        """Write what was sent at instants whose states have not come, unless the recorder `joins`.
+
+        What was sent ahead of them is dropped.
+        """
+        while self._ahead and (first := next(iter(self._ahead))) < until:
+            for name, data, ahead in self._ahead.pop(first):
+                self._waiting -= 1
+                if first[0] == until[0] and not (ahead or joins):
+                    self._keep(name, self._lanes[name], *first, data)
 
     def _keep(self, name: str, lane: _Lane, epoch: int, stamp_ns: int, data: bytes) -> None:
         """Write a sample, and count it if it is the first one of its instant."""
@@ -282,7 +296,9 @@ class Recording:
         return self.now
 
     def gaps(self, expected: Iterable[str]) -> list[str]:
-        """Describe what is missing; empty if nothing is."""
+        """Describe what is missing, at the end; empty if nothing is."""
+        if self.now >= 0 and len(self._ahead) > _FEW:  # states come no more, and others go on
+            self._pass((len(self._ends), inf))
         return self._completeness.gaps(expected)
 
     def see(self, name: str, nodes: Mapping[Hashable, str], now: float) -> None:
