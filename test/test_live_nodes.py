@@ -102,7 +102,7 @@ REFUSED = {
     "no inertia": (CONTROLLER, "inertia", [-1.0, *[0.0] * 3, 1.0, *[0.0] * 3, 1.0], "positive"),
     "infeasible": (CONTROLLER, "rate_envelope.exponential_terminal", 1e-9, "rate_envelope"),
     "at start only": (PLANT, "rate", 50.0, "rate"),
-    "unknown": (INJECTOR, "enviroment", True, "undeclared"),
+    "unknown": (INJECTOR, "enviroment", True, "did you mean environment?"),
     "no such part": (PLANT, "faults", ["wheel/7 seized"], "this craft has no part wheel/7"),
     "no fault": (PLANT, "faults", ["actuator/x stuck"], "stuck has 0 numbers; allowed: 1 in N·m"),
     "truth not sent": (

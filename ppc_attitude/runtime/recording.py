@@ -15,7 +15,8 @@
 """Which messages of a run are written when, and which are missing; without ROS and without a bag.
 
 The states lead. A message counts for the record when the state of its stamp has come: so what was
-sent ahead and never reached its instant is in no record, and makes no gap. Whether a record is
+sent ahead and never reached its instant is in no record, and makes no gap. What others send while
+no state comes is written all the same, and is one. Whether a record is
 complete is judged while it grows, in memory that does not grow with it.
 """
 
