@@ -24,13 +24,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from rclpy.subscription import Subscription
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
@@ -58,6 +56,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
+from ppc_attitude.nodes.executors import Flow
 from ppc_attitude.nodes.messages import changed, message_class
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
@@ -89,19 +88,6 @@ class _Ear(NamedTuple):
     subscription: Any
 
 
-class _Flow(ReentrantCallbackGroup):
-    """What is recorded; the executor leaves it to `wake` while there is much of it.
-
-    The executor takes messages first, so that in full flow no service would have its turn.
-    """
-
-    full = False
-
-    def can_execute(self, entity: Any) -> bool:
-        """True if the executor may take what has come; events that are no messages always."""
-        return not (self.full and isinstance(entity, Subscription))
-
-
 class BagRecorder(BaseNode):
     """Writes raw messages as they arrive; a bag with a missing message is never called complete.
 
@@ -121,7 +107,7 @@ class BagRecorder(BaseNode):
             )
         except BagError as error:
             raise ConfigurationError(str(error)) from None
-        self._flow = _Flow()
+        self._flow = Flow()
         self._executor = SingleThreadedExecutor()
         self._heard = 0  # messages, whether the executor took them or `wake`
         self._heard_at = 0.0  # time of the last look that found any

@@ -12,9 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which executor runs a node."""
+"""Which executor runs a node, and what it leaves to the node."""
 
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.subscription import Subscription
 
 
 def new_executor() -> Executor:
@@ -24,3 +28,16 @@ def new_executor() -> Executor:
     except ImportError:
         return SingleThreadedExecutor()
     return EventsExecutor()
+
+
+class Flow(ReentrantCallbackGroup):
+    """Messages that the executor leaves to the node itself while there are many of them.
+
+    The standard executor takes messages first, so that in full flow no service has its turn.
+    """
+
+    full = False
+
+    def can_execute(self, entity: Any) -> bool:
+        """True if the executor may take what has come; events that are no messages always."""
+        return not (self.full and isinstance(entity, Subscription))
