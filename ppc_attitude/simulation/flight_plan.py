@@ -27,15 +27,15 @@ from ppc_attitude.science.stamps import seconds, stamp_of
 from ppc_attitude.simulation.scenario import Scenario
 
 
-class Told(NamedTuple):
+class Answer(NamedTuple):
     """The answer to a goal, when [s] it came, and how many goals were refused then."""
 
     time: float
     advice: Advice
-    refused: int = 0
+    refused: int
 
 
-def goals_told(scenario: Scenario) -> list[Told]:
+def goals_told(scenario: Scenario) -> list[Answer]:
     """The reference's answer to each scheduled goal at the step that takes it.
 
     The reference follows nothing but its orders and the craft's first attitude, so this needs no
@@ -60,5 +60,5 @@ def goals_told(scenario: Scenario) -> list[Told]:
         part.step(stamp_ns, craft["initial_attitude"])
         if part.advices > before:
             refused = int(part.state[0]["refused"]) - refused
-            told.append(Told(seconds(stamp_ns), part.advice, refused))
+            told.append(Answer(seconds(stamp_ns), part.advice, refused))
     return told

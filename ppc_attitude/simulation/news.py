@@ -16,19 +16,27 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.run_record import Array
+from ppc_attitude.science.component import Advice
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.diagram import Diagram
-from ppc_attitude.simulation.flight_plan import Told
 from ppc_attitude.simulation.scenario import Scenario
 
 _BLOCK = 4096  # instants after which the parts are asked
 _MOST = 10  # words of one part; nobody reads what a noisy one says every second of a day
+
+
+class Told(NamedTuple):
+    """What a part told, and when [s]."""
+
+    time: float
+    advice: Advice
 
 
 def concerns(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Iterator[Told]:

@@ -72,7 +72,7 @@ from ppc_attitude.science.kinds import (
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import first_instant
-from ppc_attitude.simulation.flight_plan import Told, goals_told
+from ppc_attitude.simulation.flight_plan import Answer, goals_told
 from ppc_attitude.simulation.scenario import Scenario
 
 _CERTIFIED = f"a law with a certificate: {' or '.join(LAWS)}"
@@ -170,7 +170,7 @@ def _law_conditions(scenario: Scenario, q_e0: float, environment: float) -> tupl
     return certificate(scenario.parameters[CONTROLLER], q_e0, rate, environment)
 
 
-def _goal_conditions(goals: list[Told]) -> Iterator[Condition]:
+def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:
     """Scheduled goals are followed: a run that refuses one misses a requirement."""
     if goals:
         meaning = "the guidance follows every scheduled goal"
@@ -183,7 +183,7 @@ def _json(
     conditions: tuple[Condition, ...],
     q_e: Quaternion,
     start: Advice,
-    goals: list[Told],
+    goals: list[Answer],
 ) -> dict[str, Any]:
     return {
         "controller": scenario.controller.name,
