@@ -90,6 +90,7 @@ def test_refusal_names_parameter_value_and_what_is_allowed(
 
 
 def test_what_is_allowed_in_words() -> None:
+    assert Parameter("p", [""], "d").allowed == "a list of texts"
     assert GAIN.allowed == "finite, > 0, ≤ 10"
     assert STEPS.allowed == "an integer, ≥ 0, ≤ 5"
     assert ON.allowed == "true or false"

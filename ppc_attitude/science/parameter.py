@@ -101,7 +101,7 @@ class Parameter:
             parts.append(("any of " if self.is_list else "one of ") + ", ".join(self.choices))
             parts.extend(f"{str(on).lower()} for {name}" for on, name in self.switch.items())
         elif self.of_strings:
-            parts.append("text")
+            parts.append("a list of texts" if self.is_list else "text")
         else:
             parts.append("an integer" if isinstance(self.default, int) else "finite")
             parts.extend(self._bounds())
