@@ -44,7 +44,7 @@ def lines(*words: str) -> list[Command]:
 
 @pytest.fixture
 def stack(start_process: StartProcess, tmp_path: Path) -> dict[str, subprocess.Popen[str]]:
-    """Every node that the pages start with `ros2 run`, and an injector for each craft.
+    """Every node that the pages start with `ros2 run`, and an injector without a namespace.
 
     Plants in one namespace would be rivals: what is the same but for its mode gets another.
     """
@@ -52,7 +52,7 @@ def stack(start_process: StartProcess, tmp_path: Path) -> dict[str, subprocess.P
     node_lines = [command.words[3:] for command in lines("ros2", "run", "ppc_attitude")]
     node_lines = [words for words in node_lines if not any("wait_for:=" in word for word in words)]
     assert len(node_lines) >= 5
-    node_lines += [[INJECTOR], [INJECTOR, "--ros-args", "-r", "__ns:=/chaser"], [CONTROLLER]]
+    node_lines += [[INJECTOR], [CONTROLLER]]
     running: dict[str, subprocess.Popen[str]] = {}
     for words in node_lines:
         chaser = "/chaser" if "__ns:=/chaser" in words else ""
