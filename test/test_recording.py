@@ -38,7 +38,8 @@ class Bag:
     def take(self, name: str, step: int, data: bytes = b"") -> None:
         stamp = stamp_of(step, 100.0)
         number = next(self._numbers[name])
-        self.recording.sample(name, stamp, data or b"%d" % step, number, 0.0, name == AHEAD)
+        now = step / 100.0  # by the wall clock [s], in real time
+        self.recording.sample(name, stamp, data or b"%d" % step, number, now, name == AHEAD)
 
     def run(self, steps: range) -> None:
         for step in steps:

@@ -28,13 +28,13 @@ from statistics import median_low
 
 from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.runtime.publishers import Publishers
-from ppc_attitude.science.stamps import NANOSECONDS, seconds
+from ppc_attitude.science.stamps import seconds
 
 _LEAD = ATTITUDE.name
 _MOST_AHEAD = 200_000  # messages that may wait for their states: what publishers keep, and more
 _EVERY = 500  # states between two reports of how far the record has come
 _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
-_LOST = NANOSECONDS  # [ns] before the first state: more than who joins a run hears of others
+_JOINS = 2.0  # [s] by the wall clock in which who joins a run may hear others and no state
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
 _FIRST = 9  # steps whose median is the rhythm: the first one alone may be of any length
 _STEADY = 0.2  # states have gaps only if three in four steps are as near as this to the rhythm
@@ -173,6 +173,7 @@ class Recording:
         self._ahead: dict[tuple[int, int], list[tuple[str, bytes, bool]]] = {}
         self._waiting = 0  # how many messages those are
         self.now = -1  # the newest state [ns]; -1: none has come
+        self._heard = inf  # when the first message came, by the wall clock [s]
         self._states: dict[int, None] = {}  # stamps [ns] of the latest ones, in their order
         self._unreported = 0
 
@@ -199,6 +200,7 @@ class Recording:
         if stamp_ns is None or stamp_ns < 0:
             self.event(name, stamp_ns, data)
             return
+        self._heard = min(self._heard, now)
         lane = self._lanes[name]
         if number is not None:
             lane.publishers.hear(number, stamp_ns, now)
@@ -209,7 +211,7 @@ class Recording:
             return  # a peer's repeated answer to a repeated state
         if name == _LEAD:
             self._keep(name, lane, lane.epoch, stamp_ns, data)
-            self._lead(stamp_ns)
+            self._lead(stamp_ns, now)
         elif self._is_present(lane, stamp_ns):
             if not ahead or self._has_state(lane, stamp_ns):
                 self._keep(name, lane, lane.epoch, stamp_ns, data)
@@ -251,12 +253,11 @@ class Recording:
         self._waiting += 1
         waiting.append((name, data, ahead))
 
-    def _lead(self, stamp_ns: int) -> None:
+    def _lead(self, stamp_ns: int, now: float) -> None:
         """Take a state, and write the messages that were ahead of it."""
         present = len(self._ends), stamp_ns
-        oldest = next(iter(self._ahead), present)
-        # Who joins a run hears the last answers to states that it has not heard: they are left out.
-        self._pass(present, joins=self.now < 0 and oldest >= (present[0], stamp_ns - _LOST))
+        # Who joins a run hears answers to states that it has not heard: they are left out.
+        self._pass(present, joins=self.now < 0 and now < self._heard + _JOINS)
         self.now = max(self.now, stamp_ns)
         self._unreported += 1
         self._states[stamp_ns] = None
