@@ -177,13 +177,12 @@ def attacked(files: list[Path], folder: Path, seconds: float) -> tuple[dict[str,
     rate = base.number("spacecraft_plant", "rate")
     duration = min(1.2 * promise["time"] + 10.0, _MOST_SAMPLES / rate)
     space = Space(
-        base,
+        load(files, {"spacecraft_plant": {"duration": duration}}),
         rate=math.radians(promise["rate"]),
         disturbance=assumed["d"],
         pieces=_PIECES,
         e_S=assumed["e_S"],
         eta=assumed["eta"],
-        duration=duration,
         begin=1000.0,
         late=assumed["late"] > 0.0,
     )
