@@ -234,8 +234,8 @@ def test_goto_prints_the_answer_that_is_its_own(pilot: Pilot) -> None:
     times = itertools.count(1)
     with ThreadPoolExecutor(1) as pool:
 
-        def answer(attitude: tuple[float, ...], before: int) -> Answer:
-            future = pool.submit(_go_to, sender, attitude, "inertial", 0.0)
+        def answer(attitude: tuple[float, ...], before: int, at: float = 0.0) -> Answer:
+            future = pool.submit(_go_to, sender, attitude, "inertial", at)
             pilot.until(lambda: pilot.seen() > before)
             pilot.pose(NEAR)
             pilot.pose((0.0, 0.0, 2.0, 0.0))
@@ -245,11 +245,15 @@ def test_goto_prints_the_answer_that_is_its_own(pilot: Pilot) -> None:
 
         followed = answer(GOAL, pilot.seen())
         refused = answer((2.0, 0.0, 0.0, 0.0), pilot.seen())
+        late = answer((0.0, 0.0, 0.6, 0.8), pilot.seen(), at=1.0)
+        early = answer((0.0, 0.6, 0.0, 0.8), pilot.seen(), at=1e4)
     sender.destroy_node()
     assert followed.followed
     assert followed.text.startswith("order 3 is followed: inertial frame")
     assert not refused.followed
     assert "refused goal_pose: attitude of a goal = [2.0" in refused.text
+    assert "is followed: inertial frame" in late.text  # its time has passed: it acts at once
+    assert early == Answer("goal_pose acts from t = 10000.000000 s on", followed=True)
 
 
 def test_goto_waits_for_the_one_who_answers_not_for_the_recorder_alone(pilot: Pilot) -> None:

@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseStamped, Quaternion
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
@@ -33,8 +32,6 @@ from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.stamps import nanoseconds
 
-_SOON = Duration(seconds=0.1)
-
 
 class Answer(NamedTuple):
     """The reference generator's answer to a goal; empty if it did not answer."""
@@ -47,7 +44,7 @@ def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> A
     """Send a goal and wait for what becomes of it.
 
     The attitude is a unit quaternion x y z w, relative to the frame. The goal begins at a simulated
-    time [s], 0: now; a later one is not waited for.
+    time [s], 0: now; of a later one the answer is that it is taken.
 
     Raises
     ------
@@ -78,9 +75,6 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
     )
     heard.clear()
     publisher.publish(goal)
-    if at > 0.0:
-        await_answer(node, lambda: publisher.wait_for_all_acked(_SOON), "the goal was not taken")
-        return Answer(f"goal sent, to begin at t = {at:g} s", followed=True)
     await_answer(node, lambda: bool(heard), f"no answer on {GUIDANCE_STATUS.name}")
     return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)
 

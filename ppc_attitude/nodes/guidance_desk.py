@@ -160,9 +160,12 @@ class GuidanceDesk:
         status = Status(level, text, details)
         self._publisher.publish(diagnostics(stamp_ns, name, "guidance", status))
 
-    def _accept(self, kind: str, make: Make, stamp_ns: int) -> str:
+    def _accept(self, kind: str, make: Make, stamp_ns: int, name: str = "") -> str:
+        """Take an order; who asked hears at once of one that acts later, else when it acts."""
         when = self._book.accept(make, stamp_ns)
         self._node.mention(kind, f"{kind}: acts {when}")
+        if stamp_ns > self._stamp:
+            self._say(self._stamp, OK, f"{kind} acts {when}", {ASKED: name})
         return when
 
     def _on_pose(self, message: PoseStamped) -> None:
@@ -172,7 +175,8 @@ class GuidanceDesk:
             return goal_order(stamp_ns, frame, attitude)
 
         make(0)  # what is wrong with it is told at once
-        self._accept(GOAL_POSE.name, make, _stamp_of(message.header.stamp))
+        stamp = _stamp_of(message.header.stamp)
+        self._accept(GOAL_POSE.name, make, stamp, pose_asked(message))
 
     def _on_trajectory(self, message: MultiDOFJointTrajectory) -> None:
         if list(message.joint_names) != [_BODY]:
@@ -198,7 +202,7 @@ class GuidanceDesk:
             return profile_order(stamp_ns, len(self._profiles) - 1)
 
         profile_from(0.0)  # what is wrong with it is told at once
-        self._accept(GOAL_TRAJECTORY.name, make, stamp)
+        self._accept(GOAL_TRAJECTORY.name, make, stamp, PROFILING)
 
     def _on_hold(self, request: Any, response: Any) -> Any:
         """Answer the service: brake, and stay where that ends."""
