@@ -145,7 +145,7 @@ def fly(suite: str, seed: int, plain: bool = False) -> Flight:
 
 def fly_blind(suite: str, seed: int) -> Gap:
     """Fly the paper's case without fixes from 50 to 110 s."""
-    blinding = {
+    blinding: dict[str, Any] = {
         "star_tracker.blinding_times": [BLIND_FROM],
         "star_tracker.blinding_durations": [BLIND_FOR],
     }

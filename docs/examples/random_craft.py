@@ -209,9 +209,9 @@ def main() -> None:
     for seed in range(given.first, given.first + given.craft):
         each = outcome_of(seed, given.seconds)
         found.append(each)
-        shares = ", ".join(f"{name} {share:.3f}" for name, share in each.largest.items())
+        told = ", ".join(f"{name} {share:.3f}" for name, share in each.largest.items())
         first = each.reason.split("\n")[0]
-        print(f"{seed}: {each.verdict} in {each.seconds:.1f} s {shares}{first}", flush=True)
+        print(f"{seed}: {each.verdict} in {each.seconds:.1f} s {told}{first}", flush=True)
     print(Counter(each.verdict for each in found))
     print(Counter(_failing(each.reason) for each in found if each.verdict == REFUSED))
     slowest = max(each.seconds for each in found)

@@ -34,6 +34,7 @@ from ppc_attitude.science.attitude import (
 )
 from ppc_attitude.science.controllers.common import ATTITUDE_TABLE, RATE_TABLE
 from ppc_attitude.science.environments.paper import environment_torque
+from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.performance import nominal, solve_envelope
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario, load
@@ -104,13 +105,13 @@ def cross_term_ratio() -> None:
     for _ in range(1000):
         q_e = random.normal(size=4)
         q_e /= np.linalg.norm(q_e)
-        q, q0 = tuple(map(float, q_e[:3])), float(q_e[3])
+        q, q0 = vector(q_e), float(q_e[3])
         rho_q, rho_w, z2 = random.uniform(0.1, 1.0, (3, 3))
         eps_q, eps_w = np.array(q) / rho_q, z2 / rho_w
         gain_q, gain_w = math.tanh(eps_q @ eps_q), k2 * math.tanh(eps_w @ eps_w)
-        target = k1 * gain_q * (eps_q / rho_q) @ jacobian(q, q0, tuple(z2))
-        right = rho_w**2 * np.array(jacobian_transposed(q, q0, tuple(eps_q / rho_q)))
-        wrong = rho_w**2 / rho_q * np.array(jacobian(q, q0, tuple(eps_q)))
+        target = k1 * gain_q * (eps_q / rho_q) @ np.asarray(jacobian(q, q0, vector(z2)), float)
+        right = rho_w**2 * np.asarray(jacobian_transposed(q, q0, vector(eps_q / rho_q)), float)
+        wrong = rho_w**2 / rho_q * np.asarray(jacobian(q, q0, vector(eps_q)), float)
         corrected.append(-gain_w * (eps_w / rho_w) @ right * k1 * gain_q / gain_w / target)
         printed.append(-gain_w * (eps_w / rho_w) @ wrong * gain_q / gain_w / target)
     show("cross term ratio as implemented: smallest", min(corrected))
@@ -124,7 +125,7 @@ def follows_table(paper: Scenario, component: float, axis: int) -> bool:
     error = np.zeros(4)
     error[axis], error[3] = component, math.sqrt(1.0 - component**2)
     q_d = tuple(simulate(paper, 0.0)["reference_attitude"][0].tolist())
-    start = product(q_d, tuple(map(float, error)))
+    start = product(q_d, quaternion(error))
     record = simulate(paper.with_values(PLANT, initial_attitude=list(start)), 120.0)
     return bool(np.all(np.abs(record["attitude_error"][:, :3]) < record["attitude_envelope"]))
 
