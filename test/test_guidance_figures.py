@@ -95,6 +95,15 @@ def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
     (row,) = (row for row in analyse(record).requirements if row.key == "refused_orders")
     assert (row.value, row.met) == (1.0, False)
     assert row.reason.startswith("order 3 is refused: it is inside keep-out cone 0")
+    # The next order of its instant is followed, and tells nothing of it.
+    twice = flight(
+        goals__times=[1.0, 1.0],
+        goals__frames=["spin", "inertial"],
+        goals__attitudes=2 * STRAIGHT,
+        spin__rate=0.05,
+    )
+    (row,) = (r for r in analyse(simulate(twice, 2.0)).requirements if r.key == "refused_orders")
+    assert (row.value, row.met, row.reason) == (1.0, False, "")
     obeyed = analyse(simulate(flight(goals__times=[1.0], goals__attitudes=STRAIGHT), 2.0))
     (row,) = (row for row in obeyed.requirements if row.key == "refused_orders")
     assert (row.value, row.met) == (0.0, True)

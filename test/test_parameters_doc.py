@@ -289,31 +289,29 @@ def test_param_load_takes_what_yaml_takes_for_text(asker: Node, tmp_path: Path) 
 @pytest.mark.ros
 def test_a_value_of_a_type_that_ros_does_not_have_is_refused_by_name(asker: Node) -> None:
     """rclpy raises for it, which would end the node."""
-    strange = [Parameter(name="rate", value=ParameterValue(type=77))]
-    with serving(PLANT):
-        one_by_one = SetParameters.Request(parameters=strange)
-        (each,) = call(asker, f"/{PLANT}", SetParameters, "set_parameters", one_by_one).results
-        at_once = SetParametersAtomically.Request(parameters=strange)
-        name = "set_parameters_atomically"
-        whole = call(asker, f"/{PLANT}", SetParametersAtomically, name, at_once).result
-    for told in (each, whole):
-        assert not told.successful
-        assert told.reason.startswith("rate is of type 77; allowed: 0 (NOT_SET), 1 (BOOL), ")
+    for reason in refusals(asker, Parameter(name="rate", value=ParameterValue(type=77))):
+        assert reason.startswith("rate is of type 77; allowed: 0 (NOT_SET), 1 (BOOL), ")
 
 
 @pytest.mark.ros
 def test_a_name_that_a_node_does_not_know_is_refused_by_name(asker: Node) -> None:
     """rclpy refuses `undeclared parameter(s): []`."""
-    strange = [Parameter(name="max_torqe", value=ParameterValue(type=3, double_value=1.0))]
+    value = ParameterValue(type=3, double_value=1.0)
+    for reason in refusals(asker, Parameter(name="max_torqe", value=value)):
+        assert reason == f"{PLANT} has no parameter max_torqe; did you mean max_torque?"
+
+
+def refusals(asker: Node, strange: Parameter) -> list[str]:
+    """Why the plant refuses a parameter, set by itself and set atomically."""
     with serving(PLANT):
-        one_by_one = SetParameters.Request(parameters=strange)
+        one_by_one = SetParameters.Request(parameters=[strange])
         (each,) = call(asker, f"/{PLANT}", SetParameters, "set_parameters", one_by_one).results
-        at_once = SetParametersAtomically.Request(parameters=strange)
+        at_once = SetParametersAtomically.Request(parameters=[strange])
         name = "set_parameters_atomically"
         whole = call(asker, f"/{PLANT}", SetParametersAtomically, name, at_once).result
-    for told in (each, whole):
-        assert not told.successful
-        assert told.reason == f"{PLANT} has no parameter max_torqe; did you mean max_torque?"
+    assert not each.successful
+    assert not whole.successful
+    return [each.reason, whole.reason]
 
 
 @pytest.mark.parametrize("node", [INJECTOR, PLANT])

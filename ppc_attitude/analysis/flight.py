@@ -93,13 +93,10 @@ def flight_of(record: RunRecord) -> Flight | None:
     ConfigurationError
         The parameters on record are infeasible.
     """
-    values = guidance_values(record)
-    if values is None:
-        return None
     picked, goals, cones, words = [], [], [], []
-    names = cone_names(values)
+    names: list[str] = []
     told = obeyed = 0
-    for k, part in _flown(record, values, _SAMPLES):
+    for k, part, values in _flown(record, _SAMPLES):
         names = max(names, cone_names(values), key=len)
         t, state = seconds(int(record.stamps_ns[k])), part.state[0]
         if part.advices > told:
@@ -133,25 +130,23 @@ def refusals_of(record: RunRecord) -> tuple[int, str] | None:
     ConfigurationError
         The parameters on record are infeasible.
     """
-    values = guidance_values(record)
-    if values is None:
-        return None
     obeyed = refused = 0
     reason = ""
-    for _, part in _flown(record, values, 1):
+    for _, part, _ in _flown(record, 1):
         state = part.state[0]
         obeyed, refused = int(state["obeyed"]), int(state["refused"])
-        if refused and not reason:
+        if refused and not reason and state["outcome"] != ACCEPTED:  # of the last one of an instant
             reason = part.advice.text
     return (refused, reason) if obeyed else None
 
 
-def _flown(record: RunRecord, values: dict[str, Any], samples: int) -> Iterator[tuple[int, Part]]:
-    """Yield number of the instant and reference after it, as of `_instants`, once it has begun.
+def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[str, Any]]]:
+    """Yield number of each instant of `_instants`, the reference after it, and its parameters.
 
-    The parameters follow what was changed in flight.
+    These follow what was changed in flight. Before the reference has begun there is nothing.
     """
-    if not has(record, ATTITUDE.column):
+    values = guidance_values(record)
+    if values is None or not has(record, ATTITUDE.column):
         return
     part = Part(goal.COMPONENT, values)
     own = [change for change in record.changes if change.node == REFERENCE]
@@ -168,7 +163,7 @@ def _flown(record: RunRecord, values: dict[str, Any], samples: int) -> Iterator[
                 part.step(since, attitude)
         part.step(stamp_ns, attitude)
         if part.state[0]["begun"]:
-            yield k, part
+            yield k, part, values
 
 
 def _instants(

@@ -204,7 +204,10 @@ class Measured:
         )
 
     def largest_of(self, column: str) -> float | None:
-        """Largest magnitude of a number of a column, or of a quaternion's vector; None: no such."""
+        """Largest magnitude of a number of a column; of a quaternion its w does not count.
+
+        None if the record has no such number.
+        """
         if not has(self.record, column):
             return None
         is_quaternion = column in BY_COLUMN and BY_COLUMN[column].form == QUATERNION

@@ -171,9 +171,9 @@ class BagRecorder(BaseNode):
             since = f" from t = {seconds(recording.now):.6f} s on: it was started again"
         else:
             parameters[full] = values
+            for key, value in self._custom_data().items():
+                self._writer.set_custom_data(key, value)
         self.get_logger().info(f"the parameters of {full} are on record{since}")
-        for key, value in self._custom_data().items():
-            self._writer.set_custom_data(key, value)
 
     def _custom_data(self) -> dict[str, str]:
         parameters = self._run_info.get("parameters", {})

@@ -16,8 +16,8 @@
 
 The states lead. A message counts for the record when the state of its stamp has come: so what was
 sent ahead and never reached its instant is in no record, and makes no gap. What others send while
-no state comes is written all the same, and is one. Whether a record is
-complete is judged while it grows, in memory that does not grow with it.
+no state comes is written all the same, and makes one. Whether a record is complete is judged while
+it grows, in memory that does not grow with it.
 """
 
 from collections import defaultdict

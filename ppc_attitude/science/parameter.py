@@ -119,7 +119,8 @@ class Parameter:
             yield f"> {self.above:g}"
         if self.low > self.above:
             yield f"≥ {self.low:g}"
-        yield f"≤ {self.high:g}"
+        if math.isfinite(self.high):
+            yield f"≤ {self.high:g}"
 
     def checked(self, value: Any) -> Value:
         """Return the value in the parameter's own type.
