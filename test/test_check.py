@@ -76,6 +76,10 @@ def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scen
     assert not hasty.holds
     assert hasty.necessary
     assert "you ask 60 s, which is 25.4 s too few" in hasty.meaning
+    weak = cubesat.with_values(CONTROLLER, k=1e-6)
+    never = by_name(settling_conditions(weak, TENTH, THIRD))["time of the law"]
+    assert not never.holds
+    assert "is not reached within an hour with the law's k" in never.meaning
 
 
 def test_no_run_settles_sooner_than_the_law_can_and_a_good_one_hardly_later() -> None:

@@ -278,15 +278,18 @@ def test_an_estimator_refuses_sensors_of_another_time_and_goes_on(
     assert (values["steps"], values["fixes"]) == ("2", "1")
 
 
+@pytest.mark.parametrize(
+    ("noise", "told"), [("1.0e-5", "10 times the noise of a sample"), ("0.0", "without noise")]
+)
 def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
-    admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch
+    admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch, noise: str, told: str
 ) -> None:
     said: list[tuple[str, bool]] = []
     monkeypatch.setattr(BaseNode, "say", lambda self, *words: said.append(words))
-    gyro = ["gyro.angular_random_walk:=1.0e-5", "gyro.resolution:=1.0e-3"]
+    gyro = [f"gyro.angular_random_walk:={noise}", "gyro.resolution:=1.0e-3"]
     admit(SpacecraftPlant, "sensors:=gyro_star_tracker", *gyro)
     assert len(said) == 1
-    assert "gyro.resolution is 10 times the noise of a sample: a dead band" in said[0][0]
+    assert f"gyro.resolution is {told}: a dead band" in said[0][0]
     assert said[0][1]
 
 

@@ -91,6 +91,8 @@ def settling_conditions(
         rest = asked - needs
         left = f"which leaves {rest:.3g} s" if rest >= 0.0 else f"which is {-rest:.3g} s too few"
         meaning = f"{wish} needs {needs:.3g} s at best {who}; you ask {asked:g} s, {left}"
+        if math.isinf(needs):
+            meaning = f"{wish} is not reached within an hour {who}; you ask {asked:g} s"
         return Condition(name, needs, asked, "≤", "s", True, meaning)
 
     yield condition(

@@ -260,11 +260,13 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 def advice(state: Any) -> Advice:
     """Warn of a gyro that rounds its own noise away."""
-    if not state["coarse"]:
+    times = float(state["coarse"])
+    if not times:
         return Advice("", warning=False)
+    beside = f"{times:.3g} times the noise of a sample" if np.isfinite(times) else "without noise"
     return Advice(
-        f"gyro.resolution is {float(state['coarse']):.3g} times the noise of a sample: a dead "
-        "band, not the white noise that a filter takes rounding for",
+        f"gyro.resolution is {beside}: a dead band, not the white noise that a filter takes "
+        "rounding for",
         warning=True,
     )
 
