@@ -141,6 +141,16 @@ def test_settling_times_of_both_libraries_agree() -> None:
     assert times[1:] == pytest.approx(times[:1] * 2, rel=1e-12)
 
 
+def test_what_is_undefined_has_no_bound_and_is_not_proved() -> None:
+    values = values_of()
+    law = replace(law_of(values), omega0=10.0)  # to stop from there takes more than all torque
+    judged = inequalities(bounds_of(assumptions_of(values), law, balls(), (40, 2, 2)))
+    assert not any(math.isnan(end) for each in judged for end in (*each.left, *each.right))
+    unbounded = [each for each in judged if each.left == (-math.inf, math.inf)]
+    assert unbounded
+    assert not any(each.holds for each in unbounded)
+
+
 @pytest.fixture(scope="module")
 def standard() -> tuple[Assumptions, Law]:
     values = values_of()

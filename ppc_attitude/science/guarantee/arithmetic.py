@@ -86,6 +86,8 @@ def balls() -> Arithmetic:
         ) from None
 
     def outward(x: Number) -> tuple[float, float]:
+        if x.is_nan():  # as the root of what may be negative: it may be any number
+            return -math.inf, math.inf
         # A conversion may round by half a unit.
         low, high = float(x.lower()), float(x.upper())
         return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
