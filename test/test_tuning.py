@@ -109,6 +109,7 @@ def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     law = ["--controller", "quaternion_feedback", "--seconds", "0.01", "--rate", "0.5"]
     main(["design", "--config", str(craft), *law, "--output", str(gains)])
     told = capsys.readouterr().out
+    assert "sets of gains: quaternion_feedback.natural_frequency = 0.1, " in told
     assert "of 200 fresh runs meet every requirement" in told
     assert "no guarantee" in told
     values = load([craft, gains]).parameters[CONTROLLER]

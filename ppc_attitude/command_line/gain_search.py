@@ -82,8 +82,9 @@ def _campaign(arguments: argparse.Namespace, scenario: Scenario) -> Campaign:
 def _told(found: Tuned, law: str) -> list[str]:
     median, worst = found.settling
     times = f"median {median:.1f} s, worst {worst:.1f} s" if math.isfinite(worst) else "not all"
+    gains = ", ".join(f"{name} = {gain!r}" for name, gain in found.gains.items())
     return [
-        f"{law}: the best of {found.candidates} sets of gains",
+        f"{law}: the best of {found.candidates} sets of gains: {gains}",
         f"Monte Carlo: {found.fraction.met} of {found.fraction.judged} fresh runs meet every "
         f"requirement: {share_text(found.fraction)} with 95 % confidence",
         f"settled: {times}",

@@ -115,7 +115,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--seconds",
         type=POSITIVE,
-        help=f"how long a search may take [s]; default {_DEFAULTS['seconds']:g}",
+        help=f"when a search tries no more gains [s]; default {_DEFAULTS['seconds']:g}",
     )
     parser.add_argument(
         "--assume",
