@@ -221,6 +221,31 @@ def test_wheels_that_cannot_hold_the_assumed_momentum_are_warned_of(
             assert "a hit or magnetorquers may add to it" in told
 
 
+TENTH = """
+/**:
+  ros__parameters: {inertia: [0.28, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0, 0.19], max_torque: 0.005}
+spacecraft_plant: {ros__parameters: {min_torque: 1.0e-5}}
+disturbance_injector: {ros__parameters: {environment: none}}
+ppc_controller: {ros__parameters: {controller: momentum_tube_ahead}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("option", "law"),
+    [((), "momentum_tube_ahead"), (("--controller", "momentum_tube"), "momentum_tube")],
+)
+def test_gains_are_designed_for_a_craft_that_those_before_do_not_fit(
+    option: tuple[str, ...], law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    craft, gains = tmp_path / "craft.yaml", tmp_path / "gains.yaml"
+    craft.write_text(TENTH)
+    assert main(["simulate", "--config", str(craft), *option]) == 2
+    assert "momentum_tube.brake" in capsys.readouterr().err
+    given = ["--config", str(craft), *option, "--gains", "1", "15.4", "0.2"]
+    assert main(["design", *given, "--output", str(gains)]) == 0
+    assert load([craft, gains]).controller.name == law
+
+
 def test_the_papers_environment_fills_the_wheels_and_is_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

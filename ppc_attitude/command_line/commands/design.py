@@ -40,7 +40,7 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.paths import new_file, see_that_it_may_go, some_path
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.whole_file import write_whole
-from ppc_attitude.science.controllers import tube_parameters
+from ppc_attitude.science.controllers import quaternion_feedback, tube_parameters
 from ppc_attitude.science.controllers.tube_parameters import (
     ASSUMED,
     LAW,
@@ -69,7 +69,7 @@ from ppc_attitude.science.guarantee.surroundings import (
 )
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.references import paper_ahead
-from ppc_attitude.simulation.scenario import Scenario
+from ppc_attitude.simulation.scenario import Scenario, read_files
 
 _SEARCH = f"a search: --controller {' or '.join(GAINS)}"
 _OF_THE_TUBE = (
@@ -175,9 +175,9 @@ def execute(arguments: argparse.Namespace) -> int:
     for name, value in _DEFAULTS.items():
         if getattr(arguments, name) is None:
             setattr(arguments, name, value)
-    scenario = scenario_of(arguments)
     if not certified:
-        return search_gains(arguments, scenario)
+        return search_gains(arguments, scenario_of(arguments))
+    scenario = _craft_of(arguments)
     nodes, tube = nodes_around(scenario.parameters), TUBE
     assumed = _assumptions(scenario, arguments, tube)
     for name, value in zip(("k", "kappa", "ell"), arguments.gains or (), strict=False):
@@ -234,13 +234,25 @@ def execute(arguments: argparse.Namespace) -> int:
     for suspension in suspensions(assumed, nodes, scenario.number(PLANT, "duration")):
         print(f"warning: {suspension}")
     if arguments.output:
-        law = scenario.controller.name if scenario.controller.name in LAWS else LAW
+        law = str(scenario.parameters[CONTROLLER]["controller"])
         write_whole(arguments.output, _file(law, values, certificate, assumed))
         path = certificate_path(arguments.output)
         text = json.dumps(certificate.to_json(), ensure_ascii=False, indent=1)
         write_whole(path, text + "\n")
         print(f"{arguments.output}, {path}")
     return DONE
+
+
+def _craft_of(arguments: argparse.Namespace) -> Scenario:
+    """The scenario, with a law that is to be designed: the gains it has need not fit the craft."""
+    configured = read_files(arguments.config).get(CONTROLLER, {})
+    law = arguments.controller or configured.get("controller")
+    if law in LAWS:
+        arguments.controller = quaternion_feedback.COMPONENT.name
+    else:
+        law = LAW
+    parameters = scenario_of(arguments).parameters
+    return Scenario({**parameters, CONTROLLER: {**parameters[CONTROLLER], "controller": law}})
 
 
 def _assumptions(scenario: Scenario, arguments: argparse.Namespace, tube: float) -> Assumptions:
