@@ -208,6 +208,25 @@ def test_a_tracker_that_is_blind_suspends_the_promise(designed_for_sensors: Path
     assert "or one whose covariance is beyond the assumed errors" in held_by(record).note
 
 
+@pytest.mark.parametrize(
+    ("column", "assumed", "told"),
+    [
+        ("reference_angular_velocity", "W", "a faster reference"),
+        ("reference_angular_acceleration", "W1", "a reference that turns harder"),
+    ],
+)
+def test_a_reference_beyond_the_assumed_bounds_suspends_the_promise(
+    column: str, assumed: str, told: str
+) -> None:
+    record = record_of("guaranteed")
+    bound = record.parameters[CONTROLLER][f"momentum_tube.assumed.{assumed}"]
+    motion = record[column].copy()
+    motion[2000:2010] = (1.001 * bound, 0.0, 0.0)
+    held = held_by(replace(record, columns={**record.columns, column: motion}))
+    assert told in held.note
+    assert told not in held_by(record).note
+
+
 def test_a_changed_number_is_not_judged() -> None:
     record = record_of("guaranteed", ppc_controller={"momentum_tube.kappa": 15.1})
     rows = [each for each in analyse(record).requirements if each.key == "certificate"]
@@ -235,15 +254,19 @@ def test_what_was_changed_in_flight_is_compared_as_well(
 
 
 @pytest.mark.parametrize(
-    ("plant", "reason"),
+    ("node", "values", "reason"),
     [
-        ({}, ""),  # a bag that does not tell: nothing is known to be broken
-        ({"rate": 100.0, "inertia": [2.8, 0, 0, 0, 2.5, 0, 0, 0, 1.9]}, "lacks the parameter"),
+        (PLANT, {}, ""),  # a bag that does not tell: nothing is known to be broken
+        (PLANT, {"rate": 1e2, "inertia": [2.8, 0, 0, 0, 2.5, 0, 0, 0, 1.9]}, "lacks the parameter"),
+        (REFERENCE, {"mode": "paper"}, "lacks the parameter amplitude"),
+        (REFERENCE, {"mode": "goal", "goals.frames": ["nadir"]}, "lacks the parameter"),
     ],
 )
-def test_a_plant_of_others_may_tell_little_of_itself(plant: dict[str, Any], reason: str) -> None:
+def test_nodes_of_others_may_tell_little_of_themselves(
+    node: str, values: dict[str, Any], reason: str
+) -> None:
     record = record_of("guaranteed")
-    held = held_by(replace(record, parameters={**record.parameters, "spacecraft_plant": plant}))
+    held = held_by(replace(record, parameters={**record.parameters, node: values}))
     assert reason in held.reason
     assert bool(held.reason) == bool(reason)
 

@@ -51,8 +51,8 @@ from ppc_attitude.science.guarantee.inequalities import inequalities
 from ppc_attitude.science.guarantee.surroundings import (
     broken_assumptions,
     inertia_error,
-    reference_bounds,
 )
+from ppc_attitude.science.references.paper import motion_bounds
 from ppc_attitude.simulation.scenario import load
 
 # Largest time that is promised from 1 deg/s [s], whatever the reference.
@@ -254,9 +254,9 @@ def test_a_scenario_outside_the_assumptions_is_named(
 def test_bounds_of_a_reference_need_no_memory_that_grows_with_the_run() -> None:
     """Every millisecond of the run stood in arrays: a run of some hours needed gigabytes."""
     reference = case().parameters[REFERENCE]
-    reference_bounds(reference, 0.0)  # compiled
+    motion_bounds(reference, 0.0)  # compiled
     tracemalloc.start()
-    W, W1, W2 = reference_bounds(reference, 3000.0)
+    W, W1, W2 = motion_bounds(reference, 3000.0)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1e6

@@ -39,6 +39,7 @@ from ppc_attitude.contract.topics import (
     INJECTOR,
     PLANT,
     REFERENCE,
+    REFERENCE_ACCELERATION,
     REFERENCE_RATE,
     TRUE_ATTITUDE,
     TRUE_RATE,
@@ -50,6 +51,7 @@ from ppc_attitude.science.controllers.tube_parameters import (
     PREFIX,
     digest_of,
 )
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.faults import FAULTS
 from ppc_attitude.science.guarantee.actuation import (
@@ -103,8 +105,11 @@ def certificate_held(record: RunRecord) -> Held | None:
     try:
         different = [each for told in _in_flight(record) for each in _broken(told, record.t[-1])]
         broken_at = _assumptions(record)
-    except KeyError as lacking:
-        return Held(nothing, f"the record lacks the parameter {lacking.args[0]}", "")
+    except (KeyError, ConfigurationError) as error:
+        cause = error.__cause__ or error  # a component that was asked names itself around it
+        lacks = isinstance(cause, KeyError)
+        reason = f"the record lacks the parameter {cause.args[0]}" if lacks else str(error)
+        return Held(nothing, reason, "")
     different = different or [f"fault: {each}" for each in faults_of(record)]
     if different:
         return Held(nothing, "; ".join(dict.fromkeys(different)), "")
@@ -113,9 +118,9 @@ def certificate_held(record: RunRecord) -> Held | None:
         return Held(nothing, "the record lacks the law's telemetry", "")
     outside = np.logical_or.reduce([beyond(record[a], record[b]) for a, b in pairs])
     suspended, causes = nothing.copy(), []
-    for cause, broken in broken_at.items():
+    for what, broken in broken_at.items():
         if broken.any():
-            causes.append(f"{cause} at {np.count_nonzero(broken)} instants")
+            causes.append(f"{what} at {np.count_nonzero(broken)} instants")
             for late in range(_SEEN_AFTER + 1):
                 suspended[late:] |= broken[: broken.size - late]
     note = "suspended: " + ", ".join(causes) if causes else ""
@@ -169,9 +174,13 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
     if has(record, DISTURBANCE.column):
         torque = np.abs(record[DISTURBANCE.column]).max(axis=1)
         found["a torque beyond the assumed one"] = torque > external
-    if has(record, REFERENCE_RATE.column):
-        rate = np.linalg.norm(record[REFERENCE_RATE.column], axis=1)
-        found["a faster reference"] = rate > values[f"{PREFIX}assumed.W"]
+    for topic, name, told in (
+        (REFERENCE_RATE, "W", "a faster reference"),
+        (REFERENCE_ACCELERATION, "W1", "a reference that turns harder"),
+    ):
+        if has(record, topic.column):
+            size = np.linalg.norm(record[topic.column], axis=1)
+            found[told] = size > values[f"{PREFIX}assumed.{name}"]
     found.update(_knowledge(record, values[PREFIX + "e_A"], values[f"{PREFIX}assumed.e_W"]))
     gaps = np.diff(record.stamps_ns, prepend=record.stamps_ns[0])
     found["a late sample"] = gaps > 1e9 * values[PREFIX + "h"] + 1.0

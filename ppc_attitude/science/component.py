@@ -183,6 +183,11 @@ def _sizes(given: Any) -> tuple[float, float]:
     return _size(certain), _size(most)
 
 
+def _bounds_of_motion(given: Any) -> tuple[float, float, float]:
+    rate, acceleration, jerk = map(_size, given)
+    return rate, acceleration, jerk
+
+
 _HOOKS: dict[str, Callable[[Any], Any]] = {
     "configure": _as_made,
     "advice": _as_made,
@@ -192,17 +197,18 @@ _HOOKS: dict[str, Callable[[Any], Any]] = {
     "faults": dict,
     "least_impulse": _size,
     "bound": _size,
+    "motion_bounds": _bounds_of_motion,
 }
 """What a component may be asked, and what is made of the answer."""
 
 
-def _named(component: str, hook: str, ask: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def _named(component: str, hook: str, ask: Callable[..., Any]) -> Callable[..., Any]:
     """Let an error of a hook name both: it may be of a package that its user did not write."""
 
     @wraps(ask)
-    def asked(given: Any) -> Any:
+    def asked(*given: Any) -> Any:
         try:
-            return _HOOKS[hook](ask(given))
+            return _HOOKS[hook](ask(*given))
         except ConfigurationError:
             raise
         except (Exception, SystemExit) as error:
@@ -257,6 +263,9 @@ class Component:
         axis [N·m·s] of the least one.
     bound : callable, optional
         Of environments: from parameter values to the bound of the torque's norm [N·m].
+    motion_bounds : callable, optional
+        Of references: from parameter values and a duration [s] to bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖
+        [rad/s²] and ‖ω_d''‖ [rad/s³] for that time.
     observes : bool
         Of laws: True if it has a rate observer of its own, so that none is put before it.
     """
@@ -277,6 +286,7 @@ class Component:
     faults: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, ...]]] = lambda _: {}
     least_impulse: Callable[[Mapping[str, Any]], float] | None = None
     bound: Callable[[Mapping[str, Any]], float] | None = None
+    motion_bounds: Callable[[Mapping[str, Any], float], tuple[float, float, float]] | None = None
     observes: bool = False
 
     def __post_init__(self) -> None:

@@ -14,6 +14,7 @@
 
 """What surrounds a law, from the parameters of other nodes, and what of it has known bounds."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -33,7 +34,6 @@ from ppc_attitude.science.kinds import (
 )
 from ppc_attitude.science.multibody import FREQUENCY
 from ppc_attitude.science.plants import gyrostat, gyrostat_rods, rigid_body
-from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.science.sensors import direct, gyro_star_tracker
 
 KNOWN: dict[str, tuple[Component, ...]] = {
@@ -41,7 +41,6 @@ KNOWN: dict[str, tuple[Component, ...]] = {
     SENSORS.name: (direct.COMPONENT, gyro_star_tracker.COMPONENT),
     ESTIMATORS.name: (mekf.COMPONENT,),
     ACTUATORS.name: (ideal.COMPONENT, wheels.COMPONENT, wheels_rods.COMPONENT),
-    REFERENCES.name: (paper.COMPONENT, paper_ahead.COMPONENT),
 }
 HARDWARE = (PLANTS, SENSORS, ESTIMATORS, ACTUATORS)
 
@@ -56,8 +55,7 @@ class Nodes(NamedTuple):
 
     def unknown(self, kind: Kind) -> str:
         """Say which component of a kind is selected, if its bounds are not known here."""
-        others = {REFERENCES.name: self.reference, ESTIMATORS.name: self.estimator}
-        name = _selected(kind, others.get(kind.name, self.plant))
+        name = _selected(kind, self.estimator if kind is ESTIMATORS else self.plant)
         if kind is PLANTS and has_wheels(self.plant) and self.plant[FREQUENCY.name]:
             return f"{FREQUENCY.name} = {self.plant[FREQUENCY.name]}"
         known = {NONE, *(each.name for each in KNOWN[kind.name])}
@@ -67,6 +65,21 @@ class Nodes(NamedTuple):
     def environment(self) -> str:
         """Say which environment is selected."""
         return f"{ENVIRONMENTS.selector} = {_selected(ENVIRONMENTS, self.injector)}"
+
+    def motion_bounds(self, duration: float) -> tuple[float, float, float]:
+        """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] for a time [s].
+
+        One that nobody knows is infinite.
+        """
+        found = REFERENCES.selected(self.reference)
+        if found is None or found.motion_bounds is None:
+            return math.inf, math.inf, math.inf
+        return found.motion_bounds(self.reference, duration)
+
+    @property
+    def desired_motion(self) -> str:
+        """Say which reference is selected."""
+        return f"{REFERENCES.selector} = {_selected(REFERENCES, self.reference)}"
 
     @property
     def torque_bound(self) -> float | None:

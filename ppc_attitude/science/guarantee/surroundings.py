@@ -38,13 +38,10 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
-from ppc_attitude.science.kernel import kernel, norm
-from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.references import paper
 
-_GRID = 1e-3  # [s] on which the reference is searched for its fastest instant
-_HORIZON = 3600.0  # [s] for which a design looks at the reference
+_HORIZON = 3600.0  # [s] for which a design looks at the reference, unless a run is longer
+_MOTION = ("W", "W1", "W2")  # what is assumed of it
 _NOISE = 6.0  # deviations that a design takes as the bound of an estimation error
 LEAD = 0.6  # [rad] beyond half a turn for a law that knows what lies ahead: the paper's needs 0.55
 _ROUNDING = 1e-12  # relative, of an inertia
@@ -60,30 +57,6 @@ _UNSEEN = (
     "gyro.misalignment_sigma",
     "star_tracker.outlier_probability",
 )
-
-
-def reference_bounds(reference: Mapping[str, Any], duration: float) -> tuple[float, float, float]:
-    """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] for a time [s].
-
-    The first two are searched on a grid; what they may gain between two points is added.
-    """
-    record = np.zeros((), paper.REFERENCE)[()]
-    for each in (paper.AMPLITUDE, paper.PERIOD_CONSTANT, paper.BEGIN):
-        record[each.name] = reference[each.name]
-    first = float(np.linalg.norm(record["amplitude"] / record["period_constant"]))
-    second = float(np.linalg.norm(record["amplitude"] / record["period_constant"] ** 2))
-    rate, acceleration = _largest_on_grid(math.ceil(duration / _GRID) + 1, record)
-    return rate + 0.5 * _GRID * first, acceleration + 0.5 * _GRID * second, second
-
-
-@kernel
-def _largest_on_grid(count: int, reference: Any) -> tuple[float, float]:
-    """Largest ‖ω_d‖ [rad/s] and ‖ω_d'‖ [rad/s²] at so many points of the grid."""
-    rate, acceleration = 0.0, 0.0
-    for i in range(count):
-        rate = max(rate, norm(paper.desired_rate(i * _GRID, reference)))
-        acceleration = max(acceleration, norm(paper.desired_acceleration(i * _GRID, reference)))
-    return rate, acceleration
 
 
 def broken_assumptions(
@@ -102,7 +75,7 @@ def broken_assumptions(
     duration : float
         How long the reference is followed [s].
     """
-    plant, reference = nodes.plant, nodes.reference
+    plant = nodes.plant
     if 1.0 / plant["rate"] > law.h * (1 + 1e-9):
         yield f"rate = {plant['rate']:g} Hz; the certificate is for at least {1.0 / law.h:g} Hz"
     fastest = fastest_of(assumed, law)
@@ -130,7 +103,9 @@ def broken_assumptions(
                 f"the told {name} is wrong by up to {error:.4g} {unit} ({DEVIATIONS:g} σ); "
                 f"assumed: at most {bound:g}"
             )
-    doubtful = [nodes.unknown(kind) for kind in (*HARDWARE, REFERENCES)]
+    bounds = dict(zip(_MOTION, nodes.motion_bounds(duration), strict=True))
+    doubtful = [nodes.unknown(kind) for kind in HARDWARE]
+    doubtful += [nodes.desired_motion] if math.inf in bounds.values() else []
     doubtful += [f"{FAULTS.name} = {text!r}" for text in fault_texts(plant)]
     torque = nodes.torque_bound
     if torque is None:
@@ -149,10 +124,8 @@ def broken_assumptions(
                 f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; with what is promised, and "
                 f"its bias, it may have to measure {measured:.4g} rad/s"
             )
-    if nodes.unknown(REFERENCES):
-        return
-    for name, value in zip(("W", "W1", "W2"), reference_bounds(reference, duration), strict=True):
-        if value > getattr(assumed, name):
+    for name, value in bounds.items():
+        if getattr(assumed, name) < value < math.inf:
             yield f"the reference reaches {value:.4g}; assumed: {name} = {getattr(assumed, name):g}"
 
 
@@ -285,7 +258,7 @@ def assumptions_from(
     ConfigurationError
         A selected component has no bounds that are known here, or hardware fails.
     """
-    plant, reference = nodes.plant, nodes.reference
+    plant = nodes.plant
     for kind in HARDWARE:
         if found := nodes.unknown(kind):
             raise ConfigurationError(
@@ -297,8 +270,16 @@ def assumptions_from(
             f"{FAULTS.name}: {text!r}: nothing can be guaranteed of it; allowed: no faults"
         )
     sigma_A, sigma_W = _deviations(nodes)
-    W, W1, W2 = reference_bounds(reference, _HORIZON)
+    W, W1, W2 = nodes.motion_bounds(max(_HORIZON, plant["duration"]))
     d = nodes.torque_bound
+    for name, bound, source in (
+        *zip(_MOTION, (W, W1, W2), (nodes.desired_motion,) * 3, strict=True),
+        ("d", math.inf if d is None else d, nodes.environment),
+    ):
+        if math.isinf(bound) and name not in declared:
+            raise ConfigurationError(
+                f"{source} tells no bound {name}: give it with --assume {name}=VALUE"
+            )
     Omega = declared.get("Omega", math.radians(3.0))
     momentum = 0.0
     if has_wheels(plant):  # with any start up to Ω, for the time of a run
@@ -315,13 +296,6 @@ def assumptions_from(
             "allowed: wheels with more torque, or less momentum (--assume momentum=VALUE)"
         )
     error = inertia_error(np.array(controller["inertia"]), actuator.inertia)
-    unknown = dict.fromkeys(("W", "W1", "W2"), nodes.unknown(REFERENCES))
-    unknown |= {"d": nodes.environment if d is None else ""}
-    for name, found in unknown.items():
-        if found and name not in declared:
-            raise ConfigurationError(
-                f"{found} tells no bound {name}: give it with --assume {name}=VALUE"
-            )
     told = {
         "dead_band": actuator.dead_band,
         "d": (d or 0.0) + actuator.rest,
@@ -349,7 +323,7 @@ def assumptions_from(
 
 def _raised(value: float) -> float:
     """Round up to four digits, so that a file says what was used."""
-    if value == 0.0:
-        return 0.0
+    if value in (0.0, math.inf):
+        return value
     unit = 10.0 ** (math.floor(math.log10(value)) - 3)
     return float(f"{math.ceil(value / unit) * unit:.4g}")

@@ -47,11 +47,14 @@ from ppc_attitude.science.guidance.goals import (
     motion_now,
     pursue,
 )
+from ppc_attitude.science.guidance.limits import frame_bounds, slew_bounds
 from ppc_attitude.science.guidance.orders import (
+    GOAL_FRAMES,
     GOAL_PARAMETERS,
     HOLD,
     ORDER,
     PROFILE,
+    PROFILING,
     Orders,
     scheduled_orders,
 )
@@ -289,6 +292,23 @@ def advices(state: Any) -> int:
     return int(state["obeyed"] + state["watch"]["changes"])
 
 
+def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, float, float]:
+    """Bounds of ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''‖ with goals in the frames of the schedule.
+
+    They hold whatever is ordered in these frames, and when. A timed profile keeps V and A, and no
+    limit of the jerk.
+    """
+    guidance, names = configure(values)[0], values[GOAL_FRAMES.name]
+    each = [
+        frame_bounds(number, values[SPIN_RATE.name], guidance["sky"], duration)
+        for number, name in enumerate(FRAME_NAMES)
+        if name in names
+    ]
+    V, A, K = (float(values[limit.name]) for limit in (MAX_RATE, MAX_ACCELERATION, MAX_JERK))
+    W, W1, W2 = slew_bounds((V, A, K), tuple(map(max, ZERO, ZERO, *each)))
+    return W, W1, math.inf if PROFILING in names else W2
+
+
 COMPONENT = Component(
     name="goal",
     parameters=(
@@ -312,4 +332,5 @@ COMPONENT = Component(
     step=step,
     advice=advice,
     advices=advices,
+    motion_bounds=motion_bounds,
 )

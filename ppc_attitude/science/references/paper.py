@@ -32,6 +32,7 @@ from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
     kernel,
+    norm,
     quaternion,
     store,
     store_quaternion,
@@ -73,6 +74,7 @@ CURSOR = np.dtype([("steps", np.int64), ("attitude", np.float64, (4,))], align=T
 # The attitude is integrated on this grid whatever the sample rate is, so that it is a function of
 # time alone: a generator that joins late or restarts gives the same numbers.
 GRID = 0.01  # [s]
+_SEARCHED = 1e-3  # [s] of the grid on which the fastest instant is searched
 
 
 @kernel
@@ -164,6 +166,30 @@ def step(inputs: Any, cursor: Any, reference: Any, outputs: Any) -> None:
     store(outputs.reference_angular_acceleration, desired_acceleration(t, reference))
 
 
+def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, float, float]:
+    """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] for a time [s].
+
+    The first two are searched on a grid; what they may gain between two points is added.
+    """
+    record = np.zeros((), REFERENCE)[()]
+    for each in (AMPLITUDE, PERIOD_CONSTANT, BEGIN):
+        record[each.name] = values[each.name]
+    first = float(np.linalg.norm(record["amplitude"] / record["period_constant"]))
+    second = float(np.linalg.norm(record["amplitude"] / record["period_constant"] ** 2))
+    rate, acceleration = _largest_on_grid(math.ceil(duration / _SEARCHED) + 1, record)
+    return rate + 0.5 * _SEARCHED * first, acceleration + 0.5 * _SEARCHED * second, second
+
+
+@kernel
+def _largest_on_grid(count: int, reference: Any) -> tuple[float, float]:
+    """Largest ‖ω_d‖ [rad/s] and ‖ω_d'‖ [rad/s²] at so many points of the grid."""
+    rate, acceleration = 0.0, 0.0
+    for i in range(count):
+        rate = max(rate, norm(desired_rate(i * _SEARCHED, reference)))
+        acceleration = max(acceleration, norm(desired_acceleration(i * _SEARCHED, reference)))
+    return rate, acceleration
+
+
 COMPONENT = Component(
     name="paper",
     parameters=(INITIAL_ATTITUDE, AMPLITUDE, PERIOD_CONSTANT, BEGIN),
@@ -172,4 +198,5 @@ COMPONENT = Component(
     state=CURSOR,
     outputs=DESIRED_MOTION,
     step=step,
+    motion_bounds=motion_bounds,
 )

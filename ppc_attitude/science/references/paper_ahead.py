@@ -83,4 +83,5 @@ COMPONENT = Component(
     state=paper.CURSOR,
     outputs=(*paper.COMPONENT.outputs, TURN_AHEAD),
     step=step,
+    motion_bounds=paper.motion_bounds,
 )

@@ -1,0 +1,100 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How fast the desired motion can be: bounds from the limits of slews and from how frames turn.
+
+In a frame that turns with f a slew turns about e with θ' ≤ V, θ'' ≤ A and θ''' ≤ K:
+
+ω_d = θ' e + f,  ω_d' = θ'' e + f' − θ' e × f,
+ω_d'' = θ''' e + f'' − 2 θ' e × f' − θ'' e × f + θ'² e × (e × f).
+
+An order amid a slew begins with a brake from the present ω and α relative to the new frame, of at
+least 1 s and of at least 1.5 |ω|/A. Its polynomial first goes on with α, by 16 % of the rate at
+most; its jerk is at most 6 |ω|/T² + 4 |α|/T ≤ (4 A + 4 |α|)/1 s. Where frames change, |α| has the
+terms of both frames.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science.guidance.frames import INERTIAL, SPIN, SPINNING, frame_at
+from ppc_attitude.science.guidance.slew import ROUNDING
+from ppc_attitude.science.kernel import Vector, kernel, norm, subtract
+from ppc_attitude.science.orbit import CURSOR
+
+_BRAKING = 1.16  # times V: what a brake passes it by at most
+_SHORTEST = 1.0  # [s] of a brake
+_STEP = 1.0  # [s] between two looks at a frame
+
+
+@kernel
+def _largest(frame: int, count: int, spinning: Any, sky: Any, cursor: Any) -> Vector:
+    """Largest ‖f‖, ‖f'‖ and ‖Δf'‖ from point to point, of so many points of the grid."""
+    rate, first, change = 0.0, 0.0, 0.0
+    before = frame_at(0.0, frame, spinning, sky, cursor)[0][2]
+    for i in range(count):
+        _, omega, alpha = frame_at(i * _STEP, frame, spinning, sky, cursor)[0]
+        rate, first = max(rate, norm(omega)), max(first, norm(alpha))
+        change = max(change, norm(subtract(alpha, before)))
+        before = alpha
+    return rate, first, change
+
+
+def frame_bounds(frame: int, spin_rate: float, sky: Any, duration: float) -> Vector:
+    """Bounds of ‖f‖ [rad/s], ‖f'‖ [rad/s²] and ‖f''‖ [rad/s³] of a frame for a time.
+
+    They are searched on a grid, f'' by differences of f'. What f and f' may gain between two points
+    is added.
+
+    Parameters
+    ----------
+    frame : int
+        Index into `FRAME_NAMES`.
+    spin_rate : float
+        Rate of the frame `spin` [rad/s].
+    sky : record of dtype SKY
+        Orbit, date and ground point.
+    duration : float
+        How long [s].
+    """
+    if frame == INERTIAL:
+        return 0.0, 0.0, 0.0
+    if frame == SPIN:
+        return abs(spin_rate), 0.0, 0.0
+    spinning, cursor = np.zeros((), SPINNING)[()], np.zeros((), CURSOR)[()]
+    count = math.ceil(duration / _STEP) + 1
+    rate, first, change = _largest(frame, count, spinning, sky, cursor)
+    second = change / _STEP
+    return rate + 0.5 * _STEP * first, first + 0.5 * _STEP * second, second
+
+
+def slew_bounds(limits: Vector, frames: Vector) -> Vector:
+    """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] of slews and brakes.
+
+    Parameters
+    ----------
+    limits : tuple of 3 float
+        V [rad/s], A [rad/s²] and K [rad/s³].
+    frames : tuple of 3 float
+        Largest `frame_bounds` of the frames of all goals.
+    """
+    V, A, K = limits
+    f, first, second = frames
+    turning = first + V * f
+    bending = second + 2.0 * V * first + (A + V * V) * f
+    W1 = ROUNDING * (A + 3.0 * turning)
+    W2 = max(K, 4.0 * (A + W1) / _SHORTEST) + 3.0 * bending
+    return _BRAKING * V + f, W1, W2

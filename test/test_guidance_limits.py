@@ -1,0 +1,137 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The desired motion stays within the bounds that its limits promise, whatever is ordered when."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from craft_helpers import configs
+from guidance_helpers import guidance
+from scipy.spatial.transform import Rotation
+
+from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.command_line.main import main
+from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, SPINNING, frame_at
+from ppc_attitude.science.guidance.limits import frame_bounds
+from ppc_attitude.science.guidance.plan import LOOK
+from ppc_attitude.science.parameter import resolved
+from ppc_attitude.science.part import Part, signals_of
+from ppc_attitude.science.references.goal import COMPONENT
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.diagram import play
+from ppc_attitude.simulation.scenario import load
+
+UNTIL, STEP = 300.0, 0.02  # [s]
+POOLS = (("inertial",), ("inertial", "nadir"), ("inertial", "spin"), FRAME_NAMES)
+
+
+def ordered(random: np.random.Generator, pool: tuple[str, ...]) -> dict[str, Any]:
+    """Parameters of goals at random times, most of them amid a slew, with random limits."""
+    count = int(random.integers(2, 14))
+    rate = 10.0 ** random.uniform(-2.5, -1.0)  # [rad/s]
+    acceleration = rate * 10.0 ** random.uniform(-1.5, 0.5)  # [rad/s²]
+    chosen = {
+        "guidance.max_rate": rate,
+        "guidance.max_acceleration": acceleration,
+        "guidance.max_jerk": acceleration * 10.0 ** random.uniform(-1.5, 0.5),
+        "spin.rate": rate * random.uniform(-0.85, 0.85),
+        "spin.axis": random.normal(size=3).tolist(),
+        "orbit.altitude": random.uniform(3e5, 2e6),
+        "orbit.inclination": random.uniform(0.0, math.pi),
+        "orbit.mean_anomaly": random.uniform(0.0, 6.0),
+        "target.latitude": random.uniform(-1.0, 1.0),
+        "target.longitude": random.uniform(-3.0, 3.0),
+        "goals.times": np.sort(random.uniform(1.0, 200.0, count)).tolist(),
+        "goals.frames": [str(each) for each in random.choice(pool, count)],
+        "goals.attitudes": Rotation.random(count, rng=random).as_quat().ravel().tolist(),
+    }
+    return dict(resolved(COMPONENT.parameters, chosen, "goals"))
+
+
+@pytest.mark.parametrize("pool", POOLS)
+def test_no_order_lets_the_desired_motion_pass_its_bounds(pool: tuple[str, ...]) -> None:
+    random, shares = np.random.default_rng(3), []
+    stamps_ns = np.arange(round(UNTIL / STEP) + 1) * round(STEP * 1e9)
+    attitude = np.tile([[0.0], [0.0], [0.0], [1.0]], (1, stamps_ns.size))
+    for _ in range(40):
+        values = ordered(random, pool)
+        part = Part(COMPONENT, values, np.zeros(signals_of(COMPONENT)))
+        motion = play(part, stamps_ns, attitude, COMPONENT.outputs)
+        omega, alpha = motion[4:7], motion[7:10]
+        reached = [
+            np.linalg.norm(each, axis=0).max()
+            for each in (omega, alpha, np.diff(alpha, axis=1) / STEP)
+        ]
+        assert COMPONENT.motion_bounds is not None
+        shares.append(np.divide(reached, COMPONENT.motion_bounds(values, UNTIL)))
+    most = np.max(shares, axis=0)
+    assert (most <= 1.0).all()
+    assert most[0] > 0.8, "the bound of the rate is no wider than it has to be"
+    assert most[1] > 0.9
+
+
+@pytest.mark.parametrize("frame", range(len(FRAME_NAMES)))
+def test_no_frame_turns_faster_than_its_bounds(frame: int) -> None:
+    sky, spinning = guidance()["sky"], np.zeros((), SPINNING)[()]
+    spinning["axis"], spinning["rate"] = (0.0, 0.6, 0.8), -0.01
+    bounds = frame_bounds(frame, -0.01, sky, 1800.0)
+    cursor, times = np.zeros((), LOOK)[()]["now"], np.arange(0.0, 1800.0, 0.05)
+    moved = [frame_at(float(t), frame, spinning, sky, cursor)[0][1:] for t in times]
+    omega, alpha = (np.array(each) for each in zip(*moved, strict=True))
+    for bound, samples in zip(bounds, (omega, alpha, np.diff(alpha, axis=0) / 0.05), strict=True):
+        most = np.linalg.norm(samples, axis=1).max()
+        assert most <= bound * (1.0 + 1e-3)
+        assert bound <= 1.1 * most + 1e-12 or frame == INERTIAL
+
+
+GOALS = """
+reference_generator:
+  ros__parameters:
+    mode: goal
+    guidance: {max_rate: 0.0145, max_acceleration: 0.0035, max_jerk: 0.0035}
+    goals:
+      times: [10.0, 40.0, 45.0]
+      frames: [inertial, nadir, inertial]
+      attitudes: [0.6, 0.0, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0, 0.0, 0.8, 0.0, -0.6]
+"""
+
+
+def test_a_flight_to_goals_is_promised_and_the_promise_kept(tmp_path: Path) -> None:
+    goals, gains = tmp_path / "goals.yaml", tmp_path / "gains.yaml"
+    goals.write_text(GOALS)
+    given = ["--config", str(goals), "--gains", "0.92", "78.4", "1", "--output", str(gains)]
+    assert main(["design", "--config", str(configs("paper")[0]), *given]) == 0
+    scenario = load([*configs("paper"), goals, gains])
+    held = {each.key: each for each in analyse(simulate(scenario, 120.0)).requirements}[
+        "certificate"
+    ]
+    assert (held.met, held.note) == (True, "")
+
+
+def test_a_timed_profile_has_no_bound_of_its_jerk(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    goals = tmp_path / "goals.yaml"
+    still = "0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0"
+    points = f"points: [0.0, 20.0, {still}, 0.0, 30.0, {still}]"
+    schedule = f"times: [1.0], frames: [profile], attitudes: [0.0, 0.0, 0.0, 1.0], {points}"
+    goals.write_text(
+        "reference_generator: {ros__parameters: {mode: goal, goals: {" + schedule + "}}}"
+    )
+    assert main(["design", "--config", str(goals)]) == 2
+    assert "mode = goal tells no bound W2: give it with" in capsys.readouterr().err
