@@ -287,9 +287,7 @@ class BaseNode(Node):
         status = self.status()
         if self._watch.found:
             status = Status(ERROR, self._watch.found, status.details)
-        level, summary, details = self.health.report(status, self.failure)
-        name = self.get_fully_qualified_name()
-        said = Status(level, summary, details)
+        name, said = self.get_fully_qualified_name(), self.health.report(status, self.failure)
         self._diagnostics.publish(diagnostics(self.health.time_ns, name, "status", said))
 
     def flush(self) -> None:

@@ -34,7 +34,7 @@ from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, WARN, Status
 from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
 from ppc_attitude.runtime.stamps import Values
-from ppc_attitude.science.component import Column
+from ppc_attitude.science.component import Column, read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, acting_of, fault_texts
 from ppc_attitude.science.kinds import ACTUATORS
@@ -58,10 +58,7 @@ class SpacecraftPlant(BaseNode):
         self._told_at = 0.0
         motion, acting = _split(values)
         self._motion, self._acting = Chain(motion, values), Chain(acting, values)
-        known = {column for part in self._motion.parts for column in part.component.outputs}
-        acted = {column for part in self._acting.parts for column in part.component.outputs}
-        inputs = dict.fromkeys((*self._acting.inputs, *self._motion.inputs))
-        topics = [BY_COLUMN[column.name] for column in inputs if column not in known | acted]
+        topics = [BY_COLUMN[each.name] for each in read_from_elsewhere((*acting, *motion))]
         self._columns = {topic.name: topic.column for topic in topics}
 
         clock = self.create_publisher(Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC))

@@ -148,17 +148,9 @@ def _hold(
 @kernel
 def _asked_rate(q_e: Quaternion, rho: float, gains: Any) -> Vector:
     """The virtual control v [rad/s] for an error under the same ρ on every axis."""
-    v, _ = virtual_control(
-        vector(q_e),
-        q_e[3],
-        ZERO,
-        (rho, rho, rho),
-        ZERO,
-        gains.beta,
-        gains.k * gains.M_omega,
-        gains.norm_form != 0.0,
-    )
-    return v
+    q, rho_q = vector(q_e), (rho, rho, rho)
+    speed, norm_form = gains.k * gains.M_omega, gains.norm_form != 0.0
+    return virtual_control(q, q_e[3], ZERO, rho_q, ZERO, gains.beta, speed, norm_form)[0]
 
 
 @kernel

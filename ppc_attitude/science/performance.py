@@ -217,12 +217,8 @@ def nearest(table: EnvelopeTable) -> dict[str, float]:
             "settling_time": limit / table.decay,
             "decay": limit / table.settling_time,
         }
-    found = {}
-    for key, value in wanted.items():
-        rounded = _rounded_to_feasible(table, key, value)
-        if rounded is not None:
-            found[key] = rounded
-    return found
+    rounded = {key: _rounded_to_feasible(table, key, value) for key, value in wanted.items()}
+    return {key: value for key, value in rounded.items() if value is not None}
 
 
 def _rounded_to_feasible(table: EnvelopeTable, key: str, value: float) -> float | None:

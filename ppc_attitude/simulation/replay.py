@@ -106,7 +106,7 @@ def replay(record: RunRecord) -> Replay:
         the law, or lacks an input of it.
     """
     if record.controller not in CONTROLLERS.components:
-        if others := _others(record):
+        if others := tuple(_others(record)):
             unknown = f"{CONTROLLERS.selector} = {record.controller}"
             return Replay(None, others, tuple(dict.fromkeys((unknown, *_missing(record)))))
         raise ConfigurationError(
@@ -120,14 +120,25 @@ def replay(record: RunRecord) -> Replay:
     if absent:
         raise ConfigurationError(f"{record.source}: no messages of {', '.join(absent)}")
     of_law = _replayed(record, CONTROLLER, CONTROLLERS, law, (TORQUE_COMMAND,))
-    return Replay(of_law, _others(record), tuple(_missing(record)))
+    return Replay(of_law, tuple(_others(record)), tuple(_missing(record)))
 
 
-def _others(record: RunRecord) -> tuple[Difference, ...]:
-    return tuple(
-        _replayed(record, node, kind, component, component.outputs)
-        for node, kind, component in _replayable(record)
-    )
+def _others(record: RunRecord) -> Iterator[Difference]:
+    """Replay the components, besides the law, whose inputs and outputs are all on record.
+
+    A plant that runs free holds what has arrived by then, which the stamps do not tell: only its
+    sensors are replayed.
+    """
+    lockstep = record.parameters.get(PLANT, {}).get("lockstep", False)
+    left_out = (CONTROLLERS,) if lockstep else (CONTROLLERS, PLANTS, ACTUATORS)
+    columns = _columns(record)
+    for node, kinds in HOSTED.items():
+        for kind in kinds:
+            component = kind.selected(record.parameters.get(node, {}))
+            if node not in record.parameters or component is None or kind in left_out:
+                continue
+            if all(each.name in columns for each in (*component.inputs, *component.outputs)):
+                yield _replayed(record, node, kind, component, component.outputs)
 
 
 def _missing(record: RunRecord) -> Iterator[str]:
@@ -147,28 +158,6 @@ def _installed(node: str, values: Mapping[str, Any]) -> dict[str, Value]:
     known = {each.name for each in PARAMETERS[node]} - absent
     chosen = {name: value for name, value in values.items() if name in known}
     return resolved(PARAMETERS[node], chosen, node)
-
-
-def _replayable(record: RunRecord) -> list[tuple[str, Kind, Component]]:
-    """Components of a run, besides the law, whose inputs and outputs are all on record.
-
-    A plant that runs free holds what has arrived by then, which the stamps do not tell: only its
-    sensors are replayed.
-    """
-    free = not record.parameters.get(PLANT, {}).get("lockstep", False)
-    columns = _columns(record)
-    found = []
-    for node, kinds in HOSTED.items():
-        for kind in kinds:
-            component = kind.selected(record.parameters.get(node, {}))
-            if node not in record.parameters or component is None or kind is CONTROLLERS:
-                continue
-            used = (*component.inputs, *component.outputs)
-            if free and kind in (PLANTS, ACTUATORS):
-                continue
-            if all(each.name in columns for each in used):
-                found.append((node, kind, component))
-    return found
 
 
 def _columns(record: RunRecord) -> Mapping[str, Array]:

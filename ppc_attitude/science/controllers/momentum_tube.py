@@ -49,7 +49,6 @@ from ppc_attitude.science.controllers.tube_state import (
     TURN,
     TURN_ENVELOPE,
     advice,
-    advices,
     hear,
     is_hit,
     phase,
@@ -340,6 +339,6 @@ COMPONENT = Component(
     ),
     step=step,
     advice=advice,
-    advices=advices,
+    advices=lambda memory: int(memory["told"]),
     observes=True,
 )

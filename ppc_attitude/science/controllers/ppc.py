@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import jacobian_transposed
-from ppc_attitude.science.component import BODY, VECTOR, Advice, Component
+from ppc_attitude.science.component import BODY, VECTOR, Component
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
     ATTITUDE_PARAMETERS,
@@ -324,16 +324,8 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
             memory, gains, drive, attitude, rate
         )
 
-    v, v_rate = virtual_control(
-        q,
-        q0,
-        omega_e,
-        rho_q,
-        rho_q_rate,
-        gains.beta,
-        gains.k * gains.M_omega,
-        gains.norm_form != 0.0,
-    )
+    speed, norm_form = gains.k * gains.M_omega, gains.norm_form != 0.0
+    v, v_rate = virtual_control(q, q0, omega_e, rho_q, rho_q_rate, gains.beta, speed, norm_form)
     z2 = subtract(omega_e, v)
     epsilon_q = divide(q, rho_q)
     epsilon_omega = divide(z2, rho_omega)
@@ -357,16 +349,6 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store(command.auxiliary_state, theta)
 
 
-def advice(memory: Any) -> Advice:
-    """Say which plan the envelopes follow, and warn of a start from which they cannot be kept."""
-    return plan_advice(memory["plan"])
-
-
-def advices(memory: Any) -> int:
-    """How many envelope plans there have been."""
-    return int(memory["plan"]["count"])
-
-
 COMPONENT = Component(
     name="ppc",
     parameters=PARAMETERS,
@@ -376,6 +358,6 @@ COMPONENT = Component(
     inputs=INPUTS,
     outputs=(*OUTPUTS, ATTITUDE_ENVELOPE, RATE_ENVELOPE, AUXILIARY_STATE),
     step=step,
-    advice=advice,
-    advices=advices,
+    advice=lambda memory: plan_advice(memory["plan"]),
+    advices=lambda memory: int(memory["plan"]["count"]),
 )

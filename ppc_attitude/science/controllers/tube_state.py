@@ -142,11 +142,6 @@ def advice(memory: Any) -> Advice:
     return Advice(f"nothing is guaranteed: {reason}; `ppc_attitude design` makes one", warning=True)
 
 
-def advices(memory: Any) -> int:
-    """Return the number of the latest advice."""
-    return int(memory["told"])
-
-
 @kernel
 def is_hit(y: Vector, unexplained: Vector, memory: Any, gains: Any, h: float) -> bool:
     """Tell whether y is outside its tube by a torque that nobody declared, or far outside."""

@@ -85,17 +85,6 @@ def configuration_of(pulses: NDArray[Any]) -> tuple[Any, NDArray[Any]]:
     return record, pulses
 
 
-def configure(values: Mapping[str, Any]) -> tuple[Any, NDArray[Any]]:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        Times, durations and torques are not equally many.
-    """
-    return configuration_of(scheduled_pulses(values))
-
-
 @kernel
 def with_pulses(stamp_ns: int, total: Vector, pulses: Any) -> Vector:
     """Return a torque [N·m] and the pulses that act from an instant [ns] on."""
@@ -116,7 +105,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 COMPONENT = Component(
     name="pulses",
     parameters=(TIMES, DURATIONS, TORQUES),
-    configure=configure,
+    configure=lambda values: configuration_of(scheduled_pulses(values)),
     configuration=CONFIGURATION,
     inputs=(ENVIRONMENT_TORQUE,),
     outputs=(DISTURBANCE,),

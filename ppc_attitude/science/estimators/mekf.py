@@ -210,11 +210,6 @@ def advice(memory: Any) -> Advice:
     return Advice(text, verdict > _WAITING, failed=verdict in (_LOST, _NO_RATE), numbers=numbers)
 
 
-def advices(memory: Any) -> int:
-    """How often the filter's judgement of itself has changed."""
-    return int(memory["verdicts"])
-
-
 @kernel
 def _lose(stamp_ns: int, state: Any, settings: Any, outputs: Any) -> None:
     """Give no estimate where there is no rate to carry one on; then begin anew."""
@@ -284,5 +279,5 @@ COMPONENT = Component(
     outputs=(*TOLD, ESTIMATE, GYRO_BIAS, GYRO_BIAS_SIGMA, INNOVATION),
     step=step,
     advice=advice,
-    advices=advices,
+    advices=lambda memory: int(memory["verdicts"]),
 )

@@ -16,7 +16,9 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
 from itertools import product
+from operator import add
 
 import numpy as np
 
@@ -100,11 +102,8 @@ class Body:
 
 
 def sum_of(values: Iterable[Number]) -> Number:
-    """Add numbers of any arithmetic."""
-    total: Number = 0
-    for value in values:
-        total = total + value
-    return total
+    """Add numbers of any arithmetic, one by one: of floats some versions of `sum` do otherwise."""
+    return reduce(add, values, 0)
 
 
 def _root(x: Number, halvings: int, arithmetic: Arithmetic) -> Number:

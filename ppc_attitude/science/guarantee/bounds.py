@@ -156,16 +156,9 @@ class _Maker:
         self.B = tuple(map(number, law.B))
         self.most_used = self.triple(lambda i: arithmetic.largest(self.B[i], number(law.B_ramp)))
         self.brake = tuple(map(number, law.brake))
-        self.speed = Speed(
-            self.k,
-            *self.body.brakes(self.brake, number(law.a_most)),
-            number(law.Omega_e),
-            self.W,
-            self.W1,
-            self.W2,
-            self.z,
-            arithmetic,
-        )
+        brakes = self.body.brakes(self.brake, number(law.a_most))
+        reference = self.W, self.W1, self.W2
+        self.speed = Speed(self.k, *brakes, number(law.Omega_e), *reference, self.z, arithmetic)
         self.stop_rate = number(law.omega0) + self.z  # ‖ω_e‖ while p > 0
         self.cruise_rate = number(law.w_far) + 2 * self.z  # the axis turns meanwhile: C9 n
         e_S = number(assumed.e_S)

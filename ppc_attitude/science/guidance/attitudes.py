@@ -26,16 +26,10 @@ from ppc_attitude.science.kernel import Quaternion, Vector, cross, norm, scale
 
 def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
     """Attitude x y z w after turns [rad] about the fixed axes x, y and z, in this order."""
-    x, y, z = (
-        about(axis, angle)
-        for axis, angle in (
-            ((1.0, 0.0, 0.0), roll),
-            ((0.0, 1.0, 0.0), pitch),
-            ((0.0, 0.0, 1.0), yaw),
-        )
-    )
-    turned: Quaternion = product(z, product(y, x))
-    return turned
+    x = about((1.0, 0.0, 0.0), roll)
+    y = about((0.0, 1.0, 0.0), pitch)
+    z = about((0.0, 0.0, 1.0), yaw)
+    return product(z, product(y, x))
 
 
 def from_vectors(
@@ -60,8 +54,7 @@ def from_vectors(
     """
     seen = _triad("directions", direction, second_direction)
     carried = _triad("body axes", axis, second_axis)
-    attitude: Quaternion = product(quaternion_of(*seen), conjugate(quaternion_of(*carried)))
-    return attitude
+    return product(quaternion_of(*seen), conjugate(quaternion_of(*carried)))
 
 
 def _triad(

@@ -14,7 +14,6 @@
 
 """A craft with flexible appendages; its actuator's torque acts on the body."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -33,17 +32,6 @@ from ppc_attitude.science.signals import APPLIED_TORQUE, DISTURBANCE, TRUTH
 from ppc_attitude.science.wheels import WHEELS
 
 
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        The craft is impossible, or one of its modes too fast for the steps.
-    """
-    return multibody_record(values, np.zeros((), WHEELS))
-
-
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Carry the motion from the last stamp to this one, both torques held since then."""
@@ -55,7 +43,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 COMPONENT = Component(
     name="flexible",
     parameters=PARAMETERS,
-    configure=configure,
+    configure=lambda values: multibody_record(values, np.zeros((), WHEELS)),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(APPLIED_TORQUE, DISTURBANCE),

@@ -17,7 +17,6 @@
 What turns it are the motor torques of its wheels, so momentum is exchanged, never made.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from ppc_attitude.science import multibody, wheels
@@ -26,17 +25,6 @@ from ppc_attitude.science.kernel import kernel, vector
 from ppc_attitude.science.multibody import move, multibody_record, tell, tell_speeds
 from ppc_attitude.science.signals import DISTURBANCE, TRUTH
 from ppc_attitude.science.wheels import wheel_record
-
-
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        The craft or its wheels are impossible, or one of its modes is too fast for the steps.
-    """
-    return multibody_record(values, wheel_record(values))
 
 
 @kernel
@@ -51,7 +39,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 COMPONENT = Component(
     name="gyrostat",
     parameters=(*multibody.PARAMETERS, *wheels.PARAMETERS),
-    configure=configure,
+    configure=lambda values: multibody_record(values, wheel_record(values)),
     configuration=multibody.CONFIGURATION,
     state=multibody.STATE,
     inputs=(wheels.TORQUE, DISTURBANCE),

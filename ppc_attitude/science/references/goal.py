@@ -287,11 +287,6 @@ def facts(t: float, guidance: Any, state: Any) -> dict[str, Any]:
     }
 
 
-def advices(state: Any) -> int:
-    """Return how many orders were obeyed, and how often what is warned of has changed."""
-    return int(state["obeyed"] + state["watch"]["changes"])
-
-
 def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, float, float]:
     """Bounds of ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''‖ with goals in the frames of the schedule.
 
@@ -331,6 +326,6 @@ COMPONENT = Component(
     outputs=DESIRED_MOTION,
     step=step,
     advice=advice,
-    advices=advices,
+    advices=lambda state: int(state["obeyed"] + state["watch"]["changes"]),
     motion_bounds=motion_bounds,
 )
