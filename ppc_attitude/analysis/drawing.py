@@ -150,10 +150,10 @@ def band(t: Array, values: Array) -> tuple[Array, Array, Array, Array] | None:
     tuple of ndarray, shape (m,), or None
         Time, least, mean and largest value of each stretch; None for a line that is not noisy.
     """
-    size = -(-values.size // BUCKETS)
-    whole = values.size // size * size if size else 0
     if values.size <= 2 * BUCKETS:
         return None
+    size = -(-values.size // BUCKETS)
+    whole = values.size // size * size
     rows = values[:whole].reshape(-1, size)
     low, high = rows.min(axis=1), rows.max(axis=1)
     travelled = np.abs(np.diff(rows, axis=1)).sum(axis=1)

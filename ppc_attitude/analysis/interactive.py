@@ -43,8 +43,11 @@ def script() -> str:
 
 
 def style() -> str:
-    """Style sheet of uPlot."""
-    return _text("uPlot.css")
+    """Style sheets of uPlot and of the page.
+
+    Colours are stated throughout and the scheme is light: a dark browser changes nothing.
+    """
+    return f"{_text('uPlot.css')}\n{_text('report.css')}"
 
 
 def _text(name: str) -> str:

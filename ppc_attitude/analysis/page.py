@@ -31,56 +31,6 @@ from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import HOSTED
 from ppc_attitude.contract.whole_file import write_whole
 
-# Colours are stated throughout and the scheme is light: a dark browser changes nothing.
-_CSS = """
-:root { color-scheme: light; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 1.5rem; max-width: 64rem; background: #fff; color: #1a1a1a;
-  font: 15px/1.45 system-ui, "DejaVu Sans", sans-serif; }
-h1 { font-size: 1.5rem; margin: 0 0 .3rem; }
-h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; border-bottom: 2px solid #0072b2; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
-p { margin: .4rem 0; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .9rem; background: #fff; color: #1a1a1a; }
-th, td { text-align: left; padding: .25rem .7rem; border-bottom: 1px solid #ddd;
-  vertical-align: top; overflow-wrap: anywhere; }
-thead th { border-bottom: 2px solid #888; white-space: nowrap; }
-tbody th { font-weight: normal; white-space: nowrap; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-td.text { white-space: nowrap; }
-.met, .failed { font-weight: 600; white-space: nowrap; }
-.met { color: #00573d; }
-.failed { color: #a33c00; }
-.open { color: #555; white-space: nowrap; }
-details { margin: 1rem 0; }
-figure button, .replay button { font: inherit; font-size: .8rem; margin: .2rem .5rem; }
-.untold, [hidden] { display: none !important; }
-.replay canvas { border: 1px solid #ddd; max-width: 100%; touch-action: none; display: block; }
-.replay input { width: 20rem; max-width: 60%; vertical-align: middle; }
-summary { font-weight: 600; cursor: pointer; }
-.warning { background: #fff4e0; border-left: 4px solid #e69f00; padding: .4rem .7rem; }
-.figures { display: grid; gap: .8rem 1rem; align-items: start; margin-top: .6rem;
-  grid-template-columns: repeat(auto-fill, minmax(min(24rem, 100%), 1fr)); }
-figure { margin: 0; break-inside: avoid; }
-figure.page { grid-column: 1 / -1; }
-figure img { width: 100%; height: auto; background: #fff; display: block; }
-figcaption { font-size: .85rem; color: #444; padding: 0 0 .3rem .5rem; }
-.columns { columns: 2 24rem; }
-.columns section { break-inside: avoid; margin-bottom: 1rem; }
-.columns h3 { margin-top: 0; }
-@media print {
-  figure button, .replay { display: none; }
-  body { padding: 0; font-size: 9.5pt; max-width: none; }
-  .figures { grid-template-columns: 1fr 1fr; }
-  .columns { columns: 2 16rem; font-size: 8pt; }
-  .columns section { break-inside: auto; }
-  section.run + section.run { break-before: page; }
-  h2, h3 { break-after: avoid; }
-  tr { break-inside: avoid; }
-}
-"""
-
 
 class Html(str):
     """A text that is HTML already."""
@@ -102,7 +52,7 @@ def write_page(path: Path, title: str, body: Sequence[str]) -> None:
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light">\n'
-        f"<title>{escape(title)}</title>\n<style>{style()}{_CSS}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}</title>\n<style>{style()}</style>\n</head>\n<body>\n"
         + "\n".join(body)
         + f"\n{script()}\n</body>\n</html>\n"
     )

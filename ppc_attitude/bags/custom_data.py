@@ -67,16 +67,20 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     What is absent or unreadable is empty, the controller then ``unknown``. All texts are printable.
     """
     flaws: list[str] = []
-    told = _mapping(custom_data, PARAMETERS_KEY, flaws)
+    told = _told(custom_data, PARAMETERS_KEY, dict, flaws)
     parameters = of_namespace({n: v for n, v in told.items() if isinstance(v, dict)}, namespace)
     parameters = {node: _usable(node, values, flaws) for node, values in parameters.items()}
-    metadata = {
-        key: str(value) for key, value in _mapping(custom_data, METADATA_KEY, flaws).items()
-    }
-    flaws += _gaps(custom_data)
+    metadata = _told(custom_data, METADATA_KEY, dict, flaws)
+    gaps = _told(custom_data, GAPS_KEY, list, flaws)
+    flaws += [f"its recorder calls it incomplete: {gap}" for gap in gaps]
     own = parameters.get(CONTROLLER, {}).get("controller")
     stated = printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER)
-    return RunFacts(own if isinstance(own, str) else stated, parameters, metadata, tuple(flaws))
+    return RunFacts(
+        own if isinstance(own, str) else stated,
+        parameters,
+        {key: str(value) for key, value in metadata.items()},
+        tuple(flaws),
+    )
 
 
 def _usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, Any]:
@@ -94,15 +98,6 @@ def _usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str,
     return usable
 
 
-def _gaps(custom_data: Mapping[str, str]) -> list[str]:
-    try:
-        told = all_printable(parsed_json(custom_data.get(GAPS_KEY, "[]")))
-    except ValueError as error:
-        return [f"its {GAPS_KEY} cannot be read: {error}"]
-    gaps = told if isinstance(told, list) else []
-    return [f"its recorder calls it incomplete: {gap}" for gap in gaps]
-
-
 def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
     """Facts about the nodes of a namespace, by the node's bare name.
 
@@ -116,13 +111,14 @@ def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
     return found
 
 
-def _mapping(custom_data: Mapping[str, str], key: str, flaws: list[str]) -> dict[str, Any]:
+def _told(custom_data: Mapping[str, str], key: str, kind: Any, flaws: list[str]) -> Any:
+    """Content of a text, of one kind; an empty one where there is nothing such."""
     try:
-        value = all_printable(parsed_json(custom_data.get(key, "{}")))
+        value = all_printable(parsed_json(custom_data.get(key, "null")))
     except ValueError as error:
         flaws.append(f"its {key} cannot be read: {error}")
-        return {}
-    return value if isinstance(value, dict) else {}
+        return kind()
+    return value if isinstance(value, kind) else kind()
 
 
 def _depth(item: tuple[str, Any]) -> int:

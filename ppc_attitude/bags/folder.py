@@ -16,10 +16,10 @@
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd_file
@@ -29,8 +29,10 @@ from ppc_attitude.bags.source import Block, Channel, decompressed, merge_blocks
 from ppc_attitude.bags.sqlite_source import SqliteSource
 from ppc_attitude.contract.yaml_file import FAST, LARGEST, parsed, parsed_json
 
-_STORAGES = (".mcap", ".db3")
+STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
+"""Suffix of a storage file to the name of its storage."""
 _COMPRESSED = ".zstd"
+_INFORMATION = "rosbag2_bagfile_information"  # what the metadata hold, by this key
 Source: TypeAlias = McapSource | SqliteSource
 """Its `channels` know the channel of every message handed out by `blocks`; its `custom_data` and
 `cut`, why the file ends early, are complete when these are."""
@@ -135,25 +137,27 @@ class Bag:
         """Take what ``metadata.yaml`` says; nothing where there is none or it is damaged."""
         if not self.path.exists():
             raise BagError(f"{self.path} does not exist")
-        file = self.path / METADATA
         if self.path.is_file():
             return {}
-        if not os.path.lexists(file):
+        if not os.path.lexists(self.path / METADATA):
             self.flaws.append(f"it has no {METADATA}")
             return {}
-        with plain_file(file) as opened:
+        return self._content(METADATA, lambda text: dict(parsed(text, FAST)[_INFORMATION])) or {}
+
+    def _content(self, name: str, read: Callable[[str], Any]) -> Any:
+        """What a file beside the messages says; None, and a flaw, if it is damaged."""
+        with plain_file(self.path / name) as opened:
             content = opened.read(LARGEST + 1)
         try:
-            found = parsed(content.decode(), FAST)
-            return cast(dict[str, Any], dict(found["rosbag2_bagfile_information"]))
+            return read(content.decode())
         except (TypeError, KeyError, ValueError) as error:
-            self.flaws.append(f"its {METADATA} is damaged: {error}")
-            return {}
+            self.flaws.append(f"its {name} is damaged: {error}")
+            return None
 
     def _storage_files(self) -> list[Path]:
         if self.path.is_file():
             demand_plain(self.path)
-            if _kind(self.path) not in _STORAGES:
+            if _kind(self.path) not in STORAGES:
                 raise BagError(f"{self.path} is no bag: not a folder, .mcap or .db3")
             return [self.path]
         named = self._information.get("relative_file_paths")
@@ -162,10 +166,10 @@ class Bag:
             lost = [file.name for file in files if not os.path.lexists(file)]
             if lost:
                 self.flaws.append(f"{', '.join(lost)} is missing")
-            found = [file for file in files if file.name not in lost and _kind(file) in _STORAGES]
+            found = [file for file in files if file.name not in lost and _kind(file) in STORAGES]
         else:
             found = sorted(
-                (file for file in self.path.iterdir() if _kind(file) in _STORAGES), key=_natural
+                (file for file in self.path.iterdir() if _kind(file) in STORAGES), key=_natural
             )
         if not found:
             empty = not any(self.path.iterdir())
@@ -176,25 +180,13 @@ class Bag:
         return found
 
     def _custom_data(self) -> dict[str, str]:
-        custom = self._information.get("custom_data")
-        if not self._information and self.path.is_dir():
-            custom = self._unfinished_custom_data()
+        said: Any = self._information
+        if not said and self.path.is_dir() and os.path.lexists(self.path / UNFINISHED):
+            said = self._content(UNFINISHED, parsed_json)
+        custom = said.get("custom_data") if isinstance(said, dict) else None
         if not isinstance(custom, dict):
             return {}
         return {str(key): str(value) for key, value in custom.items()}
-
-    def _unfinished_custom_data(self) -> object:
-        file = self.path / UNFINISHED
-        if not os.path.lexists(file):
-            return None
-        with plain_file(file) as opened:
-            text = opened.read(LARGEST + 1)
-        try:
-            content = parsed_json(text.decode())
-        except ValueError as error:
-            self.flaws.append(f"its {UNFINISHED} is damaged: {error}")
-            return None
-        return content.get("custom_data") if isinstance(content, dict) else None
 
 
 def _kind(path: Path) -> str:

@@ -25,7 +25,7 @@ from rosbags.rosbag2.metadata import parse_qos
 
 from ppc_attitude.bags.custom_data import RECOVERED_KEY
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.folder import Bag
+from ppc_attitude.bags.folder import STORAGES, Bag
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claim
 from ppc_attitude.bags.source import Channel, payloads_of
 from ppc_attitude.bags.sqlite_source import settle
@@ -34,7 +34,6 @@ from ppc_attitude.contract.whole_file import unfinished_of
 from ppc_attitude.contract.yaml_file import FAST, parsed
 
 _WORK = ".recovering"
-_STORAGE = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
 class Recovery(NamedTuple):
@@ -81,7 +80,7 @@ def recover(path: Path | str) -> Recovery:
 def _cut(folder: Path) -> Bag:
     """Read the bag of one file to its end, once it is known to be cut."""
     bag = Bag(folder)
-    if len(bag.files) != 1 or bag.files[0].suffix not in _STORAGE:
+    if len(bag.files) != 1 or bag.files[0].suffix not in STORAGES:
         names = ", ".join(file.name for file in bag.files)
         raise BagError(f"{folder} has {names}; only a bag of one plain file can be recovered")
     for _ in bag.blocks():
@@ -103,7 +102,7 @@ def _replace(cut: Bag, folder: Path) -> Recovery:
         settle(original, work)
     copy = work / folder.absolute().name
     recovery = _copy(Bag(folder), copy, cut.counts)
-    (finished,) = (file for file in copy.iterdir() if file.suffix in _STORAGE)
+    (finished,) = (file for file in copy.iterdir() if file.suffix in STORAGES)
     target = folder / finished.name
     if target != original and os.path.lexists(target):
         raise BagError(f"{target} is in the way of the recovered file, and not of this bag")
@@ -121,7 +120,7 @@ def _copy(bag: Bag, copy: Path, counts: Mapping[str, int]) -> Recovery:
     """Write every message of a bag into another one; `counts` has how many each topic has."""
     first, last = 2**63 - 1, 0
     announced: set[str] = set()
-    with BagWriter(copy, storage=_STORAGE[bag.files[0].suffix]) as writer:
+    with BagWriter(copy, storage=STORAGES[bag.files[0].suffix]) as writer:
         for channels, block in bag.blocks():
             for channel in channels.values():
                 if channel.topic in announced:

@@ -257,7 +257,7 @@ def _complete(
 
 
 def _on_grid(between: Integers, rate: float, stamps: Integers) -> Integers:
-    """Stamps as the plant would have rounded them (`contract.cdr.stamp_of`), if it does so."""
+    """Stamps as the plant would have rounded them (`science.stamps.stamp_of`), if it does so."""
 
     def rounded(instants: Integers) -> Integers:
         steps = np.rint(instants * (rate / NANOSECONDS))

@@ -275,9 +275,8 @@ def _fault(name: str, declared: Any, base: Scenario) -> RandomFault:
 
 def _strength(name: str, declared: Any, base: Scenario) -> Number:
     found = number(name, declared, _STRENGTH)
-    weakest = min(found.support())
     try:
-        base.with_values(PLANT, **weakened(base.parameters[PLANT], weakest))
+        base.with_values(PLANT, **weakened(base.parameters[PLANT], found.low))
     except ConfigurationError as error:
-        raise ConfigurationError(f"{name} can become {weakest:g}: {error}") from None
+        raise ConfigurationError(f"{name} can become {found.low:g}: {error}") from None
     return found

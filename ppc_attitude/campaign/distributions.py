@@ -26,10 +26,11 @@ Attitudes
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from statistics import NormalDist
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -71,74 +72,36 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Fixed:
-    """Always the same number."""
-
-    value: float
-
-    def draw(self, stream: Generator) -> float:
-        """Return the number."""
-        return self.value
-
-    def support(self) -> tuple[float, ...]:
-        """Extremes of what can be drawn."""
-        return (self.value,)
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """Equally likely between two numbers; with `logarithmic`, their logarithms are."""
+class Number:
+    """How a number is drawn, and between which extremes it is."""
 
     low: float
     high: float
-    logarithmic: bool = False
-
-    def draw(self, stream: Generator) -> float:
-        """Draw a number."""
-        share = stream.random()
-        if self.logarithmic:
-            return float(min(self.low * (self.high / self.low) ** share, self.high))
-        return self.low + (self.high - self.low) * share
-
-    def support(self) -> tuple[float, ...]:
-        """Extremes of what can be drawn."""
-        return (self.low, self.high)
+    draw: Callable[[Generator], float]
 
 
-@dataclass(frozen=True)
-class Normal:
-    """Normal distribution, cut off below `low` and above `high`."""
-
-    mean: float
-    deviation: float
-    low: float
-    high: float
-
-    def draw(self, stream: Generator) -> float:
-        """Draw a number."""
-        while True:
-            value = self.mean + self.deviation * stream.standard_normal()
-            if self.low <= value <= self.high:
-                return float(value)
-
-    def support(self) -> tuple[float, ...]:
-        """Extremes of what can be drawn."""
-        return (self.low, self.high)
+def _uniform(low: float, high: float, stream: Generator) -> float:
+    return low + (high - low) * stream.random()
 
 
-@dataclass(frozen=True)
-class Choice:
-    """One of several numbers, equally likely."""
+def _log_uniform(low: float, high: float, stream: Generator) -> float:
+    return float(min(low * (high / low) ** stream.random(), high))
 
-    values: tuple[float, ...]
 
-    def draw(self, stream: Generator) -> float:
-        """Draw a number."""
-        return self.values[int(stream.integers(len(self.values)))]
+def _normal(mean: float, deviation: float, low: float, high: float, stream: Generator) -> float:
+    """Draw of a normal distribution that is cut off below `low` and above `high`."""
+    while True:
+        value = mean + deviation * stream.standard_normal()
+        if low <= value <= high:
+            return float(value)
 
-    def support(self) -> tuple[float, ...]:
-        """Extremes of what can be drawn."""
-        return (min(self.values), max(self.values))
+
+def _choice(values: Sequence[float], stream: Generator) -> float:
+    return values[int(stream.integers(len(values)))]  # for a single one nothing is drawn
+
+
+def _one_of(values: Sequence[float]) -> Number:
+    return Number(min(values), max(values), partial(_choice, values))
 
 
 @dataclass(frozen=True)
@@ -167,9 +130,6 @@ class Attitudes:
         x, y, z = on_sphere(stream)
         s = math.sin(half)
         return normalised(product(configured, (s * x, s * y, s * z, math.cos(half))))
-
-
-Number: TypeAlias = Fixed | Uniform | Normal | Choice
 
 
 def on_sphere(stream: Generator) -> Vector:
@@ -204,7 +164,7 @@ def number(name: str, declared: Any, allowed: Range) -> Number:
         It is no distribution, or can give a number that is not allowed.
     """
     read = _read_number(name, declared)
-    for end in read.support():
+    for end in (read.low, read.high):
         if not allowed.holds(end):
             raise ConfigurationError(f"{name} can become {end:g}; allowed: {allowed}")
     return read
@@ -212,29 +172,30 @@ def number(name: str, declared: Any, allowed: Range) -> Number:
 
 def _read_number(name: str, declared: Any) -> Number:
     if not isinstance(declared, Mapping):
-        return Fixed(_finite(name, declared))
+        return _one_of([_finite(name, declared)])
     kind = declared.get("distribution")
     if kind == "fixed":
-        return Fixed(*_fields(name, declared, "value"))
+        return _one_of(_fields(name, declared, "value"))
     if kind in ("uniform", "log_uniform"):
         low, high = _fields(name, declared, "low", "high")
         _check_order(name, low, high)
         if kind == "log_uniform" and low <= 0.0:
             raise ConfigurationError(f"{name}.low = {low:g}; allowed: > 0 for log_uniform")
-        return Uniform(low, high, kind == "log_uniform")
+        drawn = _log_uniform if kind == "log_uniform" else _uniform
+        return Number(low, high, partial(drawn, low, high))
     if kind == "normal":
         return _read_normal(name, declared)
     if kind == "choice":
         values = keys(name, declared, ("distribution", "values")).get("values")
         if not isinstance(values, list) or not values:
             raise ConfigurationError(f"{name}.values = {values!r}; allowed: a list of numbers")
-        return Choice(tuple(_finite(f"{name}.values", each) for each in values))
+        return _one_of([_finite(f"{name}.values", each) for each in values])
     raise ConfigurationError(
         f"{name}.distribution = {kind!r}; allowed: fixed, uniform, log_uniform, normal, choice"
     )
 
 
-def _read_normal(name: str, declared: Mapping[str, Any]) -> Normal:
+def _read_normal(name: str, declared: Mapping[str, Any]) -> Number:
     keys(name, declared, ("distribution", "mean", "deviation", "low", "high"))
     mean, deviation = (_finite(f"{name}.{key}", declared.get(key)) for key in ("mean", "deviation"))
     low = _finite(f"{name}.low", declared["low"]) if "low" in declared else -math.inf
@@ -249,7 +210,7 @@ def _read_normal(name: str, declared: Mapping[str, Any]) -> Normal:
             f"{name}: only {share:.2g} of the normal distribution lies between low = "
             f"{low:g} and high = {high:g}; allowed: at least {_LEAST_SHARE:g}"
         )
-    return Normal(mean, deviation, low, high)
+    return Number(low, high, partial(_normal, mean, deviation, low, high))
 
 
 def direction(name: str, declared: Any) -> Direction:

@@ -33,7 +33,7 @@ from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.disturbances.pulses import TIMES
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS
-from ppc_attitude.simulation.scenario import Overrides, Scenario, load
+from ppc_attitude.simulation.scenario import Scenario, load
 
 _EXAMPLE = "attitude=/imu/data"
 REPORT = '<meta name="color-scheme" content="light">\n<title>'
@@ -240,20 +240,18 @@ POSITIVE = number(above=0.0)
 NOT_NEGATIVE = number(0.0)
 
 
-def scenario_of(arguments: argparse.Namespace, extra: Overrides | None = None) -> Scenario:
-    """Scenario from the files and options; the duration is never zero.
+def scenario_of(arguments: argparse.Namespace, **plant: float) -> Scenario:
+    """Scenario from files, options and some parameters of the plant; the duration is never zero.
 
     Raises
     ------
     ConfigurationError
         A file or value is wrong.
     """
-    overrides = {node: dict(values) for node, values in (extra or {}).items()}
-    if arguments.controller:
-        overrides.setdefault(CONTROLLER, {})["controller"] = arguments.controller
     if arguments.duration:
-        overrides.setdefault(PLANT, {})["duration"] = arguments.duration
-    scenario = load(arguments.config, overrides)
+        plant["duration"] = arguments.duration
+    law = {"controller": arguments.controller} if arguments.controller else {}
+    scenario = load(arguments.config, {PLANT: plant, CONTROLLER: law})
     if scenario.parameters[PLANT]["duration"] == 0.0:
         return scenario.with_values(PLANT, duration=PAPER_DURATION)
     return scenario

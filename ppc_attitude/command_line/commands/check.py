@@ -131,11 +131,10 @@ def execute(arguments: argparse.Namespace) -> int:
         *noise_conditions(scenario),
         *pulse_conditions(scenario, required),
     )
-    known: list[str] = []
-    hits: list[str] = []
-    if guarantee:
-        known = guarantee.of_reference(_KNOWN_RATES) if arguments.known_reference else []
-        hits = [guarantee.of_hit(torque, duration) for torque, duration in arguments.hit]
+    known = []
+    if guarantee and arguments.known_reference:
+        known = guarantee.of_reference(_KNOWN_RATES)
+    hits = [guarantee.of_hit(*hit) for hit in arguments.hit] if guarantee else []
     if arguments.json:
         page = _json(scenario, conditions, q_e, law.advice, goals)
         if guarantee:

@@ -35,8 +35,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stack import private_environment
-from ppc_attitude.contract.topics import ATTITUDE, PLANT, TORQUE_COMMAND
-from ppc_attitude.simulation.scenario import Overrides
+from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
 
 if TYPE_CHECKING:
     from ppc_attitude.nodes.latency_probe import Latencies
@@ -76,8 +75,7 @@ def execute(arguments: argparse.Namespace) -> int:
             raise RunError(f"none of {result.states} states was answered on {TORQUE_COMMAND.name}")
         _print(result)
         return DONE
-    overrides: Overrides = {PLANT: {"rate": arguments.rate}} if arguments.rate else {}
-    scenario = scenario_of(arguments, overrides)
+    scenario = scenario_of(arguments, **({"rate": arguments.rate} if arguments.rate else {}))
     os.environ.update(private_environment())  # for the node that looks on
     recording = Recording(arguments.bag)
     record = recording.run(
