@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 
 import pytest
 import rclpy
-from process_helpers import Process, StartProcess
+from process_helpers import COMMAND, Process, Run, StartProcess
 from rclpy.node import Node
 
 from ppc_attitude.command_line.main import main
@@ -31,6 +31,7 @@ from ppc_attitude.command_line.stack import private_environment
 from ppc_attitude.nodes.discovery import (
     ANYWHERE,
     DOMAINS,
+    MIDDLEWARE,
     THIS_HOST,
     choose_domain,
     ports,
@@ -194,6 +195,43 @@ def test_a_wrong_environment_is_refused_by_every_command_and_node(
         for number, handler in handlers.items():
             signal.signal(number, handler)
     assert named in capfd.readouterr().err
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("environment", "named"),
+    [
+        ({"ROS_LOG_DIR": "/dev/null"}, "Failed to create log directory '/dev/null'"),
+        ({"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}, "initialize rcl"),
+    ],
+    ids=["logs", "keys"],
+)
+def test_an_environment_that_ros_refuses_is_told_by_who_visits(
+    environment: dict[str, str], named: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    env = os.environ | environment
+    visit = Process(start_process, tmp_path, "watch", [*COMMAND, "watch", "--once"], env=env)
+    assert visit.ends() == 2, visit.err
+    *_, reason = visit.err.splitlines()
+    assert reason.startswith("error: ")
+    assert named in reason
+    assert "Traceback" not in visit.err
+
+
+@pytest.mark.ros
+def test_a_run_names_a_middleware_that_is_not_installed(
+    tmp_path: Path, start_process: StartProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(MIDDLEWARE, "rmw_none")
+    run = Run(start_process, tmp_path / "bag")
+    assert run.ends() == 2
+    assert "RMW_IMPLEMENTATION = 'rmw_none'; allowed: one that is" in run.err.splitlines()[-1]
+    assert not run.bag.exists()
+
+
+def test_an_empty_setting_leaves_the_sockets_to_us() -> None:
+    empty = dict.fromkeys((MIDDLEWARE, PROFILE, "FASTDDS_BUILTIN_TRANSPORTS"), "")
+    assert reach({RANGE: "LOCALHOST", **empty}) == "localhost"
 
 
 @pytest.mark.parametrize("unset", [{}, {RANGE: "", DOMAIN: ""}], ids=["none", "empty"])

@@ -30,7 +30,7 @@ from ppc_attitude.command_line.errors import BAD_INPUT
 from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.contract.declared import nodes_of
 from ppc_attitude.contract.topics import ESTIMATOR, NODES, PLANT, RECORDER
-from ppc_attitude.nodes.discovery import DOMAIN, RANGE, check_discovery, choose_domain
+from ppc_attitude.nodes.discovery import DOMAIN, MIDDLEWARE, RANGE, check_discovery, choose_domain
 from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.telling import AT, BROKEN, LINGERS, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
@@ -38,6 +38,7 @@ from ppc_attitude.simulation.scenario import Scenario
 _PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
 _STALLED_AFTER = 30.0  # [s] without a step after which lock-step is given up
 _EVENT = re.compile(r"(\x1b\[\d*m)*\[(INFO|DEBUG)\]")  # how ROS begins such a line
+_NO_MIDDLEWARE = 102  # with which rcl ends the process that loads it, before our first line runs
 _GLANCE = 0.02  # [s] between two looks at the processes
 # The recorder goes last, when all others have sent their last message.
 _ALL = (ESTIMATOR, *NODES)
@@ -248,8 +249,11 @@ class Stack:
         code = node.process.returncode
         if code < 0:  # a process that was killed says nothing about it
             return StackError(f"{name} was killed by {signal.Signals(-code).name}")
-        reason = node.told.get(BROKEN, "without saying why")
-        return StackError(f"{name} ended with exit code {code}: {reason}", code == BAD_INPUT)
+        reason, refused = node.told.get(BROKEN, "without saying why"), code == BAD_INPUT
+        if code == _NO_MIDDLEWARE:
+            asked, refused = self.environment.get(MIDDLEWARE, ""), True
+            reason = f"{MIDDLEWARE} = {asked!r}; allowed: one that is installed, or none"
+        return StackError(f"{name} ended with exit code {code}: {reason}", refused)
 
 
 def _pass_on(line: str) -> None:

@@ -87,9 +87,9 @@ def _peers(environment: Mapping[str, str]) -> list[str]:
 
 def chosen_by_user(environment: Mapping[str, str]) -> str:
     """Name the user's setting that decides on sockets in our place; empty if there is none."""
-    if not environment.get(MIDDLEWARE, OURS).startswith(OURS):
+    if not (environment.get(MIDDLEWARE) or OURS).startswith(OURS):
         return MIDDLEWARE
-    return next((name for name in (*PROFILES, TRANSPORTS) if name in environment), "")
+    return next((name for name in (*PROFILES, TRANSPORTS) if environment.get(name)), "")
 
 
 def reach(environment: Mapping[str, str]) -> str:

@@ -20,7 +20,8 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from textwrap import fill, indent
 from types import FrameType
 
@@ -81,7 +82,8 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
     node, code = None, EXIT_OK
     try:
         if not stop.requested:
-            node = _made(make)
+            with refusals_of_ros():
+                node = make()
             # rclpy's first line looks for its caller in every module, 30 ms: not amid the steps.
             node.get_logger().info("ready")
             _spin(node, stop)
@@ -100,11 +102,13 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
     return code
 
 
-def _made(make: type[BaseNode]) -> BaseNode:
+@contextmanager
+def refusals_of_ros() -> Iterator[None]:
+    """Take what ROS refuses for bad input: logs that have no place, keys that are none."""
     try:
-        return make()
-    except RCLError as error:  # such as security that the middleware does not have
-        raise ConfigurationError(str(error)) from error
+        yield
+    except RCLError as error:
+        raise ConfigurationError(" ".join(str(error).split())) from error
 
 
 def help_text(executable: str, what: str) -> str:

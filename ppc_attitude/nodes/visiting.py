@@ -31,6 +31,7 @@ from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.nodes.executors import new_executor
+from ppc_attitude.nodes.running import refusals_of_ros
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.science.errors import ConfigurationError
 
@@ -45,14 +46,15 @@ def visiting(name: str, namespace: str) -> Iterator[Node]:
     Raises
     ------
     ConfigurationError
-        The namespace is none, or the environment lets no node find another.
+        The namespace is none, or the environment lets no node be, or none find another.
     """
     home = absolute_namespace(namespace)
     check_discovery(os.environ)
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:
-        node = Node(name, namespace=home)
+        with refusals_of_ros():
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            node = Node(name, namespace=home)
         yield node
     finally:
         with leaving(_NO_ANSWER):
