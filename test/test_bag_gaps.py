@@ -175,16 +175,17 @@ def test_after_a_reset_the_last_epoch_is_read(tmp_path: Path, steps: list[int]) 
     assert "to 0 s (plant reset or restarted)" in read.warnings[0]
 
 
+def told(stamp: int, name: str, value: float) -> list:
+    """The message of a change."""
+    change = Change(stamp, CONTROLLER, name, value)
+    return [(CHANGES_TOPIC, *each) for each in encode_changes([change])]
+
+
 def test_after_a_reset_the_changes_of_the_last_epoch_are_read(tmp_path: Path) -> None:
     """What is told anew at its begin may be written before it, and what was told before after."""
-
-    def told(stamp: int, name: str, value: float) -> list:
-        change = Change(stamp, CONTROLLER, name, value)
-        return [(CHANGES_TOPIC, *each) for each in encode_changes([change])]
-
     states = list(messages(RUN))
     late = int(RUN.stamps_ns[-1])
-    sequence = [*states, *told(late, "k", 0.7), *told(late, "eta", 0.1), *told(0, "k", 0.7)]
+    sequence = [*states, *told(late, "k", 0.7), *told(0, "k", 0.7)]
     sequence += [*states[:40], *told(late, "enabled", True), *told(0, "enabled", False)]
     sequence += [*states[40:], *told(late, "eta", 0.2)]
     began = {**RUN.parameters, CONTROLLER: {"k": 0.5, "eta": 0.3}}
@@ -195,6 +196,20 @@ def test_after_a_reset_the_changes_of_the_last_epoch_are_read(tmp_path: Path) ->
         Change(0, CONTROLLER, "enabled", False),
         Change(late, CONTROLLER, "eta", 0.2),
     )
+
+
+def test_after_a_reset_a_node_has_what_it_was_started_again_with(tmp_path: Path) -> None:
+    """The recorder told that once, when the node came; the first start had told a change anew."""
+    states = list(messages(RUN))
+    late = int(RUN.stamps_ns[-1])
+    sequence = [*states, *told(late, "k", 0.7), *told(0, "k", 0.7), *told(0, "enabled", False)]
+    again = [*told(late, "k", 0.5), *told(late, "eta", 0.1), *told(late, "enabled", True)]
+    sequence += [*states, *again, *states]
+    began = {**RUN.parameters, CONTROLLER: {"k": 0.6, "eta": 0.3}}
+    bag = write_messages(tmp_path / "bag", sequence, run=replace(RUN, parameters=began))
+    read = read_run(bag)
+    assert read.parameters[CONTROLLER] == {"k": 0.5, "eta": 0.1}
+    assert read.changes == ()
 
 
 def test_undecodable_messages_are_counted(tmp_path: Path) -> None:

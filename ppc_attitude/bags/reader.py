@@ -181,7 +181,8 @@ def _of_last_epoch(
     """Parameters with which the last epoch began, and what was changed during it.
 
     When time begins again a node tells anew, at that stamp, all that it has told. Such a message
-    may be written before the state, and what the node told before it after the state.
+    may be written before the state, and what the node told before it after the state. With what it
+    was started again earlier, the recorder told once.
     """
     if timeline.begun is None:
         return parameters, _by_stamp(change for _, change in changes)
@@ -189,11 +190,16 @@ def _of_last_epoch(
     first: dict[tuple[str, str], Change] = {}
     later: dict[str, list[Change]] = {}
     for arrival, change in changes:
+        node, name = change.node, change.name
         if change.stamp_ns <= timeline.stamps[0]:
-            first[change.node, change.name] = change
-            later.pop(change.node, None)
+            first[node, name] = change
+            later.pop(node, None)
         elif arrival >= timeline.begun:
-            later.setdefault(change.node, []).append(change)
+            later.setdefault(node, []).append(change)
+        else:
+            first.pop((node, name), None)
+            if name in began.get(node, {}):
+                began[node][name] = change.value
     for node, name in first.keys() & {(node, name) for node, own in began.items() for name in own}:
         began[node][name] = first.pop((node, name)).value
     return began, _by_stamp(chain(first.values(), *later.values()))

@@ -45,6 +45,7 @@ from ppc_attitude.contract.topics import (
     ATTITUDE,
     CHANGES_TOPIC,
     CONTROLLER,
+    ENABLED,
     EVENTS,
     INJECTOR,
     RECORDED_TOPIC,
@@ -166,7 +167,8 @@ class BagRecorder(BaseNode):
         parameters = self._run_info.setdefault("parameters", {})
         since = ""
         if full in parameters and recording.now >= 0:
-            data = serialize_message(changed(recording.now, node, values))
+            told = {**values, ENABLED: True} if node == CONTROLLER else values  # as it begins
+            data = serialize_message(changed(recording.now, node, told))
             recording.event(CHANGES_TOPIC.name, recording.now, data)
             since = f" from t = {seconds(recording.now):.6f} s on: it was started again"
         else:
