@@ -27,7 +27,7 @@ from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE, REFERENCE_ACCELERATION
 from ppc_attitude.science.guarantee.assumptions import assumptions_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.surroundings import _rate_lag
@@ -240,7 +240,7 @@ def test_a_changed_number_is_not_judged() -> None:
         (CONTROLLER, "momentum_tube.kappa", 15.1, "the certificate is for other numbers"),
         (CONTROLLER, "enabled", False, "the law was switched off"),
         (PLANT, "max_torque", 0.03, "max_torque = 0.03 N·m; assumed: at least 0.05"),
-        (REFERENCE, "amplitude", [0.1, 0.1, 0.1], "the reference reaches 0.1451; assumed: W"),
+        (REFERENCE, "amplitude", [0.1, 0.1, 0.1], ""),  # its motion is on record
         (PLANT, "real_time_factor", 2.0, ""),  # which no assumption is about
     ],
 )
@@ -258,8 +258,6 @@ def test_what_was_changed_in_flight_is_compared_as_well(
     [
         (PLANT, {}, ""),  # a bag that does not tell: nothing is known to be broken
         (PLANT, {"rate": 1e2, "inertia": [2.8, 0, 0, 0, 2.5, 0, 0, 0, 1.9]}, "lacks the parameter"),
-        (REFERENCE, {"mode": "paper"}, "lacks the parameter amplitude"),
-        (REFERENCE, {"mode": "goal", "goals.frames": ["nadir"]}, "lacks the parameter"),
     ],
 )
 def test_nodes_of_others_may_tell_little_of_themselves(
@@ -267,6 +265,26 @@ def test_nodes_of_others_may_tell_little_of_themselves(
 ) -> None:
     record = record_of("guaranteed")
     held = held_by(replace(record, parameters={**record.parameters, node: values}))
+    assert reason in held.reason
+    assert bool(held.reason) == bool(reason)
+
+
+@pytest.mark.parametrize(
+    ("reference", "reason"),
+    [
+        ({}, ""),
+        ({"amplitude": [0.1, 0.1, 0.1]}, "the reference reaches 0.1451; assumed: W = 0.01392"),
+        ({"mode": "goal", "goals.frames": 3.0}, "motion_bounds raised"),
+        ({"mode": "of somebody else"}, "mode = none: whether it keeps the assumed bounds is not"),
+    ],
+)
+def test_a_reference_that_is_not_on_record_is_known_by_its_parameters(
+    reference: dict[str, Any], reason: str
+) -> None:
+    record = record_of("guaranteed")
+    columns = {n: each for n, each in record.columns.items() if n != REFERENCE_ACCELERATION.column}
+    parameters = {**record.parameters, REFERENCE: {**record.parameters[REFERENCE], **reference}}
+    held = held_by(replace(record, columns=columns, parameters=parameters))
     assert reason in held.reason
     assert bool(held.reason) == bool(reason)
 

@@ -50,6 +50,7 @@ from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import inequalities
 from ppc_attitude.science.guarantee.surroundings import (
     broken_assumptions,
+    broken_by_reference,
     inertia_error,
 )
 from ppc_attitude.science.references.paper import motion_bounds
@@ -246,7 +247,11 @@ def test_a_scenario_outside_the_assumptions_is_named(
 ) -> None:
     parameters = load(configs("paper", "guaranteed"), {node: values}).parameters
     law, nodes = parameters[CONTROLLER], nodes_around(parameters)
-    found = list(broken_assumptions(assumptions_of(law), law_of(law), nodes, duration=120.0))
+    assumed = assumptions_of(law)
+    found = [
+        *broken_assumptions(assumed, law_of(law), nodes),
+        *broken_by_reference(assumed, nodes, duration=120.0),
+    ]
     assert len(found) == 1
     assert told in found[0]
 

@@ -65,6 +65,7 @@ from ppc_attitude.science.guarantee.nodes import Nodes
 from ppc_attitude.science.guarantee.surroundings import (
     DEVIATIONS,
     broken_assumptions,
+    broken_by_reference,
     fastest_of,
 )
 from ppc_attitude.science.wheels import SPEED
@@ -103,7 +104,10 @@ def certificate_held(record: RunRecord) -> Held | None:
     if not all(each.name in values for each in PARAMETERS):
         return Held(nothing, "the record lacks parameters of the law", "")
     try:
-        different = [each for told in _in_flight(record) for each in _broken(told, record.t[-1])]
+        # What the reference did is on record; only where it is not, its parameters decide.
+        shown = all(has(record, topic.column) for topic in (REFERENCE_RATE, REFERENCE_ACCELERATION))
+        until = None if shown else float(record.t[-1])
+        different = [each for told in _in_flight(record) for each in _broken(told, until)]
         broken_at = _assumptions(record)
     except (KeyError, ConfigurationError) as error:
         cause = error.__cause__ or error  # a component that was asked names itself around it
@@ -143,8 +147,11 @@ def _in_flight(record: RunRecord) -> Iterator[Mapping[str, Mapping[str, Any]]]:
         yield parameters
 
 
-def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float) -> Iterator[str]:
-    """Yield why a certificate is none for these parameters, until an instant [s]."""
+def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float | None) -> Iterator[str]:
+    """Yield why a certificate is none for these parameters.
+
+    What the reference would do by them, until an instant [s], counts only if one is given.
+    """
     values = parameters[CONTROLLER]
     if not values.get(ENABLED, True):
         yield "the law was switched off"
@@ -152,7 +159,10 @@ def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float) -> Iterat
         yield "the certificate is for other numbers"
     elif all(parameters.get(each) for each in (PLANT, REFERENCE, INJECTOR)):
         assumed, law = assumptions_of(values), law_of(values)
-        yield from broken_assumptions(assumed, law, nodes_around(parameters), until)
+        nodes = nodes_around(parameters)
+        yield from broken_assumptions(assumed, law, nodes)
+        if until is not None:
+            yield from broken_by_reference(assumed, nodes, until)
 
 
 def nodes_around(parameters: Mapping[str, Mapping[str, Any]]) -> Nodes:
@@ -174,13 +184,16 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
     if has(record, DISTURBANCE.column):
         torque = np.abs(record[DISTURBANCE.column]).max(axis=1)
         found["a torque beyond the assumed one"] = torque > external
-    for topic, name, told in (
-        (REFERENCE_RATE, "W", "a faster reference"),
-        (REFERENCE_ACCELERATION, "W1", "a reference that turns harder"),
-    ):
-        if has(record, topic.column):
-            size = np.linalg.norm(record[topic.column], axis=1)
-            found[told] = size > values[f"{PREFIX}assumed.{name}"]
+    W, W1, W2 = (values[f"{PREFIX}assumed.{name}"] for name in ("W", "W1", "W2"))
+    if has(record, REFERENCE_RATE.column):
+        rate = np.linalg.norm(record[REFERENCE_RATE.column], axis=1)
+        found["a faster reference"] = rate > W
+    if has(record, REFERENCE_ACCELERATION.column):
+        acceleration = record[REFERENCE_ACCELERATION.column]
+        change = np.diff(acceleration, axis=0, prepend=acceleration[:1])
+        limit = np.diff(record.t, prepend=record.t[0]) * W2 + _ROUNDING
+        harder = np.linalg.norm(acceleration, axis=1) > W1
+        found["a reference that turns harder"] = harder | (np.linalg.norm(change, axis=1) > limit)
     found.update(_knowledge(record, values[PREFIX + "e_A"], values[f"{PREFIX}assumed.e_W"]))
     gaps = np.diff(record.stamps_ns, prepend=record.stamps_ns[0])
     found["a late sample"] = gaps > 1e9 * values[PREFIX + "h"] + 1.0

@@ -36,7 +36,11 @@ from ppc_attitude.science.guarantee.certificate import ACCURACY, Certificate, ce
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.inequalities import Inequality
 from ppc_attitude.science.guarantee.known_reference import KnownReference
-from ppc_attitude.science.guarantee.surroundings import broken_assumptions, suspensions
+from ppc_attitude.science.guarantee.surroundings import (
+    broken_assumptions,
+    broken_by_reference,
+    suspensions,
+)
 from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -117,7 +121,10 @@ class Judgement:
         self._assumed, self._law = assumptions_of(values), law_of(values)
         nodes = nodes_around(scenario.parameters)
         duration = scenario.number(PLANT, "duration")
-        self.broken = list(broken_assumptions(self._assumed, self._law, nodes, duration))
+        self.broken = [
+            *broken_assumptions(self._assumed, self._law, nodes),
+            *broken_by_reference(self._assumed, nodes, duration),
+        ]
         self.suspensions = list(suspensions(self._assumed, nodes, duration))
         self.doubts = differences(stored, self.certificate) if stored else []
         digest = values[CERTIFICATE.name]

@@ -42,6 +42,7 @@ from ppc_attitude.science.plants import rigid_body
 
 _HORIZON = 3600.0  # [s] for which a design looks at the reference, unless a run is longer
 _MOTION = ("W", "W1", "W2")  # what is assumed of it
+_DOUBT = "whether it keeps the assumed bounds is not known"
 _NOISE = 6.0  # deviations that a design takes as the bound of an estimation error
 LEAD = 0.6  # [rad] beyond half a turn for a law that knows what lies ahead: the paper's needs 0.55
 _ROUNDING = 1e-12  # relative, of an inertia
@@ -59,10 +60,8 @@ _UNSEEN = (
 )
 
 
-def broken_assumptions(
-    assumed: Assumptions, law: Law, nodes: Nodes, duration: float
-) -> Iterator[str]:
-    """Yield each assumption that the scenario does not keep, with both numbers.
+def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator[str]:
+    """Yield each assumption that craft and environment do not keep, with both numbers.
 
     Parameters
     ----------
@@ -72,8 +71,6 @@ def broken_assumptions(
         The numbers that it is for.
     nodes : Nodes
         What is assumed of them.
-    duration : float
-        How long the reference is followed [s].
     """
     plant = nodes.plant
     if 1.0 / plant["rate"] > law.h * (1 + 1e-9):
@@ -103,15 +100,13 @@ def broken_assumptions(
                 f"the told {name} is wrong by up to {error:.4g} {unit} ({DEVIATIONS:g} σ); "
                 f"assumed: at most {bound:g}"
             )
-    bounds = dict(zip(_MOTION, nodes.motion_bounds(duration), strict=True))
     doubtful = [nodes.unknown(kind) for kind in HARDWARE]
-    doubtful += [nodes.desired_motion] if math.inf in bounds.values() else []
     doubtful += [f"{FAULTS.name} = {text!r}" for text in fault_texts(plant)]
     torque = nodes.torque_bound
     if torque is None:
         doubtful.append(nodes.environment)
     for found in filter(None, doubtful):
-        yield f"{found}: whether it keeps the assumed bounds is not known"
+        yield f"{found}: {_DOUBT}"
     if torque is not None and assumed.d < torque + actuator.rest:
         beside = f" and the wheels' rest {actuator.rest:.4g} N·m" if actuator.rest else ""
         yield f"the environment reaches {torque:.4g} N·m{beside}; assumed: d = {assumed.d:g}"
@@ -124,7 +119,18 @@ def broken_assumptions(
                 f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; with what is promised, and "
                 f"its bias, it may have to measure {measured:.4g} rad/s"
             )
-    for name, value in bounds.items():
+
+
+def broken_by_reference(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator[str]:
+    """Yield each assumption that the reference may not keep for a duration [s].
+
+    The other parameters are those of `broken_assumptions`. A record shows by itself what the
+    reference did.
+    """
+    bounds = nodes.motion_bounds(duration)
+    if math.inf in bounds:
+        yield f"{nodes.desired_motion}: {_DOUBT}"
+    for name, value in zip(_MOTION, bounds, strict=True):
         if getattr(assumed, name) < value < math.inf:
             yield f"the reference reaches {value:.4g}; assumed: {name} = {getattr(assumed, name):g}"
 
