@@ -74,6 +74,16 @@ def test_bad_messages_and_single_ones_make_no_publisher() -> None:
     assert not judged(*messages)
 
 
+def test_who_repeats_an_unanswered_state_lives_and_a_flood_of_copies_does_not() -> None:
+    """As a plant in lock-step does whose peers follow another one."""
+    for pause, expected in ((1.0, True), (0.01, False)):
+        publishers, ours = Publishers(), numbers(1)
+        for k in range(1, 30):
+            for number, stamp in (*(next(ours) for _ in range(100)), (k, 5 * PERIOD)):
+                publishers.hear(number, stamp, k * pause)
+        assert publishers.several == expected
+
+
 def test_who_has_ended_is_forgotten_but_what_was_is_not() -> None:
     publishers = Publishers()
     for number, stamp in alternating(1, 1, 30):

@@ -22,6 +22,7 @@ from ppc_attitude.science.stamps import NANOSECONDS
 _ENOUGH = 20  # messages in turns with another's that make a publisher one that lives
 _MOST_AT_ONCE = 5  # of them that one return proves: a single one may be an error
 _LARGEST_STEP = NANOSECONDS
+_REPEATS = 0.5  # [s] after which a stamp may come again: a flood of copies proves nothing
 _HEARD = 5.0  # [s] after its last message a second publisher counts as gone
 _NEW = 10.0  # [s] who was older than this when another came never gives way
 _TOLD = 3.0  # [s] from the proof on until everybody else has had time to find both and hear as much
@@ -34,6 +35,7 @@ class _Publisher:
 
     number: int
     stamp_ns: int
+    at: float  # when it last spoke [s]
     stretch: int = 0  # good messages since another one spoke
 
 
@@ -44,8 +46,9 @@ class Publishers:
     name. So the graph alone is no proof; it only gives the names. Every publisher counts its
     messages: a new one begins to count anew, and two that live are known by returns to a count that
     another had followed. A return proves the more the longer the stretches are that it joins, for a
-    busy machine delivers in bursts. Only messages whose stamps advance as time does count: bad
-    messages make no publisher.
+    busy machine delivers in bursts. Only messages whose stamps advance as time does count, and what
+    is repeated after a while, as by a plant whose peers follow another: bad messages make no
+    publisher.
     """
 
     def __init__(self) -> None:
@@ -78,19 +81,20 @@ class Publishers:
         """Take the number that a publisher gave to a message, and the stamp [ns] in it."""
         known = self._known
         if not known or known[0].number != number - 1:  # else who spoke last speaks on
-            self._turn_to(number, stamp_ns)
+            self._turn_to(number, stamp_ns, now)
         speaker = known[0]
         before = speaker.stamp_ns
-        advances = before >= 0 and 0 < stamp_ns - before <= _LARGEST_STEP
+        repeats = stamp_ns == before and now - speaker.at >= _REPEATS
+        advances = before >= 0 and (0 < stamp_ns - before <= _LARGEST_STEP or repeats)
         if self._turned:
             self._turned = False
             if advances:
                 self._prove(min(speaker.stretch, known[1].stretch, _MOST_AT_ONCE), now)
             speaker.stretch = 0
         speaker.stretch += advances
-        speaker.number, speaker.stamp_ns = number, stamp_ns
+        speaker.number, speaker.stamp_ns, speaker.at = number, stamp_ns, now
 
-    def _turn_to(self, number: int, stamp_ns: int) -> None:
+    def _turn_to(self, number: int, stamp_ns: int, now: float) -> None:
         """Put first who gave this number: one who is known, or a new one."""
         known = self._known
         for place, publisher in enumerate(known):
@@ -100,7 +104,7 @@ class Publishers:
                 return
         # A message was lost: its publisher is the one that spoke last, unless that had got further.
         if not known or number <= known[0].number:
-            known.insert(0, _Publisher(number, stamp_ns))
+            known.insert(0, _Publisher(number, stamp_ns, now))
             del known[_MOST:]
 
     def _prove(self, messages: int, now: float) -> None:
