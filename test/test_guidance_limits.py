@@ -123,6 +123,15 @@ def test_a_flight_to_goals_is_promised_and_the_promise_kept(tmp_path: Path) -> N
     assert (held.met, held.note) == (True, "")
 
 
+def test_a_law_that_looks_ahead_is_not_designed_for_goals(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    goals = tmp_path / "goals.yaml"
+    goals.write_text(GOALS)
+    assert main(["design", f"--config={goals}", "--controller", "momentum_tube_ahead"]) == 2
+    assert "controller = momentum_tube_ahead with mode = goal" in capsys.readouterr().err
+
+
 def test_a_timed_profile_has_no_bound_of_its_jerk(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -49,6 +49,7 @@ from ppc_attitude.science.controllers.tube_parameters import (
     PREFIX,
     digest_of,
 )
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, parameters_of
 from ppc_attitude.science.guarantee.certificate import Certificate, certify
 from ppc_attitude.science.guarantee.design import (
@@ -67,8 +68,9 @@ from ppc_attitude.science.guarantee.surroundings import (
     tube_of,
     white_noise,
 )
+from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.parameter import resolved
-from ppc_attitude.science.references import paper_ahead
+from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.scenario import Scenario, read_files
 
 _SEARCH = f"a search: --controller {' or '.join(GAINS)}"
@@ -252,6 +254,12 @@ def _craft_of(arguments: argparse.Namespace) -> Scenario:
     else:
         law = LAW
     parameters = scenario_of(arguments).parameters
+    mode = parameters[REFERENCE][REFERENCES.selector]
+    if law == LAW_AHEAD and mode not in (paper.COMPONENT.name, paper_ahead.COMPONENT.name):
+        raise ConfigurationError(
+            f"controller = {law} with {REFERENCES.selector} = {mode}, which does not tell what "
+            f"lies ahead; allowed: controller = {LAW}"
+        )
     return Scenario({**parameters, CONTROLLER: {**parameters[CONTROLLER], "controller": law}})
 
 
