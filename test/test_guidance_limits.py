@@ -44,11 +44,11 @@ def ordered(random: np.random.Generator, pool: tuple[str, ...]) -> dict[str, Any
     """Parameters of goals at random times, most of them amid a slew, with random limits."""
     count = int(random.integers(2, 14))
     rate = 10.0 ** random.uniform(-2.5, -1.0)  # [rad/s]
-    acceleration = rate * 10.0 ** random.uniform(-1.5, 0.5)  # [rad/s²]
+    acceleration = rate * 10.0 ** random.uniform(-1.5, 1.5)  # [rad/s²]
     chosen = {
         "guidance.max_rate": rate,
         "guidance.max_acceleration": acceleration,
-        "guidance.max_jerk": acceleration * 10.0 ** random.uniform(-1.5, 0.5),
+        "guidance.max_jerk": acceleration * 10.0 ** random.uniform(-1.5, 1.5),
         "spin.rate": rate * random.uniform(-0.85, 0.85),
         "spin.axis": random.normal(size=3).tolist(),
         "orbit.altitude": random.uniform(3e5, 2e6),
@@ -80,7 +80,7 @@ def test_no_order_lets_the_desired_motion_pass_its_bounds(pool: tuple[str, ...])
         assert COMPONENT.motion_bounds is not None
         shares.append(np.divide(reached, COMPONENT.motion_bounds(values, UNTIL)))
     most = np.max(shares, axis=0)
-    assert (most <= 1.0).all()
+    assert (most <= (1.0, 1.0, 1.0 + 1e-9)).all()  # a difference of numbers is rounded
     assert most[0] > 0.8, "the bound of the rate is no wider than it has to be"
     assert most[1] > 0.9
 
