@@ -181,12 +181,14 @@ def test_a_hook_that_raises_is_told_with_its_component(hook: str) -> None:
         ("torque", (1.0, None), "TypeError: float.* not 'NoneType'"),
         ("faults", None, "TypeError: 'NoneType' object is not iterable"),
         ("advices", "many", "ValueError: invalid literal"),
+        ("motion_bounds", (0.1, 0.2), "ValueError: not enough values"),
+        ("motion_bounds", (0.1, -0.2, 0.3), "ValueError: -0.2; allowed: a number ≥ 0"),
     ],
 )
 def test_an_answer_that_is_none_is_told_with_its_component(
     hook: str, answer: Any, told: str
 ) -> None:
-    broken = replace(ONE, **{hook: lambda given: answer})
+    broken = replace(ONE, **{hook: lambda *given: answer})
     with pytest.raises(ConfigurationError, match=f"^component mine: {hook} raised {told}"):
         getattr(broken, hook)({})
 
