@@ -112,6 +112,17 @@ def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     assert "sets of gains: quaternion_feedback.natural_frequency = 0.1, " in told
     assert "of 200 fresh runs meet every requirement" in told
     assert "no guarantee" in told
+    assert "from the start on" not in told
     values = load([craft, gains]).parameters[CONTROLLER]
     assert values["quaternion_feedback.natural_frequency"] == 0.1
     assert math.isfinite(values["quaternion_feedback.damping"])
+
+
+def test_a_search_over_runs_that_begin_settled_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    craft = tmp_path / "craft.yaml"
+    craft.write_text("reference_generator: {ros__parameters: {mode: goal}}")
+    law = ["--controller", "quaternion_feedback", "--seconds", "0.01", "--rate", "0.01"]
+    main(["design", "--config", str(craft), *law, "--duration", "60"])
+    assert "settled: all from the start on, so that no run shows how" in capsys.readouterr().out
