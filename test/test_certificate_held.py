@@ -209,19 +209,21 @@ def test_a_tracker_that_is_blind_suspends_the_promise(designed_for_sensors: Path
 
 
 @pytest.mark.parametrize(
-    ("column", "assumed", "told"),
+    ("column", "share", "assumed", "told"),
     [
-        ("reference_angular_velocity", "W", "a faster reference"),
-        ("reference_angular_acceleration", "W1", "a reference that turns harder"),
+        ("reference_angular_velocity", 1.001, "W", "a faster reference at 10 instants"),
+        ("reference_angular_acceleration", 1.001, "W1", "turns harder at 11 instants"),
+        # It jumps there and back: only the change is beyond its bound.
+        ("reference_angular_acceleration", 0.999, "W1", "turns harder at 2 instants"),
     ],
 )
 def test_a_reference_beyond_the_assumed_bounds_suspends_the_promise(
-    column: str, assumed: str, told: str
+    column: str, share: float, assumed: str, told: str
 ) -> None:
     record = record_of("guaranteed")
     bound = record.parameters[CONTROLLER][f"momentum_tube.assumed.{assumed}"]
     motion = record[column].copy()
-    motion[2000:2010] = (1.001 * bound, 0.0, 0.0)
+    motion[2000:2010] = (share * bound, 0.0, 0.0)
     held = held_by(replace(record, columns={**record.columns, column: motion}))
     assert told in held.note
     assert told not in held_by(record).note

@@ -181,8 +181,8 @@ def _of_last_epoch(
     """Parameters with which the last epoch began, and what was changed during it.
 
     When time begins again a node tells anew, at that stamp, all that it has told. Such a message
-    may be written before the state, and what the node told before it after the state. With what it
-    was started again earlier, the recorder told once.
+    may be written before the state, and what the node told before it after the state. What a node
+    was started again with, the recorder tells only once, when it hears of it.
     """
     if timeline.begun is None:
         return parameters, _by_stamp(change for _, change in changes)

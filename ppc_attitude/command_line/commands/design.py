@@ -248,12 +248,10 @@ def execute(arguments: argparse.Namespace) -> int:
 def _craft_of(arguments: argparse.Namespace) -> Scenario:
     """The scenario, with a law that is to be designed: the gains it has need not fit the craft."""
     configured = read_files(arguments.config).get(CONTROLLER, {})
-    law = arguments.controller or configured.get("controller")
-    if law in LAWS:
-        arguments.controller = quaternion_feedback.COMPONENT.name
-    else:
-        law = LAW
-    parameters = scenario_of(arguments).parameters
+    asked = arguments.controller or configured.get("controller")
+    law, other = (asked, quaternion_feedback.COMPONENT.name) if asked in LAWS else (LAW, None)
+    craft = argparse.Namespace(**{**vars(arguments), "controller": other})
+    parameters = scenario_of(craft).parameters
     mode = parameters[REFERENCE][REFERENCES.selector]
     if law == LAW_AHEAD and mode not in (paper.COMPONENT.name, paper_ahead.COMPONENT.name):
         raise ConfigurationError(

@@ -94,6 +94,10 @@ class Envelope:
         x = arithmetic.least(g / cap, arithmetic.number(1.0 + BLEND))
         return cap * saturated(x, arithmetic)
 
+    def settled(self, accuracy: float) -> Number:
+        """φ below which |q_ev,i| < accuracy: 2 asin(x) ≥ 2x."""
+        return 2 * self._arithmetic.number(accuracy)
+
     def terminal(self) -> float:
         """Upper limit in the end of |q_ev,i| for any disturbance within its bound: z̄/(2k)."""
         return self._arithmetic.outward(self._z / (2 * self._k))[1]
@@ -135,7 +139,7 @@ class Envelope:
         """Time [s] from φ [rad] where the brake sets in after a stop, whose length may be known."""
         phi, time = self._stopped(phi, rate, stop)
         arithmetic, step, one = self._arithmetic, self._step, self._arithmetic.number(1.0)
-        reserve, limit = self._bounds.reserve, 2 * arithmetic.number(accuracy)  # 2 asin(x) ≥ 2x
+        reserve, limit = self._bounds.reserve, self.settled(accuracy)
         r = arithmetic.number(0.0)
         before = phi
         for n in range(_PATIENCE):
@@ -153,7 +157,7 @@ class Envelope:
         """Time [s] from φ [rad] where the speed rises with the torque that is left."""
         phi, time = self._stopped(phi, rate)
         arithmetic, step = self._arithmetic, self._step
-        limit, sigma = 2 * arithmetic.number(accuracy), arithmetic.number(0.0)
+        limit, sigma = self.settled(accuracy), arithmetic.number(0.0)
         for n in range(_PATIENCE):
             if phi <= limit:
                 return arithmetic.outward(time + n * step)[1]

@@ -41,7 +41,6 @@ from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
 from ppc_attitude.science.plants import rigid_body
 
 _HORIZON = 3600.0  # [s] for which a design looks at the reference, unless a run is longer
-_MOTION = ("W", "W1", "W2")  # what is assumed of it
 _DOUBT = "whether it keeps the assumed bounds is not known"
 _NOISE = 6.0  # deviations that a design takes as the bound of an estimation error
 LEAD = 0.6  # [rad] beyond half a turn for a law that knows what lies ahead: the paper's needs 0.55
@@ -130,7 +129,7 @@ def broken_by_reference(assumed: Assumptions, nodes: Nodes, duration: float) -> 
     bounds = nodes.motion_bounds(duration)
     if math.inf in bounds:
         yield f"{nodes.desired_motion}: {_DOUBT}"
-    for name, value in zip(_MOTION, bounds, strict=True):
+    for name, value in zip(("W", "W1", "W2"), bounds, strict=True):
         if getattr(assumed, name) < value < math.inf:
             yield f"the reference reaches {value:.4g}; assumed: {name} = {getattr(assumed, name):g}"
 
@@ -278,11 +277,10 @@ def assumptions_from(
     sigma_A, sigma_W = _deviations(nodes)
     W, W1, W2 = nodes.motion_bounds(max(_HORIZON, plant["duration"]))
     d = nodes.torque_bound
-    for name, bound, source in (
-        *zip(_MOTION, (W, W1, W2), (nodes.desired_motion,) * 3, strict=True),
-        ("d", math.inf if d is None else d, nodes.environment),
-    ):
+    bounds = {"W": W, "W1": W1, "W2": W2, "d": math.inf if d is None else d}
+    for name, bound in bounds.items():
         if math.isinf(bound) and name not in declared:
+            source = nodes.environment if name == "d" else nodes.desired_motion
             raise ConfigurationError(
                 f"{source} tells no bound {name}: give it with --assume {name}=VALUE"
             )

@@ -50,6 +50,7 @@ from ppc_attitude.science.kernel import (
 MOST_ATTEMPTS = 40
 SAMPLES = 64  # intervals
 ROUNDING = 1.0 + 1e-9
+SHORTEST_BRAKE = 1.0  # [s]
 _FASTER = 1.01  # times V that a brake with 2 |α|/K may reach
 NO_TURN = 1e-12  # [rad]
 
@@ -86,7 +87,7 @@ def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
     """
     allowed = max(limits.max_acceleration, norm(alpha)) * ROUNDING
     fastest = max(limits.max_rate, norm(omega)) * _FASTER
-    shortest = max(1.5 * norm(omega) / limits.max_acceleration, 1.0)
+    shortest = max(1.5 * norm(omega) / limits.max_acceleration, SHORTEST_BRAKE)
     for smooth in (True, False):
         length = max(shortest, 2.0 * norm(alpha) / limits.max_jerk) if smooth else shortest
         for _ in range(MOST_ATTEMPTS):

@@ -29,10 +29,9 @@ from ppc_attitude.science.component import Component
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD, ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kernel import add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import DIPOLE
-from ppc_attitude.science.multibody import move, multibody_record, tell, tell_speeds
+from ppc_attitude.science.multibody import move, tell, tell_speeds
 from ppc_attitude.science.orbit import CURSOR, orbit_at
 from ppc_attitude.science.plants import gyrostat
-from ppc_attitude.science.wheels import wheel_record
 
 CONFIGURATION = np.dtype([("craft", multibody.CONFIGURATION), ("field", ORBIT_FIELD)], align=True)
 STATE = np.dtype(
@@ -55,7 +54,7 @@ def configure(values: Mapping[str, Any]) -> Any:
         or the date is outside the field's model.
     """
     record = np.zeros((), CONFIGURATION)[()]
-    record["craft"] = multibody_record(values, wheel_record(values))
+    record["craft"] = gyrostat.COMPONENT.configure(values)
     record["field"] = geomagnetic.orbit_field(values)
     return record
 
