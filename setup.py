@@ -25,6 +25,7 @@ NODES = (
     "reference_generator",
     "attitude_estimator",
     "ppc_controller",
+    "wheel_allocator",
     "disturbance_injector",
     "bag_recorder",
     "attitude_markers",

@@ -51,12 +51,16 @@ class Peer:
         self._own: set[bytes] = set()
         self._publishers = {topic: self._publisher(topic) for topic in publishes}
         for topic in SAMPLED:
-            self.node.create_subscription(
-                message_class(topic.msgtype), topic.name, self._receiver(topic), _QOS, raw=True
-            )
+            self.listen(topic)
         self.node.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._on_health, 100)
         self._executor = new_executor()
         self._executor.add_node(self.node)
+
+    def listen(self, topic: Topic) -> None:
+        """Hear a topic that only some runs have."""
+        self.node.create_subscription(
+            message_class(topic.msgtype), topic.name, self._receiver(topic), _QOS, raw=True
+        )
 
     def _publisher(self, topic: Topic) -> Any:
         return self.node.create_publisher(message_class(topic.msgtype), topic.name, _QOS)

@@ -31,7 +31,7 @@ from unittest import mock
 
 from conftest import StartProcess
 
-from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, NODES, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, OF_A_RUN, PLANT, REFERENCE
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import load
 
@@ -226,9 +226,7 @@ class Run(Process):
         found = {}
         for pid in _children(self.pid):
             command = _command(pid)
-            found.update(
-                {n: pid for n in (ESTIMATOR, *NODES) if f"ppc_attitude.nodes.{n}\0" in command}
-            )
+            found.update({n: pid for n in OF_A_RUN if f"ppc_attitude.nodes.{n}\0" in command})
         return found
 
 

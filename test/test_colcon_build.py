@@ -29,7 +29,7 @@ from process_helpers import PATIENCE
 from test_layers import PACKAGE, ROOT
 
 import ppc_attitude
-from ppc_attitude.contract.topics import ESTIMATOR, MARKERS, NODES, PLANT, RECORDER
+from ppc_attitude.contract.topics import MARKERS, OF_A_RUN, PLANT, RECORDER
 
 GENERATED = {"bags", "build", "install", "log", f"{PACKAGE}.egg-info"}
 SHARED_FILES = [
@@ -86,7 +86,7 @@ def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 def test_executables_are_where_ros2_run_looks(workspace: Path) -> None:
     folder = workspace / "install" / PACKAGE / "lib" / PACKAGE
-    assert {path.name for path in folder.iterdir()} == {*NODES, ESTIMATOR, MARKERS, PACKAGE}
+    assert {path.name for path in folder.iterdir()} == {*OF_A_RUN, MARKERS, PACKAGE}
     assert all(os.access(path, os.X_OK) for path in folder.iterdir())
 
 
@@ -146,7 +146,7 @@ def test_every_executable_runs(workspace: Path, start_process: StartProcess) -> 
     parameters = ["-p", "lockstep:=true", "-p", "wait_for_recorder:=true", "-p", "duration:=0.1"]
     peers = {
         name: start(name, "--params-file", config)
-        for name in (*NODES, ESTIMATOR, MARKERS)
+        for name in (*OF_A_RUN, MARKERS)
         if name not in (PLANT, RECORDER)
     }
     peers[RECORDER] = start(RECORDER, "-p", "bag:=bag")

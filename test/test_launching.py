@@ -27,10 +27,10 @@ from test_layers import ROOT
 from ppc_attitude.command_line.launching import ARGUMENTS, SIDE_BY_SIDE, Request
 from ppc_attitude.contract.topics import (
     CONTROLLER,
-    ESTIMATOR,
     INJECTOR,
     MARKERS,
     NODES,
+    OF_A_RUN,
     PLANT,
     RECORDER,
     REFERENCE,
@@ -46,7 +46,7 @@ def parameters(**given: str) -> Overrides:
 
 
 def test_default_is_the_papers_case_in_lockstep() -> None:
-    assert Request({}).nodes() == (ESTIMATOR, *NODES)
+    assert Request({}).nodes() == OF_A_RUN
     expected = load([CONFIG / "paper.yaml"]).parameters
     found = parameters()
     for node in NODES:
@@ -77,7 +77,7 @@ def test_arguments_reach_their_nodes() -> None:
 
 def test_a_users_own_node_takes_a_place() -> None:
     asked = Request({"without": f"{CONTROLLER}, {REFERENCE}", "markers": "true"})
-    assert set(asked.nodes()) == {ESTIMATOR, *NODES, MARKERS} - {CONTROLLER, REFERENCE}
+    assert set(asked.nodes()) == {*OF_A_RUN, MARKERS} - {CONTROLLER, REFERENCE}
 
 
 def test_without_a_recorder_nobody_waits_for_one() -> None:

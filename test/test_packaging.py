@@ -27,7 +27,7 @@ from packaging.requirements import Requirement
 from test_layers import PACKAGE, ROOT, SOURCES, imports_of
 
 import ppc_attitude
-from ppc_attitude.contract.topics import ESTIMATOR, MARKERS, NODES
+from ppc_attitude.contract.topics import MARKERS, OF_A_RUN
 
 # Imported module: its requirement for pip (None: not on PyPI), its rosdep key (None: optional).
 DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
@@ -148,7 +148,7 @@ def test_nothing_is_declared_that_nothing_needs(
 
 def test_entry_points_lead_to_a_main(setup_arguments: dict[str, Any]) -> None:
     scripts = dict(line.split(" = ") for line in setup_arguments["entry_points"]["console_scripts"])
-    assert scripts.keys() == {*NODES, ESTIMATOR, MARKERS, PACKAGE}
+    assert scripts.keys() == {*OF_A_RUN, MARKERS, PACKAGE}
     for target in scripts.values():
         module, _, function = target.partition(":")
         assert callable(getattr(import_module(module), function)), target

@@ -96,6 +96,7 @@ CASES = {
             ("sensors_cubesat",),
             ("orbit",),
             ("wheels", "orbit", "unloading"),
+            ("wheels", "allocator"),
             ("thrusters",),
         )
     },

@@ -221,7 +221,7 @@ def test_momentum_is_spread_over_the_wheels_that_are_left_without_a_torque(
     axes = SIX / np.linalg.norm(SIX, axis=1, keepdims=True)
     left = np.delete(np.arange(6), lost)
     free = null_space(axes[left].T)
-    excess = SPIN * speeds[left] - part.configuration["null_momentum"][0][left]
+    excess = SPIN * speeds[left] - part.configuration["drive"]["null_momentum"][0][left]
     assert motors[left] == pytest.approx(-0.02 * free @ free.T @ excess, abs=1e-15)
     assert not motors[list(lost)].any()
     assert (np.abs(motors).max() > 1e-6) == (free.shape[1] > 0)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables, with_fault
 from ppc_attitude.campaign.distributions import random_axes
 from ppc_attitude.campaign.varied import values_of
-from ppc_attitude.contract.topics import ESTIMATOR, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS
@@ -176,7 +176,9 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     }
     if variables.fault:
         changed[PLANT][FAULTS.name] = with_fault(values[PLANT], drawn)
-    for node in (ESTIMATOR, INJECTOR):
+    for node in SOURCES:
+        if node == PLANT:
+            continue
         names = [name for name in agreed(node, values[node]) if name in changed[PLANT]]
         told = {name: changed[PLANT][name] for name in names}
         changed[node] = {**told, **changed.get(node, {})}  # unless it was drawn by itself

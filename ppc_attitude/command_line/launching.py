@@ -22,9 +22,8 @@ from typing import Any, NamedTuple
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
     CONTROLLER,
-    ESTIMATOR,
     MARKERS,
-    NODES,
+    OF_A_RUN,
     PLANT,
     RECORDER,
     SOURCES,
@@ -45,8 +44,6 @@ class Argument(NamedTuple):
     choices: tuple[str, ...] = ()
 
 
-_NODES = (ESTIMATOR, *NODES)
-
 ARGUMENTS = {
     "config": Argument(
         "paper.yaml",
@@ -63,7 +60,7 @@ ARGUMENTS = {
     "without": Argument(
         "",
         f"nodes to leave out, separated by commas, so that yours take their place: "
-        f"{', '.join(_NODES)}",
+        f"{', '.join(OF_A_RUN)}",
     ),
     "markers": Argument("false", "draw the run on `markers`, and on /tf where tf2_ros is", _YES_NO),
 }
@@ -98,10 +95,12 @@ class Request:
         """
         left_out = self.words("without")
         for name in left_out:
-            if name not in _NODES:
-                raise ConfigurationError(f"without: {name} is no node; nodes: {', '.join(_NODES)}")
+            if name not in OF_A_RUN:
+                raise ConfigurationError(
+                    f"without: {name} is no node; nodes: {', '.join(OF_A_RUN)}"
+                )
         extra = (MARKERS,) if self.flag("markers") else ()
-        return (*(name for name in _NODES if name not in left_out), *extra)
+        return (*(name for name in OF_A_RUN if name not in left_out), *extra)
 
     def scenario(self, config: Path, overlay: Sequence[Path] = ()) -> Scenario:
         """Checked parameters of every node.

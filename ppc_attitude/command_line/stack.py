@@ -29,7 +29,7 @@ from typing import Any
 from ppc_attitude.command_line.errors import BAD_INPUT
 from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.contract.declared import nodes_of
-from ppc_attitude.contract.topics import ESTIMATOR, NODES, PLANT, RECORDER
+from ppc_attitude.contract.topics import OF_A_RUN, PLANT, RECORDER
 from ppc_attitude.nodes.discovery import DOMAIN, MIDDLEWARE, RANGE, check_discovery, choose_domain
 from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.telling import AT, BROKEN, LINGERS, TIME, WAITING
@@ -41,8 +41,7 @@ _EVENT = re.compile(r"(\x1b\[\d*m)*\[(INFO|DEBUG)\]")  # how ROS begins such a l
 _NO_MIDDLEWARE = 102  # with which rcl ends the process that loads it, before our first line runs
 _GLANCE = 0.02  # [s] between two looks at the processes
 # The recorder goes last, when all others have sent their last message.
-_ALL = (ESTIMATOR, *NODES)
-_OTHERS = tuple(name for name in _ALL if name not in (PLANT, RECORDER))
+_OTHERS = tuple(name for name in OF_A_RUN if name not in (PLANT, RECORDER))
 _STOP_ORDER = ((PLANT,), _OTHERS, (RECORDER,))
 _STOP_BROKEN = ((PLANT, *_OTHERS), (RECORDER,))
 
@@ -97,7 +96,7 @@ class Stack:
     ) -> None:
         self.environment = private_environment() if environment is None else environment
         chosen = set(nodes_of(scenario.parameters) if nodes is None else nodes)
-        self._names = [name for name in _ALL if name in chosen]
+        self._names = [name for name in OF_A_RUN if name in chosen]
         self._parameters = parameter_file(scenario)
         self._on_time = on_time
         self._nodes: dict[str, Child] = {}

@@ -19,12 +19,12 @@ from typing import Any
 
 from ppc_attitude.contract.parameters import SEND_TRUTH
 from ppc_attitude.contract.topics import (
-    ESTIMATOR,
     EVENTS,
     HOSTED,
     INJECTOR,
     MARKERS_TOPIC,
     NODES,
+    OPTIONAL,
     PLANT,
     RECORDED_TOPIC,
     STANDARD,
@@ -107,8 +107,8 @@ def components_of(node: str, values: Mapping[str, Any]) -> tuple[Component, ...]
 
 def nodes_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
     """Nodes that a run with these parameters has."""
-    has_estimator = bool(components_of(ESTIMATOR, parameters.get(ESTIMATOR, {})))
-    return (ESTIMATOR, *NODES) if has_estimator else NODES
+    chosen = (node for node in OPTIONAL if components_of(node, parameters.get(node, {})))
+    return (*chosen, *NODES)
 
 
 def columns_of(node: str, values: Mapping[str, Any]) -> tuple[Column, ...]:

@@ -22,6 +22,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 
 from ppc_attitude.contract.topics import (
+    ALLOCATOR,
     CONTROLLER,
     DISTURBANCE,
     ESTIMATOR,
@@ -34,7 +35,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.science.kinds import ours_first
-from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.parameter import RATE, Parameter, at_start
 from ppc_attitude.science.stamps import LATEST
 
 WAIT_FOR_RECORDER = at_start(
@@ -46,7 +47,7 @@ SEND_TRUTH = at_start(
     "send_truth", False, "send the truth even where sensing is exact, because a node reads it"
 )
 _PLANT = (
-    at_start("rate", 100.0, "steps per second of simulated time", "Hz", low=1.0, high=10000.0),
+    RATE,
     at_start(
         "lockstep",
         False,
@@ -55,7 +56,8 @@ _PLANT = (
     at_start(
         "wait_for",
         [TORQUE_COMMAND.name, DISTURBANCE.name],
-        "inputs that lock-step waits for at every step",
+        f"inputs that lock-step waits for at every step; {TORQUE_COMMAND.name} stands for what "
+        "commands the actuators",
         choices=(TORQUE_COMMAND.name, DISTURBANCE.name),
     ),
     WAIT_FOR_RECORDER,
@@ -132,6 +134,7 @@ _OWN: dict[str, tuple[Parameter, ...]] = {
     PLANT: _PLANT,
     REFERENCE: (WAIT_FOR_RECORDER,),
     CONTROLLER: (WAIT_FOR_RECORDER,),
+    ALLOCATOR: (WAIT_FOR_RECORDER,),
     INJECTOR: _INJECTOR,
     ESTIMATOR: (WAIT_FOR_RECORDER,),
     RECORDER: _RECORDER,

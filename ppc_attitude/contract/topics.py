@@ -36,6 +36,7 @@ from ppc_attitude.science.component import (
 )
 from ppc_attitude.science.kinds import (
     ACTUATORS,
+    ALLOCATORS,
     CONTROLLERS,
     DISTURBANCES,
     ENVIRONMENTS,
@@ -61,11 +62,15 @@ REFERENCE = "reference_generator"
 CONTROLLER = "ppc_controller"
 INJECTOR = "disturbance_injector"
 ESTIMATOR = "attitude_estimator"
+ALLOCATOR = "wheel_allocator"
 RECORDER = "bag_recorder"
 MARKERS = "attitude_markers"  # draws the run for RViz and Foxglove; no run needs it
 NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
-"""The nodes of every run; one whose controller is told an estimate has an estimator as well."""
-SOURCES = (PLANT, ESTIMATOR, REFERENCE, CONTROLLER, INJECTOR)  # of what a run consists of
+"""The nodes of every run."""
+OPTIONAL = (ESTIMATOR, ALLOCATOR)
+"""Nodes that a run has if a component of theirs is selected."""
+OF_A_RUN = (*OPTIONAL, *NODES)
+SOURCES = tuple(node for node in OF_A_RUN if node != RECORDER)  # of what a run consists of
 
 HOSTED: dict[str, tuple[Kind, ...]] = {
     PLANT: (PLANTS, SENSORS, ACTUATORS),
@@ -73,6 +78,7 @@ HOSTED: dict[str, tuple[Kind, ...]] = {
     REFERENCE: (REFERENCES,),
     INJECTOR: (ENVIRONMENTS, DISTURBANCES),
     CONTROLLER: (CONTROLLERS,),
+    ALLOCATOR: (ALLOCATORS,),
 }
 """Which kinds of component each node runs."""
 

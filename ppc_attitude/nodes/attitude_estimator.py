@@ -23,7 +23,7 @@ from ppc_attitude.contract.topics import ESTIMATOR, Topic
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.fixes import Fixes
-from ppc_attitude.runtime.health import ERROR, STALE, WARN, Status
+from ppc_attitude.runtime.health import STALE, Status
 from ppc_attitude.runtime.stamps import Instant, Values
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.sensors.arrivals import Slots, check_slots
@@ -81,12 +81,7 @@ class AttitudeEstimator(ComponentNode):
         status = super().status()
         if status.level == STALE and self._fixes and self._fixes.waits_for_fix:
             return Status(STALE, f"waiting for {self._late.name}", status.details)
-        for part in self.chain.parts:
-            if status.level != STALE and part.advice.text:
-                text, warning, failed, _ = part.advice
-                level = ERROR if failed else WARN if warning else status.level
-                status = Status(level, text, status.details)
-        return status
+        return self.advised(status)
 
 
 def main() -> int:

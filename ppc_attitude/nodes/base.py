@@ -29,8 +29,7 @@ from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
     CHANGES_TOPIC,
     DIAGNOSTICS_TOPIC,
-    ESTIMATOR,
-    NODES,
+    OF_A_RUN,
     PARAMETER_EVENTS_TOPIC,
     RECORDER,
     Topic,
@@ -297,7 +296,7 @@ class BaseNode(Node):
     def _await_readers(self, publishers: Sequence[Any]) -> None:
         """Wait for who reads these, and for strangers only as long as somebody of the run reads."""
         home = self.get_namespace().rstrip("/")
-        ours = {f"{home}/{name}" for name in (ESTIMATOR, *NODES)}
+        ours = {f"{home}/{name}" for name in OF_A_RUN}
         begin = self.now()
         for publisher in publishers:
             while publisher.get_subscription_count() and not publisher.wait_for_all_acked(_GLANCE):

@@ -24,7 +24,7 @@ from ppc_attitude.contract.topics import ATTITUDE, Topic
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.runtime.answers import Answers
 from ppc_attitude.runtime.chain import Chain
-from ppc_attitude.runtime.health import OK, STALE, WARN, Status
+from ppc_attitude.runtime.health import ERROR, OK, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import Instant, Values
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
@@ -138,6 +138,15 @@ class ComponentNode(BaseNode):
             self.tell_again(stamp_ns)
         self.arm()
         self.health.begin_again()
+
+    def advised(self, status: Status) -> Status:
+        """Status with the advice of the components, once they run."""
+        for part in self.chain.parts:
+            if status.level != STALE and part.advice.text:
+                text, warning, failed, _ = part.advice
+                level = ERROR if failed else WARN if warning else status.level
+                status = Status(level, text, status.details)
+        return status
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""

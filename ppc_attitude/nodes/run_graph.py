@@ -29,10 +29,9 @@ from rclpy.task import Future
 
 from ppc_attitude.contract.parameters import is_of_ros
 from ppc_attitude.contract.topics import (
-    ESTIMATOR,
     EVENTS,
     MARKERS_TOPIC,
-    NODES,
+    OF_A_RUN,
     PARAMETER_EVENTS_TOPIC,
     RECORDED_TOPIC,
     RECORDER,
@@ -43,7 +42,6 @@ from ppc_attitude.nodes.parameters import with_lists
 from ppc_attitude.science.parameter import unquoted
 
 _PERIOD = 1.0  # [s] between two looks for nodes that have not told their parameters
-_SENDERS = {*NODES, ESTIMATOR}
 _OURS = {MARKERS_TOPIC.name, RECORDED_TOPIC.name, *(topic.name for topic in EVENTS)}
 _NAMES = {topic.name for topic in STANDARD}
 
@@ -73,7 +71,7 @@ class RunGraph:
 
     def __init__(self, node: Node, told: Mapping[str, Mapping[str, list[str]]]) -> None:
         self._node = node
-        self._known = {home: _SENDERS | nodes.keys() for home, nodes in told.items()}
+        self._known = {home: set(OF_A_RUN) | nodes.keys() for home, nodes in told.items()}
         self.nodes: set[tuple[str, str]] = set()
         self.promised = {home: set(chain(*nodes.values())) for home, nodes in told.items()}
 

@@ -25,7 +25,13 @@ from std_srvs.srv import Trigger
 from ppc_attitude.contract.cdr import LARGEST, decode_clock, encode_clock
 from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of, gives
 from ppc_attitude.contract.parameters import SEND_TRUTH, WAIT_FOR_RECORDER
-from ppc_attitude.contract.topics import CLOCK_TOPIC, PLANT, RECORDED_TOPIC, TRUE_RATE
+from ppc_attitude.contract.topics import (
+    CLOCK_TOPIC,
+    PLANT,
+    RECORDED_TOPIC,
+    TORQUE_COMMAND,
+    TRUE_RATE,
+)
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.nodes.running import run_node
@@ -70,7 +76,10 @@ class SpacecraftPlant(BaseNode):
             rate=rate,
             last_step=round(duration * rate) if duration else None,
             inputs={topic.name: (0.0,) * topic.width for topic in topics},
-            wait_for=tuple(values["wait_for"]),
+            wait_for=tuple(
+                topics[0].name if name == TORQUE_COMMAND.name else name
+                for name in values["wait_for"]
+            ),
             waits=bool(values[WAIT_FOR_RECORDER.name]),
         )
         kind = Lockstep if values["lockstep"] else FreeRunning

@@ -221,11 +221,19 @@ CONTROLLERS = Kind(
     (TORQUE_COMMAND,),
     front="ppc_attitude.science.rate_observer",
 )
+ALLOCATORS = Kind(
+    "allocators",
+    "allocator",
+    "from the commanded torque to what each actuator is to do",
+    ("wheel_drive",),
+    (),
+    optional=True,
+)
 ACTUATORS = Kind(
     "actuators",
     "actuator",
     "from command to torque",
-    ("ideal", "wheels", "wheels_rods", "thrusters"),
+    ("ideal", "wheels", "wheels_rods", "wheel_motors", "thrusters"),
     (APPLIED_TORQUE,),
 )
 
@@ -237,6 +245,7 @@ KINDS = (
     ENVIRONMENTS,
     DISTURBANCES,
     CONTROLLERS,
+    ALLOCATORS,
     ACTUATORS,
 )
 """In the order in which the components of an instant run."""

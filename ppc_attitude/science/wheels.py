@@ -14,8 +14,8 @@
 
 """Reaction wheels: what a configuration says of them, their friction, and what is told of them.
 
-Drive electronics (`actuators.wheels`) and body (`plants.gyrostat`) read the same record. A wheel
-that the craft does not have is a row of zeros.
+Drive electronics (`allocators.wheel_drive`), motors (`actuators.wheel_motors`) and body
+(`plants.gyrostat`) read the same record. A wheel that the craft does not have is a row of zeros.
 """
 
 from collections.abc import Mapping
@@ -24,10 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.science.allocation import certain_torque, largest_torque
 from ppc_attitude.science.component import BODY, MAX_WHEELS, WHEEL_SPEEDS, WHEEL_TORQUES, Column
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import OF_A_TORQUE, Failure, How
 from ppc_attitude.science.kernel import ZERO, Vector, add, kernel, scale, vector
-from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.parameter import RATE, Parameter, at_start
 
 _S = 3.0**-0.5
 AXES = at_start(
@@ -114,6 +116,29 @@ TORQUE = Column(
     "N·m",
     "motor torque of each wheel, from the stamp on",
 )
+COMMAND = Column(
+    "wheel_torque_command",
+    "wheels/torque_command",
+    WHEEL_TORQUES,
+    BODY,
+    "N·m",
+    "motor torque that each wheel is asked for, from the stamp on",
+)
+TRACE = 1e-9
+"""Share of its torque that a full wheel keeps, so that no load is infinite."""
+_HOW = (*OF_A_TORQUE, Failure(How.DRAG, 1, 1.0), Failure(How.SEIZED))
+
+
+def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
+    """Return each wheel by its name, and how it can fail."""
+    return {f"wheel/{i}": _HOW for i in range(len(values[AXES.name]) // 3)}
+
+
+def torques(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Torque on an axis [N·m] that the wheels give in any direction, and at most."""
+    axes = axes_of(values)
+    limits = np.broadcast_to(values[MAX_TORQUE.name], len(axes))  # one is for all
+    return certain_torque(axes, limits), largest_torque(axes, limits)
 
 
 def wheel_record(values: Mapping[str, Any]) -> Any:
@@ -138,10 +163,10 @@ def wheel_record(values: Mapping[str, Any]) -> Any:
                 "wheel"
             )
         record[parameter.name.partition(".")[2]][:count] = given
-    gained = record["max_torque"][:count] / (record["inertia"][:count] * values["rate"])
+    gained = record["max_torque"][:count] / (record["inertia"][:count] * values[RATE.name])
     record["full"][:count] = record["max_speed"][:count] - gained
     for i in range(count):
-        _check(record, i, 1.0 / values["rate"])
+        _check(record, i, 1.0 / values[RATE.name])
     return record
 
 
@@ -218,6 +243,14 @@ def friction(wheels: Any, i: int, speed: float) -> float:
     over = speed / wheels.stribeck_speed[i]
     dry = wheels.coulomb[i] + (wheels.static[i] - wheels.coulomb[i]) * np.exp(-over * over)
     return float(dry * np.tanh(speed / wheels.transition_speed[i]) + wheels.viscous[i] * speed)
+
+
+@kernel
+def room(wheels: Any, i: int, speed: float, h: float) -> tuple[float, float]:
+    """Torques [N·m] that bring a wheel to its largest speed in h [s], backwards and forwards."""
+    faster = wheels.inertia[i] * (wheels.max_speed[i] - speed) / h
+    slower = wheels.inertia[i] * (wheels.max_speed[i] + speed) / h
+    return slower, faster
 
 
 @kernel

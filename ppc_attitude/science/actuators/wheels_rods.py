@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science import magnetorquers
-from ppc_attitude.science.actuators import wheels
+from ppc_attitude.science import magnetorquers, wheels
+from ppc_attitude.science.actuators import wheels as driven
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
@@ -40,18 +40,17 @@ from ppc_attitude.science.magnetorquers import (
     magnetorquer_record,
     unloading_dipole,
 )
-from ppc_attitude.science.wheels import momentum
 
 _RODS = dict.fromkeys(
     ("magnetorquer/x", "magnetorquer/y", "magnetorquer/z"),
     (Failure(How.EFFECTIVENESS, 1, 0.0, 1.0), Failure(How.STUCK, 1, unit="A·m²")),
 )
 CONFIGURATION = np.dtype(
-    [("drive", wheels.CONFIGURATION), ("rods", MAGNETORQUERS), ("faults", RECORD)], align=True
+    [("wheels", driven.CONFIGURATION), ("rods", MAGNETORQUERS), ("faults", RECORD)], align=True
 )
 STATE = np.dtype(
     [
-        ("drive", wheels.STATE),
+        ("wheels", driven.STATE),
         ("begun", np.int64),  # periods, the present one included
         ("dipole", np.float64, (3,)),  # [A·m²] asked for, held
     ],
@@ -69,7 +68,7 @@ def configure(values: Mapping[str, Any]) -> Any:
         number of steps, or a fault is none.
     """
     record = np.zeros((), CONFIGURATION)[()]
-    record["drive"] = wheels.configure(values)
+    record["wheels"] = driven.configure(values)
     record["rods"] = magnetorquer_record(values)
     record["faults"] = faults_of(values, _RODS)
     certain, of_rods = wheels.torques(values)[0], torque_of_rods(values)
@@ -105,13 +104,13 @@ def _given(m: Vector, configuration: Any, stamp_ns: int) -> Vector:
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Let the wheels give the commanded torque, and add that of the rods."""
-    wheels.step(inputs, state.drive, configuration.drive, outputs)
+    driven.step(inputs, state.wheels, configuration.wheels, outputs)
     rods, b = configuration.rods, vector(inputs.magnetic_field)
-    now = step_of(inputs.stamp_ns, 1.0 / configuration.drive.h)
+    now = step_of(inputs.stamp_ns, 1.0 / configuration.wheels.motors.h)
     if now // rods.period + 1 != state.begun:
         state.begun = now // rods.period + 1
         # The momenta h* to which the drive leads the wheels cancel: all of Σ h a is too much.
-        excess = momentum(configuration.drive.wheels, inputs.wheel_speed)
+        excess = wheels.momentum(configuration.wheels.motors.wheels, inputs.wheel_speed)
         store(state.dipole, unloading_dipole(excess, b, now, rods))
     dipole = vector(state.dipole)
     if configuration.faults.count:
@@ -129,16 +128,16 @@ def torques(values: Mapping[str, Any]) -> tuple[float, float]:
 
 COMPONENT = Component(
     name="wheels_rods",
-    parameters=(*wheels.COMPONENT.parameters, *magnetorquers.PARAMETERS),
+    parameters=(*driven.COMPONENT.parameters, *magnetorquers.PARAMETERS),
     configure=configure,
     configuration=CONFIGURATION,
     state=STATE,
-    inputs=(*wheels.COMPONENT.inputs, MAGNETIC_FIELD),
-    outputs=(*wheels.COMPONENT.outputs, DIPOLE),
+    inputs=(*driven.COMPONENT.inputs, MAGNETIC_FIELD),
+    outputs=(*driven.COMPONENT.outputs, DIPOLE),
     step=step,
-    advice=lambda state: wheels.advice(state["drive"]),
-    advices=lambda state: wheels.COMPONENT.advices(state["drive"]),
-    limits=(*wheels.COMPONENT.limits, MAX_DIPOLE.name),
+    advice=lambda state: driven.advice(state["wheels"]),
+    advices=lambda state: driven.COMPONENT.advices(state["wheels"]),
+    limits=(*driven.COMPONENT.limits, MAX_DIPOLE.name),
     torque=torques,
     faults=parts_of,
 )

@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ppc_attitude.science.actuators import wheels, wheels_rods
 from ppc_attitude.science.allocation import certain_torque
+from ppc_attitude.science.allocators.wheel_drive import COMPENSATION, KNOWLEDGE
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.wheels import wheel_record
 
@@ -97,8 +98,8 @@ def actuation_of(
     spinning = (axes.T * spin) @ axes  # Σ J_s a aᵀ
     body = inertia - spinning
     gyroscopic = fastest * momentum + _gyroscopic(inertia) * fastest**2  # ‖ω × h‖, h = H − J ω
-    compensated = bool(plant[wheels.COMPENSATION.name])
-    knowledge = float(plant[wheels.KNOWLEDGE.name])
+    compensated = bool(plant[COMPENSATION.name])
+    knowledge = float(plant[KNOWLEDGE.name])
     left = motor - np.minimum(knowledge * friction, motor)
     torque = certain_torque(axes, left) - compensated * gyroscopic
     # The disturbance is below the largest command, or nothing could be guaranteed.

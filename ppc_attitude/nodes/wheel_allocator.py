@@ -1,0 +1,44 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The wheel allocator: from the commanded torque to the torque of each wheel, in a node of its own.
+
+A run has it only if an allocator is selected; then the craft's actuators take what it sends.
+"""
+
+import sys
+
+from ppc_attitude.contract.topics import ALLOCATOR
+from ppc_attitude.nodes.component_node import ComponentNode
+from ppc_attitude.nodes.running import run_node
+from ppc_attitude.runtime.health import Status
+
+
+class WheelAllocator(ComponentNode):
+    """Runs the selected allocator."""
+
+    executable = ALLOCATOR
+
+    def status(self) -> Status:
+        """What every component node says, or which wheels are lost."""
+        return self.advised(super().status())
+
+
+def main() -> int:
+    """Run the executable `wheel_allocator`."""
+    return run_node(WheelAllocator)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The drive of the wheels as flight software, and the motors that take what it sends."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_helpers import assert_flown
+from conftest import StartProcess
+from craft_helpers import ROOT, case, configs, part_of
+from estimation_helpers import STEP_NS
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+from peer import peer
+from process_helpers import PAPER, Run
+
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.contract.declared import BY_COLUMN
+from ppc_attitude.contract.topics import (
+    ALLOCATOR,
+    CONTROLLER,
+    INJECTOR,
+    PLANT,
+    REFERENCE,
+    TORQUE_COMMAND,
+)
+from ppc_attitude.science import wheels
+from ppc_attitude.science.kinds import ACTUATORS, ALLOCATORS
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+
+FAULTS = ["wheel/1 effectiveness 0 from 2 for 3", "wheel/3 drag 4 from 1", "wheel/0 bias 1e-3"]
+NUMBER = st.floats(-1.0, 1.0)
+
+
+@pytest.mark.parametrize("faults", [[], FAULTS], ids=["sound", "failing"])
+def test_the_drive_moves_the_craft_as_the_same_drive_on_board(faults: list[str]) -> None:
+    """A wheel begins beside its largest speed, so that every limit has its turn."""
+    start = {"faults": faults, "wheels__initial_speed": [627.9, -300.0, 0.0, 50.0]}
+    on_board = simulate(case("wheels", **start), 8.0)
+    alone = case("wheels", "allocator", **start).with_values(ALLOCATOR, faults=faults)
+    record = simulate(alone, 8.0)
+    assert record.columns.keys() - on_board.columns.keys() == {wheels.COMMAND.name}
+    for name, expected in on_board.columns.items():
+        assert_array_equal(record[name], expected, err_msg=name)
+    # What is asked for and what is given differ where a wheel fails, and nowhere else.
+    failed = (record[wheels.COMMAND.name] != record["wheel_torque"]).any(axis=0)
+    assert failed[:4].tolist() == ([True, True, False, True] if faults else [False] * 4)
+
+
+def test_recorded_torques_move_a_craft_as_they_did() -> None:
+    flown = simulate(case("wheels"), 20.0)
+    motors = part_of(ACTUATORS, "wheel_motors")
+    for k in range(0, flown.stamps_ns.size, 50):
+        asked, rate = flown["wheel_torque"][k], flown["angular_velocity"][k]
+        motors.step(k * STEP_NS, [*asked, *rate, *flown["wheel_speed"][k]])
+        applied = motors.output("applied_torque")
+        assert applied == pytest.approx(flown["applied_torque"][k], abs=1e-15)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(NUMBER, min_size=4, max_size=4), st.lists(NUMBER, min_size=4, max_size=4))
+def test_no_torque_that_is_sent_passes_the_limits_of_motor_and_speed(
+    torques: list[float], shares: list[float]
+) -> None:
+    """The limits are written once more: 0.05 N·m, and 628.3 rad/s at the end of the step."""
+    motors = part_of(ACTUATORS, "wheel_motors", wheels__viscous=[0.0], wheels__static=[5e-4])
+    speeds = [*(628.3 * share for share in shares), 0.0, 0.0, 0.0, 0.0]
+    motors.step(0, [*torques, *[0.0] * 4, 0.02, -0.01, 0.03, *speeds])
+    gave = motors.output("wheel_torque")
+    for torque, given_, speed in zip(torques, gave, speeds, strict=False):
+        friction = 5e-4 * np.tanh(speed / 0.1)
+        lowest, highest = (friction + 8e-4 / 0.01 * (end - speed) for end in (-628.3, 628.3))
+        expected = np.clip(torque, max(-0.05, lowest), min(0.05, highest))
+        assert given_ == pytest.approx(expected, abs=1e-9)
+    assert_array_equal(gave[4:], 0.0)
+
+
+def test_a_node_that_does_not_know_of_a_fault_goes_on_asking_the_lost_wheel() -> None:
+    lost = ["wheel/2 effectiveness 0"]
+    asks = [0.01, 0.0, 0.0, *[0.0] * 3, *[0.0] * 8]
+    told = part_of(ALLOCATORS, "wheel_drive", *lost, wheels__detection_delay=0.0)
+    untold = part_of(ALLOCATORS, "wheel_drive", wheels__detection_delay=0.0)
+    told.step(0, asks)
+    untold.step(0, asks)
+    assert told.output(wheels.COMMAND.name)[2] == 0.0 != untold.output(wheels.COMMAND.name)[2]
+    assert "wheel 2 lost: the others give the torque" in told.advice.text
+    assert not untold.advice.text
+
+
+@pytest.mark.ros
+def test_the_allocators_node_gives_the_bits_of_the_loop(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    """Seven processes: with an estimator, the drive knows the estimated rate."""
+    overlays = configs("wheels", "sensors_smallsat", "allocator")
+    options = [f"--config={path}" for path in overlays]
+    run = Run(start_process, tmp_path / "bag", "--duration", "3", *options)
+    assert run.ends() == 0, run.err
+    record = read_run(run.bag)
+    assert_flown(record, simulate(load([PAPER, *overlays]), 3.0))
+    assert ALLOCATOR in record.parameters
+
+
+@pytest.mark.ros
+def test_an_allocator_of_the_users_takes_its_place(start_process: StartProcess) -> None:
+    """The example of the pages, beside nodes that are started by hand."""
+    given = [f"--params-file={path}" for path in (PAPER, *configs("wheels", "allocator"))]
+    words = ["--ros-args", *(word for each in given for word in each.split("="))]
+    nodes = [[f"ppc_attitude.nodes.{name}", *words] for name in (REFERENCE, CONTROLLER, INJECTOR)]
+    with peer() as stack:
+        stack.listen(BY_COLUMN[wheels.TORQUE.name])
+        for node in nodes:
+            start_process([sys.executable, "-m", *node])
+        start_process([sys.executable, str(ROOT / "docs/examples/own_allocator.py")])
+        # Paced, so that there are commands when all are heard; where that begins does not matter.
+        paced = ["-p", "lockstep:=true", "-p", "real_time_factor:=2.0"]
+        start_process([sys.executable, "-m", f"ppc_attitude.nodes.{PLANT}", *words, *paced])
+        stack.goes_on()
+        stack.spin()
+    commands = {each.stamp_ns: each.values for each in stack.heard[TORQUE_COMMAND.name]}
+    motors = [each for each in stack.heard[wheels.TORQUE.topic] if each.stamp_ns in commands]
+    assert len(motors) > 40
+    shares = -np.linalg.pinv(np.reshape(wheels.AXES.default, (4, 3)).T)
+    for each in motors:  # the pseudo-inverse asks for 0.065 N·m where the drive needs 0.043
+        expected = np.clip(shares @ commands[each.stamp_ns], -0.05, 0.05)
+        assert each.values[:4] == pytest.approx(expected, abs=1e-10)
