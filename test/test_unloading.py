@@ -46,7 +46,7 @@ FIELD = (1.2e-5, -2.5e-5, 3.1e-5)  # [T]
 def rods_of(**given: Any) -> Any:
     """Configuration of the rods; parameters without the group's name."""
     named = {f"magnetorquers__{name}": value for name, value in given.items()}
-    return part_of(ACTUATORS, "wheels_rods", **named).configuration[0]["rods"]
+    return part_of(ACTUATORS, "wheels_rods", **named).configuration[0]["law"]
 
 
 def speeds_of(momentum: Array) -> Array:

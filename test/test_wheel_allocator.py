@@ -39,7 +39,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.science import wheels
+from ppc_attitude.science import magnetorquers, wheels
 from ppc_attitude.science.kinds import ACTUATORS, ALLOCATORS
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -49,13 +49,22 @@ NUMBER = st.floats(-1.0, 1.0)
 
 
 @pytest.mark.parametrize("faults", [[], FAULTS], ids=["sound", "failing"])
-def test_the_drive_moves_the_craft_as_the_same_drive_on_board(faults: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("craft", "alone"),
+    [
+        (("wheels",), "allocator"),
+        (("wheels", "orbit", "unloading"), "allocator_unloading"),
+    ],
+)
+def test_the_drive_moves_the_craft_as_the_same_drive_on_board(
+    craft: tuple[str, ...], alone: str, faults: list[str]
+) -> None:
     """A wheel begins beside its largest speed, so that every limit has its turn."""
     start = {"faults": faults, "wheels__initial_speed": [627.9, -300.0, 0.0, 50.0]}
-    on_board = simulate(case("wheels", **start), 8.0)
-    alone = case("wheels", "allocator", **start).with_values(ALLOCATOR, faults=faults)
-    record = simulate(alone, 8.0)
-    assert record.columns.keys() - on_board.columns.keys() == {wheels.COMMAND.name}
+    on_board = simulate(case(*craft, **start), 8.0)
+    record = simulate(case(*craft, alone, **start).with_values(ALLOCATOR, faults=faults), 8.0)
+    commands = {wheels.COMMAND.name, magnetorquers.COMMAND.name}
+    assert record.columns.keys() - on_board.columns.keys() == commands & record.columns.keys()
     for name, expected in on_board.columns.items():
         assert_array_equal(record[name], expected, err_msg=name)
     # What is asked for and what is given differ where a wheel fails, and nowhere else.
@@ -91,6 +100,18 @@ def test_no_torque_that_is_sent_passes_the_limits_of_motor_and_speed(
     assert_array_equal(gave[4:], 0.0)
 
 
+def test_a_dipole_too_large_is_scaled_and_turns_the_craft() -> None:
+    rods, field = part_of(ACTUATORS, "wheel_motors_rods"), [2e-5, -1e-5, 3e-5]
+    for asked, given_ in (
+        ([1.0, -2.0, 3.0], [1.0, -2.0, 3.0]),
+        ([5.0, -40.0, 0.0], [1.25, -10, 0]),
+    ):
+        rods.step(0, [*[0.0] * 8, 0.0, 0.0, 0.0, *[0.0] * 8, *asked, *field])
+        assert rods.output("magnetorquer_dipole") == pytest.approx(given_, rel=1e-15)
+        turned = np.cross(given_, field)
+        assert rods.output("applied_torque") == pytest.approx(turned, rel=1e-12)
+
+
 def test_a_node_that_does_not_know_of_a_fault_goes_on_asking_the_lost_wheel() -> None:
     lost = ["wheel/2 effectiveness 0"]
     asks = [0.01, 0.0, 0.0, *[0.0] * 3, *[0.0] * 8]
@@ -108,7 +129,7 @@ def test_the_allocators_node_gives_the_bits_of_the_loop(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
     """Seven processes: with an estimator, the drive knows the estimated rate."""
-    overlays = configs("wheels", "sensors_smallsat", "allocator")
+    overlays = configs("wheels", "orbit", "unloading", "sensors_smallsat", "allocator_unloading")
     options = [f"--config={path}" for path in overlays]
     run = Run(start_process, tmp_path / "bag", "--duration", "3", *options)
     assert run.ends() == 0, run.err

@@ -27,10 +27,12 @@ from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of,
 from ppc_attitude.contract.parameters import SEND_TRUTH, WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
     CLOCK_TOPIC,
+    DISTURBANCE,
     PLANT,
     RECORDED_TOPIC,
     TORQUE_COMMAND,
     TRUE_RATE,
+    Topic,
 )
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.qos import PEER, published
@@ -76,10 +78,7 @@ class SpacecraftPlant(BaseNode):
             rate=rate,
             last_step=round(duration * rate) if duration else None,
             inputs={topic.name: (0.0,) * topic.width for topic in topics},
-            wait_for=tuple(
-                topics[0].name if name == TORQUE_COMMAND.name else name
-                for name in values["wait_for"]
-            ),
+            wait_for=tuple(topic.name for topic in topics if _awaited(topic) in values["wait_for"]),
             waits=bool(values[WAIT_FOR_RECORDER.name]),
         )
         kind = Lockstep if values["lockstep"] else FreeRunning
@@ -233,6 +232,11 @@ class SpacecraftPlant(BaseNode):
 
 class _DivergedError(Exception):
     """The motion is no motion of a craft any more."""
+
+
+def _awaited(topic: Topic) -> str:
+    """Name under which `wait_for` has an input: all that is no disturbance is a command."""
+    return DISTURBANCE.name if topic == DISTURBANCE else TORQUE_COMMAND.name
 
 
 def _split(values: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:

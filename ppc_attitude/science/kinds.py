@@ -225,7 +225,7 @@ ALLOCATORS = Kind(
     "allocators",
     "allocator",
     "from the commanded torque to what each actuator is to do",
-    ("wheel_drive",),
+    ("wheel_drive", "wheel_drive_rods"),
     (),
     optional=True,
 )
@@ -233,7 +233,7 @@ ACTUATORS = Kind(
     "actuators",
     "actuator",
     "from command to torque",
-    ("ideal", "wheels", "wheels_rods", "wheel_motors", "thrusters"),
+    ("ideal", "wheels", "wheels_rods", "wheel_motors", "wheel_motors_rods", "thrusters"),
     (APPLIED_TORQUE,),
 )
 

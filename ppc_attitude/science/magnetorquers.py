@@ -19,15 +19,30 @@ section 7.5) m = (k/B²) (Δh × B), so that m × B = −k Δh⊥: what is acros
 goes, and along the orbit the field turns.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import BODY, VECTOR, Column
-from ppc_attitude.science.kernel import ZERO, Vector, add, cross, dot, kernel, largest, norm, scale
+from ppc_attitude.science.faults import Failure, How
+from ppc_attitude.science.kernel import (
+    ZERO,
+    Vector,
+    add,
+    cross,
+    dot,
+    kernel,
+    largest,
+    norm,
+    scale,
+    store,
+    vector,
+)
 from ppc_attitude.science.noise import normal_vector
-from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.parameter import RATE, Parameter, at_start
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.stamps import whole_steps
 
@@ -88,6 +103,14 @@ MAGNETORQUERS = np.dtype(
         ("period", np.int64),  # in steps
         ("noise", np.float64),  # [T]
         ("seed", np.int64),
+        ("rate", np.float64),  # [Hz] steps per second
+    ],
+    align=True,
+)
+HELD = np.dtype(
+    [
+        ("begun", np.int64),  # periods, the present one included
+        ("dipole", np.float64, (3,)),  # [A·m²] asked for, held
     ],
     align=True,
 )
@@ -99,6 +122,19 @@ DIPOLE = Column(
     "A·m²",
     "dipole of the magnetorquers, from the stamp on",
 )
+COMMAND = Column(
+    "magnetorquer_dipole_command",
+    "magnetorquers/dipole_command",
+    VECTOR,
+    BODY,
+    "A·m²",
+    "dipole that the magnetorquers are asked for, from the stamp on",
+)
+RODS = dict.fromkeys(
+    ("magnetorquer/x", "magnetorquer/y", "magnetorquer/z"),
+    (Failure(How.EFFECTIVENESS, 1, 0.0, 1.0), Failure(How.STUCK, 1, unit="A·m²")),
+)
+"""Each rod by its name, and how it can fail."""
 _CHANNEL = 28  # of the noise, and the next; sensors have those below
 
 
@@ -114,10 +150,16 @@ def magnetorquer_record(values: Mapping[str, Any]) -> Any:
     record["max_dipole"] = values[MAX_DIPOLE.name]
     record["gain"] = values[GAIN.name] if values[LAW.name] == "cross_product" else 0.0
     record["deadband"] = values[DEADBAND.name]
-    record["period"] = whole_steps(PERIOD.name, values[PERIOD.name], values["rate"])
+    record["period"] = whole_steps(PERIOD.name, values[PERIOD.name], values[RATE.name])
     record["noise"] = values[NOISE.name]
     record["seed"] = values[SEED.name]
+    record["rate"] = values[RATE.name]
     return record
+
+
+def torque_of_rods(values: Mapping[str, Any]) -> float:
+    """Largest torque on an axis [N·m]: two rods are across it."""
+    return math.sqrt(2.0) * float(values[MAX_DIPOLE.name]) * STRONGEST_FIELD
 
 
 @kernel
@@ -140,3 +182,26 @@ def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
     b = add(b, scale(rods.noise, normal_vector(rods.seed, step, _CHANNEL)))
     m = scale(rods.gain / dot(b, b), cross(excess, b))
     return scale(rods.max_dipole / max(largest(m), rods.max_dipole), m)
+
+
+@kernel
+def unload(momentum: Vector, b: Vector, stamp_ns: int, held: Any, rods: Any) -> Vector:
+    """Dipole m [A·m²] of an instant: that of the law, made when a period begins and held since.
+
+    Parameters
+    ----------
+    momentum
+        Σ J_s Ω a of the wheels [N·m·s]. All of it is to go, because the momenta h* to which a drive
+        leads the wheels cancel.
+    b
+        True field B [T].
+    stamp_ns
+        Instant [ns].
+    held, rods
+        Records of dtype `HELD` and `MAGNETORQUERS`.
+    """
+    now = step_of(stamp_ns, rods.rate)
+    if now // rods.period + 1 != held.begun:
+        held.begun = now // rods.period + 1
+        store(held.dipole, unloading_dipole(momentum, b, now, rods))
+    return vector(held.dipole)

@@ -35,6 +35,7 @@ from ppc_attitude.science.actuators import wheels, wheels_rods
 from ppc_attitude.science.allocation import certain_torque
 from ppc_attitude.science.allocators.wheel_drive import COMPENSATION, KNOWLEDGE
 from ppc_attitude.science.kinds import ACTUATORS
+from ppc_attitude.science.magnetorquers import torque_of_rods
 from ppc_attitude.science.wheels import wheel_record
 
 Floats = NDArray[np.float64]
@@ -119,7 +120,7 @@ def actuation_of(
     unknown = 2.0 * (craft["static"] + craft["viscous"] * gained) + abs(1.0 - knowledge) * friction
     rest += float((unknown @ np.abs(axes)).max())
     if ACTUATORS.selected(plant) is wheels_rods.COMPONENT:
-        rest += wheels_rods.torque_of_rods(plant)
+        rest += torque_of_rods(plant)
     return Actuation("certain torque of the wheels", torque, 0.0, False, float(rest), body)
 
 

@@ -1,0 +1,145 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Motors of reaction wheels, and magnetorquers, that take what flight software sends.
+
+The motors are those of `actuators.wheel_motors`. Rods with a dipole m turn the craft by m × B.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science import magnetorquers, wheels
+from ppc_attitude.science.actuators import wheel_motors
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import RECORD, Failure, faults_of, faulty
+from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
+from ppc_attitude.science.kernel import (
+    Vector,
+    add,
+    cross,
+    kernel,
+    largest,
+    scale,
+    store,
+    vector,
+)
+from ppc_attitude.science.magnetorquers import DIPOLE, MAX_DIPOLE, torque_of_rods
+
+RODS = np.dtype([("max_dipole", np.float64), ("faults", RECORD)], align=True)
+CONFIGURATION = np.dtype([("motors", wheel_motors.CONFIGURATION), ("rods", RODS)], align=True)
+
+
+def rods_of(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `RODS` from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The rods are stronger than the wheels, or a fault is none.
+    """
+    record = np.zeros((), RODS)[()]
+    record["max_dipole"] = values[MAX_DIPOLE.name]
+    record["faults"] = faults_of(values, magnetorquers.RODS)
+    certain, of_rods = wheels.torques(values)[0], torque_of_rods(values)
+    if of_rods >= certain:
+        raise ConfigurationError(
+            f"{MAX_DIPOLE.name} = {values[MAX_DIPOLE.name]:g} A·m²: {of_rods:.3g} N·m in the "
+            f"strongest field; allowed: less than the {certain:.3g} N·m that the wheels give"
+        )
+    return record
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The wheels are impossible or weaker than the rods, or a fault is none.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["motors"] = wheel_motors.configure(values)
+    record["rods"] = rods_of(values)
+    return record
+
+
+def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
+    """Return wheels and rods by their names, and how each can fail."""
+    return {**wheels.parts_of(values), **magnetorquers.RODS}
+
+
+@kernel
+def turn(dipole: Vector, b: Vector, stamp_ns: int, rods: Any, outputs: Any) -> None:
+    """Let the rods give a dipole [A·m²] in a field B [T]; add their torque to that of the wheels.
+
+    Parameters
+    ----------
+    dipole
+        Asked for, within what the rods can give, body axes.
+    b
+        Field, body axes.
+    stamp_ns
+        Instant [ns].
+    rods
+        Record of dtype `RODS`.
+    outputs
+        Record with the columns that the actuator gives.
+    """
+    if rods.faults.count:
+        dipole = (
+            faulty(dipole[0], rods.max_dipole, rods.faults, 0, stamp_ns),
+            faulty(dipole[1], rods.max_dipole, rods.faults, 1, stamp_ns),
+            faulty(dipole[2], rods.max_dipole, rods.faults, 2, stamp_ns),
+        )
+    store(outputs.magnetorquer_dipole, dipole)
+    store(outputs.applied_torque, add(vector(outputs.applied_torque), cross(dipole, b)))
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Let motors and rods give what a node asks of them; a dipole too large is scaled."""
+    wheel_motors.step(inputs, state, configuration.motors, outputs)
+    asked, most = vector(inputs.magnetorquer_dipole_command), configuration.rods.max_dipole
+    if largest(asked) > most:
+        asked = scale(most / largest(asked), asked)
+    b = vector(inputs.magnetic_field)
+    turn(asked, b, inputs.stamp_ns, configuration.rods, outputs)
+
+
+def torques(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Torque on an axis [N·m] that wheels give in any direction, rods against it; and at most."""
+    certain, most = wheels.torques(values)
+    of_rods = torque_of_rods(values)
+    return certain - of_rods, most + of_rods
+
+
+COMPONENT = Component(
+    name="wheel_motors_rods",
+    parameters=(*wheel_motors.COMPONENT.parameters, MAX_DIPOLE),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=wheel_motors.STATE,
+    inputs=(*wheel_motors.COMPONENT.inputs, magnetorquers.COMMAND, MAGNETIC_FIELD),
+    outputs=(*wheel_motors.COMPONENT.outputs, DIPOLE),
+    step=step,
+    advice=wheel_motors.advice,
+    advices=wheel_motors.COMPONENT.advices,
+    limits=(*wheel_motors.COMPONENT.limits, MAX_DIPOLE.name),
+    torque=torques,
+    faults=parts_of,
+)

@@ -1,0 +1,76 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Drive electronics of reaction wheels, and the law of magnetorquers that unload them.
+
+The drive is that of `allocators.wheel_drive`. It is not told of the rods' torque: the law takes
+that as a disturbance, and the wheels give their momentum away against it.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppc_attitude.science import magnetorquers
+from ppc_attitude.science.allocators import wheel_drive
+from ppc_attitude.science.component import Component
+from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
+from ppc_attitude.science.kernel import kernel, store, vector
+from ppc_attitude.science.magnetorquers import HELD, MAGNETORQUERS, magnetorquer_record, unload
+from ppc_attitude.science.wheels import momentum
+
+CONFIGURATION = np.dtype(
+    [("drive", wheel_drive.CONFIGURATION), ("rods", MAGNETORQUERS)], align=True
+)
+STATE = np.dtype([("drive", wheel_drive.STATE), ("held", HELD)], align=True)
+
+
+def configure(values: Mapping[str, Any]) -> Any:
+    """Build the kernel's record from checked parameter values.
+
+    Raises
+    ------
+    ConfigurationError
+        The wheels are impossible, or the period of the rods is no whole number of steps, or a
+        fault is none.
+    """
+    record = np.zeros((), CONFIGURATION)[()]
+    record["drive"] = wheel_drive.configure(values)
+    record["rods"] = magnetorquer_record(values)
+    return record
+
+
+@kernel
+def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Share the commanded torque among the wheels, and unload them."""
+    wheel_drive.step(inputs, state.drive, configuration.drive, outputs)
+    full, b = momentum(configuration.drive.wheels, inputs.wheel_speed), inputs.magnetic_field
+    dipole = unload(full, vector(b), inputs.stamp_ns, state.held, configuration.rods)
+    store(outputs.magnetorquer_dipole_command, dipole)
+
+
+COMPONENT = Component(
+    name="wheel_drive_rods",
+    parameters=(*wheel_drive.COMPONENT.parameters, *magnetorquers.PARAMETERS),
+    configure=configure,
+    configuration=CONFIGURATION,
+    state=STATE,
+    inputs=(*wheel_drive.COMPONENT.inputs, MAGNETIC_FIELD),
+    outputs=(*wheel_drive.COMPONENT.outputs, magnetorquers.COMMAND),
+    step=step,
+    advice=lambda state: wheel_drive.advice(state["drive"]),
+    advices=lambda state: wheel_drive.COMPONENT.advices(state["drive"]),
+    faults=wheel_drive.COMPONENT.faults,
+)
