@@ -115,6 +115,7 @@ STATE = np.dtype(
         ("rank", np.int64),  # how many dimensions the others span
         ("news", np.int64),
         # What a step works with.
+        ("resistance", np.float64, (MAX_WHEELS,)),  # [N·m] friction
         ("low", np.float64, (MAX_WHEELS,)),
         ("high", np.float64, (MAX_WHEELS,)),
         ("given", np.float64, (MAX_WHEELS,)),
@@ -171,7 +172,7 @@ def _limits(speeds: Any, configuration: Any, state: Any) -> None:
     """Net torque that each wheel can give: by its motor, and by the speed that is left to it."""
     craft = configuration.wheels
     for i in range(craft.count):
-        resistance = friction(craft, i, speeds[i])
+        resistance = state.resistance[i] = friction(craft, i, speeds[i])
         slower, faster = room(craft, i, speeds[i], configuration.h)
         known = _taken_away(resistance, speeds[i], i, configuration)
         driven = known - resistance
@@ -287,8 +288,7 @@ def share(
     _within(configuration, state, load)
     _spread_momentum(speeds, configuration, state)
     for i in range(craft.count):
-        resistance = friction(craft, i, speeds[i])
-        motors[i] = state.net[i] + _taken_away(resistance, speeds[i], i, configuration)
+        motors[i] = state.net[i] + _taken_away(state.resistance[i], speeds[i], i, configuration)
 
 
 @kernel
