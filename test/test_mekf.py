@@ -280,8 +280,24 @@ def test_variances_that_rounding_would_mix_are_refused() -> None:
         filter_record({**suite("smallsat"), **given})
 
 
+@pytest.mark.parametrize("latency", [0.1, 0.6, 5.0])
+def test_a_fix_is_missed_from_its_arrival_on_however_late_that_is(latency: float) -> None:
+    part = Part(mekf.COMPONENT, suite("smallsat", star_tracker__latency=latency))
+    delay, last = round(100 * latency), 3000  # steps
+
+    def is_warning_at(k: int) -> bool:
+        valid = k - delay
+        fix = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, latency)
+        came = valid % 10 == 0 and 0 <= valid <= last
+        part.step(k * STEP_NS, (0.0, 0.0, 0.0, 0.0, *(fix if came else (0.0,) * 8)))
+        return bool(part.advice.warning)
+
+    warned = [k for k in range(last + delay + 60) if is_warning_at(k)]
+    assert warned[0] - last - delay in (50, 51)  # five slots, to rounding
+
+
 def test_the_filter_says_what_it_thinks_of_itself() -> None:
-    values = suite("smallsat")
+    values = suite("smallsat", star_tracker__latency=0.0)
     part = Part(mekf.COMPONENT, values)
     no_fix, good = (0.0,) * 8, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     false = (0.0, 0.0, math.sin(0.1), math.cos(0.1), 0.0, 0.0, 0.0, 0.0)

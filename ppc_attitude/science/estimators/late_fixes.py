@@ -66,7 +66,7 @@ FILTER = np.dtype(
         ("unmounting", np.float64, (4,)),  # body to tracker, x y z w
         ("gate", np.float64),
         ("lost_sigma", np.float64),  # [rad] of 3σ
-        ("stale", np.float64),  # [s] without a fix that the user hears of
+        ("stale", np.float64),  # [s] since the last fix's validity that the user hears of
     ],
     align=True,
 )

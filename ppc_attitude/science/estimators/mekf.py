@@ -156,7 +156,7 @@ def filter_record(values: Mapping[str, Any]) -> Any:
     record["unmounting"] = conjugate(mounting)
     record["gate"] = values["gate"]
     record["lost_sigma"] = values["lost_sigma"]
-    record["stale"] = _STALE_SLOTS / values[RATE.name]
+    record["stale"] = _STALE_SLOTS / values[RATE.name] + values[LATENCY.name]
     return record
 
 
