@@ -229,7 +229,7 @@ def begun(steps: int, at: int = 0, valid: int = 0) -> tuple[Any, Array, Any]:
     ("steps", "at", "valid", "stamps"),
     [
         # Of no step that is remembered: forgotten, between two, to come.
-        (1201, 0, 0, (0, 1200 * STEP_NS + 1, 1201 * STEP_NS)),
+        (1201, 0, 0, (0, 1199 * STEP_NS + STEP_NS // 2, 1201 * STEP_NS)),
         # Of steps before the first that the filter knows of, and the first fix once more.
         (100, 90, 80, (0, 79 * STEP_NS, 80 * STEP_NS)),
     ],
@@ -244,6 +244,15 @@ def test_a_fix_of_no_step_that_waits_for_one_is_counted_and_changes_nothing(
         assert not told
     assert (memory["unmatched"], memory["accepted"]) == (3, 1)
     assert known_now(memory) == before
+
+
+@pytest.mark.parametrize(("off", "accepted"), [(-1, 2), (1, 2), (-600, 2), (1000, 1)])
+def test_a_fix_is_of_its_step_whatever_its_stamp_was_rounded_to(off: int, accepted: int) -> None:
+    settings, truth, memory = begun(100)
+    for _ in range(2):  # the second time it is known
+        take_fix(memory, settings, 50 * STEP_NS + off, tuple(truth[50]))
+    assert memory["accepted"] == accepted
+    assert memory["unmatched"] == 3 - accepted
 
 
 def test_a_refused_fix_that_comes_again_does_not_agree_with_itself() -> None:

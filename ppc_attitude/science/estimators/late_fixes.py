@@ -52,6 +52,7 @@ from ppc_attitude.science.kernel import (
     store_quaternion,
     vector,
 )
+from ppc_attitude.science.sensors.arrivals import TOLERANCE
 from ppc_attitude.science.sensors.star_tracker import MAX_DELAY
 from ppc_attitude.science.symmetric import Symmetric
 
@@ -182,9 +183,9 @@ def take_sample(memory: Any, settings: Any, stamp_ns: int, rate: Vector) -> None
 
 @kernel
 def _steps_since(memory: Any, stamp_ns: int) -> int:
-    """How many steps ago a remembered stamp [ns] was; −1 if it is not remembered."""
+    """How many steps ago a remembered stamp [ns] was, to rounding; −1 if it is not remembered."""
     for ago in range(min(memory.count, STEPS)):
-        if memory.stamps_ns[(memory.count - 1 - ago) % STEPS] == stamp_ns:
+        if abs(memory.stamps_ns[(memory.count - 1 - ago) % STEPS] - stamp_ns) <= TOLERANCE:
             return ago
     return -1
 
@@ -224,11 +225,12 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
     """
     memory.fixes += 1
     ago = _steps_since(memory, valid_ns)
+    slot = (memory.count - 1 - ago) % STEPS
+    valid_ns = memory.stamps_ns[slot]
     repeated = memory.agreeing > 0 and valid_ns == memory.refused_ns  # it would agree with itself
     if ago < 0 or repeated or (memory.knows != 0.0 and valid_ns <= memory.fix_ns):
         memory.unmatched += 1
         return ZERO, False
-    slot = (memory.count - 1 - ago) % STEPS
     covariance = _symmetric(settings.fix_covariance)
     attitude = product(fix, quaternion(settings.unmounting))
     whitened, told, begins = ZERO, False, memory.knows == 0.0
