@@ -137,15 +137,43 @@ def test_a_fix_of_the_future_is_refused() -> None:
         joined(fixes, [("fix", 9000 * STEP, 0.0)])
 
 
-def test_fixes_of_the_past_and_of_no_slot_are_counted_and_a_repeated_one_is_not() -> None:
+def test_fixes_of_the_past_are_counted_and_a_repeated_one_is_not() -> None:
     fixes = of_the_first_second()
     events: list[tuple[str, int, float]]
     events = [("fix", 30 * STEP, 5.0), ("fix", 85 * STEP, 5.0), ("fix", 90 * STEP, 5.0)]
     events += [("sample", k * STEP, float(k)) for k in range(101, 111)]
     assert {fix for *_, fix in joined(fixes, events)} == {0.0}
-    assert fixes.useless == 1  # nobody knows yet that time has not begun again: only of no slot
+    assert fixes.useless == 0  # nobody knows yet that time has not begun again
     assert joined(fixes, [("fix", 100 * STEP, 3.0)]) == [(110 * STEP, 110.0, 3.0)]
     assert fixes.useless == 2
+
+
+@pytest.mark.parametrize(
+    ("first", "late"),
+    [(0, 30), (0, 150), (3, 10), (7, 0), (7, 35)],  # later than it says, or of slots of its own
+)
+def test_a_fix_that_nobody_waits_for_is_used_with_the_sample_after_it(
+    first: int, late: int
+) -> None:
+    fixes = Fixes(Slots(10.0, latency=0.1, initial=False), 1, patience=0.04)
+    found, sent = [], []
+    for k in range(400):
+        found += joined(fixes, [("sample", k * STEP, 0.0)])
+        valid = k - late
+        if valid % 10 == first and valid >= 0:
+            found += joined(fixes, [("fix", valid * STEP, float(valid + 1))])
+            sent.append((k, valid + 1.0))
+    used = [(at // STEP - 1, fix) for at, _, fix in found if fix]
+    assert used[-10:] == sent[len(used) - 10 : len(used)]
+    assert len(sent) - len(used) <= 1 and fixes.useless == 0
+
+
+def test_fixes_that_come_at_once_are_used_one_with_a_sample_and_in_their_order() -> None:
+    fixes = of_the_first_second()
+    joined(fixes, [("sample", k * STEP, 0.0) for k in range(101, 150)])
+    joined(fixes, [("fix", (k + 1) * STEP, float(k)) for k in (120, 110, 130)])
+    found = joined(fixes, [("sample", k * STEP, 0.0) for k in range(150, 154)])
+    assert [fix for *_, fix in found if fix] == [110.0, 120.0, 130.0]
 
 
 def test_a_fix_that_never_comes_is_given_up_and_nobody_waits_again_until_one_comes() -> None:

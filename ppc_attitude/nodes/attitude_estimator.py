@@ -73,7 +73,7 @@ class AttitudeEstimator(ComponentNode):
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""
         lost, useless = (self._fixes.lost, self._fixes.useless) if self._fixes else (0, 0)
-        counts = {"fixes that never came": lost, "fixes too late or of no slot": useless}
+        counts = {"fixes not there in time": lost, "fixes after a newer one": useless}
         return {**super().details(), **counts}
 
     def status(self) -> Status:

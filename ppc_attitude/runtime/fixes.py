@@ -15,6 +15,8 @@
 """When an instant of the estimator is complete: its gyro sample is there, and the fix that is due.
 
 Every slot has one message, with or without a fix, so nobody has to guess whether one still comes.
+A fix that nobody waits for is used when it comes: of a tracker that is later than it says, or that
+has slots of its own.
 """
 
 from collections.abc import Iterator
@@ -47,9 +49,9 @@ class Fixes(Generic[Sample]):
     Attributes
     ----------
     lost : int
-        Slots whose fix never came.
+        Slots whose fix did not come in time.
     useless : int
-        Fixes that came too late, or belong to no slot.
+        Fixes that came after a newer one was used.
     """
 
     def __init__(self, slots: Slots, width: int, patience: float = 0.1) -> None:
@@ -97,11 +99,9 @@ class Fixes(Generic[Sample]):
         newest = self._guard.last
         if newest is not None and valid_ns - newest > StampGuard.LARGEST_STEP:
             raise out_of_order("fix", valid_ns)
-        if not self._slots.has(valid_ns):
-            self.useless += 1
-            return
         # One for which a sample would still have waited is worth the wait; a later one never is.
-        if self._last is None or not self._slots.arrived(valid_ns, self._last - self._patience):
+        last = None if self._last is None else self._last - self._patience
+        if self._slots.has(valid_ns) and (last is None or not self._slots.arrived(valid_ns, last)):
             self._is_heard = True
         if valid_ns != self._used:  # the message of a repeated state has been used
             self._fixes[valid_ns] = values
@@ -125,18 +125,33 @@ class Fixes(Generic[Sample]):
                 yield stamp, self._samples.pop(stamp), self._none
                 continue
             slot = self._slots.due(self._last, stamp)
-            row = self._none
+            valid = self._unawaited(stamp)
             if slot is not None:
-                valid = next((each for each in self._fixes if abs(each - slot) <= TOLERANCE), None)
-                if valid is not None:
-                    row = (*self._fixes.pop(valid), seconds(stamp - valid))
-                    self._used = valid
-                    for older in [each for each in self._fixes if each < valid]:
-                        self._discard(older)
+                due = next((each for each in self._fixes if abs(each - slot) <= TOLERANCE), None)
+                if due is not None:
+                    valid = due
                 elif self._is_heard and next(reversed(self._samples)) - stamp <= self._patience:
                     return
                 else:
                     self._is_heard = False
                     self.lost += 1
             self._last = stamp
+            row = self._none if valid is None else self._taken(valid, stamp)
             yield stamp, self._samples.pop(stamp), row
+
+    def _unawaited(self, stamp_ns: int) -> int | None:
+        """Validity [ns] of the oldest new fix, if no sample from a stamp [ns] on is due with it."""
+        new = [each for each in self._fixes if self._used is None or each > self._used]
+        if self._last is None or not new:
+            return None
+        valid = min(new)
+        awaited = self._slots.has(valid) and not self._slots.arrived(valid, self._last)
+        return None if awaited or valid > stamp_ns else valid
+
+    def _taken(self, valid_ns: int, stamp_ns: int) -> Values:
+        """Return a fix and its age [s] at a stamp [ns]; those before it are of no use any more."""
+        row = (*self._fixes.pop(valid_ns), seconds(stamp_ns - valid_ns))
+        self._used = valid_ns
+        for older in [each for each in self._fixes if each < valid_ns]:
+            self._discard(older)
+        return row
