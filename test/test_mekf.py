@@ -305,6 +305,16 @@ def test_a_fix_is_missed_from_its_arrival_on_however_late_that_is(latency: float
     assert warned[0] - last - delay in (50, 51)  # five slots, to rounding
 
 
+def test_a_filter_in_the_dark_warns_after_five_slots() -> None:
+    part = Part(mekf.COMPONENT, suite("smallsat", star_tracker__latency=0.0))
+    begin = 12_345 * STEP_NS
+    for k in range(52):
+        part.step(begin + k * STEP_NS, (0.0,) * 12)
+        late = k > 50
+        text = "no fix for 0.51 s, so no estimate" if late else "no fix yet"
+        assert part.advice[:3] == (text, late, False)
+
+
 def test_the_filter_says_what_it_thinks_of_itself() -> None:
     values = suite("smallsat", star_tracker__latency=0.0)
     part = Part(mekf.COMPONENT, values)

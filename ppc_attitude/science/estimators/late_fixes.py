@@ -97,7 +97,7 @@ MEMORY = np.dtype(
         ("agreeing", np.int64),  # refused fixes in a row that agree with each other
         ("refused_error", np.float64, (4,)),  # of the last refused fix, inertial axes
         ("refused_ns", np.int64),  # its validity [ns]
-        ("fix_ns", np.int64),  # validity [ns] of the last accepted fix
+        ("fix_ns", np.int64),  # validity [ns] of the last accepted fix; before it, the first sample
         ("fixes", np.int64),  # in all, also refused ones
         ("refused", np.int64),  # by the gate
         ("unmatched", np.int64),  # of no remembered stamp, or not newer than the last used one
@@ -105,7 +105,7 @@ MEMORY = np.dtype(
         ("doubtful", np.float64),  # 1 while the last fix was refused
         ("verdict", np.int64),  # on itself: `mekf`
         ("verdicts", np.int64),  # how often it changed
-        ("age", np.float64),  # [s] since the validity of the last accepted fix
+        ("age", np.float64),  # [s] since `fix_ns`
         ("sigma", np.float64),  # [rad] largest of the attitude's three
         ("nis", np.float64, (INNOVATIONS,)),  # of the last fixes that were used
         ("used", np.int64),  # how many there were
@@ -173,7 +173,11 @@ def take_sample(memory: Any, settings: Any, stamp_ns: int, rate: Vector) -> None
     slot = memory.count % STEPS
     step, known = memory.steps[slot], NOTHING
     store(step.rate, rate)
-    step.interval = seconds(stamp_ns - memory.stamps_ns[last]) if memory.count > 0 else 0.0
+    if memory.count == 0:
+        memory.fix_ns = stamp_ns
+        step.interval = 0.0
+    else:
+        step.interval = seconds(stamp_ns - memory.stamps_ns[last])
     memory.stamps_ns[slot] = stamp_ns
     if memory.knows != 0.0 and memory.count > 0:
         known = _carried(memory, slot, recalled(memory, last), settings)

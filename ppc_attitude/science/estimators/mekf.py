@@ -120,7 +120,7 @@ PARAMETERS = (
 _STALE_SLOTS = 5
 _SHARPEST = 1e-15  # [rad] its square is still far above the smallest float
 _MOST_UNEVEN = 1e4
-_GOOD, _WAITING, _DOUBTFUL, _STALE, _LOST, _NO_RATE = range(6)
+_GOOD, _WAITING, _DARK, _DOUBTFUL, _STALE, _LOST, _NO_RATE = range(7)
 
 
 def filter_record(values: Mapping[str, Any]) -> Any:
@@ -170,7 +170,7 @@ def _judge(memory: Any, settings: Any, stamp_ns: int, known: Knowledge) -> None:
     if memory.count == 0:
         verdict = _NO_RATE
     elif memory.knows == 0.0:
-        verdict = _WAITING
+        verdict = _DARK if memory.age > settings.stale else _WAITING
     elif 3.0 * memory.sigma > settings.lost_sigma:
         verdict = _LOST
     elif memory.age > settings.stale:
@@ -191,12 +191,13 @@ def advice(memory: Any) -> Advice:
     text = {
         _GOOD: "tracking",
         _WAITING: "no fix yet",
+        _DARK: f"no fix for {age:.3g} s, so no estimate",
         _DOUBTFUL: "the last fix was refused",
         _STALE: f"no fix for {age:.3g} s",
         _LOST: f"lost: no fix for {age:.3g} s",
         _NO_RATE: "lost: the gyro gives no rate",
     }[verdict]
-    if verdict not in (_WAITING, _NO_RATE):
+    if verdict not in (_WAITING, _DARK, _NO_RATE):
         text += f", 3σ = {arcsec:.4g}″"
     numbers = {
         "fixes": int(memory["fixes"]),
