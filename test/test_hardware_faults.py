@@ -233,6 +233,8 @@ def test_a_tracker_tells_what_its_faults_make_of_a_fix() -> None:
     lost = np.flatnonzero((blind[:, 4] == -1.0) & blind.any(axis=1))
     assert lost.tolist() == [103, 113, 123, 133, 143]
     assert not blind[lost, :4].any()
+    # One that is dead still has a message for each slot, which says that it has no fix.
+    assert np.array_equal(sensed("star_tracker dead from 1 for 0.5", **size)[1], blind)
     biased = sensed("star_tracker bias 0.1 0.2 -0.3", **size)[1]
     turn = Rotation.from_quat(plain[came, :4]).inv() * Rotation.from_quat(biased[came, :4])
     assert turn.as_rotvec() == pytest.approx(np.tile([0.1, 0.2, -0.3], (came.size, 1)), abs=1e-13)

@@ -102,6 +102,7 @@ PARTS = {
             multiplies=(star_tracker.CROSS_NOISE.name, star_tracker.BORESIGHT_NOISE.name),
         ),
         Failure(How.OUTLIERS, 1, 0.0, 1.0, multiplies=(star_tracker.OUTLIER_SIZE.name,)),
+        Failure(How.DEAD),
     ),
 }
 _SLOTS = 1024  # pending fixes, more than MAX_DELAY
@@ -215,8 +216,9 @@ def _sensed_fix(inputs: Any, configuration: Any, step: int) -> Quaternion:
     """Fix of a slot, with the tracker's faults."""
     tracker, faults, stamp_ns = configuration.tracker, configuration.faults, inputs.stamp_ns
     q, omega = quaternion(inputs.truth_attitude), vector(inputs.truth_angular_velocity)
-    if acting(faults, _TRACKER, How.BLIND, stamp_ns) >= 0:
-        return NO_FIX
+    for how in (How.BLIND, How.DEAD):
+        if acting(faults, _TRACKER, how, stamp_ns) >= 0:
+            return NO_FIX
     louder = number_of(faults, _TRACKER, How.NOISE, stamp_ns, 1.0)
     outliers = number_of(faults, _TRACKER, How.OUTLIERS, stamp_ns, 0.0)
     fix = star_fix(tracker, q, omega, stamp_ns, step, louder, outliers)
