@@ -113,6 +113,20 @@ def test_no_torque_until_the_first_estimate() -> None:
     assert (columns["torque_command"][10:] != 0.0).any(axis=1).all()
 
 
+@pytest.mark.parametrize("dark", [0.1, 10.0])
+def test_a_law_that_begins_with_a_late_first_fix_settles_as_much_later(dark: float) -> None:
+    """Not down its table, where the paper's error could not follow."""
+    begun = {"initial_fix": False}
+    blind = {"star_tracker.blinding_times": [0.0], "star_tracker.blinding_durations": [dark - 0.1]}
+    late = {PLANT: {**begun, **(blind if dark > 0.1 else {})}, "attitude_estimator": begun}
+    settled = []
+    for given in ({}, late):
+        error = true_error(simulate(load(configs("paper", "sensors_flagship"), given), 120.0))
+        assert error[10000:].max() < 2e-4
+        settled.append(0.01 * np.flatnonzero(error >= 5e-3)[-1])
+    assert settled[1] - settled[0] < dark + 0.5
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

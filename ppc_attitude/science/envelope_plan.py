@@ -281,7 +281,8 @@ def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains:
 
     At t = 0 the envelopes begin at the top of their tables, as in the paper; a plan made later
     begins where the errors take the share `_SHARE` of them. With ``envelope: nominal`` nothing
-    waits and the stretch is 1; `feasible` then says whether the model stays inside.
+    waits and the stretch is 1, so a later plan begins at the top as well if the model would not
+    stay inside further down; `feasible` says whether it does.
     """
     shape = gains.attitude_shape
     phi = rotation_angle(q_e)
@@ -300,9 +301,13 @@ def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains:
             peak = _hold(phi, rate, 1.0, 1.0, ready, brake, gains)[2]
             reach = max(reach, math.sin(0.5 * peak))
         plan.attitude_clock = clock_at(reach / _SHARE, shape)
+    inside = _follows_table(plan.attitude_clock, q_e, omega_e, ready, gains)
+    if gains.auto == 0.0 and not inside:
+        plan.attitude_clock = 0.0
+        inside = _follows_table(0.0, q_e, omega_e, ready, gains)
+    if t > 0.0:
         rho = nominal(plan.attitude_clock, shape)[0]
         plan.rate_clock = _rate_clock(q_e, omega_e, rho, gains)
-    inside = _follows_table(plan.attitude_clock, q_e, omega_e, ready, gains)
     if gains.auto != 0.0 and (t > 0.0 or not inside):
         inside = _plan_fall(plan, phi, rate, ready, brake, gains)
         plan.waiting = 1.0
