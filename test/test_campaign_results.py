@@ -77,6 +77,18 @@ def test_a_bin_with_a_hole_is_unknown() -> None:
     assert unknown.tolist() == [np.searchsorted(starts, 6000, "right") - 1]
 
 
+@pytest.mark.filterwarnings("error")
+def test_there_is_no_envelope_before_the_first_estimate() -> None:
+    record = normal_run(120.0)
+    for name in ("attitude_error", "attitude_envelope"):
+        record.columns[name] = record.columns[name].copy()
+        record.columns[name][:3] = 0.0
+    starts, _ = time_bins(record.stamps_ns)
+    levels = levels_of(record, pointing_errors(record).quaternions, starts)
+    assert (levels[1:, 0] == UNKNOWN).all()
+    assert (levels[:, 1:] != UNKNOWN).all() and levels[0, 0] != UNKNOWN
+
+
 def bands_of(values: np.ndarray) -> QuantileBands:
     """Bands of one time bin in which the runs have these attitude errors."""
     bands = QuantileBands(np.array([0.0, 1.0]))

@@ -65,6 +65,7 @@ def levels_of(record: RunRecord, errors: Array, starts: NDArray[np.intp]) -> Lev
     values = [size.max(axis=0)]
     if ATTITUDE_ENVELOPE.column in record:
         envelope = record[ATTITUDE_ENVELOPE.column].T
+        envelope = np.where(envelope > 0.0, envelope, np.nan)  # there is none without an attitude
         own = np.abs(record[ATTITUDE_ERROR.column][:, :3]).T
         values += [envelope.max(axis=0), (own / envelope).max(axis=0)]
     levels = np.full((len(QUANTITIES), starts.size), UNKNOWN, np.uint8)
