@@ -199,6 +199,30 @@ def test_topics_with_stamps_of_their_own_are_held(tmp_path: Path) -> None:
     assert (lost.value, read.missing) == (0.0, {})
 
 
+@pytest.mark.parametrize(("attitude", "rate", "goal"), [(1, 1, 20), (2, 1, 50), (1, 2, 200)])
+def test_topics_at_rates_that_divide_each_other_are_held(
+    tmp_path: Path, attitude: int, rate: int, goal: int
+) -> None:
+    """Every n-th stamp of a 100 Hz clock: a slow topic lacks nothing, a fast one adds no instant.
+
+    The goal of the last case comes once, at the begin.
+    """
+    taken = {"attitude": attitude, "angular_velocity": rate, "reference_attitude": goal}
+    sent = [
+        (topic, stamp, data)
+        for topic, stamp, data in messages(only(RUN, *taken))
+        if stamp % (taken[topic.column] * int(RUN.stamps_ns[1])) == 0
+    ]
+    path = write_messages(tmp_path / "bag", sent)
+    read = read_run(path)
+    np.testing.assert_array_equal(read.stamps_ns, RUN.stamps_ns[::attitude])
+    assert read.missing == {}
+    latest = np.arange(0, len(RUN.t), attitude)
+    for column, step in taken.items():
+        np.testing.assert_array_equal(read[column], RUN[column][latest // step * step])
+    assert any("reference/attitude has stamps of its own" in each for each in read.warnings)
+
+
 def test_a_plant_in_any_rhythm_has_no_gaps(tmp_path: Path) -> None:
     stamps = np.cumsum([0, *[10_000_000, 30_000_000] * 50])
     columns = {"attitude": RUN["attitude"]}

@@ -33,8 +33,12 @@ from ppc_attitude.science.stamps import NANOSECONDS, seconds
 _LONGEST_DELAY = 3
 # Each costs a look at all stamps that follow; who leaps more often has no rhythm to go on with.
 _MOST_LEAPS = 100
-# A sensor of others' has gaps only if three in four of its steps are as near as this to the median.
+# Three in four steps of a steady rhythm are as near as this to its period. A sensor of others' has
+# gaps only if it is steady.
 _STEADY = 0.2
+# Periods within this ratio of each other, either way, are those of one rhythm with some losses.
+_SAME_RHYTHM = 1.5
+_FEWEST = 3  # messages that have a rhythm
 # A killed recorder leaves the last instants without some of their messages: it takes what has
 # gathered one topic after the other, and on a busy machine much has gathered.
 _RAGGED_END = NANOSECONDS  # [ns]
@@ -133,8 +137,7 @@ def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> fr
     """Put topics with stamps of their own on the master's: at each instant the latest counts."""
     stamps, held = series[master].stamps, set()
     for topic, messages in series.items():
-        own = np.count_nonzero(~np.isin(messages.stamps, stamps))
-        if topic.late or 2 * own <= len(messages.stamps):
+        if topic.late or not _goes_its_own_way(messages.stamps, stamps):
             continue
         place = np.searchsorted(messages.stamps, stamps, side="right") - 1
         begun = place >= 0
@@ -150,6 +153,25 @@ def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> fr
         series[topic] = Series(stamps[begun], messages.values[place], messages.arrival[place])
         held.add(topic)
     return frozenset(held)
+
+
+def _goes_its_own_way(own: Integers, stamps: Integers) -> bool:
+    """Whether a topic has other stamps than the master's, or a steady rhythm of its own.
+
+    A reference that comes once a second has stamps of an attitude at 100 Hz, and lacks nothing.
+    """
+    if 2 * np.count_nonzero(~np.isin(own, stamps)) > len(own):
+        return True
+    if min(len(own), len(stamps)) < _FEWEST:
+        return len(own) < _FEWEST <= len(stamps)
+    steps = np.diff(own)
+    period = float(np.median(steps))
+    ratio = period / float(np.median(np.diff(stamps)))
+    return _steady(steps, period) and not 1.0 / _SAME_RHYTHM < ratio < _SAME_RHYTHM
+
+
+def _steady(steps: Integers, period: float) -> bool:
+    return bool(np.quantile(np.abs(steps / period - 1.0), 0.75) <= _STEADY)
 
 
 def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> int | None:
@@ -241,7 +263,7 @@ def _complete(
     period = NANOSECONDS / rate if rate else float(np.median(steps))
     lost = np.maximum(np.rint(steps / period).astype(np.int64) - 1, 0)
     total = int(lost.sum())
-    if total == 0 or (rate is None and np.quantile(np.abs(steps / period - 1.0), 0.75) > _STEADY):
+    if total == 0 or (rate is None and not _steady(steps, period)):
         return stamps, 0
     if total > most:
         warnings.append(
