@@ -287,6 +287,20 @@ def test_param_load_takes_what_yaml_takes_for_text(asker: Node, tmp_path: Path) 
 
 
 @pytest.mark.ros
+def test_param_load_takes_lists_with_what_yaml_takes_for_text(asker: Node, tmp_path: Path) -> None:
+    """It sends texts for [3e-06], and one text for [2.8, 3e-05]: both stand in a dump."""
+    file = tmp_path / "load.yaml"
+    inertia = [2.8, 3e-05, 0.0, 3e-05, 2.5, 0.0, 0.0, 0.0, 1.9]
+    chosen = {"inertia": inertia, "wheels": {"viscous": [4e-06]}, "faults": ["axis/x weak 1e-1"]}
+    file.write_text(yaml.safe_dump({f"/{PLANT}": {"ros__parameters": chosen}}))
+    with serving(PLANT):
+        assert set(loaded(asker, PLANT, file)) == {"faults"}  # there is no such kind
+        content = dumped(asker, f"/{PLANT}")[f"/{PLANT}"]["ros__parameters"]
+    assert content["inertia"] == inertia
+    assert content["wheels"]["viscous"] == [4e-06]
+
+
+@pytest.mark.ros
 def test_a_value_of_a_type_that_ros_does_not_have_is_refused_by_name(asker: Node) -> None:
     """rclpy raises for it, which would end the node."""
     for reason in refusals(asker, Parameter(name="rate", value=ParameterValue(type=77))):

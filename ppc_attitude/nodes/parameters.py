@@ -18,6 +18,7 @@ import json
 import re
 from array import array
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import date
 from functools import cached_property
 from typing import Any
@@ -41,6 +42,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import LARGEST, Parameter, Value, resolved, unknown
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+_LIST = re.compile(r"\[.+\]")
 _TYPES = {each.value: each.name for each in RosParameter.Type}
 
 Check = Callable[[Mapping[str, Value]], None]
@@ -64,7 +66,9 @@ class NodeParameters:
         self._table = {parameter.name: parameter for parameter in PARAMETERS[executable]}
         # rcl gives an empty list, such as `ros2 param dump` writes, without type and value.
         chosen = {
-            name: [] if override.type_ == RosParameter.Type.NOT_SET else _plain(override.value)
+            name: []
+            if override.type_ == RosParameter.Type.NOT_SET
+            else with_lists(self._read(name, override.value))
             for name, override in node._parameter_overrides.items()
             if not is_of_ros(name)
         }
@@ -81,7 +85,7 @@ class NodeParameters:
             _declare(node, parameter, _quoted(self.values[parameter.name]))
         self.changed = False
         self._taken = self.values
-        node.add_pre_set_parameters_callback(_with_numbers)
+        node.add_pre_set_parameters_callback(self._with_numbers)
         node.add_on_set_parameters_callback(self._on_set)
         self._services = _Services(node, executable)
 
@@ -95,6 +99,19 @@ class NodeParameters:
         self._taken, self.changed = self.values, False
         return changes
 
+    def _read(self, name: str, value: Any) -> Any:
+        """Value with numbers where a parameter of numbers comes as text."""
+        entry = self._table.get(name)
+        return value if entry is None or entry.of_strings else _numbers(value)
+
+    def _with_numbers(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        """Make numbers of those that come as text, so that a dump has numbers too."""
+        return [
+            each if read is each.value else RosParameter(each.name, value=read)
+            for each in parameters
+            for read in [self._read(each.name, each.value)]
+        ]
+
     def _on_set(self, parameters: list[RosParameter]) -> SetParametersResult:
         proposed = dict(self.values)
         try:
@@ -103,7 +120,7 @@ class NodeParameters:
                     entry = self._table[parameter.name]
                     if entry.read_only:
                         raise ConfigurationError(f"{parameter.name} has effect only at start")
-                    proposed[parameter.name] = entry.checked(_plain(parameter.value))
+                    proposed[parameter.name] = entry.checked(with_lists(parameter.value))
             self._check(proposed)
         except ConfigurationError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -172,24 +189,18 @@ def _of_any_node() -> set[str]:
     return {parameter.name for table in PARAMETERS.values() for parameter in table}
 
 
-def _with_numbers(parameters: list[RosParameter]) -> list[RosParameter]:
-    """Make numbers with an exponent of those that come as text, so that a dump has numbers too.
+def _numbers(value: Any) -> Any:
+    """Numbers that come as text, for `ros2 param load` and `set` read YAML 1.1.
 
-    `ros2 param load` reads files as YAML 1.1, for which 3e-05 is no number.
+    For it 3e-05 is a text; of a list they send texts if all are so, and else the whole list as one.
     """
-    return [
-        RosParameter(each.name, value=float(each.value))
-        if isinstance(each.value, str) and _EXPONENT.fullmatch(each.value)
-        else each
-        for each in parameters
-    ]
-
-
-def _plain(value: Any) -> Any:
-    """Value as Python has it; a parameter file may hold a number with an exponent as text."""
     if isinstance(value, str) and _EXPONENT.fullmatch(value):
         return float(value)
-    return with_lists(value)
+    texts = value[1:-1].split(",") if isinstance(value, str) and _LIST.fullmatch(value) else value
+    if isinstance(texts, list) and all(isinstance(each, str) for each in texts):
+        with suppress(ValueError):
+            return [float(each) for each in texts]
+    return value
 
 
 def with_lists(value: Any) -> Any:
