@@ -39,7 +39,8 @@ from ppc_attitude.simulation.scenario import scenario
 
 def by_name(values: dict[str, object]) -> dict[str, Condition]:
     rate = largest_desired_rate([math.radians(0.5)] * 3)
-    return {each.name: each for each in certificate(values, -0.93133, rate, ENVIRONMENT_BOUND)}
+    found = certificate(values, -0.93133, rate, ENVIRONMENT_BOUND, 3.0)
+    return {each.name: each for each in found}
 
 
 @pytest.fixture

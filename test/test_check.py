@@ -33,7 +33,7 @@ from ppc_attitude.command_line.proportions import (
     sampling_conditions,
     settling_conditions,
 )
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.kinds import ENVIRONMENTS
@@ -186,6 +186,21 @@ def test_a_pulse_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     )
     assert [each.value for each in pulse_conditions(hit, TENTH)] == pytest.approx([5.0, 15.0])
     assert warned(pulse_conditions(hit, TENTH)) == {"pulse at 40 s"}
+
+
+@pytest.mark.parametrize(("asked", "limits"), [("1.5", {1.5}), ("null", set())])
+def test_rates_are_compared_with_the_required_one(
+    asked: str, limits: set[float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The law's rate bound and the rate of slews; without a required rate there is no condition."""
+    config, required = tmp_path / "goal.yaml", tmp_path / "required.yaml"
+    config.write_text(f"/**/{REFERENCE}:\n  ros__parameters: {{mode: goal}}\n")
+    required.write_text(f"rate: {asked}\n")
+    main(["check", "--config", str(config), "--requirements", str(required), "--json"])
+    conditions = json.loads(capsys.readouterr().out)["conditions"]
+    compared = [each for each in conditions if each["name"] in ("rate bound", "slew rate")]
+    assert {each["limit"] for each in compared} == limits
+    assert len(compared) == 2 * len(limits)
 
 
 @pytest.mark.parametrize(

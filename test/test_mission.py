@@ -23,6 +23,7 @@ from craft_helpers import case
 from test_goal_reference import STRAIGHT, flight, tour
 
 from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.command_line.proportions import slew_conditions
 from ppc_attitude.science.certificate import Condition
 from ppc_attitude.simulation.closed_loop import simulate
@@ -31,7 +32,7 @@ from ppc_attitude.simulation.flight_plan import goals_told
 
 def needed(**reference: Any) -> dict[str, Condition]:
     """What `check` says that slews need."""
-    return {each.name: each for each in slew_conditions(flight(**reference))}
+    return {each.name: each for each in slew_conditions(flight(**reference), Requirements())}
 
 
 def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:

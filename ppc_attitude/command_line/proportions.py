@@ -23,7 +23,7 @@ import numpy as np
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators import ideal
-from ppc_attitude.science.certificate import RATE_LIMIT, Condition, virtual_control_bound
+from ppc_attitude.science.certificate import Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import envelope_of
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
@@ -120,7 +120,7 @@ def _least_turn(
     return float(duration(profile(turn, rate, float(acceleration), math.inf)))
 
 
-def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
+def slew_conditions(scenario: Scenario, required: Requirements) -> Iterator[Condition]:
     """The needs of a slew: of the actuator's torque, and of the rate that the craft may have."""
     reference = scenario.parameters[REFERENCE]
     if REFERENCES.selected(reference) is not goal.COMPONENT:
@@ -142,11 +142,13 @@ def slew_conditions(scenario: Scenario) -> Iterator[Condition]:
         "margin (guidance.torque_share)",
     )
     law = scenario.parameters[CONTROLLER]
-    if scenario.controller.name == ppc.COMPONENT.name:
-        yield _rate_of_slew(rate, reference[GOAL_TIMES.name], law)
+    if scenario.controller.name == ppc.COMPONENT.name and required.rate is not None:
+        yield _rate_of_slew(rate, reference[GOAL_TIMES.name], law, required.rate)
 
 
-def _rate_of_slew(rate: float, times: Sequence[float], law: Mapping[str, Any]) -> Condition:
+def _rate_of_slew(
+    rate: float, times: Sequence[float], law: Mapping[str, Any], limit: float
+) -> Condition:
     """The largest rate during a slew: V, and what the law `ppc` adds for an error."""
     shape = envelope_of("attitude_envelope", law).shape()
     begin = min(times, default=math.inf)
@@ -155,7 +157,7 @@ def _rate_of_slew(rate: float, times: Sequence[float], law: Mapping[str, Any]) -
     return _at_most(
         "slew rate",
         math.degrees(rate + virtual_control_bound(law) * width),
-        math.degrees(RATE_LIMIT),
+        limit,
         "deg/s",
         f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: an error as large as its envelope would add so "
         "much",

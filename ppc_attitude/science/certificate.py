@@ -36,8 +36,6 @@ from ppc_attitude.science.envelope_plan import table_can_be_followed
 from ppc_attitude.science.kernel import ZERO
 from ppc_attitude.science.performance import R_LIMIT, Envelope
 
-RATE_LIMIT = math.radians(3.0)  # [rad/s] the paper's limit of ‖ω_s‖
-
 
 @dataclass(frozen=True)
 class Condition:
@@ -94,7 +92,11 @@ def virtual_control_bound(values: Mapping[str, Any]) -> float:
 
 
 def certificate(
-    values: Mapping[str, Any], q_e0: float, desired_rate: float, environment: float
+    values: Mapping[str, Any],
+    q_e0: float,
+    desired_rate: float,
+    environment: float,
+    rate_limit: float | None,
 ) -> tuple[Condition, ...]:
     """Conditions on the parameters; S1 to S5 and the rate bound are those of the law `ppc`.
 
@@ -108,6 +110,8 @@ def certificate(
         Largest ‖ω_d‖ [rad/s].
     environment : float
         Largest norm of the environment torque [N·m].
+    rate_limit : float or None
+        Required bound of ‖ω_s‖ [deg/s]; None if nothing is asked for.
 
     Raises
     ------
@@ -123,7 +127,7 @@ def certificate(
     if values["controller"] == "ppc":
         found += _lyapunov(values, abs(q_e0), steepest_fall(attitude))
         found += _following(values, abs(q_e0), steepest_fall(attitude))
-        found += _rates(values, desired_rate, rate)
+        found += _rates(values, desired_rate, rate, rate_limit)
     return tuple(found)
 
 
@@ -166,15 +170,17 @@ def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[
     yield Condition("largest start", largest_start(values), 0.0, ">", "", False, meaning)
 
 
-def _rates(values: Mapping[str, Any], desired_rate: float, rate: Envelope) -> Iterator[Condition]:
+def _rates(
+    values: Mapping[str, Any], desired_rate: float, rate: Envelope, limit: float | None
+) -> Iterator[Condition]:
     bound = virtual_control_bound(values)
     speed = math.degrees(values["k"] * values["M_omega"])
     meaning = "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only"
     yield Condition("bound of v", math.degrees(bound), speed, "≤", "deg/s", False, meaning)
-    total = math.degrees(bound + desired_rate + math.sqrt(3.0) * rate.table.terminal)
-    limit = math.degrees(RATE_LIMIT)
-    meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in"
-    yield Condition("rate bound", total, limit, "≤", "deg/s", False, meaning)
+    if limit is not None:
+        total = math.degrees(bound + desired_rate + math.sqrt(3.0) * rate.table.terminal)
+        meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in"
+        yield Condition("rate bound", total, limit, "≤", "deg/s", False, meaning)
 
 
 def largest_start(values: Mapping[str, Any]) -> float:

@@ -122,9 +122,9 @@ def execute(arguments: argparse.Namespace) -> int:
     environment = environment_torque(scenario, parts[ENVIRONMENTS.name])
     goals = goals_told(scenario)
     conditions = (
-        *(() if guarantee else _law_conditions(scenario, q_e[3], environment)),
+        *(() if guarantee else _law_conditions(scenario, q_e[3], environment, required.rate)),
         *settling_conditions(scenario, required, q_e),
-        *slew_conditions(scenario),
+        *slew_conditions(scenario, required),
         *_goal_conditions(goals),
         *actuator_conditions(scenario),
         *sampling_conditions(scenario),
@@ -158,7 +158,9 @@ def execute(arguments: argparse.Namespace) -> int:
     return DONE if holds and (not guarantee or guarantee.holds) else REQUIREMENT_FAILED
 
 
-def _law_conditions(scenario: Scenario, q_e0: float, environment: float) -> tuple[Condition, ...]:
+def _law_conditions(
+    scenario: Scenario, q_e0: float, environment: float, rate_limit: float | None
+) -> tuple[Condition, ...]:
     """Conditions on the law for the reference that it follows."""
     reference = scenario.parameters[REFERENCE]
     rate = (
@@ -166,7 +168,7 @@ def _law_conditions(scenario: Scenario, q_e0: float, environment: float) -> tupl
         if REFERENCES.selected(reference) is goal.COMPONENT
         else largest_desired_rate(reference["amplitude"])
     )
-    return certificate(scenario.parameters[CONTROLLER], q_e0, rate, environment)
+    return certificate(scenario.parameters[CONTROLLER], q_e0, rate, environment, rate_limit)
 
 
 def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:
