@@ -169,6 +169,14 @@ def test_the_truth_is_judged_and_three_errors_are_kept_apart() -> None:
     assert control.max_deg > pointing.max_deg
 
 
+def test_who_is_told_the_truth_makes_no_knowledge_error() -> None:
+    """Where sensing is exact and the truth is on record too, no rounding is an error."""
+    run = normal_run()
+    run = with_columns(run, truth_attitude=run["attitude"])
+    assert analyse(run).errors[-1].name == "knowledge"
+    assert analyse(run).errors[-1].max_deg == 0.0
+
+
 def test_a_told_attitude_that_the_noise_does_not_explain_fails() -> None:
     row = requirement(analyse(told_with_noise(1e-4, 1e-5)), "knowledge error (truth against told)")
     assert (row.met, row.unit) == (False, "deg")
