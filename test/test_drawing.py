@@ -15,10 +15,11 @@
 """Lines thinned for drawing: light, and no spike lost."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ppc_attitude.analysis.drawing import BUCKETS, band, decimated, draw, panels
+from ppc_attitude.analysis.drawing import BUCKETS, band, decimated, draw, legend, panels, time_axis
 
 
 def test_an_hour_is_light_and_keeps_its_spikes():
@@ -62,6 +63,40 @@ def test_what_is_kept(n, seed, holes):
     if np.isfinite(values).any():
         assert np.nanmax(y) == np.nanmax(values)
         assert np.nanmin(y) == np.nanmin(values)
+
+
+@pytest.mark.parametrize(
+    ("labels", "scale"),
+    [
+        (
+            [
+                "pointing: truth against reference",
+                "control: told against reference",
+                "knowledge: truth against told",
+                "settled < 0.1 deg",
+                "terminal < 0.05 deg",
+            ],
+            1.0,
+        ),
+        (["x", "y", "z", "limit ±0.004 N·m", "hit"], 4e-3),
+        (["x", "y", "z", "limit ±4e+06 N·m", "hit"], 4e6),
+    ],
+)
+def test_a_legend_stays_in_its_figure_and_off_the_factor_of_the_numbers(labels, scale):
+    figure, rows = panels(1)
+    (axes,) = rows[0]
+    t = 200.0 * np.arange(3)
+    for k, label in enumerate(labels):
+        draw(axes, t, scale * np.arange(3.0) / (k + 1), label=label)
+    time_axis(axes, t)
+    axes.set_ylabel("attitude error, angle [deg]")
+    legend(axes)
+    figure.draw_without_rendering()
+    box = axes.get_legend().get_window_extent()
+    assert box.x1 <= figure.bbox.x1
+    assert (scale == 1.0) == (not axes.yaxis.get_offset_text().get_text())
+    if scale != 1.0:
+        assert not box.overlaps(axes.yaxis.get_offset_text().get_window_extent())
 
 
 def test_a_close_look_is_as_fine_as_the_record():

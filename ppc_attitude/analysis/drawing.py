@@ -70,6 +70,7 @@ STYLE: dict[Any, Any] = {
 LINE_WIDTH = 1.0
 LIMIT_STYLE = (0.0, (6.0, 2.0, 1.0, 2.0))
 CHARACTERS = 15.0  # of a legend in an inch
+_OFFSET = 7  # characters of the common factor of an ordinate's numbers
 ENVELOPE_WIDTH = 0.8
 
 
@@ -259,14 +260,13 @@ def legend(axes: Axes, without: Iterable[str] = ()) -> None:
     figure, grid = axes.get_figure(), axes.get_gridspec()
     assert isinstance(figure, Figure)
     assert grid is not None
-    panel = figure.get_figwidth() / grid.ncols
-    rows = math.ceil(sum(len(label) + 6 for label in labels) / (CHARACTERS * panel))
+    width = CHARACTERS * figure.get_figwidth() / grid.ncols
     axes.legend(
         handles,
         labels,
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=math.ceil(len(handles) / rows),
+        ncols=_columns(labels, width - (_OFFSET if _has_offset(axes) else 0)),
         frameon=False,
         fontsize=7.5,
         handlelength=1.6,
@@ -274,6 +274,23 @@ def legend(axes: Axes, without: Iterable[str] = ()) -> None:
         handletextpad=0.4,
         borderaxespad=0.2,
     )
+
+
+def _columns(labels: Sequence[str], width: float) -> int:
+    """How many columns of a legend fit into so many characters, with as few rows as may be."""
+    for rows in range(1, len(labels)):
+        count = math.ceil(len(labels) / rows)
+        columns = np.array_split(np.array([len(label) + 6 for label in labels]), count)
+        if sum(column.max() for column in columns) <= width:
+            return count
+    return 1
+
+
+def _has_offset(axes: Axes) -> bool:
+    """Whether the ordinate's numbers have a common factor, which stands on the right on top."""
+    largest = max(map(abs, axes.get_ylim()))
+    few, many = STYLE["axes.formatter.limits"]
+    return axes.get_yscale() == "linear" and not 10.0 ** (few + 1) <= largest < 10.0**many
 
 
 def time_axis(axes: Axes, t: Array) -> None:
