@@ -144,6 +144,41 @@ def test_time_counts_from_the_first_instant():
     assert analyse(later).to_json() == analyse(run).to_json()
 
 
+def begun_late(run, start):
+    """Record of a recorder that came at a time [s]."""
+    late = run.t >= start
+    columns = {name: values[late] for name, values in run.columns.items()}
+    return replace(run, stamps_ns=run.stamps_ns[late], columns=columns)
+
+
+def test_a_recorder_that_came_late_changes_no_time_of_our_plant():
+    run = hit_run()
+    late = begun_late(run, 10.0)
+    expected, found = analyse(run), analyse(late)
+    for name in ("settling_time_s", "error_after_settling_deadline", "terminal_error"):
+        assert getattr(found.metrics, name) == getattr(expected.metrics, name)
+    assert found.metrics.disturbances == expected.metrics.disturbances
+    assert found.duration_s == expected.duration_s - 10.0
+    assert min(row.span[0] for row in found.requirements if row.span) == 10.0
+    # Of somebody else's clock the record is all that is known.
+    other = analyse(replace(late, parameters={}))
+    assert other.metrics.disturbances[0].start_s == expected.metrics.disturbances[0].start_s - 10.0
+
+
+@pytest.mark.parametrize(("start", "value"), [(55.0, 55.0), (70.0, None)])
+def test_who_is_settled_when_the_record_begins_settled_by_then(start, value):
+    verdict = analyse(begun_late(normal_run(), start))
+    row = requirement(verdict, "settling time")
+    assert (row.value, row.met) == (value, None if value is None else True)
+    assert "the record begins" in row.reason
+    assert verdict.metrics.settling_time_s is None
+
+
+def test_the_end_of_a_record_that_is_shorter_than_it_is_not_judged():
+    row = requirement(analyse(begun_late(normal_run(), 105.0)), "attitude error in the last 20 s")
+    assert (row.met, row.reason) == (None, "the record begins at 105 s, within the last 20 s")
+
+
 def test_the_sign_of_the_quaternion_changes_nothing():
     run = hit_run()
     other = with_columns(run, attitude_error=-run["attitude_error"], attitude=-run["attitude"])

@@ -19,7 +19,7 @@ from contextlib import suppress
 from itertools import pairwise
 from typing import NamedTuple
 
-from ppc_attitude.analysis.series import once
+from ppc_attitude.analysis.series import once, zero_ns
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.errors import ConfigurationError
@@ -65,8 +65,9 @@ def faults_of(record: RunRecord) -> tuple[Acting, ...]:
                 spans = found.setdefault(what, [])
                 touches = spans and spans[-1][1] == begin
                 spans.append((spans.pop()[0] if touches else begin, end))
+    zero = zero_ns(record)
     every = [
-        Acting(what, seconds(begin - first), seconds(end - first))
+        Acting(what, seconds(begin - zero), seconds(end - zero))
         for what, spans in found.items()
         for begin, end in spans
     ]

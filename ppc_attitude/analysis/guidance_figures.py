@@ -41,13 +41,14 @@ from ppc_attitude.analysis.drawing import (
 from ppc_attitude.analysis.flight import Flight, flight_of, pointed
 from ppc_attitude.analysis.keep_out import angles_to_cones, cone_names, guidance_values
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import AnalysisError, samples, vectors
+from ppc_attitude.analysis.series import AnalysisError, samples, vectors, zero_ns
 from ppc_attitude.analysis.truth import errors_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE_ACCELERATION, REFERENCE_ATTITUDE, REFERENCE_RATE
 from ppc_attitude.science.guidance.cones import HALF_ANGLES
 from ppc_attitude.science.guidance.scene import Cone
 from ppc_attitude.science.keep_out import perpendicular
+from ppc_attitude.science.stamps import seconds
 
 Z_AXIS = (0.0, 0.0, 1.0)
 _RIM = np.linspace(0.0, 2.0 * np.pi, 181)
@@ -100,7 +101,7 @@ def slews(run: Measured, flight: Flight) -> Figure:
         limit_lines(axes, np.rad2deg(limit), label="limit of a slew")
         axes.set_ylabel(label)
         axes.set_ylim(bottom=0.0)
-    start = run.record.stamps_ns[0] * 1e-9
+    start = seconds(zero_ns(run.record))
     for axes in (left, rate, acceleration):
         _mark_orders(axes, flight, start)
         time_axis(axes, run.t)

@@ -70,8 +70,8 @@ class Measured:
     def __init__(self, record: RunRecord, required: Requirements) -> None:
         self.record, self.required = record, required
         self.t = elapsed(record)
-        self.h, self.end = step(self.t), float(self.t[-1])
-        self.whole = (0.0, self.end)
+        self.h, self.begin, self.end = step(self.t), float(self.t[0]), float(self.t[-1])
+        self.whole = (self.begin, self.end)
         self.truth = truth = truth_of(record)
         self.pointing = known(pointing_errors, record)
         exact = truth.attitude == ATTITUDE.column
@@ -86,7 +86,7 @@ class Measured:
             pulses = find_pulses(self.t, vectors(record, DISTURBANCE.column))
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
-        self.calm_span = (0.0, min(self.first_hit, self.end))
+        self.calm_span = (self.begin, min(self.first_hit, self.end))
         early = "nothing"
         if any(not each.jumps for each in envelopes_of(record)):
             early = "the envelope"
@@ -113,13 +113,23 @@ class Measured:
         self.terminal_from = round(
             last_hit + required.settling_deadline + required.terminal_window, 9
         )
-        self.last_span = (max(self.end - required.terminal_window, 0.0), self.end)
+        self.last_span = (max(self.end - required.terminal_window, self.begin), self.end)
         self.last = self.t >= np.round(self.end - required.terminal_window, 9)
 
     def lacks(self, *columns: str) -> str:
         """Why something cannot be judged: the topics that the record lacks; empty if none."""
         lacking = [topic_of(each) for each in columns if not has(self.record, each)]
         return f"no topic {' and no topic '.join(lacking)} in the bag" if lacking else ""
+
+    @property
+    def span_from_deadline(self) -> Span:
+        """What is on record from the settling deadline on [s]."""
+        return (max(self.required.settling_deadline, self.begin), self.end)
+
+    @property
+    def shorter_than_window(self) -> bool:
+        """Whether the record is shorter than the last part of which the error is asked for."""
+        return round(self.end - self.begin, 9) < self.required.terminal_window
 
     @cached_property
     def untold(self) -> tuple[Span, ...]:
@@ -155,22 +165,23 @@ class Measured:
     @cached_property
     def metrics(self) -> Metrics:
         """Everything that is measured."""
-        deadline = (self.required.settling_deadline, self.end)
+        deadline = self.span_from_deadline
         outside = {f"time_outside_{each.bound}_s": each for each in ENVELOPES}
         sizes = None if self.pointing is None else self.pointing.sizes
         size, limit = self.size(self.required.settled), self.required.settled.limit
         unsettled = np.flatnonzero(self.calm & (size >= limit))
-        settling = float(self.t[unsettled[-1]]) if unsettled.size else 0.0
+        settling: float | None = None
+        if unsettled.size:
+            settling = float(self.t[unsettled[-1]])
+        elif not self.begin and np.isfinite(size[self.calm]).any():
+            settling = 0.0
         norm = None if self.rate is None else np.linalg.norm(self.rate, axis=1)
         axis = None if self.rate is None else component_size(self.rate)
         measured: dict[str, tuple[float | None, Span]] = {
-            "settling_time_s": (
-                settling if np.isfinite(size[self.calm]).any() else None,
-                self.calm_span,
-            ),
+            "settling_time_s": (settling, self.calm_span),
             "error_after_settling_deadline": (largest(sizes, self.settled), deadline),
             "terminal_error": (
-                largest(sizes, self.last) if self.end >= self.required.terminal_window else None,
+                None if self.shorter_than_window else largest(sizes, self.last),
                 self.last_span,
             ),
             "max_rate_deg_s": (largest(norm, self.calm), self.calm_span),

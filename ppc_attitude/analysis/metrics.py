@@ -69,7 +69,7 @@ from ppc_attitude.analysis.requirements import (
     names_of,
     outside_names,
 )
-from ppc_attitude.analysis.series import has
+from ppc_attitude.analysis.series import has, zero_ns
 from ppc_attitude.analysis.truth import EXACT, RECORDED, knowledge_errors, truth_of
 from ppc_attitude.analysis.verdict import (
     Disturbance,
@@ -127,7 +127,7 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
     return Verdict(
         source=record.source,
         controller=record.controller,
-        duration_s=judge.end,
+        duration_s=round(judge.end - judge.begin, 9),
         steps=int(judge.t.size),
         missing_messages=record.missing_messages,
         truth=truth_of(record).standing,
@@ -135,7 +135,7 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
         metrics=judge.metrics,
         errors=tuple(judge.error_sizes()),
         required=required,
-        changes=tuple(change_text(told, int(record.stamps_ns[0])) for told in record.told_changes),
+        changes=tuple(change_text(told, zero_ns(record)) for told in record.told_changes),
         faults=tuple(map(str, faults_of(record))),
     )
 
@@ -221,7 +221,8 @@ class Judge(Measured):
 
     @property
     def _never_calm(self) -> str:
-        return "a sudden disturbance acts from the first instant on" if not self.first_hit else ""
+        never = self.first_hit <= self.begin
+        return "a sudden disturbance acts from the first instant on" if never else ""
 
     def _settling(self) -> Requirement:
         deadline, (_, until) = self.required.settling_deadline, self.calm_span
@@ -231,6 +232,10 @@ class Judge(Measured):
         if self.metrics.settled is False:
             note = f"still not settled at {until:g} s"
         value = self.metrics.settling_time_s
+        if value is None and self.metrics.settled:
+            value, note = self.begin, "at most: it was settled when the record begins"
+            if value >= deadline:
+                why = why or f"the record begins at {value:g} s, after the deadline"
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when it was {note}"
             if not self.hits:
@@ -240,7 +245,7 @@ class Judge(Measured):
 
     def _after_deadline(self) -> Requirement:
         accuracy, why = self.required.settled, self._before_deadline
-        span = (self.required.settling_deadline, self.end)
+        span = self.span_from_deadline
         if not why and not self.settled.any():
             within = f"{self.required.recovery:g} s of a sudden disturbance"
             why = f"every instant from {span_text(span)} s is within {within}"
@@ -260,13 +265,16 @@ class Judge(Measured):
         since = max((hit.start_s for hit in self.hits), default=0.0)
         start = f"the sudden disturbance at {since:g} s" if since else "the start"
         what = f"{last:g} s that begin {deadline:g} s after {start} are over"
+        begins = ""
+        if self.shorter_than_window:
+            begins = f"the record begins at {self.begin:g} s, within the last {last:g} s"
         return self._row(
             "terminal_error",
             largest(self.size(accuracy), self.last),
             accuracy.limit,
             accuracy.unit,
             self.last_span,
-            self.lacks_attitude or self._ends_before(self.terminal_from, what),
+            self.lacks_attitude or self._ends_before(self.terminal_from, what) or begins,
             strict=True,
         )
 
@@ -381,7 +389,7 @@ class Judge(Measured):
         found = filter_health(self.record)
         if found is None:
             return
-        span = (min(SETTLED, self.end), self.end)
+        span = (min(max(SETTLED, self.begin), self.end), self.end)
         why = "" if found.outside is not None else self._ends_before(SETTLED, "the filter settles")
         if found.outside is not None and found.outside > OUTSIDE_LIMIT:
             why = f"{found.outside:.3g}, but one run cannot tell: errors correlate over minutes"

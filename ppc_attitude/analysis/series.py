@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The series of a `RunRecord` as the analysis reads them: time from the start, vectors, gaps."""
+"""The series of a `RunRecord` as the analysis reads them: time of the run, vectors, gaps."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.stamps import LATEST, NANOSECONDS
 
 _Names = ParamSpec("_Names")
 _Found = TypeVar("_Found")
@@ -47,9 +49,27 @@ def once(function: _OfRecord[_Names, _Found]) -> _OfRecord[_Names, _Found]:
     return kept
 
 
+def zero_ns(record: RunRecord) -> int:
+    """Stamp [ns] at which the time of the run is zero.
+
+    Our plant's stamps count from the begin of the run, and a recorder that came late has missed
+    what was before. Of somebody else's clock the first instant on record is the begin.
+
+    Raises
+    ------
+    AnalysisError
+        If the record has no instant.
+    """
+    if record.stamps_ns.size == 0:
+        raise AnalysisError(f"{record.source}: the record has no sample at all")
+    first = int(record.stamps_ns[0])
+    ours = bool(record.parameters.get(PLANT)) and 0 <= first <= LATEST * NANOSECONDS
+    return 0 if ours else first
+
+
 @once
 def elapsed(record: RunRecord) -> Array:
-    """Time since the first instant of the record.
+    """Time of the run, which is zero at `zero_ns`.
 
     Parameters
     ----------
@@ -66,9 +86,7 @@ def elapsed(record: RunRecord) -> Array:
     AnalysisError
         If the record has no instant.
     """
-    if record.stamps_ns.size == 0:
-        raise AnalysisError(f"{record.source}: the record has no sample at all")
-    return np.asarray((record.stamps_ns - record.stamps_ns[0]) / 1e9, dtype=np.float64)
+    return np.asarray((record.stamps_ns - zero_ns(record)) / NANOSECONDS, dtype=np.float64)
 
 
 def step(t: Array) -> float:

@@ -148,7 +148,7 @@ class Metrics:
     ----------
     settling_time_s : float or None
         Last instant before the first sudden disturbance at which the attitude error is not
-        settled; 0 if there is none.
+        settled; 0 if there is none. None if the record begins late, when it was settled.
     error_after_settling_deadline : float or None
         Largest max_i |q_ev,i| from the deadline on, without the recoveries from sudden
         disturbances.
@@ -363,11 +363,11 @@ def disturbance_text(disturbance: Disturbance) -> str:
     )
 
 
-def change_text(told: ToldChange, start_ns: int) -> str:
-    """One parameter that was changed in flight, in a few words."""
+def change_text(told: ToldChange, zero_ns: int) -> str:
+    """One parameter that was changed in flight, in a few words; time is zero at a stamp [ns]."""
     change, before = told
     old = "" if before is None else f"{before} → "
-    since = number_text((change.stamp_ns - start_ns) / 1e9)
+    since = number_text((change.stamp_ns - zero_ns) / 1e9)
     return f"{change.node} {change.name} {old}{change.value} from {since} s on"
 
 
