@@ -129,6 +129,18 @@ def test_what_was_changed_in_flight_is_applied_at_its_stamp() -> None:
     }
 
 
+def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = simulate(scenario({}), 3.0)
+    late = {name: values[100:] for name, values in run.columns.items()}
+    write_run(replace(run, stamps_ns=run.stamps_ns[100:], columns=late), tmp_path / "bag")
+    assert main(["replay", str(tmp_path / "bag")]) == 1
+    told = capsys.readouterr()
+    assert "rigid_body: 201 steps replayed, 0 skipped" in told.out
+    assert "warning: the record begins at 1 s: what came before is not in it" in told.err
+
+
 def test_a_law_that_nobody_knows_is_named() -> None:
     record = replace(simulate(scenario({}), 0.1), controller="theirs")
     found = replay(record)

@@ -34,7 +34,7 @@ from ppc_attitude.contract.topics import (
     PLANT,
     Topic,
 )
-from ppc_attitude.science.stamps import seconds, stamp_of
+from ppc_attitude.science.stamps import LATEST, seconds, stamp_of
 
 
 def read_run(
@@ -156,6 +156,12 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     warnings = [*facts.flaws, *collected.warnings(home), *timeline.warnings]
     if lacking:
         warnings.append(f"the bag {lacks}")
+    begin = seconds(int(timeline.stamps[0]))
+    if rate and 0.0 < begin <= LATEST:
+        warnings.append(
+            f"the record begins at {begin:g} s: what came before is not in it, nor what the parts "
+            "remembered of it, so a replay may differ"
+        )
     if cut:
         end = seconds(int(timeline.stamps[-1]))
         warnings.insert(0, f"{_state(bag)}: {'; '.join(cut)}; read up to {end:g} s")
