@@ -181,6 +181,20 @@ def test_what_was_changed_in_flight_is_told(tmp_path, undrawn):
     assert last.endswith("from 1.5 s on; 5 more, all of them with --json")
 
 
+def test_page_and_verdict_tell_one_start_and_torque_of_a_hit(tmp_path, undrawn):
+    """What rounding leaves of the torque on the other axes is nothing."""
+    run = normal_run(300.0)
+    torque = run["disturbance_torque"] + [4e-4, -3e-4, 2e-4]
+    hit = (run.t > 215.485) & (run.t < 215.585)
+    torque[hit] += [0.1, -1.031e-17, 3.5e-16]
+    changes = (Change(215_490_000_000, "ppc_controller", "k", 4.0),)
+    run = replace(with_columns(run, disturbance_torque=torque), changes=changes)
+    (page, _), verdict = report(tmp_path, run), verdict_table(analyse(run))
+    assert "215.49 0.1 0.1, 0, 0 recovered after" in page.text
+    assert "sudden disturbance at 215.49 s, (0.1, 0, 0) N·m for 0.1 s" in verdict
+    assert "3.0 → 4.0 from 215.49 s on" in verdict
+
+
 def test_a_good_run(tmp_path, undrawn):
     page, _ = report(tmp_path, normal_run())
     assert "9 met of 9 requirements" in page.text

@@ -34,7 +34,7 @@ from ppc_attitude.analysis.page import (
 )
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.analysis.truth import STANDING
-from ppc_attitude.analysis.verdict import Requirement, Verdict, number_text, span_text
+from ppc_attitude.analysis.verdict import Requirement, Verdict, number_text, span_text, torque_text
 from ppc_attitude.contract.run_record import RunRecord
 
 _METRICS = (
@@ -221,9 +221,9 @@ def _disturbances(verdict: Verdict) -> str:
         return "<p>No sudden disturbance.</p>"
     rows = [
         (
-            number_text(hit.start_s),
-            number_text(hit.duration_s),
-            ", ".join(number_text(each) for each in hit.torque),
+            f"{hit.start_s:g}",
+            f"{hit.duration_s:g}",
+            torque_text(hit),
             hit.outcome,
             hit.judged_by,
         )

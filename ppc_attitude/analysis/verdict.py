@@ -352,12 +352,16 @@ def error_text(error: ErrorSize) -> str:
     )
 
 
+def torque_text(disturbance: Disturbance) -> str:
+    """Torque of a sudden disturbance [N·m], by component."""
+    # It is a difference of torques: what rounding leaves of nothing is nothing.
+    return ", ".join(number_text(round(each, 9) + 0.0) for each in disturbance.torque)
+
+
 def disturbance_text(disturbance: Disturbance) -> str:
     """One sudden disturbance in one line."""
-    # It is a difference of torques: what rounding leaves of nothing is nothing.
-    torque = ", ".join(number_text(round(each, 9) + 0.0) for each in disturbance.torque)
     return (
-        f"sudden disturbance at {disturbance.start_s:g} s, ({torque}) N·m "
+        f"sudden disturbance at {disturbance.start_s:g} s, ({torque_text(disturbance)}) N·m "
         f"for {disturbance.duration_s:g} s: {disturbance.outcome}, "
         f"judged by {disturbance.judged_by}"
     )
@@ -367,7 +371,7 @@ def change_text(told: ToldChange, zero_ns: int) -> str:
     """One parameter that was changed in flight, in a few words; time is zero at a stamp [ns]."""
     change, before = told
     old = "" if before is None else f"{before} → "
-    since = number_text((change.stamp_ns - zero_ns) / 1e9)
+    since = f"{(change.stamp_ns - zero_ns) / 1e9:.9g}"
     return f"{change.node} {change.name} {old}{change.value} from {since} s on"
 
 
