@@ -31,9 +31,7 @@ help: ## list the targets
 setup: $(INSTALLED) ## create .venv and install everything there (about 1 GB)
 
 run: $(INSTALLED) ## run the paper's normal case through the five nodes, print the verdicts
-	@$(ENTER); mkdir -p build; \
-	code=0; ppc_attitude run --config config/paper.yaml --report build/paper.html || code=$$?; \
-	echo "report: $$PWD/build/paper.html"; exit $$code
+	@$(ENTER); ppc_attitude run --config config/paper.yaml --report "$$PWD/build/paper.html"
 
 test: $(INSTALLED) ## lint, check types, run the tests (ARGS='-k name' goes to pytest)
 	@$(ENTER); \
