@@ -85,6 +85,29 @@ def test_figures_can_be_zoomed_and_the_attitude_be_seen(tmp_path: Path) -> None:
     assert all(pixels(picture, colour) > 300 for colour in AXIS_COLOURS)
 
 
+@pytest.mark.slow
+def test_the_replay_fits_its_picture_and_shows_no_attitude_in_a_gap(tmp_path: Path) -> None:
+    """With all axes at their limit, and the torque straight up; then where nothing is on record."""
+    run = hit_run(3.0, hits=())
+    half = 0.5 * np.arccos(1.0 / np.sqrt(3.0))  # turns (1, 1, 1) to z
+    axis = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+    attitude = np.tile([*(np.sin(half) * axis), np.cos(half)], (len(run.t), 1))
+    attitude[200:] = np.nan
+    torque = np.full((len(run.t), 3), 0.05)
+    run = with_columns(run, attitude=attitude, applied_torque=torque)
+    run = without_columns(run, "reference_attitude")
+    script = """
+      const [c, s] = ['canvas', 'input'].map((e) => document.querySelector(`.replay ${e}`));
+      const inked = (y, h) => c.getContext('2d').getImageData(0, y, c.width, h).data.some((e) => e);
+      const told = [inked(0, 1), inked(0, c.height)];
+      s.value = 250; s.oninput();
+      document.title = [...told, inked(0, c.height)].join(' ');
+    """
+    dom, _ = seen(run, tmp_path, script)
+    assert "<title>false true false</title>" in dom
+    assert "no attitude on record</span>" in dom
+
+
 @pytest.mark.long
 def test_an_attitude_without_a_reference_is_seen_as_well(tmp_path: Path) -> None:
     run = hit_run(2.0, hits=())

@@ -100,15 +100,25 @@ document.querySelectorAll(".replay").forEach((place) => {
     context.stroke();
   };
   const colours = ["#0072B2", "#D55E00", "#009E73"];
+  const longest = 1.7 / Math.hypot(1, 1, 1);  // with all axes at their limit the arrow fits
+  const known = (quaternion) => quaternion && quaternion.some((each) => each);  // else zeros
   const unit = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
   const draw = () => {
     const k = Number(slider.value), attitude = row("attitude", 4, k);
     context.clearRect(0, 0, canvas.width, canvas.height);
-    const reference = row("reference", 4, k);
-    if (reference) {
+    const reference = row("reference", 4, k), torque = row("torque", 3, k);
+    if (known(reference)) {
       unit.forEach((axis, j) =>
         line([0, 0, 0], rotate(reference, axis.map((e) => 1.5 * e)), colours[j], 1, [4, 4]));
     }
+    let text = ", no attitude on record";
+    if (known(attitude)) {
+      craft(attitude, torque);
+      text = torque ? `, torque ${[...torque].map((e) => e.toPrecision(3)).join(", ")} N·m` : "";
+    }
+    told.textContent = ` ${t[k].toFixed(2)} s${text}`;
+  };
+  const craft = (attitude, torque) => {
     const corner = (bits) => rotate(attitude, [0.45, 0.3, 0.6].map((e, j) => (bits >> j & 1 ? e : -e)));
     for (let a = 0; a < 8; a++) {
       for (const bit of [1, 2, 4]) if (!(a & bit)) line(corner(a), corner(a | bit), "#444", 1.2);
@@ -119,12 +129,9 @@ document.querySelectorAll(".replay").forEach((place) => {
       context.fillStyle = colours[j];
       context.fillText("xyz"[j], ...seen(tip));
     });
-    const torque = row("torque", 3, k);
     if (torque) {
-      line([0, 0, 0], rotate(attitude, [...torque].map((e) => 1.4 * e / data.torque_limit)), "#000", 3);
+      line([0, 0, 0], rotate(attitude, [...torque].map((e) => e * longest / data.torque_limit)), "#000", 3);
     }
-    const text = torque ? `, torque ${[...torque].map((e) => e.toPrecision(3)).join(", ")} N·m` : "";
-    told.textContent = ` ${t[k].toFixed(2)} s${text}`;
   };
   let timer = 0;
   play.onclick = () => {
