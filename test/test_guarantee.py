@@ -326,9 +326,33 @@ def test_an_impossible_craft_is_refused_with_what_would_help(
     with pytest.raises(InfeasibleError, match=r"nothing can be guaranteed: C\d") as refusal:
         design(weak, Wishes(), law.h)
     assert not refusal.value.failing.holds
-    helps = nearest(weak, law.h)
-    assert 0.01 < helps["max_torque"] < 0.05
-    assert design(replace(weak, max_torque=helps["max_torque"]), Wishes(), law.h)
+    helps = nearest(weak, Wishes(), law.h)
+    assert 0.01 < helps[0]["max_torque"] < 0.05
+    for each in helps:
+        assert design(replace(weak, **each), Wishes(), law.h)
+
+
+@pytest.mark.slow
+def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    """Other gains need less, and so do those who wish nothing: following the advice did not help.
+
+    W1 and W2 had been scaled with W without being told.
+    """
+    assumed, law = standard
+    weak, gains = replace(assumed, max_torque=0.01), (law.k, law.kappa, law.ell)
+    precise = Wishes(accuracy=1e-3)
+    helps = nearest(weak, precise, law.h, gains)
+    torque = helps[0]["max_torque"]
+    assert torque > 0.012
+    assert designed(replace(weak, max_torque=torque), precise, law.h, *gains)
+    with pytest.raises((InfeasibleError, UnwishedError)):
+        designed(replace(weak, max_torque=0.7 * torque), precise, law.h, *gains)
+    quick = replace(assumed, **{name: 3.0 * getattr(assumed, name) for name in ("W", "W1", "W2")})
+    (reference,) = (each for each in nearest(quick, precise, law.h, gains) if "W" in each)
+    assert list(reference) == ["W", "W1", "W2"]
+    assert designed(replace(quick, **reference), precise, law.h, *gains)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.27, 0.4])

@@ -93,7 +93,15 @@ _DEFAULTS = {  # filled in late: an option that was not given is none that does 
 _ASSUMED = (*ASSUMED, "e_A", "lead")
 _TABLE = {each.name: each for each in tube_parameters.PARAMETERS}
 _MORE = 1.1  # times the rate error in the tube: it grows with what it adds to the disturbance
-_UNITS = {"max_torque": "N·m", "Omega": "rad/s", "d": "N·m", "W": "rad/s", "dead_band": "N·m"}
+_UNITS = {
+    "max_torque": "N·m",
+    "Omega": "rad/s",
+    "d": "N·m",
+    "W": "rad/s",
+    "W1": "rad/s²",
+    "W2": "rad/s³",
+    "dead_band": "N·m",
+}
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -214,7 +222,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 break
     except InfeasibleError as error:
         print(error)
-        for line in _helps(nearest(assumed, h)):
+        for line in _helps(nearest(assumed, wishes, h, arguments.gains)):
             print(line)
         return REQUIREMENT_FAILED
     except UnwishedError as error:
@@ -279,16 +287,19 @@ def _values(assumed: Assumptions, law: Law) -> dict[str, object]:
     return dict(values)
 
 
-def _helps(values: dict[str, float]) -> list[str]:
-    if not values:
+def _helps(found: list[dict[str, float]]) -> list[str]:
+    if not found:
         return ["no single number helps: change several"]
     lines = ["feasible, each alone, the others as they are:"]
-    for name, value in values.items():
-        if name == "h":
-            lines.append(f"  a rate of {1.0 / value:.4g} Hz")
-        else:
-            lines.append(f"  {name} = {value:.4g} {_UNITS.get(name, '')}".rstrip())
+    for values in found:
+        lines.append("  " + ", ".join(_written(name, value) for name, value in values.items()))
     return lines
+
+
+def _written(name: str, value: float) -> str:
+    if name == "h":
+        return f"a rate of {1.0 / value:.4g} Hz"
+    return f"{name} = {value:.4g} {_UNITS.get(name, '')}".rstrip()
 
 
 def _tell(found: Design, certificate: Certificate, assumed: Assumptions) -> None:

@@ -202,44 +202,42 @@ def designed(
     return _judged(assumed, tuned(assumed, h, k, kappa, ell, FINE), wishes, FINE)
 
 
-def _feasible(assumed: Assumptions, h: float, first: list[Gains]) -> bool:
-    """Tell whether some gains satisfy every inequality: those given, or of the short search."""
-    for gains in (*first, *_grid(assumed, h, short=True)):
-        try:
-            tuned(assumed, h, *gains, COARSE, TUMBLING[-1:])  # the last demands least
-        except InfeasibleError:
-            continue
-        first[:] = [gains]  # for a neighbour they are feasible too, as a rule
-        return True
-    return False
-
-
-def nearest(assumed: Assumptions, h: float) -> dict[str, float]:
-    """Nearest feasible value of each single number, the others as they are, by bisection.
+def nearest(
+    assumed: Assumptions, wishes: Wishes, h: float, gains: Gains | None = None
+) -> list[dict[str, float]]:
+    """Nearest values with which a design gives what is wished, by bisection.
 
     Returns
     -------
-    dict of str to float
-        Only numbers that can help alone, within a factor of 1000.
+    list of dict of str to float
+        Each helps with everything else as it is, gains that are given too, within a factor of
+        1000: a single number, or W with W1 and W2, which scale with it.
     """
-    found = {}
+    found = []
     for name in ("max_torque", "Omega", "d", "W", "e_S", "dead_band", "h"):
-        present = h if name == "h" else getattr(assumed, name)
-        factor = _nearest_factor(assumed, h, name) if present else None
+        scaled = {"h": h} if name == "h" else {x: getattr(assumed, x) for x in _together(name)}
+        factor = _nearest_factor(assumed, wishes, h, gains, name) if scaled[name] else None
         if factor is not None:
-            found[name] = present * factor
+            found.append({each: factor * value for each, value in scaled.items()})
     return found
 
 
-def _nearest_factor(assumed: Assumptions, h: float, name: str) -> float | None:
-    """Nearest factor of one number with which something is feasible; None if no factor helps."""
+def _nearest_factor(
+    assumed: Assumptions, wishes: Wishes, h: float, gains: Gains | None, name: str
+) -> float | None:
+    """Nearest factor of one number with which a design succeeds; None if no factor helps."""
     known: list[Gains] = []
 
     def helps(logarithm: float) -> bool:
         factor = math.exp(logarithm)
-        if name == "h":
-            return _feasible(assumed, factor * h, known)
-        return _feasible(_scaled(assumed, name, factor), h, known)
+        scaled = assumed if name == "h" else _scaled(assumed, name, factor)
+        step = factor * h if name == "h" else h
+        tried = [gains] if gains else (*known, *_grid(scaled, step, short=True))
+        for each in tried:
+            if _succeeds(scaled, wishes, step, each):
+                known[:] = [each]  # for a neighbour they are feasible too, as a rule
+                return True
+        return False
 
     # Not only too little fails: what is far too much may fail as well.
     low, high = 0.0, 0.0  # infeasible, feasible: logarithms of a factor
@@ -255,11 +253,25 @@ def _nearest_factor(assumed: Assumptions, h: float, name: str) -> float | None:
     return math.exp(high)
 
 
+def _succeeds(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> bool:
+    """Tell whether gains satisfy every inequality, and the wishes."""
+    try:
+        tuned(assumed, h, *gains, COARSE, TUMBLING[-1:])  # the last demands least
+        _judged(assumed, tuned(assumed, h, *gains, COARSE), wishes)
+    except (InfeasibleError, UnwishedError):
+        return False
+    return True
+
+
 def _scaled(assumed: Assumptions, name: str, factor: float) -> Assumptions:
-    """Scale one number; what bounds a quantity's rates scales with its bound."""
-    names = ("W", "W1", "W2") if name == "W" else (name,)
-    changed: dict[str, Any] = {each: factor * getattr(assumed, each) for each in names}
+    """Scale one number, and what scales with it."""
+    changed: dict[str, Any] = {each: factor * getattr(assumed, each) for each in _together(name)}
     return replace(assumed, **changed)
+
+
+def _together(name: str) -> tuple[str, ...]:
+    """Names of what scales with one: the bound of a quantity, and those of its rates."""
+    return ("W", "W1", "W2") if name == "W" else (name,)
 
 
 def _grid(assumed: Assumptions, h: float, *, short: bool = False) -> Iterator[Gains]:
