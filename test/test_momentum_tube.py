@@ -22,6 +22,7 @@ from record_helpers import configured, inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.brake import BLEND, brake, capped_brake, deceleration
 from ppc_attitude.science.errors import ConfigurationError
@@ -203,6 +204,22 @@ def test_the_way_round_is_kept_across_180_degrees() -> None:
         momentum_tube.step(measurement, memory, gains, command)
         angles.append(float(memory["phi"]))
     assert angles == pytest.approx(expected, abs=1e-9)
+    assert memory["events"] == 1
+
+
+def test_a_quaternion_and_its_negative_are_the_same_attitude() -> None:
+    """Who keeps the scalar part positive changes the sign in flight: each time was a new event."""
+    record = run(20.0)
+    random = np.random.default_rng(7)
+    memory, command = new_records()
+    gains, measurement = law_of(), inputs_of(momentum_tube.COMPONENT)
+    for k in range(record.t.size):
+        measurement["t"] = record.t[k]
+        for column in momentum_tube.COMPONENT.inputs:
+            sign = random.choice([-1.0, 1.0]) if column.form == QUATERNION else 1.0
+            measurement[column.name] = sign * record[column.name][k]
+        momentum_tube.step(measurement, memory, gains, command)
+        assert np.array_equal(command["torque_command"], record["torque_command"][k])
     assert memory["events"] == 1
 
 

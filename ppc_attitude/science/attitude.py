@@ -89,6 +89,14 @@ def normalised(a: Quaternion) -> Quaternion:
 
 
 @kernel
+def continued(q: Quaternion, last: Quaternion) -> Quaternion:
+    """Of `q` and its negative, which is the same attitude, the one that is nearer to `last`."""
+    if q[0] * last[0] + q[1] * last[1] + q[2] * last[2] + q[3] * last[3] < 0.0:
+        return (-q[0], -q[1], -q[2], -q[3])
+    return q
+
+
+@kernel
 def kinematics(q: Quaternion, omega: Vector) -> Quaternion:
     """Rate of a quaternion, q' = ½ q ⊗ [ω, 0], ω [rad/s] in the turning frame."""
     return product(q, (0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2], 0.0))

@@ -24,6 +24,7 @@ numbers is checked by `science.guarantee`; docs/guarantee.md has the theorem and
 import math
 from typing import Any
 
+from ppc_attitude.science.attitude import continued
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.brake import (
     axis_rate,
@@ -69,8 +70,10 @@ from ppc_attitude.science.kernel import (
     largest,
     matrix,
     norm,
+    quaternion,
     scale,
     store,
+    store_quaternion,
     subtract,
     vector,
 )
@@ -200,6 +203,9 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     inertia = matrix(gains.inertia)
     q_e, omega_e, m_0 = error_state(measurement, inertia)
+    # The way round is told by the sign of q_e, which those who measure the attitude may change.
+    q_e = continued(q_e, quaternion(memory.error))
+    store_quaternion(memory.error, q_e)
     h = measurement.t - memory.t if memory.started != 0.0 else 0.0
     if h > 0.0 and memory.tumbling == 0.0:
         _advance(memory, gains, h)

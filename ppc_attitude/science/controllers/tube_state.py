@@ -31,6 +31,7 @@ MEMORY = np.dtype(
         ("started", np.float64),
         ("t", np.float64),  # [s] of the last sample
         ("tumbling", np.float64),
+        ("error", np.float64, (4,)),  # q_e of the last sample, whose sign goes on
         ("way", np.float64),  # s = ±1: the way round, kept between events
         ("ahead", np.float64, (3,)),  # Θ [rad]: how far the desired frame will turn, if told
         ("p", np.float64),  # share of ω_res that is left, 1 to 0

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.attitude import normalised
+from ppc_attitude.science.attitude import continued, normalised
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Advice, Component
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS, cones_of, unit_vector
@@ -222,9 +222,7 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
     if due > first:
         state.watch.said = state.watch.changes
     q_d, omega_d, acceleration_d = motion_now(inputs.t, guidance, state)
-    last = quaternion(state.attitude)
-    if q_d[0] * last[0] + q_d[1] * last[1] + q_d[2] * last[2] + q_d[3] * last[3] < 0.0:
-        q_d = (-q_d[0], -q_d[1], -q_d[2], -q_d[3])
+    q_d = continued(q_d, quaternion(state.attitude))
     store_quaternion(state.attitude, q_d)
     store_quaternion(outputs.reference_attitude, q_d)
     store(outputs.reference_angular_velocity, omega_d)
