@@ -289,6 +289,18 @@ def test_without_widening_the_envelopes_are_the_tables() -> None:
     assert np.any(memory["theta"] != 0.0)  # the auxiliary system works all the same
 
 
+def test_envelopes_close_after_widening_is_switched_off() -> None:
+    """They stayed as wide as they were for ever, while their rates said that they close."""
+    gains, memory = configured(adaptive_envelope=False), state_of(ppc.COMPONENT)
+    memory["delta_rho_q"], memory["delta_rho_omega"] = 0.1, 0.02
+    memory["delta_tau"] = (1.0, -1.0, 1.0)
+    for _ in range(1000):
+        ppc.integrate(memory, gains, drive_of(memory, gains), 0.01, 0.01)
+    assert memory["delta_rho_q"] == pytest.approx(0.1 * math.exp(-10.0 * gains["C_q"]), rel=0.06)
+    closed = 0.02 * math.exp(-10.0 * gains["C_omega"])
+    assert memory["delta_rho_omega"] == pytest.approx(closed, rel=0.06)
+
+
 def test_attitude_envelope_never_passes_one() -> None:
     gains, memory = configured(), state_of(ppc.COMPONENT)
     memory["delta_rho_q"] = (0.5, 0.05, 0.0)

@@ -203,20 +203,15 @@ def integrate(memory: Any, gains: Any, drive: Vector, rate_value: float, h: floa
     """Carry θ, Δρ_q and Δρ_ω over h [s] with the last sample's Δτ and its drive held (23, 24)."""
     inertia_inverse = matrix(gains.inertia_inverse)
     delta_tau = vector(memory.delta_tau)
-    delta_omega = vector(memory.delta_rho_omega)
-    if gains.adaptive != 0.0:
-        delta_omega = widened_rate_envelope(
-            delta_omega, rate_value, scale(gains.B_tau, drive), gains.C_omega, h
-        )
-        xi = inverse_envelope(rate_value, delta_omega)
-        store(memory.delta_rho_omega, delta_omega)
-        store(
-            memory.delta_rho_q,
-            widened_attitude_envelope(
-                vector(memory.delta_rho_q), scale(gains.C_tau, multiply(xi, drive)), gains.C_q, h
-            ),
-        )
+    on = gains.adaptive  # switched off in flight, what is open still closes
+    delta_omega = widened_rate_envelope(
+        vector(memory.delta_rho_omega), rate_value, scale(on * gains.B_tau, drive), gains.C_omega, h
+    )
+    store(memory.delta_rho_omega, delta_omega)
     xi = inverse_envelope(rate_value, delta_omega)
+    opening = scale(on * gains.C_tau, multiply(xi, drive))
+    delta_q = widened_attitude_envelope(vector(memory.delta_rho_q), opening, gains.C_q, h)
+    store(memory.delta_rho_q, delta_q)
     theta = auxiliary_step(vector(memory.theta), delta_tau, xi, inertia_inverse, gains, h)
     store(memory.theta, theta)
 
