@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 import pytest
 from estimation_helpers import STEP_NS, Array, suite
-from record_helpers import new_record
+from record_helpers import configured, inputs_of, new_record, outputs_of, state_of
 
 from ppc_attitude.science.controllers import momentum_tube, ppc
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel, matrix
+from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
 from ppc_attitude.science.rate_observer import (
     MEMORY,
@@ -165,6 +166,19 @@ def test_a_law_with_its_own_observer_gets_no_second_one() -> None:
         record, *_ = law.configure({**values, "rate_observer": 2.0})
         assert record["observer"]["frequency"] == frequency
     assert momentum_tube.COMPONENT.observes
+
+
+def test_an_observer_that_is_switched_on_again_in_flight_begins_from_what_is_measured() -> None:
+    """It had predicted the rate over the whole time for which it was off."""
+    law = CONTROLLERS.components["quaternion_feedback"]
+    state, inputs, outputs = state_of(law), inputs_of(law), outputs_of(law)
+    inputs["attitude"], inputs["reference_attitude"] = (0.6, 0.0, 0.0, 0.8), (0.0, 0.0, 0.0, 1.0)
+    measured = (0.01, -0.02, 0.005)
+    for stamp_ns, frequency in ((0, 2.0), (STEP_NS, 2.0), (2 * STEP_NS, 0.0), (10**11, 2.0)):
+        inputs["stamp_ns"], inputs["angular_velocity"] = stamp_ns, measured
+        settings, *_ = configured(law, {"rate_observer": frequency})
+        law.step(inputs, state, settings, outputs)
+    assert tuple(state["observer"]["rate"]) == measured
 
 
 def test_a_limit_within_the_estimates_own_noise_is_refused() -> None:

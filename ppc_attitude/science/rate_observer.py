@@ -210,6 +210,7 @@ def _step_of(law: Component) -> Any:
             state.observer.started = 0.0  # its last torque does not act over the gap
             return
         if configuration.observer.frequency == 0.0:
+            state.observer.started = 0.0  # switched on in flight it begins anew, not from long ago
             step(inputs, state.law, configuration.law, outputs)
             return
         rate = observe(
