@@ -206,6 +206,8 @@ def test_a_changed_number_voids_the_certificate(
         "[" * 100_000,
         "[]",
         '{"accuracy": [1], "promises": []}',
+        '{"digest": "", "accuracy": 0.1, "promises": [], "terminal_error": 0, "inequalities": '
+        '[{"name": "C0", "left": [1], "right": [1, 2]}]}',
         '{"digest": "", "accuracy": NaN, "promises": []}',
         '{"digest": "", "accuracy": 1e400, "promises": []}',
         '{"digest": "", "accuracy": 0.1, "promises": 5}',
@@ -229,6 +231,19 @@ def test_a_certificate_that_promises_too_much_is_found_out() -> None:
     found = differences(stored, certify(values))
     assert len(found) == 1
     assert "can be promised" in found[0]
+
+
+def test_a_certificate_with_any_other_number_is_found_out() -> None:
+    """Only its digest and its times had been compared."""
+    path, certificate = certificate_path(*configs("guaranteed")), certify(values_of())
+    stored = json.loads(path.read_text())
+    stored["terminal_error"] *= 0.1
+    stored["inequalities"][1]["left"][1] *= 0.9
+    del stored["inequalities"][-1]
+    assert differences(stored, certificate) == [
+        "it promises 4.36e-05 in the end, 0.000436 can be promised",
+        "it has other numbers than those that are proved: C1 x, C13 φ1",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,7 @@ from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.scenario import Scenario
 
 _PROMISED = ("rate", "time")
+_SIDES = ("left", "right")
 
 
 def certificate_path(configuration: Path) -> Path:
@@ -71,13 +72,25 @@ def stored_certificate(configurations: Sequence[Path]) -> dict[str, Any] | None:
 
 
 def _stated(content: Any) -> dict[str, Any]:
-    """Digest, accuracy and promises of a certificate, with numbers that are some."""
-    accuracy = float(content["accuracy"])
+    """Return what `differences` reads of a certificate, with numbers that are some."""
+    accuracy, terminal = float(content["accuracy"]), float(content["terminal_error"])
     promises = [{name: float(each[name]) for name in _PROMISED} for each in content["promises"]]
-    numbers = [number for promise in promises for number in promise.values()]
+    inequalities = [
+        {"name": str(each["name"]), **{side: [*map(float, each[side])] for side in _SIDES}}
+        for each in content["inequalities"]
+    ]
+    numbers = [terminal, *(number for promise in promises for number in promise.values())]
     if not (0.0 < accuracy <= 1.0 and all(0.0 <= number < math.inf for number in numbers)):
         raise ValueError("a number in it means nothing")
-    return {"digest": content["digest"], "accuracy": accuracy, "promises": promises}
+    if not all(len(each[side]) == len(_SIDES) for each in inequalities for side in _SIDES):
+        raise ValueError("a side of an inequality has a lower and an upper bound")
+    return {
+        "digest": content["digest"],
+        "accuracy": accuracy,
+        "promises": promises,
+        "terminal_error": terminal,
+        "inequalities": inequalities,
+    }
 
 
 def promise_lines(certificate: Certificate, assumed: Assumptions) -> list[str]:

@@ -19,6 +19,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from ppc_attitude.science.controllers.tube_parameters import digest_of
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, balls
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
@@ -140,4 +142,20 @@ def differences(stored: Mapping[str, Any], certificate: Certificate) -> list[str
                 f"it promises {promise['time']:.2f} s from {promise['rate']:g} deg/s, "
                 + ("nothing can be promised" if now is None else f"{now:.2f} s can be promised")
             )
+    least = certificate.terminal_error
+    if stored["terminal_error"] < least * (1 - 1e-12):
+        found.append(
+            f"it promises {stored['terminal_error']:.3g} in the end, {least:.3g} can be promised"
+        )
+    told = {each["name"]: (*each["left"], *each["right"]) for each in stored["inequalities"]}
+    proved = {each.name: (*each.left, *each.right) for each in certificate.inequalities}
+    changed = [x for x in {**told, **proved} if not _alike(told.get(x, ()), proved.get(x, ()))]
+    if changed:
+        found.append(f"it has other numbers than those that are proved: {', '.join(changed)}")
     return found
+
+
+def _alike(told: Sequence[float], proved: Sequence[float]) -> bool:
+    """Tell whether an inequality's numbers are those of another, but for a library's rounding."""
+    same = len(told) == len(proved)
+    return same and bool(np.allclose(told, proved, rtol=1e-9, atol=1e-300))
