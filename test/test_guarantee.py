@@ -370,6 +370,17 @@ def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user(
     assert designed(replace(quick, **reference), precise, law.h, *gains)
 
 
+def test_of_a_hit_that_may_not_be_seen_no_time_is_promised(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    """The proof begins at an event: a weaker torque leads out of the tube, and makes none."""
+    assumed, law = standard
+    envelope = Envelope(bounds_of(assumed, law, FLOATS, COARSE))
+    assert envelope.recovery(0.16, 0.1, 5e-3) < 5.0
+    with pytest.raises(ValueError, match=r"is promised of less than 0\.153 N·m"):
+        envelope.recovery(0.15, 0.1, 5e-3)
+
+
 @pytest.mark.parametrize("share", [0.2, 0.27, 0.4])
 def test_a_refusal_shows_numbers_that_fail(standard: tuple[Assumptions, Law], share: float) -> None:
     """An infinite bound had no room to compare: any refusal could be told for the nearest."""

@@ -182,9 +182,18 @@ class Envelope:
         Raises
         ------
         ValueError
-            The hit may make the craft tumble.
+            The hit may make the craft tumble, or lead out of the tube without being seen.
         """
         number, law, bounds = self._arithmetic.number, self._law, self._bounds
+        # What the law and its tube may have against a torque that leads out of it in one sample.
+        seen = 3.0 * self._assumed.d + max(
+            (y + n) / law.h + law.kappa * y for y, n in zip(law.Y, law.N, strict=True)
+        )
+        if torque <= seen:
+            raise ValueError(
+                f"a hit of {torque:g} N·m may lead out of the tube without being seen: no time is "
+                f"promised of less than {seen:.3g} N·m"
+            )
         time = number(duration) + self._h
         pushed = number(torque) + number(self._assumed.d) + number(self._assumed.max_torque)
         rate = law.omega0
