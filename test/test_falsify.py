@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ppc_attitude.command_line.errors import BROKEN
 from ppc_attitude.command_line.main import main
@@ -143,6 +144,20 @@ def test_the_worst_case_is_a_configuration_that_gives_the_value(
     main(["simulate", *overlays, f"--config={told['worst']}", "--json"])
     verdict = json.loads(capsys.readouterr().out)
     assert verdict["metrics"]["terminal_error"] == pytest.approx(told["largest"], rel=1e-12)
+
+
+def test_error_and_rate_are_the_true_ones() -> None:
+    """With sensors the noise of what the law was told had been added: 3°/s seemed broken."""
+    base = load([PAPER, CONFIG / "sensors_cubesat.yaml"])
+    record = simulate(base, 60.0)
+    rates = np.degrees(np.linalg.norm(record["truth_angular_velocity"], axis=1))
+    assert Goal("rate").value(record, base.controller) == rates.max()
+    desired, attitude = (
+        Rotation.from_quat(record[name]) for name in ("reference_attitude", "truth_attitude")
+    )
+    error = np.abs((desired.inv() * attitude).as_quat()[:, :3]).max(axis=1)
+    last = error[record.stamps_ns >= record.stamps_ns[-1] - 20 * 10**9].max()
+    assert Goal("terminal").value(record, base.controller) == pytest.approx(last, rel=1e-12)
 
 
 def test_a_law_without_a_guarantee_is_broken() -> None:

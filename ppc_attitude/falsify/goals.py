@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The goals of the adversary: numbers that it makes as large as it can."""
+"""The goals of the adversary: numbers that it makes as large as it can.
+
+Error and rate are the true ones. A column that has a bound is what the law saw.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ppc_attitude.analysis.truth import pointing_errors, truth_of
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
@@ -77,7 +81,7 @@ class Goal:
 
 def _settling(goal: Goal, record: RunRecord, law: Component) -> float:
     """Last instant outside the accuracy; of a run that ends so, the end and how far out it is."""
-    error = _error(record)
+    error = pointing_errors(record).sizes
     outside = np.flatnonzero(~(error < goal.accuracy))  # an error that is none is not settled
     if not outside.size:
         return 0.0
@@ -87,11 +91,12 @@ def _settling(goal: Goal, record: RunRecord, law: Component) -> float:
 
 def _terminal(goal: Goal, record: RunRecord, law: Component) -> float:
     last = record.stamps_ns >= record.stamps_ns[-1] - _LAST
-    return float(_error(record)[last].max())
+    return float(pointing_errors(record).sizes[last].max())
 
 
 def _rate(goal: Goal, record: RunRecord, law: Component) -> float:
-    rates = np.linalg.norm(record["angular_velocity"][record.t >= goal.after], axis=1)
+    true_rates = record[truth_of(record).angular_velocity]
+    rates = np.linalg.norm(true_rates[record.t >= goal.after], axis=1)
     return float(np.degrees(rates.max()))
 
 
@@ -101,10 +106,6 @@ def _of_bound(goal: Goal, record: RunRecord, law: Component) -> float:
     bound = record[column.bound][late]
     error = np.abs(record[column.name][late][:, : bound.shape[1]])
     return float(np.max(error / bound))
-
-
-def _error(record: RunRecord) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    return np.asarray(np.abs(record["attitude_error"][:, :3]).max(axis=1))
 
 
 class _Kind(NamedTuple):
