@@ -146,6 +146,13 @@ def test_the_worst_case_is_a_configuration_that_gives_the_value(
     assert verdict["metrics"]["terminal_error"] == pytest.approx(told["largest"], rel=1e-12)
 
 
+def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path) -> None:
+    """Else the file, run with the same configuration, was a run of the paper's law."""
+    told = ["--controller=quaternion_feedback", "--duration=5", "--runs=1", "--pieces=0"]
+    main(["falsify", f"--config={PAPER}", *told, f"--out={tmp_path}"])
+    assert load([PAPER, tmp_path / "worst.yaml"]).controller.name == "quaternion_feedback"
+
+
 def test_error_and_rate_are_the_true_ones() -> None:
     """With sensors the noise of what the law was told had been added: 3°/s seemed broken."""
     base = load([PAPER, CONFIG / "sensors_cubesat.yaml"])

@@ -151,7 +151,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if found is None:
         raise ConfigurationError("runs and seconds leave no time for one generation")
     worst = arguments.out / WORST
-    write_whole(worst, _file(space, goal, found))
+    write_whole(worst, _file(space, goal, found, arguments.controller))
     broken = found.value > goal.limit
     text = goal.text(found.value, duration)
     if arguments.json:
@@ -178,11 +178,12 @@ def execute(arguments: argparse.Namespace) -> int:
     return REQUIREMENT_FAILED if broken else DONE
 
 
-def _file(space: Space, goal: Goal, found: Found) -> str:
-    """Overlay of the worst case."""
+def _file(space: Space, goal: Goal, found: Found, controller: str | None) -> str:
+    """Overlay of the worst case, with the law if an option chose it."""
     text = goal.text(found.value, space.duration)
     head = f"{_HEAD} {found.runs} runs, {goal.name}: {text}.\n"
-    return head + ros_parameters(space.choice(found.x))
+    law = {CONTROLLER: {"controller": controller}} if controller else {}
+    return head + ros_parameters({**space.choice(found.x), **law})
 
 
 @contextmanager
