@@ -52,8 +52,10 @@ from ppc_attitude.science.guarantee.surroundings import (
     broken_assumptions,
     broken_by_reference,
     inertia_error,
+    longer_ramps,
 )
 from ppc_attitude.science.references.paper import motion_bounds
+from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
 # Largest time that is promised from 1 deg/s [s], whatever the reference.
@@ -182,6 +184,21 @@ def test_every_assumption_matters() -> None:
         )
         assert not certificate.holds, change
         assert certificate.promises == ()
+
+
+def test_a_quicker_law_has_longer_ramps_and_check_says_so() -> None:
+    """With a fifth of the sample time the last tenths of p fell for 0.14 s, not for a sample."""
+    ends = []
+    for rate in (100.0, 500.0):
+        start = {"rate": rate, "initial_angular_velocity": [0.02, -0.01, 0.03]}
+        given = load(configs("paper", "guaranteed"), {PLANT: start})
+        record = simulate(given, 3.0)
+        ends.append(float(record.t[record["phase"][:, 0] == 1.0][-1]))
+    assert 0.1 < ends[1] - ends[0] < 0.21
+    (told,) = longer_ramps(law_of(given.parameters[CONTROLLER]), nodes_around(given.parameters))
+    assert told.startswith("at 500 Hz a stop may end 0.21 s later than at the 100 Hz of the")
+    shipped = case("guaranteed")
+    assert not [*longer_ramps(law_of(values_of()), nodes_around(shipped.parameters))]
 
 
 def test_a_changed_number_voids_the_certificate(

@@ -39,6 +39,7 @@ from ppc_attitude.science.guarantee.known_reference import KnownReference
 from ppc_attitude.science.guarantee.surroundings import (
     broken_assumptions,
     broken_by_reference,
+    longer_ramps,
     suspensions,
 )
 from ppc_attitude.science.references import paper, paper_ahead
@@ -138,7 +139,10 @@ class Judgement:
             *broken_assumptions(self._assumed, self._law, nodes),
             *broken_by_reference(self._assumed, nodes, duration),
         ]
-        self.suspensions = list(suspensions(self._assumed, nodes, duration))
+        self.suspensions = [
+            *longer_ramps(self._law, nodes),
+            *suspensions(self._assumed, nodes, duration),
+        ]
         self.doubts = differences(stored, self.certificate) if stored else []
         digest = values[CERTIFICATE.name]
         if digest and digest != self.certificate.digest:

@@ -80,7 +80,7 @@ from ppc_attitude.science.kernel import (
 
 _OBSERVER_RATE = 1.0  # L [1/s] of the disturbance estimate
 _FEEDFORWARD = 0.15  # of the torque: what the brake cannot have
-_LANDED = 1e-9  # a ramp this near its end is at its end: the time between stamps is rounded
+LANDED = 1e-9  # a ramp this near its end is at its end: the time between stamps is rounded
 _TUMBLING_ENDS = 0.95  # of omega0
 
 
@@ -107,9 +107,9 @@ def _advance(memory: Any, gains: Any, h: float) -> None:
     memory.p = max(memory.p + h * memory.p_rate, 0.0)
     memory.r = min(memory.r + h * memory.r_rate, 1.0)
     memory.sigma += h * memory.sigma_rate
-    if memory.p < _LANDED:
+    if memory.p < LANDED:
         memory.p = 0.0
-    if memory.r > 1.0 - _LANDED:
+    if memory.r > 1.0 - LANDED:
         memory.r = 1.0
 
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.science.controllers.momentum_tube import LANDED
 from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
@@ -132,6 +133,21 @@ def broken_by_reference(assumed: Assumptions, nodes: Nodes, duration: float) -> 
     for name, value in zip(("W", "W1", "W2"), bounds, strict=True):
         if getattr(assumed, name) < value < math.inf:
             yield f"the reference reaches {value:.4g}; assumed: {name} = {getattr(assumed, name):g}"
+
+
+def longer_ramps(law: Law, nodes: Nodes) -> Iterator[str]:
+    """Yield by how much the times are longer with samples shorter than those of the certificate.
+
+    In a sample a ramp makes at most the share h'/h of what is left, with the true h' ≤ h. So its
+    end falls as e^{−t/h}, down to the share at which the law takes it for landed.
+    """
+    rate = nodes.plant["rate"]
+    if rate * law.h > 1.0 + 1e-9:
+        more = math.log(1.0 / LANDED) * law.h
+        yield (
+            f"at {rate:g} Hz a stop may end {more:.2g} s later than at the {1.0 / law.h:g} Hz of "
+            "the certificate: add that to its times, or design for this rate"
+        )
 
 
 def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator[str]:
