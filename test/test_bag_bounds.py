@@ -23,16 +23,19 @@ import sqlite3
 import struct
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import lz4.frame
+import pytest
 import yaml
 import zstandard
 from bag_helpers import messages, record_all, storage_file
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.foreign import SMALL, UNFOLDS
+from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
@@ -41,6 +44,7 @@ from ppc_attitude.contract.topics import ATTITUDE
 MIB = 2**20
 RUN = normal_run(duration=0.2)
 DEEP = "[" * 100_000
+TOPICS = range(10, 65_000)
 TOO_DEEP = "nested too deeply, allowed are 64|maximum nesting depth"  # ours; libyaml's since 0.2.6
 LAUGHS = "l0: &l0 [lol, lol, lol, lol, lol, lol, lol, lol, lol, lol]\n" + "".join(
     f"l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 10)}]\n" for n in range(1, 10)
@@ -258,3 +262,39 @@ def test_memory_stays_below_the_stated_multiple_of_the_bag(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     for line, message in zip(done.stdout.splitlines(), expected, strict=True):
         assert re.search(message, line), f"{line} is not {message}"
+
+
+def attitudes(count: int, behind: bytes = b"") -> bytes:
+    """Records of a topic and its messages, with something behind each message."""
+    schema = record(3, struct.pack("<H", 9) + text(ATTITUDE.msgtype.encode(), b"", b""))
+    channel = record(4, struct.pack("<HH", 9, 9) + text(b"/attitude", b"cdr", b""))
+    codec, values = Codec(ATTITUDE), tuple(RUN["attitude"][0])
+    told = (codec.encode(step * 10_000_000, values) for step in range(count))
+    head = struct.pack("<HIQQ", 9, 0, 0, 0)
+    return schema + channel + b"".join(record(5, head + data) + behind for data in told)
+
+
+def many_topics() -> bytes:
+    said = (struct.pack("<HH", key, 9) + text(f"/{key}".encode(), b"cdr", b"") for key in TOPICS)
+    return attitudes(250_000) + b"".join(record(4, each) for each in said)
+
+
+@pytest.mark.parametrize(
+    "records",
+    [
+        pytest.param(lambda: attitudes(16_000, record(0x80, b"")), id="interrupted"),
+        pytest.param(
+            lambda: chunk(b"", len(it := attitudes(200_000, record(0x80, b""))), it),
+            id="interrupted in a chunk",
+        ),
+        pytest.param(many_topics, id="many topics"),
+    ],
+)
+def test_time_grows_with_the_bag_and_not_faster(
+    records: Callable[[], bytes], tmp_path: Path
+) -> None:
+    (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + records())
+    before = time.process_time()
+    read = read_run(tmp_path / "bag.mcap")
+    assert time.process_time() - before < 3.0
+    assert len(read.stamps_ns) >= 16_000

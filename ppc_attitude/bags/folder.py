@@ -21,6 +21,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd_file
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
@@ -122,10 +124,11 @@ class Bag:
         return SqliteSource(path, finished=self._finished)
 
     def _count(self, channels: Mapping[int, Channel], block: Block) -> None:
-        for key, channel in channels.items():
-            met = int((block.channel == key).sum())
+        for channel in channels.values():
             self.topics.setdefault(channel.topic, channel.msgtype)
-            self.counts[channel.topic] = self.counts.get(channel.topic, 0) + met
+            self.counts.setdefault(channel.topic, 0)
+        for key, met in zip(*np.unique(block.channel, return_counts=True), strict=True):
+            self.counts[channels[int(key)].topic] += int(met)
 
     def _compare_counts(self) -> None:
         promised = self._information.get("message_count")

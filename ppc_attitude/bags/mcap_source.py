@@ -42,7 +42,7 @@ _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 5,
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")  # first and last time, uncompressed size, CRC
 _SMALLEST_MESSAGE = 31
-_WINDOW = 4 * 2**20
+_WINDOW = 2**16  # read again as often as bare messages are interrupted
 _LONGEST_FLAW = 1_000  # characters
 
 
@@ -134,12 +134,13 @@ class McapSource:
             raise EOFError
         window = min(max(_WINDOW, needed), self._size - start)
         data = np.frombuffer(file.read(window), np.uint8)
-        block, stop = self._run_of_messages(data, 0)
+        table = _table_for(data)
+        count, stop = _scan(data, 0, table, 0)
         if stop == 0:
             raise _DamageError(f"message of {first_length} bytes")
         file.seek(start)
         self._read(file, stop)
-        return block
+        return self._block(data, table[:, :count])
 
     def _chunk(self, content: bytes, *, complete: bool) -> Iterator[Block]:
         """Messages of a chunk, as many as there are whole."""
@@ -174,33 +175,29 @@ class McapSource:
         return body
 
     def _chunk_records(self, data: Bytes, *, complete: bool) -> Iterator[Block]:
-        position = 0
+        table = _table_for(data)
+        count, position = _scan(data, 0, table, 0)
         while position < len(data):
-            block, position = self._run_of_messages(data, position)
-            if len(block.channel):
-                yield block
-            if position == len(data):
-                return
             whole = position + _RECORD.size <= len(data)
             if whole:
                 opcode, length = _RECORD.unpack_from(data.data, position)
                 position += _RECORD.size
                 whole = opcode != _MESSAGE and length <= len(data) - position
             if not whole:
-                if complete:
-                    raise _DamageError("a chunk ends within a record")
-                return
+                break
             if opcode in (_SCHEMA, _CHANNEL):
                 self._define(opcode, data[position : position + length].tobytes())
-            position += length
+            count, position = _scan(data, position + length, table, count)
+        if count:
+            yield self._block(data, table[:, :count])
+        if complete and position < len(data):
+            raise _DamageError("a chunk ends within a record")
 
-    def _run_of_messages(self, data: Bytes, start: int) -> tuple[Block, int]:
-        table = np.empty((4, (len(data) - start) // _SMALLEST_MESSAGE + 1), np.int64)
-        count, stop = _scan(data, start, table)
-        channel, time, offset, length = table[:, :count].copy()
+    def _block(self, data: Bytes, found: Integers) -> Block:
+        channel, time, offset, length = found.copy()
         for unknown in set(np.unique(channel).tolist()) - self.channels.keys():
             raise _DamageError(f"message of channel {unknown}, which is not defined")
-        return Block(data, channel, time, offset, length), int(stop)
+        return Block(data, channel, time, offset, length)
 
     def _define(self, opcode: int, content: bytes) -> None:
         if opcode == _METADATA:
@@ -248,13 +245,17 @@ def _table(content: bytes, position: int) -> dict[str, str]:
     return table
 
 
-@kernel
-def _scan(data: Bytes, start: int, table: Integers) -> tuple[int, int]:
-    """Walk message records: fill channel, time, offset and length of each payload.
+def _table_for(data: Bytes) -> Integers:
+    """Room for channel, time, offset and length of as many messages as there can be."""
+    return np.empty((4, len(data) // _SMALLEST_MESSAGE + 1), np.int64)
 
-    Returns how many there were, and where the first byte lies that belongs to none.
+
+@kernel
+def _scan(data: Bytes, start: int, table: Integers, count: int) -> tuple[int, int]:
+    """Walk message records: add channel, time, offset and length of each payload to the first.
+
+    Returns how many there are then, and where the first byte lies that belongs to none.
     """
-    count = 0
     position = start
     while position + 31 <= data.size and data[position] == 5:
         length = np.int64(0)
