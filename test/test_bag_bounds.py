@@ -129,6 +129,12 @@ def number_to_base_60(bag: Path) -> None:
     )
 
 
+def number_to_base_2(bag: Path) -> None:
+    (bag / "metadata.yaml").write_text(
+        f"rosbag2_bagfile_information: {{custom_data: {{a: 0b{'1' * 20_000}}}}}"
+    )
+
+
 def deep_json(bag: Path) -> None:
     metadata(bag, custom_data={"ppc_attitude.parameters": DEEP})
 
@@ -222,6 +228,7 @@ HOSTILE: list[tuple[Callable[[Path], None], str, bool, str]] = [
     (laughing_custom_data, "mcap", False, "unfolds into .* characters, allowed are 4194304"),
     (recursive_custom_data, "mcap", False, r"\*a stands before the end of what it means"),
     (number_to_base_60, "mcap", False, "number of 2000001 characters, allowed are 250"),
+    (number_to_base_2, "mcap", False, "number of 20002 characters, allowed are 250"),
     (deep_json, "mcap", False, "its ppc_attitude.parameters cannot be read: nested too deeply"),
     (deep_unfinished_json, "mcap", False, "its unfinished.json is damaged: nested too deeply"),
     (one_file_many_times, "mcap", False, "^read;$"),

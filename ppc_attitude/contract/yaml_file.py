@@ -32,7 +32,7 @@ LARGEST = 4 * 2**20  # characters
 _DEEPEST = 64
 _NODE = 32
 _LONGEST_NUMBER = 250  # digits, of which every integer fits into a float
-_NUMBER = re.compile(r"[-+]?(0x[0-9a-fA-F_]+|[0-9_:.]+)")
+_NUMBER = re.compile(r"[-+]?(0x[0-9a-fA-F_]+|0b[01_]+|[0-9_:.]+)")
 _STEERING = re.compile(  # a terminal or a page, or the direction of writing
     "[\0-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]"
 )
