@@ -26,6 +26,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import lz4.frame
 import pytest
@@ -34,8 +35,12 @@ import zstandard
 from bag_helpers import messages, record_all, storage_file
 from synthetic import SAMPLED, normal_run
 
+from ppc_attitude.bags import writer
+from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.foreign import SMALL, UNFOLDS
+from ppc_attitude.bags.marks import write_unfinished
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
@@ -54,7 +59,9 @@ CHILD = """
 import resource, sys
 from pathlib import Path
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.marks import write_unfinished
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.recover import recover
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import load
 
@@ -215,10 +222,10 @@ def many_attitudes(bag: Path) -> Path:
     """A bag with one message of all topics but one, in whose stamps are many gaps."""
     facts = {"ppc_attitude.parameters": json.dumps({"spacecraft_plant": {"rate": 100.0}})}
     codec, values = Codec(ATTITUDE), tuple(RUN["attitude"][0])
-    with BagWriter(bag, custom_data=facts) as writer:
-        record_all(writer, itertools.islice(messages(RUN), len(SAMPLED)))
+    with BagWriter(bag, custom_data=facts) as recorder:
+        record_all(recorder, itertools.islice(messages(RUN), len(SAMPLED)))
         for step in range(100, 1_500_000, 15):
-            writer.write("/attitude", 0, codec.encode(step * 10_000_000, values))
+            recorder.write("/attitude", 0, codec.encode(step * 10_000_000, values))
     return bag
 
 
@@ -305,3 +312,22 @@ def test_time_grows_with_the_bag_and_not_faster(
     read = read_run(tmp_path / "bag.mcap")
     assert time.process_time() - before < 3.0
     assert len(read.stamps_ns) >= 16_000
+
+
+def test_a_recovery_writes_what_the_bag_says_of_its_run_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = tmp_path / "bag"
+    write_run(RUN, bag)
+    told = {f"key {count}": "" for count in range(50)}
+    metadata(bag, message_count=0, custom_data=told)
+    written: list[object] = []
+
+    def write(*said: Any) -> None:
+        written.append(said)
+        write_unfinished(*said)
+
+    monkeypatch.setattr(writer, "write_unfinished", write)
+    recover(bag)
+    assert len(written) == 2  # with why it was cut, which is known at the end
+    assert told.items() <= Bag(bag).custom_data.items()

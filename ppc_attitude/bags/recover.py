@@ -17,7 +17,6 @@
 import contextlib
 import os
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -101,7 +100,7 @@ def _replace(cut: Bag, folder: Path) -> Recovery:
         work.mkdir()
         settle(original, work)
     copy = work / folder.absolute().name
-    recovery = _copy(Bag(folder), copy, cut.counts)
+    recovery = _copy(Bag(folder), copy, cut)
     (finished,) = (file for file in copy.iterdir() if file.suffix in STORAGES)
     target = folder / finished.name
     if target != original and os.path.lexists(target):
@@ -116,17 +115,18 @@ def _replace(cut: Bag, folder: Path) -> Recovery:
     return recovery
 
 
-def _copy(bag: Bag, copy: Path, counts: Mapping[str, int]) -> Recovery:
-    """Write every message of a bag into another one; `counts` has how many each topic has."""
+def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
+    """Write every message of a bag, which as it was cut is read already, into another one."""
     first, last = 2**63 - 1, 0
     announced: set[str] = set()
-    with BagWriter(copy, storage=STORAGES[bag.files[0].suffix]) as writer:
+    storage = STORAGES[bag.files[0].suffix]
+    with BagWriter(copy, storage=storage, custom_data=cut.custom_data) as writer:
         for channels, block in bag.blocks():
             for channel in channels.values():
                 if channel.topic in announced:
                     continue
                 # Of a type that nobody knows nothing is lost if it has no message.
-                if counts.get(channel.topic) or writer.knows(channel.msgtype):
+                if cut.counts.get(channel.topic) or writer.knows(channel.msgtype):
                     _announce(writer, channel)
                     announced.add(channel.topic)
             for key, time, data in zip(
@@ -135,8 +135,6 @@ def _copy(bag: Bag, copy: Path, counts: Mapping[str, int]) -> Recovery:
                 writer.write(channels[key].topic, time, data)
             first = min(first, int(block.time.min(initial=first)))
             last = max(last, int(block.time.max(initial=last)))
-        for key, value in bag.custom_data.items():
-            writer.set_custom_data(key, value)
         writer.set_custom_data(RECOVERED_KEY, "; ".join(bag.flaws))
     messages = sum(bag.counts.values())
     return Recovery(bag.path, messages, dict(bag.counts), first, last, tuple(bag.flaws))
