@@ -123,6 +123,35 @@ def test_four_wheels_go_to_their_null_speed_without_a_torque() -> None:
     assert np.abs(speeds[:4]) == pytest.approx(np.full(4, 100.0), rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("axes", "inertia", "slowest"),
+    [
+        (wheels.AXES.default, [8e-4, 8e-4, 8e-4, 1e-4], 12.5),
+        ([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] * 2, [8e-4], 100.0),
+        ([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0], [8e-4], 0.0),
+    ],
+)
+def test_fastest_wheel_of_any_array_goes_to_the_null_speed_and_none_stands_that_need_not(
+    axes: list[float], inertia: list[float], slowest: float
+) -> None:
+    frictionless = {f"wheels__{name}": [0.0] for name in ("viscous", "coulomb", "static")}
+    array = {"wheels__axes": axes, "wheels__inertia": inertia}
+    part, count = drive(wheels__null_gain=1.0, **frictionless, **array), len(axes) // 3
+    speeds, spin = np.zeros(8), np.broadcast_to(inertia, count)
+    for k in range(3000):
+        given = np.array(part.step(k * STEP_NS, [0.0] * 6 + [*speeds]))
+        assert np.abs(given[:3]).max() < 1e-15
+        speeds[:count] += 0.01 / spin * given[3 : 3 + count]
+    assert np.abs(speeds[:count]).max() == pytest.approx(100.0)
+    assert np.abs(speeds[:count]).min() == pytest.approx(slowest, abs=1e-9)
+
+
+def test_null_speed_beyond_a_wheels_largest_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="null_speed = 700 rad/s leads wheel"):
+        drive(wheels__null_speed=700.0)
+    drive(wheels__null_speed=700.0, wheels__axes=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+
+
 @pytest.mark.ros
 def test_nodes_with_wheels_modes_sensors_and_faults_give_the_bits_of_the_loop(
     tmp_path: Path, start_process: StartProcess

@@ -21,6 +21,7 @@ directions. What is left lies in the plane, and there the same is done for the l
 Where the wheels that are left span a plane or a line alone, it is done from there on.
 """
 
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -201,3 +202,26 @@ def largest_torque(axes: NDArray[np.float64], limits: NDArray[np.float64]) -> fl
     top. Parameters as of `certain_torque`.
     """
     return float((limits @ np.abs(axes)).max())
+
+
+def idle_speeds(free: NDArray[np.float64], inertia: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Speeds of wheels whose momenta cancel, by that of the fastest one, 1.
+
+    With more than one way to cancel, the slowest wheel is as fast as by any pattern of signs. A
+    wheel that is in no such way has to stand.
+
+    Parameters
+    ----------
+    free : ndarray, shape (n, m)
+        Basis of the momenta that cancel.
+    inertia : ndarray, shape (n,)
+        Spin inertia of each wheel.
+    """
+    ways = free[:, 0] / (inertia / inertia[0])
+    if free.shape[1] > 1:
+        signs = np.array([*product((1.0, -1.0), repeat=len(free))]) @ free
+        every = signs[np.linalg.norm(signs, axis=1) > FLAT] @ free.T / inertia
+        moving = np.linalg.norm(free, axis=1) > FLAT
+        slowest = np.abs(every)[:, moving].min(axis=1) / np.abs(every).max(axis=1)
+        ways = every[np.argmax(slowest > slowest.max() - FLAT)]
+    return np.asarray(ways / ways[np.argmax(np.abs(ways))])

@@ -31,8 +31,9 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science import wheels
-from ppc_attitude.science.allocation import FLAT, WheelArray, allocate
+from ppc_attitude.science.allocation import FLAT, WheelArray, allocate, idle_speeds
 from ppc_attitude.science.component import MAX_WHEELS, Advice, Component
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import (
     FAULTS,
     RECORD,
@@ -143,15 +144,32 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["null"][:count, :count] = free @ free.T
     record["null_gain"] = values[NULL_GAIN.name]
     if free.size:
-        pattern = free[:, 0] / free[np.argmax(np.abs(free[:, 0])), 0]
-        speeds = values[NULL_SPEED.name] * pattern
-        record["null_momentum"][:count] = given["inertia"][:count] * speeds
+        record["null_momentum"][:count] = _null_momentum(free, given, values[NULL_SPEED.name])
     record["knowledge"] = values[KNOWLEDGE.name]
     record["compensation"] = values[COMPENSATION.name]
     record["clips"] = values[OVERLOAD.name] == "clip"
     record["delay_ns"] = nanoseconds(values[DETECTION_DELAY.name])
     record["faults"] = faults_of(values, wheels.parts_of(values))
     return record
+
+
+def _null_momentum(free: Any, craft: Any, fastest: float) -> Any:
+    """Momenta [N·m·s] that cancel, with the fastest wheel at a speed [rad/s].
+
+    Raises
+    ------
+    ConfigurationError
+        A wheel cannot be so fast.
+    """
+    count = len(free)
+    inertia = craft["inertia"][:count]
+    speeds = fastest * idle_speeds(free, inertia)
+    for i in np.flatnonzero(np.abs(speeds) > craft["max_speed"][:count]):
+        raise ConfigurationError(
+            f"{NULL_SPEED.name} = {fastest:g} rad/s leads wheel {i} to {abs(speeds[i]):g}; "
+            f"allowed: at most its {wheels.MAX_SPEED.name} = {craft['max_speed'][i]:g}"
+        )
+    return inertia * speeds
 
 
 @kernel
