@@ -198,8 +198,25 @@ def ring() -> dict[str, Any]:
             },
             "from being parallel; allowed: at least 5.74°; try another time",
         ),
+        (
+            {"goals__frames": ["nadir"], "goals__attitudes": STRAIGHT, "guidance__max_rate": 1e-3},
+            "that keeps guidance.max_rate = 0.001 rad/s while its frame turns too; raise",
+        ),
+        (
+            # A cone that stands still, and points that lead through it.
+            {
+                "goals__frames": ["profile"],
+                "goals__attitudes": STRAIGHT,
+                "goals__points": [0.0, 5.0, *STRAIGHT, *[0.0] * 6, 0.0, 90.0, 0.6, 0.0, 0.0, 0.8]
+                + [0.0] * 6,
+                "keep_out__axes": [0.0, 0.0, 1.0],
+                "keep_out__directions": ["0 -1 1"],
+                "keep_out__half_angles": [0.1],
+            },
+            "crosses keep-out cone 0 at t = 49.0 s; try another time or another way",
+        ),
     ],
-    ids=["goal in a cone", "closed", "spin", "late", "fast", "frame"],
+    ids=["goal in a cone", "closed", "spin", "late", "fast", "frame", "fast frame", "through"],
 )
 def test_refusal_names_value_and_range_and_the_present_motion_goes_on(
     values: dict[str, Any], reason: str

@@ -138,6 +138,13 @@ def refused(outcome: int, measured: float, allowed: float, state: Any) -> int:
 
 
 @kernel
+def no_slew(guidance: Any, state: Any) -> int:
+    """Refuse for want of a brake or turn within the limits: mostly a frame turns about as fast."""
+    V = guidance.limits.max_rate
+    return refused(NO_SLEW, V, V, state)
+
+
+@kernel
 def kept_clear(trial: Any, t: float, free: float, exempt: int, guidance: Any, state: Any) -> int:
     """`ACCEPTED` if a plan keeps all cones from t [s] on, `CROSSES` if not; see `crossing`."""
     cone, when = crossing(trial, t, trial.end, free, exempt, guidance, state.look)
@@ -195,7 +202,7 @@ def _approach(t: float, trial: Any, motion: Motion, guidance: Any, state: Any) -
     at_rest = plan.frame == INERTIAL and trial.frame == INERTIAL and t >= plan.end
     limits, sky = guidance.limits, guidance.sky
     found = append_approach(trial, t, motion, at_rest, limits, sky, state.look)
-    return ACCEPTED if found else NO_SLEW
+    return ACCEPTED if found else no_slew(guidance, state)
 
 
 @kernel
@@ -211,7 +218,7 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
     inside = cones_around(motion[0], cones, directions)
     state.inside = inside
     if not _brake_to_stand(t, trial, motion, guidance, state):
-        return NO_SLEW
+        return no_slew(guidance, state)
     braked = trial.count
     begin_turns = trial.end
     stand = _standing_attitude(trial, motion)
@@ -235,14 +242,14 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
     for k in range(len(angles) - 1 if moving else len(angles)):
         start, axis = quaternion(attitudes[k]), vector(axes[k])
         if not append_slew(trial, INERTIAL, trial.end, start, axis, angles[k], limits, sky, look):
-            return NO_SLEW
+            return no_slew(guidance, state)
     free = trial.end
     if trial.count > braked:
         free = trial.legs[braked].begin + trial.legs[braked].duration
     if moving:
         still = standing(quaternion(attitudes[len(angles) - 1]))
         if not append_approach(trial, trial.end, still, False, limits, sky, look):
-            return NO_SLEW
+            return no_slew(guidance, state)
     return kept_clear(trial, t, free, inside, guidance, state)
 
 
@@ -308,7 +315,7 @@ def hold(t: float, guidance: Any, state: Any) -> int:
     state.cone = -1
     state.inside = 0
     if not _brake_to_stand(t, trial, motion, guidance, state):
-        return adopt_plan(t, NO_SLEW, state)
+        return adopt_plan(t, no_slew(guidance, state), state)
     stand = _standing_attitude(trial, motion)
     store_quaternion(trial.attitude, stand)
     return adopt_plan(t, ACCEPTED, state)

@@ -25,11 +25,11 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.frames import INERTIAL
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
-    NO_SLEW,
     TOO_FAST,
     TOO_LATE,
     adopt_plan,
     kept_clear,
+    no_slew,
     plan_to,
     refused,
 )
@@ -189,7 +189,7 @@ def _plan_through(t: float, points: Any, guidance: Any, state: Any) -> int:
     if trial.end > points.time[0]:
         return refused(TOO_LATE, trial.end, points.time[0], state)
     if trial.count + points.count > MOST_LEGS:
-        return NO_SLEW
+        return no_slew(guidance, state)
     approached = trial.end  # the cones are checked until here
     if approached < points.time[0]:
         wait = points.time[0] - approached

@@ -129,9 +129,10 @@ _REASONS = {
     INSIDE_CONE: "it is inside keep-out cone {cone}, {measured:.2f}° from its direction; allowed: "
     "at least {allowed:.2f}°",
     NO_WAY: "no way to it keeps all keep-out cones; the direct one crosses {barred}",
-    CROSSES: "the way to it crosses keep-out cone {cone} at t = {measured:.1f} s, since the cone "
-    "or the goal moves meanwhile; try another time",
-    NO_SLEW: "no slew to it is found within the limits; raise guidance.max_acceleration",
+    CROSSES: "the way to it crosses keep-out cone {cone} at t = {measured:.1f} s; try another time "
+    "or another way",
+    NO_SLEW: "no slew to it is found that keeps guidance.max_rate = {allowed:.6g} rad/s while its "
+    "frame turns too; raise guidance.max_rate or guidance.max_acceleration",
     ILL_DEFINED: "the two directions of its frame are {measured:.2f}° from being parallel; "
     "allowed: at least {allowed:.2f}°; try another time",
     SPIN_TOO_FAST: "spin.rate = {measured:.6g} rad/s; allowed: up to {allowed:.6g}, which is 0.9 "
