@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
 from ppc_attitude.science.orbit_elements import orbit_by_lines
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.references.goal import COMPONENT
+from ppc_attitude.science.references.goal import COMPONENT, configure
 from ppc_attitude.science.stamps import nanoseconds
 
 STRAIGHT = [0.0, 0.0, 0.0, 1.0]
@@ -101,6 +101,26 @@ def test_attitude_that_begins_inside_a_cone_is_warned_of_at_once() -> None:
     assert first == (0.0, "the desired motion is inside keep-out cone 0", True)
     assert "it begins inside keep-out cone 0 and is led out" in order[1]
     assert [(text, warning) for _, text, warning in rest] == [("what was warned of is over", False)]
+
+
+def test_cone_that_is_widened_in_flight_is_looked_for_anew() -> None:
+    given = {
+        "keep_out__axes": [0.0, 0.0, 1.0],
+        "keep_out__directions": ["0 0 -1"],
+        "goals__times": [1.0],
+        "goals__attitudes": [0.6, 0.0, 0.0, 0.8],  # 73.7° about x, from 180° off the direction
+    }
+    part = part_of(keep_out__half_angles=[0.4], **given)
+    assert len(said(part, np.arange(0.0, 6.0))) == 1
+    wide = {**COMPONENT.defaults, **dotted({**given, "keep_out__half_angles": [3.0]})}
+    record, *_kept = configure(wide)
+    part.hold(record)
+    ((when, text, warning),) = said(part, np.arange(6.0, 60.0, 0.25))
+    assert (when, warning) == (6.0, True)
+    entered = float(text.rpartition("= ")[2].removesuffix(" s"))
+    # After 7 s it has turned by 7° and goes on with V = 2°/s.
+    passed = math.degrees(math.pi - 3.0)
+    assert entered == pytest.approx(1.0 + 7.0 + (passed - 7.0) / 2.0, abs=0.1)
 
 
 def test_hold_that_brakes_into_a_cone_is_followed_with_a_warning() -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from ppc_attitude.science.guidance.frames import GROUND, LEAST_SINE, elevation_sine, frame_at
 from ppc_attitude.science.guidance.plan import plan_motion
 from ppc_attitude.science.guidance.sight import crossing, directions_at
-from ppc_attitude.science.keep_out import MOST_CONES, cones_around
+from ppc_attitude.science.keep_out import CONES, MOST_CONES, cones_around
 from ppc_attitude.science.kernel import kernel
 
 HORIZON = 60.0  # [s] a cone is warned of so long before it is entered
@@ -37,6 +37,7 @@ WATCH = np.dtype(
         ("when", np.float64, (MOST_CONES,)),  # [s] when a cone that is warned of is entered
         ("changes", np.int64),  # of `bits` so far
         ("said", np.int64),  # of these, those that are told with the last order
+        ("cones", CONES),  # that were looked for
     ],
     align=True,
 )
@@ -52,12 +53,36 @@ def begin_watch(t: float, inside: int, watch: Any) -> None:
 
 
 @kernel
+def _known(t: float, cones: Any, watch: Any) -> int:
+    """Bits of the cones that are warned of; what was seen of cones that have changed is forgotten.
+
+    They change in flight with their parameters.
+    """
+    seen = watch.cones
+    if (
+        seen.count == cones.count
+        and (seen.body_axis == cones.body_axis).all()
+        and (seen.kind == cones.kind).all()
+        and (seen.direction == cones.direction).all()
+        and (seen.half_angle == cones.half_angle).all()
+    ):
+        return int(watch.bits & (_BELOW - 1))
+    seen.count = cones.count
+    seen.body_axis[:] = cones.body_axis
+    seen.kind[:] = cones.kind
+    seen.direction[:] = cones.direction
+    seen.half_angle[:] = cones.half_angle
+    watch.seen = t
+    return 0
+
+
+@kernel
 def _cones_ahead(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> int:
     """Bits of the cones that the plan is inside of, or enters within the horizon."""
     cones, sky = guidance.cones, guidance.sky
     q = plan_motion(t, plan, sky, look.now)[0]
     around = cones_around(q, cones, directions_at(t, cones, sky, look.now))
-    bits: int = watch.bits & (_BELOW - 1)
+    bits = _known(t, cones, watch)
     s, end = max(watch.seen, t), t + HORIZON
     for i in range(cones.count):
         if bits >> i & 1 and not around >> i & 1 and t >= watch.when[i]:
