@@ -176,3 +176,16 @@ def test_wheels_whose_limits_nobody_can_read_are_not_judged(plant):
     why = "no limits (wheels.max_speed of spacecraft_plant) on record"
     assert (judged.met, judged.reason) == (None, why)
     assert "wheel_speed" not in {each.key for each in analyse(normal_run()).requirements}
+
+
+def test_verdict_says_when_the_wheels_momentum_ran_out():
+    t = normal_run().t
+    speeds = np.outer(t, [0.0, -6.0, 5.0, 0.0])
+    plant = {"wheels.max_speed": [600.0]}
+    run = replace(
+        with_columns(normal_run(), wheel_speed=speeds), parameters={"spacecraft_plant": plant}
+    )
+    judged = requirement(analyse(run), "speed of a wheel, share of its largest")
+    full = t[6.0 * t > 0.99 * 600.0][0]
+    assert not judged.met
+    assert judged.note == f"wheel 1 is above it from {full:g} s on: momentum runs out"

@@ -251,15 +251,15 @@ class Measured:
         return None
 
     @property
-    def fastest_wheel(self) -> float | None:
-        """Largest share of its largest speed that a wheel had; None if nobody tells of wheels."""
+    def wheel_shares(self) -> Array | None:
+        """Speeds of the wheels by their largest, shape (n, count); None if nobody tells of them."""
         limits = self.record.parameters.get(PLANT, {}).get(wheels.MAX_SPEED.name)
         if limits is None or not has(self.record, wheels.SPEED.name):
             return None
         speeds = np.abs(self.record[wheels.SPEED.name])
         with suppress(TypeError, ValueError):  # what somebody wrote into a bag
             each = np.pad(limits, (0, speeds.shape[1] - len(limits)), mode="edge")  # one is for all
-            return largest(speeds / each)
+            return np.asarray(speeds / each)
         return None
 
     def _time_outside(self, envelope: Envelope) -> float | None:

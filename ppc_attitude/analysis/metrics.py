@@ -351,10 +351,16 @@ class Judge(Measured):
     def _wheels(self) -> Iterator[Requirement]:
         """Judge whether the wheels could take up the momentum; one at its limit gives no torque."""
         if has(self.record, wheels.SPEED.name):
-            share, why = self.fastest_wheel, self.changed(PLANT, wheels.MAX_SPEED.name)
-            if share is None and not why:
+            shares, why = self.wheel_shares, self.changed(PLANT, wheels.MAX_SPEED.name)
+            if shares is None and not why:
                 why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
-            yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole, why)
+            share, note = None, ""
+            if shares is not None:
+                share, full = largest(shares), np.argwhere(shares > WHEEL_RESERVE)
+                for first, wheel in full[:1].tolist():
+                    begin = f"{self.t[first]:.6g} s"
+                    note = f"wheel {wheel} is above it from {begin} on: momentum runs out"
+            yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole, why, note=note)
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""
