@@ -151,6 +151,22 @@ def test_figures_show_ways_sky_and_angles(record: RunRecord) -> None:
     assert plotted(drawn["slews"][1]) != ""
 
 
+def test_a_turn_that_is_cut_short_after_a_refusal_is_drawn_until_then() -> None:
+    cut = simulate(
+        flight(
+            goals__times=[5.0, 10.0, 20.0],
+            goals__frames=["inertial", "spin", "hold"],
+            goals__attitudes=[*DESIRED_ATTITUDE, *STRAIGHT, *STRAIGHT],
+            spin__rate=0.05,
+        ),
+        40.0,
+    )
+    ways = figures_of(cut)["slews"][1].axes
+    spans = [(patch.get_extents().x0, patch.get_extents().x1) for patch in ways[0].patches]
+    (turn, brake) = sorted(spans)
+    assert turn[1] == pytest.approx(brake[0])
+
+
 def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRecord) -> None:
     values = record.parameters[REFERENCE]
     cones = {name: values[name] for name in values if name.startswith("keep_out.")}

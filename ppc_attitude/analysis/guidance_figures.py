@@ -119,9 +119,11 @@ def _mark_orders(axes: Axes, flight: Flight, start: float) -> None:
         told.add(label)
         return label if new else "_"
 
-    # A turn ends where the next one begins.
-    ends = [word.time if word.legs else np.inf for word in flight.words[1:]]
-    for word, until in zip(flight.words, [*ends, np.inf], strict=False):
+    # A turn ends where the next one begins; what is refused or warned of ends none.
+    ends = [np.inf]
+    for word in flight.words[:0:-1]:
+        ends.append(word.time if word.legs else ends[-1])
+    for word, until in zip(flight.words, reversed(ends), strict=False):
         for leg in word.legs:
             if leg.begin < until:
                 label, colour = ("turn", BLUE) if leg.turns else ("brake, or timed", ORANGE)
