@@ -167,6 +167,16 @@ def test_a_turn_that_is_cut_short_after_a_refusal_is_drawn_until_then() -> None:
     assert turn[1] == pytest.approx(brake[0])
 
 
+def test_every_line_of_the_way_can_be_read_off_by_name(record: RunRecord) -> None:
+    """A line without a name has no value in the chart of the page."""
+    slews = figures_of(record)["slews"][1]
+    names = [{each.get_label() for each in axes.get_lines()} for axes in slews.axes]
+    assert names[0] >= {"craft", "desired"}
+    assert all("desired, norm" in each for each in names[1:])
+    shown = slews.axes[1].get_legend().get_texts()
+    assert [each.get_text() for each in shown] == ["desired, norm", "limit of a slew"]
+
+
 def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRecord) -> None:
     values = record.parameters[REFERENCE]
     cones = {name: values[name] for name in values if name.startswith("keep_out.")}

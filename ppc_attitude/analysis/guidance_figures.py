@@ -97,7 +97,7 @@ def slews(run: Measured, flight: Flight) -> Figure:
         ),
     ):
         norm = np.rad2deg(np.linalg.norm(vectors(run.record, column), axis=1))
-        draw(axes, run.t, norm)
+        draw(axes, run.t, norm, label="desired, norm")
         limit_lines(axes, np.rad2deg(limit), label="limit of a slew")
         axes.set_ylabel(label)
         axes.set_ylim(bottom=0.0)
