@@ -286,11 +286,21 @@ def test_several_runs_are_compared(page_of_two):
     page, _ = page_of_two
     text = page.text
     assert "requirement ppc log_barrier limit" in text
-    assert "angular rate (norm) 2.397 ✓ met 4.962 ✗ NOT MET ≤ 3 deg/s" in text
-    assert re.search(r"rate error outside its envelope 0 ✓ met – ≤ 0 s", text)
+    judged = "2.397 from 0 to 120 s ✓ met 4.962 from 0 to 120 s ✗ NOT MET"
+    assert f"angular rate (norm) {judged} ≤ 3 deg/s" in text
+    assert re.search(r"rate error outside its envelope 0 from 0 to 120 s ✓ met – ≤ 0 s", text)
     captions = [image["alt"] for image in page.images]
     assert captions[:2] == ["Pointing errors in the envelopes", "Angular velocities"]
     assert len(captions) == 2 + 8 + 6
+
+
+def test_a_comparison_tells_the_spans_and_no_number_where_none_is(tmp_path, undrawn):
+    """A hit ends the span of the rate; a run that is too short is not judged."""
+    path, runs = tmp_path / "report.html", (hit_run(), normal_run(30.0))
+    write_report([(run, analyse(run)) for run in runs], path)
+    text = Page(path.read_text(encoding="utf-8")).text
+    assert "angular rate (norm) 2.397 from 0 to 20 s ✓ met 2.397 from 0 to 30 s ✓ met" in text
+    assert "attitude error in the last 20 s – not judged – not judged < 0.0005" in text
 
 
 def test_the_page_is_the_same_each_time(tmp_path):

@@ -109,7 +109,7 @@ def _comparison(runs: Runs, labels: Sequence[str]) -> str:
     for name in names:
         found = [next((r for r in v.requirements if r.name == name), None) for _, v in runs]
         limits = dict.fromkeys(each.limit_text for each in found if each)
-        told = [Html(f"{each.value_text} {_outcome(each)}") if each else "–" for each in found]
+        told = [_compared(each) if each else "–" for each in found]
         rows.append([name, *told, ", ".join(limits)])
     numbers = [(label, "number") for label in labels]
     compared = table([("requirement", "name"), *numbers, ("limit", "")], rows)
@@ -165,6 +165,12 @@ def _requirements(verdict: Verdict) -> str:
     ]
     told = [(title, "") for title in ("judged [s]", "verdict", "note")]
     return table([("requirement", "name"), ("value", "number"), ("limit", "text"), *told], rows)
+
+
+def _compared(each: Requirement) -> Html:
+    """Tell the number, where there is one, over which part of the run it is taken, and verdict."""
+    number = "" if each.value is None else f"{each.value_text} from {each.span_text} s "
+    return Html(f"{number}{_outcome(each)}")
 
 
 def _outcome(each: Requirement) -> Html:
