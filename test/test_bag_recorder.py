@@ -27,7 +27,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, PLANT, RECORDER
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, PLANT, RECORDER, REFERENCE
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.science.stamps import stamp_of
@@ -63,12 +63,13 @@ def test_what_one_run_sends_at_best_effort_is_recorded_as_of_that_run(tmp_path: 
 
 
 @pytest.mark.ros
+@pytest.mark.parametrize("name", [CONTROLLER, REFERENCE])
 def test_a_node_that_is_started_again_is_asked_again(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """What it has else than before is a change; before the run its latest start counts.
 
-    A controller that was disabled is enabled again, and its law begins anew.
+    It begins anew, which is told as that it is enabled: a controller may have been disabled.
     """
     bag = tmp_path / "bag"
     rclpy.init(args=["--ros-args", "-p", f"bag:={bag}"])
@@ -80,23 +81,23 @@ def test_a_node_that_is_started_again_is_asked_again(
         nonlocal said
         beside.node.wake()
         said += capfd.readouterr().err
-        return said.count(f"/{CONTROLLER} are on record") == asked
+        return said.count(f"/{name} are on record") == asked
 
     for k in (1.0, 2.0, 3.0, 3.0):
         if k == 3.0:  # the run has begun
             beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
-        controller = rclpy.create_node(CONTROLLER)
-        controller.declare_parameters("", [("k", k), ("controller", "ppc")])
-        beside.executor.add_node(controller)
+        node = rclpy.create_node(name)
+        node.declare_parameters("", [("k", k), ("controller", "ppc")])
+        beside.executor.add_node(node)
         asked += 1
         beside.until(has_answered)
-        beside.executor.remove_node(controller)
-        controller.destroy_node()
+        beside.executor.remove_node(node)
+        node.destroy_node()
     beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
     beside.close()
     rclpy.try_shutdown()
     record = read_run(bag)
-    assert record.parameters[CONTROLLER]["k"] == 2.0
+    assert record.parameters[name]["k"] == 2.0
     told = {(change.stamp_ns, change.name, change.value) for change in record.changes}
     assert told == {(stamp_of(2, 100.0), "k", 3.0), (stamp_of(2, 100.0), "enabled", True)}
 

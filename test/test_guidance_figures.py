@@ -31,9 +31,12 @@ from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.contract.run_record import Change, RunRecord
-from ppc_attitude.contract.topics import ESTIMATOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import ENABLED, ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.guidance.orders import Orders, schedule_of, scheduled_orders
+from ppc_attitude.science.part import Part
+from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load, scenario
 
 OWN = {"slews", "sky_map", "cone_angles"}
@@ -89,6 +92,29 @@ def test_goals_given_in_flight_are_found_too(record: RunRecord) -> None:
     assert there is not None
     assert there.words == here.words
     assert np.array_equal(there.goals, here.goals)
+
+
+def test_a_reference_that_is_started_again_is_flown_and_replayed_anew(record: RunRecord) -> None:
+    again = 40_000_000_000  # [ns] in mid-slew: it begins at rest, with the orders that had come
+    first = int(np.searchsorted(record.stamps_ns, again))
+    values = record.parameters["reference_generator"]
+    part, columns = Part(goal.COMPONENT, values), dict(record.columns)
+    for column in goal.COMPONENT.outputs:
+        columns[column.name] = columns[column.name].copy()
+    for k in range(first, record.stamps_ns.size):
+        part.step(int(record.stamps_ns[k]), record["attitude"][k])
+        for column in goal.COMPONENT.outputs:
+            columns[column.name][k] = part.outputs[0][column.name]
+    started = replace(
+        record, columns=columns, changes=(Change(again, "reference_generator", ENABLED, True),)
+    )
+    assert {each.component: each.largest for each in replay(started).others}["goal"] == 0.0
+    found = flight_of(started)
+    assert found is not None
+    assert [word.time for word in found.words] == pytest.approx([5.0, 20.0, 40.0, 60.0])
+    assert "order 2 is followed" in found.words[2].text
+    (row,) = (row for row in analyse(started).requirements if row.key == "refused_orders")
+    assert row.value == 1.0
 
 
 def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:

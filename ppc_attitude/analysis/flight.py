@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ppc_attitude.analysis.keep_out import cone_names, guidance_values
 from ppc_attitude.analysis.series import has, is_finite
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import ATTITUDE, REFERENCE
+from ppc_attitude.contract.topics import ATTITUDE, ENABLED, REFERENCE
 from ppc_attitude.science.attitude import rotate
 from ppc_attitude.science.guidance.goals import ACCEPTED
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
@@ -95,8 +95,10 @@ def flight_of(record: RunRecord) -> Flight | None:
     """
     picked, goals, cones, words = [], [], [], []
     names: list[str] = []
-    told = obeyed = 0
+    told, obeyed, flown = 0, 0, None
     for k, part, values in _flown(record, _SAMPLES):
+        if part is not flown:
+            told, obeyed, flown = 0, 0, part
         names = max(names, cone_names(values), key=len)
         t, state = seconds(int(record.stamps_ns[k])), part.state[0]
         if part.advices > told:
@@ -131,10 +133,12 @@ def refusals_of(record: RunRecord) -> tuple[int, str] | None:
         The parameters on record are infeasible.
     """
     obeyed = refused = 0
-    reason = ""
+    reason, flown = "", None
     for _, part, _ in _flown(record, 1):
+        if part is not flown:
+            flown, before = part, (obeyed, refused)
         state = part.state[0]
-        obeyed, refused = int(state["obeyed"]), int(state["refused"])
+        obeyed, refused = before[0] + int(state["obeyed"]), before[1] + int(state["refused"])
         if refused and not reason and state["outcome"] != ACCEPTED:  # of the last one of an instant
             reason = part.advice.text
     return (refused, reason) if obeyed else None
@@ -143,7 +147,8 @@ def refusals_of(record: RunRecord) -> tuple[int, str] | None:
 def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[str, Any]]]:
     """Yield number of each instant of `_instants`, the reference after it, and its parameters.
 
-    These follow what was changed in flight. Before the reference has begun there is nothing.
+    These follow what was changed in flight. Before the reference has begun there is nothing. It is
+    another part once its node was started again.
     """
     values = guidance_values(record)
     if values is None or not has(record, ATTITUDE.column):
@@ -156,6 +161,8 @@ def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[st
         while changes and changes[0][0] <= stamp_ns:
             since, together = changes.pop(0)
             values.update({change.name: change.value for change in together})
+            if any(change.name == ENABLED for change in together):  # it was started again
+                part = Part(goal.COMPONENT, values)
             part.configure(values)
             # Each tells the orders that were yet to come: those of an instant that is not on
             # record would be lost with the next.

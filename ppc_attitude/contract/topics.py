@@ -201,7 +201,9 @@ PARAMETER_EVENTS_TOPIC = Topic(
 CHANGES_TOPIC = Topic(
     "parameters/changed", DIAGNOSTICS, meaning="parameters that changed, from the stamp on"
 )
-ENABLED = "enabled"  # told there by the controller when its torque is switched; no parameter
+ENABLED = "enabled"
+"""No parameter: told there by the controller when its torque is switched, and by the recorder of a
+node that is started again amid a run, which begins anew with it."""
 RECORDED_TOPIC = Topic(
     "recorded_until",
     CLOCK,

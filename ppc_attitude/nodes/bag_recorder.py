@@ -167,7 +167,7 @@ class BagRecorder(BaseNode):
         parameters = self._run_info.setdefault("parameters", {})
         since = ""
         if full in parameters and recording.now >= 0:
-            told = {**values, ENABLED: True} if node == CONTROLLER else values  # as it begins
+            told = {**values, ENABLED: True}  # as it begins
             data = serialize_message(changed(recording.now, node, told))
             recording.event(CHANGES_TOPIC.name, recording.now, data)
             since = f" from t = {seconds(recording.now):.6f} s on: it was started again"

@@ -234,7 +234,7 @@ def _computed(
         values.update(changed)
         part.configure(_installed(node, values))
         enabled = changed.get(ENABLED, enabled)
-        if ENABLED in changed:  # the law begins anew
+        if ENABLED in changed:  # it begins anew
             part.forget()
     pieces.append(played())
     return np.concatenate(pieces, axis=1)
