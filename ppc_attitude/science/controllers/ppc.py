@@ -122,7 +122,7 @@ CONFIGURATION = np.dtype(
         ("inertia", np.float64, (3, 3)),
         ("inertia_inverse", np.float64, (3, 3)),
         ("max_torque", np.float64),
-        ("diagonal", np.float64),
+        ("coupling", np.float64, (3, 3)),  # rows of J⁻¹ by their diagonal, which is left out
         ("adaptive", np.float64),
         ("auto", np.float64),
         ("norm_form", np.float64),
@@ -161,8 +161,9 @@ def configure(values: Mapping[str, Any]) -> Any:
         record[name] = values[name]
     inertia = inertia_matrix("inertia", values["inertia"])
     record["inertia"] = inertia
-    record["inertia_inverse"] = np.linalg.inv(inertia)
-    record["diagonal"] = not np.any(inertia - np.diag(np.diagonal(inertia)))
+    inverse = np.linalg.inv(inertia)
+    record["inertia_inverse"] = inverse
+    record["coupling"] = inverse / np.diagonal(inverse)[:, None] - np.eye(3)
     record["adaptive"] = values["adaptive_envelope"]
     record["auto"] = values["envelope"] == "auto"
     record["norm_form"] = values["virtual_control"] == "norm"
@@ -261,10 +262,12 @@ def is_outside(q: Vector, rho_q: Vector) -> bool:
 
 @kernel
 def disturbance_estimate(epsilon_omega: Vector, rho_omega: Vector, gains: Any) -> Vector:
-    """d̂ = D_m tanh(ε_ω/μ) [N·m]; for a full inertia D_m tanh(J⁻¹ ξ ε_ω/μ)."""
-    argument = epsilon_omega
-    if gains.diagonal == 0.0:
-        argument = apply(matrix(gains.inertia_inverse), divide(epsilon_omega, rho_omega))
+    """d̂ = D_m tanh(y/μ) [N·m], y = J⁻¹ ξ ε_ω with each axis divided by (J⁻¹ ξ)_ii.
+
+    For a diagonal inertia y is ε_ω.
+    """
+    others = apply(matrix(gains.coupling), divide(epsilon_omega, rho_omega))
+    argument = add(epsilon_omega, multiply(rho_omega, others))
     return smooth_sign(argument, gains.D_m, gains.mu)
 
 
