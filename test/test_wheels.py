@@ -230,6 +230,21 @@ def test_a_craft_whose_wheels_are_full_does_not_pass() -> None:
     assert rows["wheel_speed"].value == pytest.approx(1.0, abs=1e-3)
 
 
+def test_the_momentum_of_the_wheels_is_judged_by_the_users_limit() -> None:
+    """‖Σ J_s Ω a‖, written once more; without wheels it is not judged, and that fails nothing."""
+    record = flown(duration=2.0, wheels__initial_speed=[200.0, -100.0, 50.0, 0.0])
+    axes = np.reshape(wheels.AXES.default, (4, 3))
+    held = np.linalg.norm(8e-4 * record["wheel_speed"][:, :4] @ axes, axis=1).max()
+    for limit, met in ((0.9 * held, False), (1.1 * held, True)):
+        verdict = analyse(record, replace(PAPER_REQUIREMENTS, momentum=limit))
+        row = {each.key: each for each in verdict.requirements}["momentum"]
+        assert (row.value, row.met, row.unit) == (pytest.approx(held, rel=1e-12), met, "N·m·s")
+    without = simulate(case(), 2.0)
+    verdict = analyse(without, replace(PAPER_REQUIREMENTS, momentum=0.1))
+    row = {each.key: each for each in verdict.requirements}["momentum"]
+    assert (row.met, row.note) == (None, "no topic wheels/speed in the bag")
+
+
 def test_each_wheel_that_turned_is_drawn() -> None:
     record = flown(duration=2.0)
     for column, label in (("wheel_speed", "[rad/s]"), ("wheel_torque", "[N·m]")):

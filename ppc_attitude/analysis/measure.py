@@ -54,7 +54,6 @@ from ppc_attitude.contract.topics import (
     PLANT,
     REFERENCE_ATTITUDE,
 )
-from ppc_attitude.science import wheels
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
 
@@ -248,18 +247,6 @@ class Measured:
         with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
             torques = actuator.torques(plant) if actuator else None
             return torques and torques[1]
-        return None
-
-    @property
-    def wheel_shares(self) -> Array | None:
-        """Speeds of the wheels by their largest, shape (n, count); None if nobody tells of them."""
-        limits = self.record.parameters.get(PLANT, {}).get(wheels.MAX_SPEED.name)
-        if limits is None or not has(self.record, wheels.SPEED.name):
-            return None
-        speeds = np.abs(self.record[wheels.SPEED.name])
-        with suppress(TypeError, ValueError):  # what somebody wrote into a bag
-            each = np.pad(limits, (0, speeds.shape[1] - len(limits)), mode="edge")  # one is for all
-            return np.asarray(speeds / each)
         return None
 
     def _time_outside(self, envelope: Envelope) -> float | None:

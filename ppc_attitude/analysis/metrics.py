@@ -61,6 +61,7 @@ from ppc_attitude.analysis.flight import refusals_of
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.measure import Measured, known, largest, lost, window
+from ppc_attitude.analysis.momentum import runs_out, wheel_momentum, wheel_shares
 from ppc_attitude.analysis.requirements import (
     DEGREES,
     PAPER,
@@ -349,17 +350,20 @@ class Judge(Measured):
             yield self._row("certificate", time, 0.0, "s", self.whole, held.reason, note=held.note)
 
     def _wheels(self) -> Iterator[Requirement]:
-        """Judge whether the wheels could take up the momentum; one at its limit gives no torque."""
+        """Judge the wheels' momentum, and whether they could take it up."""
+        if self.required.momentum is not None:
+            held, why = wheel_momentum(self.record), self.lacks(wheels.SPEED.name)
+            if held is None and not why:
+                why = f"no numbers of the wheels ({wheels.INERTIA.name} of {PLANT}) on record"
+            yield self._row(
+                "momentum", largest(held), self.required.momentum, "N·m·s", self.whole, why
+            )
         if has(self.record, wheels.SPEED.name):
-            shares, why = self.wheel_shares, self.changed(PLANT, wheels.MAX_SPEED.name)
+            shares, why = wheel_shares(self.record), self.changed(PLANT, wheels.MAX_SPEED.name)
             if shares is None and not why:
                 why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
-            share, note = None, ""
-            if shares is not None:
-                share, full = largest(shares), np.argwhere(shares > WHEEL_RESERVE)
-                for first, wheel in full[:1].tolist():
-                    begin = f"{self.t[first]:.6g} s"
-                    note = f"wheel {wheel} is above it from {begin} on: momentum runs out"
+            note = "" if shares is None else runs_out(shares, WHEEL_RESERVE, self.t)
+            share = largest(shares)
             yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole, why, note=note)
 
     def _reported(self) -> Iterator[Requirement]:

@@ -90,6 +90,8 @@ class Requirements:
         How long the recovery from a sudden disturbance may take [s].
     outside_after_hit : float or None
         How long a sudden disturbance may put a rate error outside its envelope [s].
+    momentum : float or None
+        What the momentum of the wheels together may reach [N·m·s].
     knowledge : Accuracy or None
         How far what the controller is told may be from the truth.
     limits : mapping of str to float
@@ -104,6 +106,7 @@ class Requirements:
     torque: float | str | None = ACTUATOR
     recovery: float = 10.0
     outside_after_hit: float | None = 0.5
+    momentum: float | None = None
     knowledge: Accuracy | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
 
@@ -121,7 +124,7 @@ def _plain(value: Any) -> Any:
 PAPER = Requirements()
 _NAMES = tuple(each.name for each in fields(Requirements))
 _ACCURACIES = ("settled", "terminal", "knowledge")
-_OPTIONAL = ("terminal", "rate", "torque", "outside_after_hit", "knowledge")
+_OPTIONAL = ("terminal", "rate", "torque", "outside_after_hit", "momentum", "knowledge")
 
 
 def load_requirements(paths: Iterable[Path]) -> Requirements:
@@ -178,6 +181,7 @@ def names_of(required: Requirements) -> dict[str, str]:
         **{key: name for each in ENVELOPES for key, name in outside_names(each).items()},
         "recovery": "recovery from a sudden disturbance",
         **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
+        "momentum": "momentum of the wheels (norm)",
         "wheel_speed": "speed of a wheel, share of its largest",
         "refused_orders": "orders that the guidance refused",
         "keep_out": "angle inside a keep-out cone",

@@ -194,6 +194,19 @@ def axes_of(values: Mapping[str, Any]) -> NDArray[np.float64]:
     return axes
 
 
+def momenta(values: Mapping[str, Any], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Σ J_s Ω a [N·m·s], body, of parameter values and speeds [rad/s], shape (…, ≥ count).
+
+    Raises
+    ------
+    ConfigurationError
+        Too many wheels, or axes that do not span space.
+    """
+    axes = axes_of(values)
+    spun = speeds[..., : len(axes)] * np.asarray(values[INERTIA.name])  # one is for all
+    return np.asarray(spun @ axes)
+
+
 def _check(record: Any, i: int, h: float) -> None:
     """Refuse what wheel i cannot be, with steps of h [s]."""
     speed, largest = abs(record["initial_speed"][i]), record["max_speed"][i]

@@ -36,7 +36,7 @@ from ppc_attitude.science.allocation import certain_torque
 from ppc_attitude.science.allocators.wheel_drive import COMPENSATION, KNOWLEDGE
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.magnetorquers import torque_of_rods
-from ppc_attitude.science.wheels import wheel_record
+from ppc_attitude.science.wheels import momenta, wheel_record
 
 Floats = NDArray[np.float64]
 
@@ -126,9 +126,9 @@ def actuation_of(
 
 def momentum_of(plant: Mapping[str, Any], rates: ArrayLike, speeds: ArrayLike) -> Floats:
     """‖J ω + Σ J_s Ω a‖ [N·m·s] of rates [rad/s] and wheels' speeds [rad/s], a row an instant."""
-    craft, inertia = _wheels(plant), np.reshape(plant["inertia"], (3, 3))
-    spun = np.asarray(speeds)[..., : craft["inertia"].size] * craft["inertia"]
-    return np.asarray(np.linalg.norm(np.asarray(rates) @ inertia + spun @ craft["axes"], axis=-1))
+    inertia = np.reshape(plant["inertia"], (3, 3))
+    whole = np.asarray(rates) @ inertia + momenta(plant, np.asarray(speeds))
+    return np.asarray(np.linalg.norm(whole, axis=-1))
 
 
 def first_momentum(plant: Mapping[str, Any], rate: ArrayLike) -> float:
