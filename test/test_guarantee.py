@@ -420,3 +420,13 @@ def test_contradicting_wishes_are_refused(standard: tuple[Assumptions, Law]) -> 
         designed(assumed, Wishes(accuracy=1e-4), *gains)
     with pytest.raises(UnwishedError, match=r"start of 20 deg/s cannot .* is 5\.\d+ deg/s"):
         designed(assumed, Wishes(rate=math.radians(20.0)), *gains)
+
+
+@pytest.mark.slow
+def test_the_wish_that_is_refused_is_one_that_no_gains_grant(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    """It was the least one missed: an accuracy that other gains reach, instead of the rate."""
+    assumed, law = standard
+    with pytest.raises(UnwishedError, match=r"start of 10 deg/s cannot .* is 5\.\d+ deg/s"):
+        design(assumed, Wishes(rate=math.radians(10.0)), law.h)

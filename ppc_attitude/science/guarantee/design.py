@@ -40,6 +40,7 @@ _SHORT = ((0.02, 0.07, 0.2, 0.4), (0.02, 0.05), (0.2, 1.0))
 _FAR = (1.5, 3.0, 10.0, 100.0, 1000.0)  # by which one number may be changed to be feasible
 _FACTORS = ((1.4, 0.7), (1.15, 0.87))  # by which a search changes one gain, then by less
 _ALMOST = 1.3  # of the error in the end: what is reached in a time that can be told
+_WISHES = ("an accuracy", "a rate at the start", "a settling time", "a torque noise")  # as judged
 _WORTHWHILE = 0.05  # [s] of settling time for which it goes on
 
 
@@ -96,7 +97,8 @@ class UnwishedError(ValueError):
             f"{wish} of {wanted:g} {unit}".rstrip()
             + f" cannot be guaranteed; the nearest that was found is {reached:.4g} {unit}".rstrip()
         )
-        self.excess = max(reached / wanted, wanted / reached)
+        # Who got further in the order of the wishes is nearer; then, who is less far off.
+        self.distance = -_WISHES.index(wish), max(reached / wanted, wanted / reached)
 
 
 def torque_noise(assumed: Assumptions, law: Law, wishes: Wishes) -> float:
@@ -131,7 +133,7 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
         except UnwishedError as error:
             search.unwished.append(error)
     if search.unwished:
-        raise min(search.unwished, key=lambda each: each.excess)
+        raise min(search.unwished, key=lambda each: each.distance)
     raise InfeasibleError(max(search.failing, key=lambda each: each.room))
 
 
