@@ -44,7 +44,14 @@ from ppc_attitude.science.guarantee.assumptions import (
 from ppc_attitude.science.guarantee.bounds import bounds_of
 from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.certificate import certify, differences
-from ppc_attitude.science.guarantee.design import UnwishedError, Wishes, design, designed, nearest
+from ppc_attitude.science.guarantee.design import (
+    UnwishedError,
+    Wishes,
+    _nearest_factor,
+    design,
+    designed,
+    nearest,
+)
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import inequalities
@@ -385,6 +392,18 @@ def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user(
     (reference,) = (each for each in nearest(quick, precise, law.h, gains) if "W" in each)
     assert list(reference) == ["W", "W1", "W2"]
     assert designed(replace(quick, **reference), precise, law.h, *gains)
+
+
+@pytest.mark.slow
+def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    """It was feasible with gains of another rate, which no search tries at this one."""
+    uncertain, h = replace(standard[0], e_S=0.05), 0.1
+    factor = _nearest_factor(uncertain, Wishes(), h, None, "h")
+    assert factor is not None
+    assert 0.1 < factor < 1.0
+    assert design(uncertain, Wishes(), factor * h)
 
 
 def test_of_a_hit_that_may_not_be_seen_no_time_is_promised(

@@ -132,6 +132,8 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
             return designed(assumed, wishes, h, law.k, law.kappa, law.ell)
         except UnwishedError as error:
             search.unwished.append(error)
+        except InfeasibleError as error:
+            search.failing.append(error.failing)
     if search.unwished:
         raise min(search.unwished, key=lambda each: each.distance)
     raise InfeasibleError(max(search.failing, key=lambda each: each.room))
@@ -228,16 +230,17 @@ def _nearest_factor(
     assumed: Assumptions, wishes: Wishes, h: float, gains: Gains | None, name: str
 ) -> float | None:
     """Nearest factor of one number with which a design succeeds; None if no factor helps."""
-    known: list[Gains] = []
+    first = 0  # of the gains: those that a neighbour was feasible with
 
     def helps(logarithm: float) -> bool:
+        nonlocal first
         factor = math.exp(logarithm)
         scaled = assumed if name == "h" else _scaled(assumed, name, factor)
         step = factor * h if name == "h" else h
-        tried = [gains] if gains else (*known, *_grid(scaled, step, short=True))
-        for each in tried:
-            if _succeeds(scaled, wishes, step, each):
-                known[:] = [each]  # for a neighbour they are feasible too, as a rule
+        tried = [gains] if gains else [*_grid(scaled, step, short=True)]
+        for i in sorted(range(len(tried)), key=lambda i: i != first):
+            if _succeeds(scaled, wishes, step, tried[i]):
+                first = i
                 return True
         return False
 
