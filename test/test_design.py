@@ -1,0 +1,113 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The search for gains with a guarantee: what it refuses, and what it says would help."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from craft_helpers import case
+
+from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
+from ppc_attitude.science.guarantee.design import (
+    UnwishedError,
+    Wishes,
+    _nearest_factor,
+    design,
+    designed,
+    nearest,
+)
+from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
+
+
+@pytest.fixture(scope="module")
+def standard() -> tuple[Assumptions, Law]:
+    values = case("guaranteed").parameters[CONTROLLER]
+    return assumptions_of(values), law_of(values)
+
+
+@pytest.mark.long
+def test_an_impossible_craft_is_refused_with_what_would_help(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    assumed, law = standard
+    weak = replace(assumed, max_torque=0.01)
+    with pytest.raises(InfeasibleError, match=r"nothing can be guaranteed: C\d") as refusal:
+        design(weak, Wishes(), law.h)
+    assert not refusal.value.failing.holds
+    helps = nearest(weak, Wishes(), law.h)
+    assert 0.01 < helps[0]["max_torque"] < 0.05
+    for each in helps:
+        assert design(replace(weak, **each), Wishes(), law.h)
+
+
+@pytest.mark.slow
+def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    """Other gains need less, and so do those who wish nothing: following the advice did not help.
+
+    W1 and W2 had been scaled with W without being told.
+    """
+    assumed, law = standard
+    weak, gains = replace(assumed, max_torque=0.01), (law.k, law.kappa, law.ell)
+    precise = Wishes(accuracy=1e-3)
+    helps = nearest(weak, precise, law.h, gains)
+    torque = helps[0]["max_torque"]
+    assert torque > 0.012
+    assert designed(replace(weak, max_torque=torque), precise, law.h, *gains)
+    with pytest.raises((InfeasibleError, UnwishedError)):
+        designed(replace(weak, max_torque=0.7 * torque), precise, law.h, *gains)
+    quick = replace(assumed, **{name: 3.0 * getattr(assumed, name) for name in ("W", "W1", "W2")})
+    (reference,) = (each for each in nearest(quick, precise, law.h, gains) if "W" in each)
+    assert list(reference) == ["W", "W1", "W2"]
+    assert designed(replace(quick, **reference), precise, law.h, *gains)
+
+
+@pytest.mark.slow
+def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    """It was feasible with gains of another rate, which no search tries at this one."""
+    uncertain, h = replace(standard[0], e_S=0.05), 0.1
+    factor = _nearest_factor(uncertain, Wishes(), h, None, "h")
+    assert factor is not None
+    assert 0.1 < factor < 1.0
+    assert design(uncertain, Wishes(), factor * h)
+
+
+def test_contradicting_wishes_are_refused(standard: tuple[Assumptions, Law]) -> None:
+    assumed, law = standard
+    gains = (law.h, law.k, law.kappa, law.ell)
+    with pytest.raises(UnwishedError, match=r"time of 60 s cannot .* nearest .* is 91\.\d+ s"):
+        designed(assumed, Wishes(time=60.0), *gains)
+    quiet = Wishes(torque_noise=1e-5, rate_noise=2e-5)
+    with pytest.raises(UnwishedError, match=r"noise of 1e-05 N·m cannot .* is 0\.000\d+ N·m"):
+        designed(assumed, quiet, *gains)
+    with pytest.raises(UnwishedError, match=r"accuracy of 0\.0001 cannot .* is 0\.000\d+$"):
+        designed(assumed, Wishes(accuracy=1e-4), *gains)
+    with pytest.raises(UnwishedError, match=r"start of 20 deg/s cannot .* is 5\.\d+ deg/s"):
+        designed(assumed, Wishes(rate=math.radians(20.0)), *gains)
+
+
+@pytest.mark.slow
+def test_the_wish_that_is_refused_is_one_that_no_gains_grant(
+    standard: tuple[Assumptions, Law],
+) -> None:
+    """It was the least one missed: an accuracy that other gains reach, instead of the rate."""
+    assumed, law = standard
+    with pytest.raises(UnwishedError, match=r"start of 10 deg/s cannot .* is 5\.\d+ deg/s"):
+        design(assumed, Wishes(rate=math.radians(10.0)), law.h)
