@@ -25,6 +25,7 @@ import pytest
 from craft_helpers import case
 from synthetic import normal_run
 
+from ppc_attitude import bags
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.export import _ROWS, export, export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
@@ -122,6 +123,25 @@ def test_a_change_in_flight_is_a_column(tmp_path: Path) -> None:
     export(read, tmp_path / "run.parquet")
     table = parquet.read_table(tmp_path / "run.parquet")
     assert table["ppc_controller.k"].to_pylist() == [3.0, 4.0, 5.0, 5.0]
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_changes_take_no_more_room_than_is_allowed(
+    form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bags.export, "_SMALL", 2**20)
+    if form == "parquet":
+        pytest.importorskip("pyarrow")
+    run = normal_run(duration=20.0)
+    stamp, last = int(run.stamps_ns[5]), int(run.stamps_ns[-1])
+    few = [Change(stamp, CONTROLLER, "k1", 2.0), Change(last, CONTROLLER, "k1", 3.0)]
+    many = [Change(stamp, "stranger", f"p{count}", 1.0) for count in range(20_000)]
+    long = [Change(stamp, "stranger", "text", "x" * 2**20)]
+    written = export(replace(run, changes=(*few, *long, *many)), tmp_path / f"run.{form}")
+    assert "changed in flight are left out" in written
+    assert "stranger.text, stranger.p" in written
+    assert (tmp_path / f"run.{form}").stat().st_size < 10 * 2**20
+    assert export(replace(run, changes=tuple(few)), tmp_path / f"few.{form}") == ""
 
 
 def test_missing_pyarrow_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,8 @@
 Columns: ``stamp_ns``, ``t`` [s], then every number of every sample: ``attitude_x``, …,
 ``torque_command_z``; the numbers of a column with more than four are counted: ``estimate_0``.
 Missing samples are NaN in Parquet and empty in CSV. A parameter that was changed in flight has a
-column ``node.name`` with its value at each instant.
+column ``node.name`` with its value at each instant, unless such columns would take much more room
+than the samples: a message of a stranger's bag may name thousands of parameters, or a long text.
 """
 
 import contextlib
@@ -26,6 +27,7 @@ import json
 import os
 from collections.abc import Iterator
 from io import TextIOWrapper
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -39,15 +41,19 @@ from ppc_attitude.contract.whole_file import whole_file
 
 _AXES = "xyzw"
 _ROWS = 10_000
+# What the columns of changed parameters may take: so much, and so many times what the samples do.
+_SMALL, _TIMES = 64 * 2**20, 8  # [B]
+_CELL = 8  # bytes beside a text
+_NAMED = 3  # of those left out
 
 
-def export(record: RunRecord, target: Path) -> None:
-    """Write a run in the format of the file's suffix, ``.csv`` or ``.parquet``; raises as they."""
-    (export_parquet if target.suffix == ".parquet" else export_csv)(record, target)
+def export(record: RunRecord, target: Path) -> str:
+    """Write a run in the format of the file's suffix, ``.csv`` or ``.parquet``, as they do."""
+    return (export_parquet if target.suffix == ".parquet" else export_csv)(record, target)
 
 
-def export_parquet(record: RunRecord, target: Path) -> None:
-    """Write a run as a Parquet file, which must not exist yet.
+def export_parquet(record: RunRecord, target: Path) -> str:
+    """Write a run as a Parquet file, which must not exist yet; say what it lacks, if anything.
 
     The file's metadata carry controller, parameters, run metadata, missing counts and warnings.
 
@@ -68,21 +74,23 @@ def export_parquet(record: RunRecord, target: Path) -> None:
         "ppc_attitude.missing": json.dumps(dict(record.missing)),
         "ppc_attitude.warnings": json.dumps(record.warnings, ensure_ascii=False),
     }
+    changed, lacking = _changed(record)
     columns = {
         "stamp_ns": record.stamps_ns,
         "t": record.t,
         **dict(_numbers(record)),
-        **_changed(record),
+        **changed,
     }
     table = pyarrow.table(columns).replace_schema_metadata(facts)
     with _new_file(target) as file:
         pyarrow.parquet.write_table(table, file)
+    return lacking
 
 
-def export_csv(record: RunRecord, target: Path) -> None:
-    """Write a run as CSV; every number reads back to the last bit. Raises as `export_parquet`."""
+def export_csv(record: RunRecord, target: Path) -> str:
+    """Write a run as CSV; every number reads back to the last bit. Else as `export_parquet`."""
     names, columns = zip(*_numbers(record), strict=True)
-    changed = _changed(record)
+    changed, lacking = _changed(record)
     with _new_file(target) as binary, TextIOWrapper(binary, "utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("stamp_ns", "t", *names, *changed))
@@ -91,6 +99,7 @@ def export_csv(record: RunRecord, target: Path) -> None:
             cells = [_cells(column[rows]) for column in (record.t, *columns)]
             cells += [column[rows] for column in changed.values()]
             writer.writerows(zip(record.stamps_ns[rows].tolist(), *cells, strict=True))
+    return lacking
 
 
 @contextlib.contextmanager
@@ -114,15 +123,38 @@ def _numbers(record: RunRecord) -> Iterator[tuple[str, Array]]:
             yield f"{name}_{axis}", samples
 
 
-def _changed(record: RunRecord) -> dict[str, list[Any]]:
-    """Values, at each instant, of the parameters that were changed in flight."""
-    columns: dict[str, list[Any]] = {}
+def _changed(record: RunRecord) -> tuple[dict[str, list[Any]], str]:
+    """Values, at each instant, of the parameters that were changed in flight, and what is left out.
+
+    Without the columns that would take more room than is allowed.
+    """
     size = len(record.stamps_ns)
+    steps: dict[str, list[tuple[int, Any]]] = {}
     for change, before in record.told_changes:
         start = int(np.searchsorted(record.stamps_ns, change.stamp_ns))
-        column = columns.setdefault(f"{change.node}.{change.name}", [_number(before)] * size)
-        column[start:] = [_number(change.value)] * (size - start)
-    return columns
+        told = steps.setdefault(f"{change.node}.{change.name}", [(0, _number(before))])
+        told.append((start, _number(change.value)))
+    room = _SMALL + _TIMES * sum(samples.nbytes for samples in record.columns.values())
+    columns: dict[str, list[Any]] = {}
+    lacking = []
+    for name, told in steps.items():
+        texts = [len(value) for _, value in told if isinstance(value, str)]
+        needed = size * (_CELL + max(texts, default=0))
+        if needed > room:
+            lacking.append(name)
+            continue
+        room -= needed
+        column: list[Any] = []
+        for (start, value), (end, _) in pairwise([*told, (size, None)]):
+            column += [value] * (end - start)
+        columns[name] = column
+    if not lacking:
+        return columns, ""
+    more = ", …" if len(lacking) > _NAMED else ""
+    return columns, (
+        f"{len(lacking)} parameters that were changed in flight are left out of the table, which "
+        f"they would make too large: {', '.join(lacking[:_NAMED])}{more}"
+    )
 
 
 def _number(value: Any) -> Any:

@@ -15,6 +15,7 @@
 """`ppc_attitude export`: the samples of a bag as one table for pandas and spreadsheets."""
 
 import argparse
+import sys
 
 from ppc_attitude.bags.export import export_csv, export_parquet
 from ppc_attitude.command_line.errors import DONE
@@ -38,9 +39,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def execute(arguments: argparse.Namespace) -> int:
     """Export."""
     record = record_of(arguments)
-    if arguments.parquet:
-        export_parquet(record, arguments.parquet)
-    else:
-        export_csv(record, arguments.csv)
+    write = export_parquet if arguments.parquet else export_csv
+    if lacking := write(record, arguments.parquet or arguments.csv):
+        print(f"warning: {lacking}", file=sys.stderr)
     print(f"table: {arguments.parquet or arguments.csv}")
     return DONE

@@ -84,7 +84,8 @@ def execute(arguments: argparse.Namespace) -> int:
         write_run(record, arguments.bag, storage=scenario.parameters[RECORDER]["storage"])
         print(f"bag: {arguments.bag}", file=output)
     if arguments.export:
-        export(record, arguments.export)
+        if lacking := export(record, arguments.export):
+            print(f"warning: {lacking}", file=sys.stderr)
         print(f"table: {arguments.export}", file=output)
     write_report_of(arguments, [(record, verdict)], output)
     return exit_code(verdict)
