@@ -51,6 +51,7 @@ from ppc_attitude.processes.telling import AT, BROKEN, WAITING
 from ppc_attitude.simulation.scenario import load
 
 long = pytest.mark.long
+UNBUFFERED = ["env", "PYTHONUNBUFFERED=1"]
 SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
 
 
@@ -59,6 +60,7 @@ SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
     [
         (SIMULATE, ">/dev/full", 3, "error: No space left on device\n"),
         ([*COMMAND, "--help"], ">/dev/full", 3, "error: No space left on device\n"),
+        ([*UNBUFFERED, *COMMAND, "--help"], ">/dev/full", 3, "error: No space left on device\n"),
         (SIMULATE, ">&-", 0, ""),
         (SIMULATE, ">&- 2>&- <&-", 0, ""),
         ([*COMMAND, "simulate", "--config", "none"], "2>/dev/full", 2, ""),
@@ -70,7 +72,7 @@ def test_output_that_nobody_takes(
     command: list[str], outlets: str, code: int, told: str, start_process: StartProcess
 ) -> None:
     script = f'set -o pipefail; "$@" {outlets}'
-    environment = {**os.environ, "PYTHONUNBUFFERED": ""}  # argparse takes no note of what it meets
+    environment = {**os.environ, "PYTHONUNBUFFERED": ""}
     process = start_process(["bash", "-c", script, "bash", *command], env=environment)
     out, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out, err) == (code, "", told)
