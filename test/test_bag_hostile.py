@@ -186,6 +186,23 @@ def test_what_is_no_plain_file_is_refused_by_name(
             moved.rename(place)
 
 
+def test_a_file_of_holes_is_refused_by_name(tmp_path: Path, storage: str) -> None:
+    bag = unfinished(tmp_path / "bag", storage, RUN)
+    names = [storage_file(bag).name]
+    if storage == "sqlite3":
+        names += [f"{names[0]}-journal", f"{names[0]}-wal"]
+    for name in names:
+        place = bag / name
+        place.touch()
+        size = place.stat().st_size
+        os.truncate(place, 2**40)
+        with pytest.raises(BagError, match=f"{name} has .* bytes of holes, allowed are 16777216"):
+            read_run(bag)
+        os.truncate(place, size)
+        if not size:
+            place.unlink()
+
+
 @pytest.mark.parametrize("export", [export_csv, export_parquet])
 def test_an_export_follows_no_link(tmp_path: Path, export: Callable[[object, Path], None]) -> None:
     if export is export_parquet:

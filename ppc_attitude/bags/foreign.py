@@ -14,6 +14,7 @@
 
 """Files of strangers: opened, measured and unpacked before anything else sees them."""
 
+import errno
 import os
 import stat
 from collections.abc import Iterator
@@ -45,9 +46,37 @@ def demand_plain(path: Path) -> None:
 
 
 def plain_file(path: Path) -> BinaryIO:
-    """Open a file of a bag to read it (`demand_plain`)."""
+    """Open a file of a bag to read it (`demand_plain`).
+
+    Raises
+    ------
+    BagError
+        It is none, or has so many holes that it is much larger than what is on disk.
+    """
     demand_plain(path)
-    return os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb")
+    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb")
+    holes = _holes(file.fileno())
+    if holes > SMALL:
+        file.close()
+        raise BagError(f"{path} has {holes} bytes of holes, allowed are {SMALL}")
+    return file
+
+
+def _holes(descriptor: int) -> int:
+    """Bytes of a file that take no place on disk, as far as its file system tells."""
+    size = os.fstat(descriptor).st_size
+    held = end = 0
+    try:
+        while end < size:
+            start = os.lseek(descriptor, end, os.SEEK_DATA)
+            end = os.lseek(descriptor, start, os.SEEK_HOLE)
+            held += end - start
+    except OSError as error:
+        if error.errno != errno.ENXIO:  # which means that nothing but a hole is left
+            return 0
+    finally:
+        os.lseek(descriptor, 0, os.SEEK_SET)
+    return size - held
 
 
 class Allowance:
