@@ -16,6 +16,7 @@
 
 import shutil
 import struct
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +52,14 @@ def test_a_run_comes_back_to_the_last_bit(tmp_path: Path, storage: str) -> None:
     alone = read_run(storage_file(tmp_path / "bag"))
     assert_same(alone, RUN)
     assert alone.controller == {"mcap": "ppc", "sqlite3": "unknown"}[storage]
+
+
+def test_a_bag_that_is_not_compressed_is_read_without_a_temporary_folder(
+    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_run(RUN, tmp_path / "bag", storage=storage)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))  # a kill would leave it
+    assert_same(read_run(tmp_path / "bag"), RUN)
 
 
 def test_without_custom_data_the_controller_is_unknown(tmp_path: Path) -> None:

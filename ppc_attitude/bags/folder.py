@@ -17,6 +17,7 @@
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
@@ -87,9 +88,9 @@ class Bag:
         """
         try:
             for path in self.files:
-                with TemporaryDirectory() as folder:
+                with ExitStack() as stack:
                     allowance = Allowance(path)
-                    source = self._source(path, Path(folder), allowance)
+                    source = self._source(path, stack, allowance)
                     yield from self._blocks_of(source, allowance)
         except OSError as error:
             raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
@@ -109,10 +110,10 @@ class Bag:
             self.flaws.append(source.cut)
         self.custom_data = {**source.custom_data, **self.custom_data}
 
-    def _source(self, path: Path, folder: Path, allowance: Allowance) -> Source:
-        """Storage file; decompressed into the folder where rosbag2 has compressed it whole."""
+    def _source(self, path: Path, stack: ExitStack, allowance: Allowance) -> Source:
+        """Storage file; where rosbag2 has compressed it whole, a copy, as long as the stack is."""
         if path.suffix == _COMPRESSED:
-            plain = folder / path.stem
+            plain = Path(stack.enter_context(TemporaryDirectory())) / path.stem
             try:
                 with plain_file(path) as compressed, plain.open("wb") as target:
                     unzstd_file(compressed, target, allowance)
