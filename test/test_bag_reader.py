@@ -62,6 +62,19 @@ def test_a_bag_that_is_not_compressed_is_read_without_a_temporary_folder(
     assert_same(read_run(tmp_path / "bag"), RUN)
 
 
+@pytest.mark.parametrize("amid", ["add_topic", "write"])
+def test_an_end_while_a_run_is_written_leaves_no_half_of_it(
+    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch, amid: str
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(BagWriter, amid, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_run(RUN, tmp_path / "bag", storage=storage)
+    assert not list(tmp_path.iterdir())
+
+
 def test_without_custom_data_the_controller_is_unknown(tmp_path: Path) -> None:
     read = read_run(write_messages(tmp_path / "bag", list(messages(RUN))))
     assert (read.controller, read.parameters, read.metadata) == ("unknown", {}, {})
