@@ -22,7 +22,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, NoReturn
+from typing import Any, NoReturn
 
 from ppc_attitude import __version__
 from ppc_attitude.bags.errors import printable
@@ -32,9 +32,6 @@ from ppc_attitude.command_line.stopping import asked, end_at_once, interrupt
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
 from ppc_attitude.processes.child import handle_ending, take_signals
 from ppc_attitude.processes.imports import forget_current_folder
-
-if TYPE_CHECKING:
-    from _typeshed import SupportsWrite
 
 COMMANDS = tuple(EXAMPLES)
 _EXAMPLES = """examples:
@@ -62,7 +59,7 @@ class Parser(argparse.ArgumentParser):
         """End with exit code 2."""
         self.exit(BAD_INPUT, f"error: {message} (see {self.prog} --help)\n")
 
-    def _print_message(self, message: str, file: "SupportsWrite[str] | None" = None) -> None:
+    def _print_message(self, message: str, file: Any = None) -> None:
         """Write a text; argparse would take no note of an output that is full."""
         (file or sys.stderr).write(message)
 

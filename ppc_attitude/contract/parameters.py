@@ -149,6 +149,11 @@ def is_of_ros(name: str) -> bool:
     return name in _OF_ROS or name.startswith("qos_overrides.")
 
 
+def own_parameters(node: str) -> tuple[Parameter, ...]:
+    """Return the parameters that a node has whatever components it runs."""
+    return _OWN[node]
+
+
 @cache
 def _parameters_of(node: str) -> tuple[Parameter, ...]:
     """Every parameter of a node: its own, and those of all components that it could run.

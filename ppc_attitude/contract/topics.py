@@ -70,7 +70,7 @@ NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
 OPTIONAL = (ESTIMATOR, ALLOCATOR)
 """Nodes that a run has if a component of theirs is selected."""
 OF_A_RUN = (*OPTIONAL, *NODES)
-SOURCES = tuple(node for node in OF_A_RUN if node != RECORDER)  # of what a run consists of
+SOURCES = (PLANT, ESTIMATOR, REFERENCE, CONTROLLER, ALLOCATOR, INJECTOR)  # of what a run consists
 
 HOSTED: dict[str, tuple[Kind, ...]] = {
     PLANT: (PLANTS, SENSORS, ACTUATORS),

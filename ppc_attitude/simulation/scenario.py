@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.contract.declared import columns_of, components_of
-from ppc_attitude.contract.parameters import PARAMETERS, SEND_TRUTH, is_of_ros
+from ppc_attitude.contract.parameters import PARAMETERS, SEND_TRUTH, is_of_ros, own_parameters
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, HOSTED, INJECTOR, PLANT, SOURCES
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component, read_from_elsewhere
@@ -217,9 +217,9 @@ def _check_agreement(parameters: Overrides) -> None:
 
 
 def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
-    """Parameters of a node's components that every node must have one value of."""
-    components = components_of(node, values)
-    return [p.name for each in components for p in each.parameters if p.agreed]
+    """Parameters of a node and of its components that every node must have one value of."""
+    of_components = (p for each in components_of(node, values) for p in each.parameters)
+    return [p.name for p in (*own_parameters(node), *of_components) if p.agreed]
 
 
 def _check_pulses(injector: Mapping[str, Any], rate: float) -> None:

@@ -191,7 +191,7 @@ def advice(state: Any) -> Advice:
 
 COMPONENT = Component(
     name="wheel_motors",
-    parameters=(*wheels.PARAMETERS, RATE, FAULTS),
+    parameters=(*wheels.PARAMETERS, FAULTS),
     configure=configure,
     configuration=CONFIGURATION,
     state=STATE,
