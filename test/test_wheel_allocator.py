@@ -14,6 +14,7 @@
 
 """The drive of the wheels as flight software, and the motors that take what it sends."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -22,7 +23,7 @@ import pytest
 from bag_helpers import assert_flown
 from conftest import StartProcess
 from craft_helpers import ROOT, case, configs, part_of
-from estimation_helpers import STEP_NS
+from estimation_helpers import STEP_NS, Array
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
@@ -40,6 +41,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.science import magnetorquers, wheels
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, ALLOCATORS
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -124,6 +126,12 @@ def test_a_node_that_does_not_know_of_a_fault_goes_on_asking_the_lost_wheel() ->
     assert not untold.advice.text
 
 
+def test_plant_and_drive_have_one_rate() -> None:
+    message = "wheel_allocator: rate = 100.0; allowed: 50.0, which spacecraft_plant has"
+    with pytest.raises(ConfigurationError, match=re.escape(message)):
+        case("wheels", "allocator", rate=50.0)
+
+
 @pytest.mark.ros
 def test_the_allocators_node_gives_the_bits_of_the_loop(
     tmp_path: Path, start_process: StartProcess
@@ -152,12 +160,14 @@ def test_an_allocator_of_the_users_takes_its_place(start_process: StartProcess) 
         # Paced, so that there are commands when all are heard; where that begins does not matter.
         paced = ["-p", "lockstep:=true", "-p", "real_time_factor:=2.0"]
         start_process([sys.executable, "-m", f"ppc_attitude.nodes.{PLANT}", *words, *paced])
-        stack.goes_on()
-        stack.spin()
-    commands = {each.stamp_ns: each.values for each in stack.heard[TORQUE_COMMAND.name]}
-    motors = [each for each in stack.heard[wheels.TORQUE.topic] if each.stamp_ns in commands]
-    assert len(motors) > 40
+
+        def answered() -> list[tuple[Array, Array]]:
+            commands = {each.stamp_ns: each.values for each in stack.heard[TORQUE_COMMAND.name]}
+            motors = {each.stamp_ns: each.values for each in stack.heard[wheels.TORQUE.topic]}
+            both = commands.keys() & motors.keys()
+            return [(np.array(commands[each]), np.array(motors[each])) for each in both]
+
+        found = stack.until(lambda: len(both := answered()) > 40 and both, "torques of commands")
     shares = -np.linalg.pinv(np.reshape(wheels.AXES.default, (4, 3)).T)
-    for each in motors:  # the pseudo-inverse asks for 0.065 N·m where the drive needs 0.043
-        expected = np.clip(shares @ commands[each.stamp_ns], -0.05, 0.05)
-        assert each.values[:4] == pytest.approx(expected, abs=1e-10)
+    for command, given_ in found:  # the pseudo-inverse asks for 0.065 N·m, the drive for 0.043
+        assert given_[:4] == pytest.approx(np.clip(shares @ command, -0.05, 0.05), abs=1e-10)
