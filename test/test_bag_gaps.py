@@ -175,6 +175,18 @@ def test_after_a_reset_the_last_epoch_is_read(tmp_path: Path, steps: list[int]) 
     assert "to 0 s (plant reset or restarted)" in read.warnings[0]
 
 
+def test_after_a_reset_a_second_node_that_answers_late_takes_nothing_away(tmp_path: Path) -> None:
+    """What it sends again goes back in time, but no time has begun again there."""
+    states = list(messages(RUN))
+    commands = [message for message in states if message[0] == TORQUE_COMMAND]
+    late, here = commands[30:37], states.index(commands[40])
+    sequence = [*states[: 50 * len(SAMPLED)], *states[:here], *late, *states[here:]]
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
+    assert not read.missing
+    for column in RUN.columns:
+        np.testing.assert_array_equal(read[column], RUN[column], err_msg=column)
+
+
 def told(stamp: int, name: str, value: float) -> list:
     """The message of a change."""
     change = Change(stamp, CONTROLLER, name, value)

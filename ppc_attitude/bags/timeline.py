@@ -177,29 +177,31 @@ def _steady(steps: Integers, period: float) -> bool:
 def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> int | None:
     """Drop what came before the last reset of the plant; return when that arrived, if any did."""
     plant = series[master]
-    start, resets = _last_reset(plant.stamps)
+    resets = _resets(plant.stamps)
     if not resets:
         return None
+    start, times = resets[-1], len(resets)
     before, after = seconds(int(plant.stamps[start - 1])), seconds(int(plant.stamps[start]))
     warnings.append(
-        f"the clock went back {resets} time{'s' if resets > 1 else ''}, last from {before:g} s to "
+        f"the clock went back {times} time{'s' if times > 1 else ''}, last from {before:g} s to "
         f"{after:g} s (plant reset or restarted); only what follows is read"
     )
     arrival = int(plant.arrival[start])
     for topic, messages in series.items():
-        own, own_resets = _last_reset(messages.stamps)
-        first = own if own_resets else int(np.searchsorted(messages.arrival, arrival))
+        first = int(np.searchsorted(messages.arrival, arrival))
+        if first:  # two who answer at once, one of them late, make a topic go back elsewhere too
+            own = np.array(_resets(messages.stamps), np.int64)
+            first = int(own[np.abs(own - first).argmin()]) if own.size else first
         series[topic] = messages[first:]
     return arrival
 
 
-def _last_reset(stamps: Integers) -> tuple[int, int]:
-    """Index of the first message after the last backward jump, and the number of jumps."""
-    start = resets = 0
-    while jump := _first_jump(stamps[start:]):
-        start += jump
-        resets += 1
-    return start, resets
+def _resets(stamps: Integers) -> list[int]:
+    """Index of the first message after each backward jump."""
+    starts: list[int] = []
+    while jump := _first_jump(stamps[starts[-1] if starts else 0 :]):
+        starts.append(jump + (starts[-1] if starts else 0))
+    return starts
 
 
 def _first_jump(stamps: Integers) -> int:
