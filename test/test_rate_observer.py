@@ -25,6 +25,7 @@ from ppc_attitude.science.controllers import momentum_tube, ppc
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel, matrix
 from ppc_attitude.science.kinds import CONTROLLERS
+from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
 from ppc_attitude.science.rate_observer import (
     MEMORY,
@@ -179,6 +180,28 @@ def test_an_observer_that_is_switched_on_again_in_flight_begins_from_what_is_mea
         settings, *_ = configured(law, {"rate_observer": frequency})
         law.step(inputs, state, settings, outputs)
     assert tuple(state["observer"]["rate"]) == measured
+
+
+@pytest.mark.parametrize("name", list(CONTROLLERS.components))
+def test_a_law_begins_anew_after_a_gap_without_an_attitude(name: str) -> None:
+    """What it remembers is of before the gap: a plan, and a torque that has not acted since."""
+    law = CONTROLLERS.components[name]
+    flown, fresh = Part(law, law.defaults), Part(law, law.defaults)
+    known = {"attitude": (0.1, -0.2, 0.05, 0.9733), "reference_attitude": (0.0, 0.0, 0.0, 1.0)}
+    zeros = {column.name: (0.0,) * column.width for column in law.inputs}
+    for k in range(300):
+        told = {**zeros, **({} if 100 <= k < 200 else known), "angular_velocity": (0.01, 0, -0.01)}
+        row = [number for values in told.values() for number in values]
+        answer = flown.step(k * STEP_NS, row)
+        if k < 100:
+            before = flown.advices
+        elif k < 200:
+            assert not any(answer[flown.places["torque_command"]])
+            assert flown.advices == before
+        else:
+            assert answer == fresh.step(k * STEP_NS, row)
+    assert flown.advice == fresh.advice
+    assert (flown.advices > before) == bool(fresh.advices)
 
 
 def test_a_limit_within_the_estimates_own_noise_is_refused() -> None:

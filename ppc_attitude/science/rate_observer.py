@@ -22,7 +22,8 @@ A gyro gives the mean rate of an interval, so the prediction is compared at the 
 
 Every law gets this front. Without `rate_observer`, or with an observer of its own, a law is told
 what was measured, and its torque is passed on unchanged. Without an attitude (a zero quaternion)
-the torque is zero and the law is not stepped: it begins at the first estimate.
+the torque is zero and the law is not stepped: it begins at the first estimate, and anew at the
+first one after a gap, since its last torque has not acted over it.
 """
 
 import math
@@ -98,6 +99,8 @@ MEMORY = np.dtype(
         ("disturbance", np.float64, (3,)),  # d̂ [N·m]
         ("torque", np.float64, (3,)),  # command [N·m] since the stamp
         ("surprised", np.float64),  # 1 if the last residual was beyond its bound
+        ("blind", np.float64),  # 1 where there is no attitude
+        ("gaps", np.int64),  # how many of them are over
     ],
     align=True,
 )
@@ -202,13 +205,18 @@ def compensate(observer: Any, memory: Any, torque: Vector) -> Vector:
 
 def _step_of(law: Component) -> Any:
     """Step of a law behind the observer."""
-    step = law.step
+    step, unarmed = law.step, np.zeros((), law.state)[()]
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         if quaternion(inputs.attitude) == NO_ATTITUDE:
             store(outputs.torque_command, ZERO)
             state.observer.started = 0.0  # its last torque does not act over the gap
+            state.observer.blind = 1.0
             return
+        if state.observer.blind != 0.0:
+            state.observer.blind = 0.0
+            state.observer.gaps += 1
+            state.law = unarmed
         if configuration.observer.frequency == 0.0:
             state.observer.started = 0.0  # switched on in flight it begins anew, not from long ago
             step(inputs, state.law, configuration.law, outputs)
@@ -239,6 +247,11 @@ def with_front(law: Component) -> Component:
         record["law"] = inner
         return (record, *kept)
 
+    def advices(state: Any) -> int:
+        told = law.advices(state["law"])
+        # After a gap the law counts from zero again, and what it tells is new all the same.
+        return told and (int(state["observer"]["gaps"]) << 32) + told
+
     own = (*PARAMETERS, INERTIA, MAX_TORQUE)
     names = {parameter.name for parameter in own}
     return replace(
@@ -250,5 +263,5 @@ def with_front(law: Component) -> Component:
         state=np.dtype([("observer", MEMORY), ("law", law.state)], align=True),
         step=_step_of(law),
         advice=lambda state: law.advice(state["law"]),
-        advices=lambda state: law.advices(state["law"]),
+        advices=advices,
     )
