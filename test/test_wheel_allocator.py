@@ -74,6 +74,18 @@ def test_the_drive_moves_the_craft_as_the_same_drive_on_board(
     assert failed[:4].tolist() == ([True, True, False, True] if faults else [False] * 4)
 
 
+@pytest.mark.parametrize(
+    "names", [("wheels", "allocator", "faults"), ("wheels", "allocator", "orbit", "unloading")]
+)
+def test_an_allocator_to_which_no_actuator_listens_is_refused(
+    names: tuple[str, ...],
+) -> None:
+    """An overlay that comes later selects the drive on board; nobody would wait for the other."""
+    message = "wheel_torque_command, which no selected component reads; actuator = wheel_motors or"
+    with pytest.raises(ConfigurationError, match=message):
+        load(configs(*names))
+
+
 def test_recorded_torques_move_a_craft_as_they_did() -> None:
     flown = simulate(case("wheels"), 20.0)
     motors = part_of(ACTUATORS, "wheel_motors")

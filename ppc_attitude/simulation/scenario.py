@@ -25,7 +25,15 @@ import numpy as np
 
 from ppc_attitude.contract.declared import columns_of, components_of
 from ppc_attitude.contract.parameters import PARAMETERS, SEND_TRUTH, is_of_ros, own_parameters
-from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, HOSTED, INJECTOR, PLANT, SOURCES
+from ppc_attitude.contract.topics import (
+    ALLOCATOR,
+    CONTROLLER,
+    ESTIMATOR,
+    HOSTED,
+    INJECTOR,
+    PLANT,
+    SOURCES,
+)
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component, read_from_elsewhere
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
@@ -173,6 +181,7 @@ def scenario(chosen: Overrides) -> Scenario:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
     found = Scenario({node: _checked(node, chosen.get(node, {})) for node in PARAMETERS})
     _check_agreement(found.parameters)
+    _check_allocation(found.parameters)
     _check_pulses(found.parameters[INJECTOR], found.number(PLANT, "rate"))
     return found
 
@@ -213,6 +222,20 @@ def _check_agreement(parameters: Overrides) -> None:
             if values[name] != value:
                 raise ConfigurationError(
                     f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has"
+                )
+
+
+def _check_allocation(parameters: Overrides) -> None:
+    """See that the actuator takes what an allocator is to send it."""
+    read = components_of(PLANT, parameters[PLANT])
+    for component in components_of(ALLOCATOR, parameters[ALLOCATOR]):
+        for column in component.outputs:
+            takers = [name for name, each in ACTUATORS.components.items() if column in each.inputs]
+            if takers and not any(column in each.inputs for each in read):
+                would = " or ".join(f"{ACTUATORS.selector} = {name}" for name in takers)
+                raise ConfigurationError(
+                    f"{ALLOCATOR}: {component.name} gives {column.name}, which no selected "
+                    f"component reads; {would} would"
                 )
 
 
