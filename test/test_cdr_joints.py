@@ -109,6 +109,20 @@ def test_the_joint_states_of_others_are_read(column: str, representation: int) -
 
 @COLUMNS
 @pytest.mark.parametrize("representation", [0, 1, 6, 7])
+def test_joints_in_another_order_are_refused(column: str, representation: int) -> None:
+    """They are told apart by their places: the numbers would be those of other wheels."""
+    codec, (part, count, place) = Codec(BY_COLUMN[column]), USES[column]
+    lists: list[list[float]] = [[], [], []]
+    lists[place] = list(sent(column))
+    names = [f"{part}_{k}" for k in range(count)]
+    assert codec.decode(joint_state(representation, "body", names, *lists)).values == sent(column)
+    message = f"{names[-1]} at place 0; allowed: {part}s in their order"
+    with pytest.raises(CdrError, match=message):
+        codec.decode(joint_state(representation, "body", names[::-1], *lists))
+
+
+@COLUMNS
+@pytest.mark.parametrize("representation", [0, 1, 6, 7])
 def test_what_is_no_joint_state_of_all_parts_is_refused(column: str, representation: int) -> None:
     codec, (part, count, place) = Codec(BY_COLUMN[column]), USES[column]
     lists: list[list[float]] = [[], [], []]

@@ -242,9 +242,16 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
 
     if align == 4:
         number()  # XCDR2 tells the size of a list of texts
-    for _ in range(number()):
+    ours = [f"{joints.part}_{k}".encode() for k in range(joints.number)]
+    for k in range(number()):
         text = number()
+        name = data[at : at + text].rstrip(b"\0")
         at += text
+        if name in ours and ours.index(name) != k:
+            raise CdrError(
+                f"a {topic.msgtype} with {name.decode()} at place {k}; allowed: {joints.part}s in "
+                "their order"
+            )
     for _ in range(joints.place + 1):
         count = number()
         start = at + -(at - 4) % align if count else at
