@@ -15,6 +15,7 @@
 """The certificate against the numbers that the paper's tables give by hand."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ from ppc_attitude.science.certificate import (
 )
 from ppc_attitude.science.controllers.common import ATTITUDE_TABLE, RATE_TABLE
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
+from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.performance import EnvelopeTable, nominal, solve_envelope
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
@@ -39,7 +41,8 @@ from ppc_attitude.simulation.scenario import scenario
 
 def by_name(values: dict[str, object]) -> dict[str, Condition]:
     rate = largest_desired_rate([math.radians(0.5)] * 3)
-    found = certificate(values, -0.93133, rate, ENVIRONMENT_BOUND, 3.0)
+    law = CONTROLLERS.components[str(values["controller"])]
+    found = certificate(law, values, -0.93133, rate, ENVIRONMENT_BOUND, 3.0)
     return {each.name: each for each in found}
 
 
@@ -119,6 +122,23 @@ def test_the_norm_form_has_the_smaller_bound(values: dict[str, object]) -> None:
 
 def test_other_laws_are_not_judged_by_the_papers_conditions(values: dict[str, object]) -> None:
     assert "S1" not in by_name({**values, "controller": "log_barrier"})
+
+
+@pytest.mark.parametrize("law", ["quaternion_feedback", "log_barrier"])
+def test_an_impossible_envelope_stops_only_a_law_that_has_it(
+    law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prefix = {"quaternion_feedback": "attitude_envelope", "log_barrier": "rate_envelope"}[law]
+    impossible = f"{{{prefix}.settling_time: 1.0, {prefix}.decay: 0.001, controller: {law}}}"
+    (tmp_path / "law.yaml").write_text(f"ppc_controller: {{ros__parameters: {impossible}}}\n")
+    command = ["check", "--config", str(tmp_path / "law.yaml")]
+    main(command)
+    told = capsys.readouterr()
+    assert "infeasible" not in told.err
+    assert "r of ρ_ω" not in told.out
+    assert ("r of ρ_q" in told.out) == (law == "log_barrier")
+    assert main([*command, "--controller", "ppc"]) == 2
+    assert f"{prefix} is infeasible" in capsys.readouterr().err
 
 
 def test_check_prints_every_condition_and_fails_only_for_necessary_ones(

@@ -177,6 +177,17 @@ def test_noise_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert warned(noise_conditions(noisier)) == everything
 
 
+@pytest.mark.parametrize(
+    ("law", "warned_of"),
+    [("quaternion_feedback", set()), ("log_barrier", {"attitude_envelope.terminal"})],
+)
+def test_noise_is_compared_with_the_envelopes_that_the_law_has(
+    law: str, warned_of: set[str], cubesat: Scenario
+) -> None:
+    noisy = cubesat.with_values(PLANT, rate_noise=2e-3, attitude_noise=2e-3)
+    assert warned(noise_conditions(noisy.with_values(CONTROLLER, controller=law))) == warned_of
+
+
 def test_a_pulse_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     hit = cubesat.with_values(
         INJECTOR,

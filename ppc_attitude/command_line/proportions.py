@@ -25,7 +25,7 @@ from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT,
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.certificate import Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
-from ppc_attitude.science.controllers.common import envelope_of
+from ppc_attitude.science.controllers.common import envelope_of, envelopes_of
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.envelope_plan import least_settling_time
 from ppc_attitude.science.estimators import mekf
@@ -214,7 +214,7 @@ def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
 
 def _pulse_conditions(impulse: float, scenario: Scenario) -> Iterator[Condition]:
     """Compare what the least pulse [N·m·s] of an actuator does with the law's rate envelope."""
-    if "rate_envelope" in {column.bound for column in scenario.controller.outputs}:
+    if "rate_envelope" in envelopes_of(scenario.controller):
         law = scenario.parameters[CONTROLLER]
         yield Condition(
             "least pulse in ρ_ω",
@@ -255,7 +255,7 @@ def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
     if not any(sigmas):
         return
     law = scenario.parameters[CONTROLLER]
-    bounded = {column.bound for column in scenario.controller.outputs}
+    bounded = envelopes_of(scenario.controller)
     for prefix, sigma, unit in (
         ("attitude_envelope", sigmas.attitude, ""),
         ("rate_envelope", sigmas.rate, "rad/s"),

@@ -30,11 +30,19 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers import ppc
-from ppc_attitude.science.controllers.common import envelope_of
+from ppc_attitude.science.controllers.common import (
+    ATTITUDE_ENVELOPE,
+    RATE_ENVELOPE,
+    envelope_of,
+    envelopes_of,
+)
 from ppc_attitude.science.envelope_plan import table_can_be_followed
 from ppc_attitude.science.kernel import ZERO
 from ppc_attitude.science.performance import R_LIMIT, Envelope
+
+_SYMBOLS = {ATTITUDE_ENVELOPE.name: "ρ_q", RATE_ENVELOPE.name: "ρ_ω"}
 
 
 @dataclass(frozen=True)
@@ -92,6 +100,7 @@ def virtual_control_bound(values: Mapping[str, Any]) -> float:
 
 
 def certificate(
+    law: Component,
     values: Mapping[str, Any],
     q_e0: float,
     desired_rate: float,
@@ -102,6 +111,8 @@ def certificate(
 
     Parameters
     ----------
+    law : Component
+        The law: only the envelopes that it has must be feasible.
     values : mapping
         Checked parameter values.
     q_e0 : float
@@ -118,16 +129,16 @@ def certificate(
     ConfigurationError
         An envelope is infeasible.
     """
-    attitude = envelope_of("attitude_envelope", values)
-    rate = envelope_of("rate_envelope", values)
-    found = [_feasibility(name, each) for name, each in (("ρ_q", attitude), ("ρ_ω", rate))]
+    envelopes = {prefix: envelope_of(prefix, values) for prefix in envelopes_of(law)}
+    found = [_feasibility(_SYMBOLS[prefix], each) for prefix, each in envelopes.items()]
     meaning = "the actuator is stronger than the configured environment's torque"
     torque = values["max_torque"]
     found.append(Condition("torque authority", torque, environment, ">", "N·m", True, meaning))
-    if values["controller"] == "ppc":
-        found += _lyapunov(values, abs(q_e0), steepest_fall(attitude))
-        found += _following(values, abs(q_e0), steepest_fall(attitude))
-        found += _rates(values, desired_rate, rate, rate_limit)
+    if law.name == ppc.COMPONENT.name:
+        fall = steepest_fall(envelopes[ATTITUDE_ENVELOPE.name])
+        found += _lyapunov(values, abs(q_e0), fall)
+        found += _following(values, abs(q_e0), fall)
+        found += _rates(values, desired_rate, envelopes[RATE_ENVELOPE.name], rate_limit)
     return tuple(found)
 
 

@@ -168,7 +168,8 @@ def _law_conditions(
         if REFERENCES.selected(reference) is goal.COMPONENT
         else largest_desired_rate(reference["amplitude"])
     )
-    return certificate(scenario.parameters[CONTROLLER], q_e0, rate, environment, rate_limit)
+    law = scenario.parameters[CONTROLLER]
+    return certificate(scenario.controller, law, q_e0, rate, environment, rate_limit)
 
 
 def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:

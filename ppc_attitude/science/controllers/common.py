@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from ppc_attitude.science.component import BODY, VECTOR, Column
+from ppc_attitude.science.component import BODY, VECTOR, Column, Component
 from ppc_attitude.science.kernel import Vector, divide, kernel, scale, tanh
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import Envelope, EnvelopeTable, solve_envelope
@@ -82,6 +82,12 @@ ATTITUDE_ENVELOPE = of_law(
     "attitude_envelope", VECTOR, BODY, "1", "envelope ρ_q of the attitude error"
 )
 RATE_ENVELOPE = of_law("rate_envelope", VECTOR, BODY, "rad/s", "envelope ρ_ω of the rate error")
+
+
+def envelopes_of(law: Component) -> tuple[str, ...]:
+    """Prefixes of the nominal envelopes that a law is configured with, among ours."""
+    prefixes = (ATTITUDE_ENVELOPE.name, RATE_ENVELOPE.name)
+    return tuple(each for each in prefixes if f"{each}.terminal" in law.defaults)
 
 
 def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
