@@ -42,7 +42,9 @@ from ppc_attitude.simulation.scenario import scenario
 def by_name(values: dict[str, object]) -> dict[str, Condition]:
     rate = largest_desired_rate([math.radians(0.5)] * 3)
     law = CONTROLLERS.components[str(values["controller"])]
-    found = certificate(law, values, -0.93133, rate, ENVIRONMENT_BOUND, 3.0)
+    found = certificate(
+        law, values, -0.93133, rate, float(str(values["max_torque"])), ENVIRONMENT_BOUND, 3.0
+    )
     return {each.name: each for each in found}
 
 

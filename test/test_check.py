@@ -120,6 +120,18 @@ def test_a_free_craft_is_not_measured_by_the_papers_environment(
     assert found["torque authority"]["limit"] == 0.0
 
 
+def test_an_actuator_that_is_weaker_than_the_environment_is_told_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever the law believes of it."""
+    craft = tmp_path / "weak.yaml"
+    craft.write_text("/**/spacecraft_plant: {ros__parameters: {max_torque: 0.002}}\n")
+    main(["check", "--config", str(craft), "--json"])
+    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["conditions"]}
+    assert found["torque authority"]["value"] == 0.002
+    assert not found["torque authority"]["holds"]
+
+
 def warned(conditions: Any) -> set[str]:
     found = list(conditions)
     assert not any(each.necessary for each in found)

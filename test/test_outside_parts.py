@@ -15,6 +15,7 @@
 """Parts from a package of somebody else's go through loop, nodes, bag, replay and report."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -188,6 +189,21 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
 
 def test_a_craft_with_an_estimator_from_outside_is_checked(run_outside: Run) -> None:
     run_outside("-m", "ppc_attitude.command_line.main", "check", *CONFIGS)
+
+
+def test_the_law_is_checked_for_the_reference_that_is_selected(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    bounds = []
+    for rate in (0.0, 0.01):
+        file = tmp_path / "turn.yaml"
+        turn = f"{{mode: turn, turn.rate: {rate}, amplitude: [0.5, 0.5, 0.5]}}"
+        file.write_text(f"reference_generator: {{ros__parameters: {turn}}}\n")
+        command = ["-m", "ppc_attitude.command_line.main", "check", "--config", str(file), "--json"]
+        conditions = json.loads(run_outside(*command, code=0).stdout)["conditions"]
+        bounds += [each["value"] for each in conditions if each["name"] == "rate bound"]
+    assert bounds[0] < 6.0
+    assert bounds[1] - bounds[0] == pytest.approx(math.degrees(0.01))
 
 
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:

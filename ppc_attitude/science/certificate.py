@@ -103,7 +103,8 @@ def certificate(
     law: Component,
     values: Mapping[str, Any],
     q_e0: float,
-    desired_rate: float,
+    desired_rate: float | None,
+    torque: float,
     environment: float,
     rate_limit: float | None,
 ) -> tuple[Condition, ...]:
@@ -117,8 +118,10 @@ def certificate(
         Checked parameter values.
     q_e0 : float
         Scalar part of the initial attitude error.
-    desired_rate : float
-        Largest ‖ω_d‖ [rad/s].
+    desired_rate : float or None
+        Largest ‖ω_d‖ [rad/s]; None if nobody knows it.
+    torque : float
+        Torque on an axis [N·m] that the law asks for and the actuator gives.
     environment : float
         Largest norm of the environment torque [N·m].
     rate_limit : float or None
@@ -132,7 +135,6 @@ def certificate(
     envelopes = {prefix: envelope_of(prefix, values) for prefix in envelopes_of(law)}
     found = [_feasibility(_SYMBOLS[prefix], each) for prefix, each in envelopes.items()]
     meaning = "the actuator is stronger than the configured environment's torque"
-    torque = values["max_torque"]
     found.append(Condition("torque authority", torque, environment, ">", "N·m", True, meaning))
     if law.name == ppc.COMPONENT.name:
         fall = steepest_fall(envelopes[ATTITUDE_ENVELOPE.name])
@@ -182,13 +184,13 @@ def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[
 
 
 def _rates(
-    values: Mapping[str, Any], desired_rate: float, rate: Envelope, limit: float | None
+    values: Mapping[str, Any], desired_rate: float | None, rate: Envelope, limit: float | None
 ) -> Iterator[Condition]:
     bound = virtual_control_bound(values)
     speed = math.degrees(values["k"] * values["M_omega"])
     meaning = "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only"
     yield Condition("bound of v", math.degrees(bound), speed, "≤", "deg/s", False, meaning)
-    if limit is not None:
+    if limit is not None and desired_rate is not None:
         total = math.degrees(bound + desired_rate + math.sqrt(3.0) * rate.table.terminal)
         meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in"
         yield Condition("rate bound", total, limit, "≤", "deg/s", False, meaning)

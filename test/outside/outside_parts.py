@@ -211,6 +211,7 @@ REFERENCE = Component(
     configuration=REFERENCE_CONFIGURATION,
     outputs=DESIRED_MOTION,
     step=step_reference,
+    motion_bounds=lambda values, duration: (abs(values["turn.rate"]), 0.0, 0.0),
 )
 
 # Law: proportional-derivative, with the share of the actuator that it uses.

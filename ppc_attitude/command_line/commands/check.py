@@ -38,6 +38,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.proportions import (
     actuator_conditions,
+    actuator_torque,
     environment_torque,
     noise_conditions,
     pulse_conditions,
@@ -57,6 +58,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science.attitude import attitude_error
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
+from ppc_attitude.science.controllers.common import MAX_TORQUE
 from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.faults import fault_texts
 from ppc_attitude.science.kernel import Quaternion
@@ -70,7 +72,7 @@ from ppc_attitude.science.kinds import (
     SENSORS,
 )
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.references import goal
+from ppc_attitude.science.references import goal, paper, paper_ahead
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Answer, goals_told
 from ppc_attitude.simulation.scenario import Scenario
@@ -162,14 +164,23 @@ def _law_conditions(
     scenario: Scenario, q_e0: float, environment: float, rate_limit: float | None
 ) -> tuple[Condition, ...]:
     """Conditions on the law for the reference that it follows."""
-    reference = scenario.parameters[REFERENCE]
-    rate = (
-        float(reference[goal.MAX_RATE.name])
-        if REFERENCES.selected(reference) is goal.COMPONENT
-        else largest_desired_rate(reference["amplitude"])
-    )
     law = scenario.parameters[CONTROLLER]
-    return certificate(scenario.controller, law, q_e0, rate, environment, rate_limit)
+    torque = min(law[MAX_TORQUE.name], actuator_torque(scenario))
+    rate = _desired_rate(scenario)
+    return certificate(scenario.controller, law, q_e0, rate, torque, environment, rate_limit)
+
+
+def _desired_rate(scenario: Scenario) -> float | None:
+    """Largest ‖ω_d‖ [rad/s] of the selected reference; None if it tells none."""
+    values = scenario.parameters[REFERENCE]
+    reference = REFERENCES.selected(values)
+    if reference is goal.COMPONENT:
+        return float(values[goal.MAX_RATE.name])
+    if reference in (paper.COMPONENT, paper_ahead.COMPONENT):
+        return largest_desired_rate(values[paper.AMPLITUDE.name])
+    if reference is None or reference.motion_bounds is None:
+        return None
+    return reference.motion_bounds(values, scenario.number(PLANT, "duration"))[0]
 
 
 def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:
