@@ -38,6 +38,7 @@ turn = outside_parts:REFERENCE
 [ppc_attitude.controllers]
 share = outside_parts:LAW
 """
+SENSORS = "[ppc_attitude.sensors]\nrounding = outside_parts:SENSORS\n"
 CONFIGS = ["--config", str(CONFIG / "paper.yaml"), "--config", str(OUTSIDE / "outside.yaml")]
 OWN = {"ring_momentum", "rounded_attitude", "rounded_rate", "rate_change", "torque_use"}
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -214,6 +215,20 @@ def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_
     assert json.loads(done.stdout)["controller"] == "blind"
     checked = run_outside("-m", "ppc_attitude.command_line.main", "check", *command[1:-3])
     assert "initial attitude error x y z w: -0.22952, 0.25933" in checked.stdout, checked.stderr
+
+
+def test_the_truth_is_on_record_whatever_sensors_from_outside_say_of_themselves(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    """These round, and the estimator behind them takes the mean of two rates."""
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text(f"{POINTS}[ppc_attitude.sensors]\nsure = misfits:sure\n".replace(SENSORS, ""))
+    (tmp_path / "sure.yaml").write_text("spacecraft_plant: {ros__parameters: {sensors: sure}}\n")
+    command = ["simulate", *CONFIGS, "--config", "sure.yaml", "--duration", "1", "--json"]
+    told = json.loads(run_outside("-m", "ppc_attitude.command_line.main", *command).stdout)
+    assert told["truth"] == "recorded"
+    knowledge = next(each for each in told["errors"] if each["name"] == "knowledge")
+    assert knowledge["max_deg"] > 0.0
 
 
 RAISING = """

@@ -144,6 +144,12 @@ def gives(node: str) -> tuple[Column, ...]:
 
 
 def is_told_the_truth(values: Mapping[str, Any]) -> bool:
-    """True if the plant's sensors, by its parameters, give nothing but the truth."""
+    """True if the plant's sensors, by its parameters, give nothing but the truth.
+
+    What sensors of somebody else's say of themselves is no proof, and an estimator may spoil what
+    they give: with them the truth goes on record.
+    """
     sensors = SENSORS.selected(values)
-    return sensors is not None and sensors.exact({**sensors.defaults, **values})
+    if sensors is None or sensors.name in SENSORS.origins:
+        return False
+    return sensors.exact({**sensors.defaults, **values})

@@ -250,7 +250,8 @@ class Component:
     advices : callable
         From the state to the number of its latest advice, which rises with every new one.
     exact : callable
-        Of sensors: from the parameter values to True if what they give is the truth itself.
+        Of our own sensors: from the parameter values to True if what they give is the truth itself,
+        which is then not recorded beside it. Of those of somebody else's it always is.
     limits : tuple of str
         Of actuators: the parameters that limit its torque, all of which a weaker one has smaller.
     torque : callable, optional

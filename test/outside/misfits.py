@@ -59,6 +59,7 @@ MADE: dict[str, Callable[[], Component]] = {
     "nameless": lambda: with_column(LAW, name=""),
     "twice": lambda: replace(LAW, outputs=(*LAW.outputs, LAW.outputs[-1])),
     "of_node": lambda: with_parameters(LAW, Parameter("wait_for_recorder", 3, "x")),
+    "sure": lambda: replace(SENSORS, exact=lambda _: True),
     "of_kind": lambda: with_parameters(SENSORS, Parameter("max_torque", 7.0, "x")),
     "of_ros": lambda: with_parameters(LAW, Parameter("use_sim_time", False, "x")),
     "selector": lambda: with_parameters(LAW, Parameter("controller", 3, "x")),
