@@ -281,6 +281,28 @@ ENVIRONMENT = Component(
 """
 
 
+TALKATIVE = """
+from dataclasses import replace
+from ppc_attitude.science.sensors.direct import COMPONENT as DIRECT
+
+SENSORS = replace(DIRECT, name="talkative", advice=lambda state: "all is well")
+"""
+
+
+def test_advice_that_is_none_is_bad_input_and_no_traceback(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    (tmp_path / "installed/alone.py").write_text(TALKATIVE)
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text("[ppc_attitude.sensors]\ntalkative = alone:SENSORS\n")
+    file = tmp_path / "talkative.yaml"
+    file.write_text("spacecraft_plant: {ros__parameters: {sensors: talkative}}\n")
+    command = ["-m", "ppc_attitude.command_line.main", "check", "--config", str(file)]
+    done = run_outside(*command, code=2)
+    assert "component talkative: advice raised TypeError: 'all is well'; allowed" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_a_hook_that_raises_is_bad_input_and_no_traceback(run_outside: Run, tmp_path: Path) -> None:
     command = ["-m", "ppc_attitude.command_line.main", "check"]
     done = run_outside(*command, "--config", selecting(BOUNDLESS, tmp_path), code=2)

@@ -172,6 +172,12 @@ def _as_made(made: Any) -> Any:
     return made
 
 
+def _advice(given: Any) -> Advice:
+    if not isinstance(given, Advice):
+        raise TypeError(f"{given!r}; allowed: an Advice")
+    return given
+
+
 def _size(given: Any) -> float:
     if not float(given) >= 0.0:  # NaN is not either: it would be below every limit
         raise ValueError(f"{given!r}; allowed: a number ≥ 0")
@@ -190,7 +196,7 @@ def _bounds_of_motion(given: Any) -> tuple[float, float, float]:
 
 _HOOKS: dict[str, Callable[[Any], Any]] = {
     "configure": _as_made,
-    "advice": _as_made,
+    "advice": _advice,
     "advices": int,
     "exact": bool,
     "torque": _sizes,
