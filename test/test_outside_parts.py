@@ -148,6 +148,7 @@ MISFITS = {
         "of_ros": "left out: ppc_controller has another parameter use_sim_time than of_ros",
         "selector": "left out: ppc_controller has another parameter controller than selector",
         "two": "left out: ppc_controller has another parameter z than two",
+        "plain": "left out: component plain: step is no kernel: <function",
         "no_default": "left out: z = None; allowed: finite",
         "beyond": "left out: z = 3; allowed: an integer, ≥ -1e+30, ≤ 1",
     },

@@ -105,6 +105,20 @@ def _compiled(key: str) -> Any:
         return numba.cfunc(_SIGNATURE, **OPTIONS)(run)
 
 
+def kernel_of(component: Component) -> Any:
+    """Step of a component, seen to be a kernel.
+
+    Raises
+    ------
+    ConfigurationError
+        It is none.
+    """
+    if not isinstance(component.step, Dispatcher):
+        name = component.name
+        raise ConfigurationError(f"component {name}: step is no kernel: {component.step!r}")
+    return component.step
+
+
 def entry_point(component: Component) -> Any:
     """Compiled step of a component; `address` and `ctypes` are the ways to call it.
 
@@ -117,8 +131,7 @@ def entry_point(component: Component) -> Any:
     name = component.name
     if id(component) in _entries:
         return _entries[id(component)][1]
-    if not isinstance(component.step, Dispatcher):
-        raise ConfigurationError(f"component {name}: step is no kernel: {component.step!r}")
+    kernel_of(component)
     key = _key_of(component)
     known = _components.setdefault(key, component)
     if _function_of(known) != _function_of(component):

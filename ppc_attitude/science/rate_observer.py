@@ -58,7 +58,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.part import configured
+from ppc_attitude.science.part import configured, kernel_of
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
 from ppc_attitude.science.sensors.gyro import ANGULAR_RANDOM_WALK, RESOLUTION
 from ppc_attitude.science.signals import TOLD
@@ -205,7 +205,7 @@ def compensate(observer: Any, memory: Any, torque: Vector) -> Vector:
 
 def _step_of(law: Component) -> Any:
     """Step of a law behind the observer."""
-    step, unarmed = law.step, np.zeros((), law.state)[()]
+    step, unarmed = kernel_of(law), np.zeros((), law.state)[()]
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         if quaternion(inputs.attitude) == NO_ATTITUDE:

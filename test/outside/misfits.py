@@ -63,6 +63,7 @@ MADE: dict[str, Callable[[], Component]] = {
     "of_kind": lambda: with_parameters(SENSORS, Parameter("max_torque", 7.0, "x")),
     "of_ros": lambda: with_parameters(LAW, Parameter("use_sim_time", False, "x")),
     "selector": lambda: with_parameters(LAW, Parameter("controller", 3, "x")),
+    "plain": lambda: replace(LAW, step=lambda *records: None),
     "two": lambda: with_parameters(LAW, Parameter("z", 3, "x"), Parameter("z", 4.0, "x")),
     "no_default": lambda: with_parameters(LAW, Parameter("z", None, "x")),  # type: ignore[arg-type]
     "beyond": lambda: with_parameters(LAW, Parameter("z", 3, "x", high=1)),
