@@ -120,6 +120,17 @@ def test_a_free_craft_is_not_measured_by_the_papers_environment(
     assert found["torque authority"]["limit"] == 0.0
 
 
+def test_a_time_without_end_is_no_number_in_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slow = tmp_path / "slow.yaml"
+    slow.write_text("/**/ppc_controller: {ros__parameters: {k: 1.0e-6}}\n")
+    assert main(["check", "--config", str(slow), "--json"]) == 1
+    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["conditions"]}
+    assert found["time of the law"]["value"] is None
+    assert not found["time of the law"]["holds"]
+
+
 def test_an_actuator_that_is_weaker_than_the_environment_is_told_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

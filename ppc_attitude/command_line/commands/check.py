@@ -20,6 +20,7 @@ the requirements need at best of craft and law, and warns of what is out of prop
 """
 
 import argparse
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -200,7 +201,7 @@ def _json(
 ) -> dict[str, Any]:
     return {
         "controller": scenario.controller.name,
-        "conditions": [{**asdict(each), "holds": each.holds} for each in conditions],
+        "conditions": [_condition(each) for each in conditions],
         "start": {"attitude_error": q_e, "plan": start.text, "warning": start.warning},
         "goals": [
             {"time": told.time, "told": told.advice.text, "warning": told.advice.warning}
@@ -208,6 +209,12 @@ def _json(
         ],
         "faults": fault_texts(scenario.parameters[PLANT]),
     }
+
+
+def _condition(condition: Condition) -> dict[str, Any]:
+    """Give a condition as an object; one whose value is infinite, such as a time, has none."""
+    value = condition.value if math.isfinite(condition.value) else None
+    return {**asdict(condition), "value": value, "holds": condition.holds}
 
 
 def _print(
