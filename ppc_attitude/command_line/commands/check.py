@@ -87,10 +87,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "check",
         help="feasibility and conditions of a configuration",
-        description="Feasibility of both envelopes, the conditions S1 to S5, the time that the "
-        "requirements need at best, what is out of proportion to the craft, and the start; of the "
-        "momentum-tube law its certificate, proved anew. What is violated with a warning only is "
-        "sufficient or advisable, not necessary.",
+        description="Feasibility of the envelopes that the law has, the conditions S1 to S5, the "
+        "time that the requirements need at best, what is out of proportion to the craft, and the "
+        "start; of the momentum-tube law its certificate, proved anew. What is violated with a "
+        "warning only is sufficient or advisable, not necessary.",
     )
     add_scenario_options(parser)
     add_requirements_option(parser)
