@@ -158,6 +158,15 @@ def test_with_wheels_the_torque_is_judged_by_what_they_give_together(axes, each,
         assert judged.limit == pytest.approx(expected, rel=1e-12)
 
 
+def test_the_torque_of_an_actuator_that_is_not_installed_is_not_judged():
+    """Whatever limit another actuator of the plant's parameters would have."""
+    craft = {"actuator": "gimbals", "gimbals.thrust": 0.2, "max_torque": 0.05}
+    run = replace(normal_run(), parameters={"spacecraft_plant": craft})
+    row = requirement(analyse(run), "applied torque on an axis")
+    assert row.met is None
+    assert row.reason == "actuator = gimbals is not installed here"
+
+
 def test_one_sample_is_a_run():
     run = normal_run(0.0)
     verdict = analyse(run)

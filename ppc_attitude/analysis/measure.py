@@ -240,6 +240,14 @@ class Measured:
         return () if required or actuator is None else (ACTUATORS.selector, *actuator.limits)
 
     @property
+    def lacks_torque_limit(self) -> str:
+        """Why nobody here knows the limit of the actuator; empty if it is known, or required."""
+        plant = self.record.parameters.get(PLANT, {})
+        if isinstance(self.required.torque, int | float) or ACTUATORS.selected(plant) is not None:
+            return ""
+        return f"{ACTUATORS.selector} = {plant[ACTUATORS.selector]} is not installed here"
+
+    @property
     def _actuator_torque(self) -> float | None:
         """Largest torque on an axis [N·m] that the actuator can give, if the record tells."""
         plant = self.record.parameters.get(PLANT, {})
