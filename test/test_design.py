@@ -77,6 +77,7 @@ def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user(
     assert designed(replace(quick, **reference), precise, law.h, *gains)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds(
     standard: tuple[Assumptions, Law],
@@ -103,6 +104,7 @@ def test_contradicting_wishes_are_refused(standard: tuple[Assumptions, Law]) -> 
         designed(assumed, Wishes(rate=math.radians(20.0)), *gains)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_wish_that_is_refused_is_one_that_no_gains_grant(
     standard: tuple[Assumptions, Law],

@@ -29,6 +29,7 @@ first one after a gap, since its last torque has not acted over it.
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numba
@@ -203,9 +204,15 @@ def compensate(observer: Any, memory: Any, torque: Vector) -> Vector:
     return command
 
 
+@cache
+def _unarmed(state: np.dtype[Any]) -> Any:
+    """Memory of a law before its first sample; one object, by which steps are told apart."""
+    return np.zeros((), state)[()]
+
+
 def _step_of(law: Component) -> Any:
     """Step of a law behind the observer."""
-    step, unarmed = kernel_of(law), np.zeros((), law.state)[()]
+    step, unarmed = kernel_of(law), _unarmed(law.state)
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         if quaternion(inputs.attitude) == NO_ATTITUDE:
