@@ -54,6 +54,7 @@ def test_an_impossible_craft_is_refused_with_what_would_help(
         assert design(replace(weak, **each), Wishes(), law.h)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user(
     standard: tuple[Assumptions, Law],
