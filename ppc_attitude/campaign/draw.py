@@ -177,8 +177,6 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     if variables.fault:
         changed[PLANT][FAULTS.name] = with_fault(values[PLANT], drawn)
     for node in SOURCES:
-        if node == PLANT:
-            continue
         names = [name for name in agreed(node, values[node]) if name in changed[PLANT]]
         told = {name: changed[PLANT][name] for name in names}
         changed[node] = {**told, **changed.get(node, {})}  # unless it was drawn by itself

@@ -180,13 +180,14 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 def advice(state: Any) -> Advice:
     """Warn of a wheel that is as fast as it may be."""
-    full = int(state["full"])
-    told = (
-        f"wheel {full - 1} has reached its largest speed: it takes up no more momentum, and torque "
-        "is lost"
-    )
+    told = ""
+    if full := int(state["full"]):
+        told = (
+            f"wheel {full - 1} has reached its largest speed: it takes up no more momentum, and "
+            "torque is lost"
+        )
     fastest = {"fastest wheel [share of its largest speed]": float(state["fastest"])}
-    return Advice(told if full else "", warning=bool(full), numbers=fastest)
+    return Advice(told, warning=bool(full), numbers=fastest)
 
 
 COMPONENT = Component(

@@ -54,18 +54,10 @@ def configure(values: Mapping[str, Any]) -> Any:
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Share the commanded torque among the wheels; tell what then acts on the body."""
-    rate, speeds, motors = (
-        vector(inputs.truth_angular_velocity),
-        inputs.wheel_speed,
-        outputs.wheel_torque,
-    )
-    command = vector(inputs.torque_command)
-    wheel_drive.share(
-        command, rate, speeds, inputs.stamp_ns, state.drive, configuration.drive, motors
-    )
-    wheel_motors.act(
-        motors, rate, speeds, inputs.stamp_ns, state.motors, configuration.motors, outputs
-    )
+    command, rate = vector(inputs.torque_command), vector(inputs.truth_angular_velocity)
+    speeds, asked, now = inputs.wheel_speed, outputs.wheel_torque, inputs.stamp_ns
+    wheel_drive.share(command, rate, speeds, now, state.drive, configuration.drive, asked)
+    wheel_motors.act(asked, rate, speeds, now, state.motors, configuration.motors, outputs)
 
 
 def advice(state: Any) -> Advice:
