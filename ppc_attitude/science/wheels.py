@@ -94,6 +94,7 @@ PARAMETERS = (AXES, *_EACH)
 WHEELS = np.dtype(
     [
         ("count", np.int64),
+        ("h", np.float64),  # [s] of a step
         ("axes", np.float64, (MAX_WHEELS, 3)),  # unit, body
         *((each.name.partition(".")[2], np.float64, (MAX_WHEELS,)) for each in _EACH),
         ("full", np.float64, (MAX_WHEELS,)),  # [rad/s] from here a step may reach the largest
@@ -154,6 +155,7 @@ def wheel_record(values: Mapping[str, Any]) -> Any:
     axes = axes_of(values)
     count = len(axes)
     record["count"] = count
+    record["h"] = 1.0 / values[RATE.name]
     record["axes"][:count] = axes
     for parameter in _EACH:
         given = values[parameter.name]
@@ -166,7 +168,7 @@ def wheel_record(values: Mapping[str, Any]) -> Any:
     gained = record["max_torque"][:count] / (record["inertia"][:count] * values[RATE.name])
     record["full"][:count] = record["max_speed"][:count] - gained
     for i in range(count):
-        _check(record, i, 1.0 / values[RATE.name])
+        _check(record, i)
     return record
 
 
@@ -207,8 +209,8 @@ def momenta(values: Mapping[str, Any], speeds: NDArray[np.float64]) -> NDArray[n
     return np.asarray(spun @ axes)
 
 
-def _check(record: Any, i: int, h: float) -> None:
-    """Refuse what wheel i cannot be, with steps of h [s]."""
+def _check(record: Any, i: int) -> None:
+    """Refuse what wheel i cannot be."""
     speed, largest = abs(record["initial_speed"][i]), record["max_speed"][i]
     if speed > largest:
         raise ConfigurationError(
@@ -227,11 +229,11 @@ def _check(record: Any, i: int, h: float) -> None:
             f"{MAX_TORQUE.name} = {record['max_torque'][i]:g} N·m of wheel {i}; allowed: more than "
             f"its friction, up to {resistance:g}"
         )
-    see_that_a_step_follows(record, i, h)
+    see_that_a_step_follows(record, i)
 
 
-def see_that_a_step_follows(record: Any, i: int, h: float, drag: float = 1.0) -> None:
-    """See that friction, times a drag, is none that reverses wheel i within a step of h [s].
+def see_that_a_step_follows(record: Any, i: int, drag: float = 1.0) -> None:
+    """See that friction, times a drag, is none that reverses wheel i within a step.
 
     Raises
     ------
@@ -239,6 +241,7 @@ def see_that_a_step_follows(record: Any, i: int, h: float, drag: float = 1.0) ->
         It is.
     """
     slope = record["static"][i] / record["transition_speed"][i] + record["viscous"][i]
+    h = record["h"]
     decay = h * drag * slope / record["inertia"][i]
     if decay > 1.0:
         times = f" and {drag:g} times its friction" if drag != 1.0 else ""
@@ -259,10 +262,10 @@ def friction(wheels: Any, i: int, speed: float) -> float:
 
 
 @kernel
-def room(wheels: Any, i: int, speed: float, h: float) -> tuple[float, float]:
-    """Torques [N·m] that bring a wheel to its largest speed in h [s], backwards and forwards."""
-    faster = wheels.inertia[i] * (wheels.max_speed[i] - speed) / h
-    slower = wheels.inertia[i] * (wheels.max_speed[i] + speed) / h
+def room(wheels: Any, i: int, speed: float) -> tuple[float, float]:
+    """Torques [N·m] that bring a wheel to its largest speed in a step, backwards and forwards."""
+    faster = wheels.inertia[i] * (wheels.max_speed[i] - speed) / wheels.h
+    slower = wheels.inertia[i] * (wheels.max_speed[i] + speed) / wheels.h
     return slower, faster
 
 

@@ -39,7 +39,6 @@ from ppc_attitude.science.faults import (
     number_of,
 )
 from ppc_attitude.science.kernel import Vector, cross, kernel, scale, store, subtract, vector
-from ppc_attitude.science.parameter import RATE
 from ppc_attitude.science.signals import APPLIED_TORQUE, TRUE_RATE
 from ppc_attitude.science.wheels import (
     TRACE,
@@ -54,7 +53,6 @@ _SEIZING = 0.1  # [s] in which the speed of a wheel that seizes falls to 1/e
 CONFIGURATION = np.dtype(
     [
         ("wheels", WHEELS),
-        ("h", np.float64),  # [s] of a step
         ("faults", RECORD),
     ],
     align=True,
@@ -79,13 +77,10 @@ def configure(values: Mapping[str, Any]) -> Any:
     """
     record = np.zeros((), CONFIGURATION)[()]
     record["wheels"] = given = wheel_record(values)
-    record["h"] = 1.0 / values[RATE.name]
     record["faults"] = faults_of(values, wheels.parts_of(values))
     for fault in record["faults"]["fault"][: record["faults"]["count"]]:
         if fault["kind"] == How.DRAG:
-            wheels.see_that_a_step_follows(
-                given, int(fault["part"]), 1.0 / values[RATE.name], float(fault["value"][0])
-            )
+            wheels.see_that_a_step_follows(given, int(fault["part"]), float(fault["value"][0]))
     return record
 
 
@@ -97,10 +92,10 @@ def _failed(motor: float, i: int, speed: float, stamp_ns: int, configuration: An
     drag = number_of(faults, i, How.DRAG, stamp_ns, 1.0)
     net = faulty(motor, limit, faults, i, stamp_ns)
     if acting(faults, i, How.SEIZED, stamp_ns) >= 0:
-        net = -craft.inertia[i] * speed / max(_SEIZING, configuration.h)
+        net = -craft.inertia[i] * speed / max(_SEIZING, craft.h)
     elif acting(faults, i, How.STUCK, stamp_ns) < 0:  # what is stuck is so at the shaft
         net -= drag * resistance
-    slower, faster = room(craft, i, speed, configuration.h)
+    slower, faster = room(craft, i, speed)
     return float(resistance + min(max(net, -max(slower, 0.0)), max(faster, 0.0)))
 
 
@@ -161,7 +156,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Let the motors give what a node asks of them, within what motor and speed allow."""
     craft, speeds = configuration.wheels, inputs.wheel_speed
     for i in range(craft.count):
-        slower, faster = room(craft, i, speeds[i], configuration.h)
+        slower, faster = room(craft, i, speeds[i])
         resistance, trace = friction(craft, i, speeds[i]), TRACE * craft.max_torque[i]
         # A wheel at its largest speed may be asked for what slows it, and for its friction.
         most = min(craft.max_torque[i], resistance + max(faster, 0.0)) + trace

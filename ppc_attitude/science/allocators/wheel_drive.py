@@ -92,7 +92,6 @@ OWN_PARAMETERS = (NULL_SPEED, NULL_GAIN, KNOWLEDGE, COMPENSATION, OVERLOAD, DETE
 CONFIGURATION = np.dtype(
     [
         ("wheels", WHEELS),
-        ("h", np.float64),  # [s] of a step
         ("null", np.float64, (MAX_WHEELS, MAX_WHEELS)),  # projection on what gives no torque
         ("null_gain", np.float64),  # [1/s]
         ("null_momentum", np.float64, (MAX_WHEELS,)),  # [N·m·s] h*
@@ -140,7 +139,6 @@ def configure(values: Mapping[str, Any]) -> Any:
     count = int(given["count"])
     axes = given["axes"][:count]
     free = np.linalg.svd(axes.T)[2][3:].T  # null space, a column each
-    record["h"] = 1.0 / values[RATE.name]
     record["null"][:count, :count] = free @ free.T
     record["null_gain"] = values[NULL_GAIN.name]
     if free.size:
@@ -178,7 +176,7 @@ def _taken_away(resistance: float, speed: float, i: int, configuration: Any) -> 
 
     Who believes in more friction than there is speeds the wheel up; not beyond its limits.
     """
-    slower, faster = room(configuration.wheels, i, speed, configuration.h)
+    slower, faster = room(configuration.wheels, i, speed)
     most, limit = resistance + max(faster, 0.0), configuration.wheels.max_torque[i]
     least = resistance - max(slower, 0.0)
     known = min(max(configuration.knowledge * resistance, least), most)
@@ -191,7 +189,7 @@ def _limits(speeds: Any, configuration: Any, state: Any) -> None:
     craft = configuration.wheels
     for i in range(craft.count):
         resistance = state.resistance[i] = friction(craft, i, speeds[i])
-        slower, faster = room(craft, i, speeds[i], configuration.h)
+        slower, faster = room(craft, i, speeds[i])
         known = _taken_away(resistance, speeds[i], i, configuration)
         driven = known - resistance
         trace = TRACE * craft.max_torque[i]

@@ -157,5 +157,5 @@ def _gyroscopic(inertia: Floats) -> float:
 def _wheels(plant: Mapping[str, Any]) -> dict[str, Floats]:
     """Numbers of the wheels that a craft has, by the fields of `wheels.WHEELS`."""
     record = wheel_record(plant)
-    fields = (name for name in record.dtype.names if name != "count")
+    fields = (name for name in record.dtype.names if name not in ("count", "h"))
     return {name: record[name][: int(record["count"])] for name in fields}
