@@ -15,6 +15,7 @@
 import gzip
 import math
 import runpy
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,7 @@ def test_a_late_filter_is_a_prompt_one_without_the_later_fixes(case: str) -> Non
         assert known_now(late_memory) == known_now(prompt_memory)
 
 
+@cache
 def turning(seconds: float) -> tuple[Array, Array]:
     """Rates [rad/s] held over each step of 0.01 s (row k ends at step k) and exact attitudes."""
     t = 0.01 * np.arange(round(100 * seconds) + 1)
@@ -212,6 +214,50 @@ def test_fixes_that_disagree_are_never_believed() -> None:
     assert memory["refused"] == (arrival[valid >= 500] < len(rates)).sum() > 80
     assert memory["begun_anew"] == 0
     assert angles_between(rows[-1, :4], truth[-1]) < 1e-3
+
+
+@pytest.mark.parametrize("size", [2e-3, 1e-2, 0.1, 0.5])
+@pytest.mark.parametrize(("name", "right"), [("smallsat", 3e-4), ("cubesat", 3e-3)])
+def test_a_bias_that_jumps_is_found(name: str, right: float, size: float) -> None:
+    jump = size * np.array([0.6, -0.64, 0.48])
+    beside = []
+    for seed in range(30, 34):
+        settings, rates, truth, valid, arrival, fixes = noisy(name, 20.0, seed)
+        _, calm = run(settings, rates, valid, arrival, fixes)
+        rates[1000:] += jump
+        memory, rows = run(settings, rates, valid, arrival, fixes)
+        assert memory["begun_anew"] in (1, 2)
+        assert memory["refused"] <= 9 * memory["begun_anew"] + 2
+        late = slice(1000 + 22 * SLOTS[name], None)  # after ten slots, where need be twice
+        assert angles_between(rows[late, :4], truth[late]).max() < right
+        beside.append((rows[-1, 4:7] - jump - calm[-1, 4:7]) / rows[-1, 10:13])
+    assert np.mean(np.square(beside)) < 1.5  # as well as it says
+
+
+@pytest.mark.parametrize("size", [2e-3, 1e-2, 0.1])
+def test_a_first_bias_far_beyond_what_was_expected_is_found(size: float) -> None:
+    settings, rates, truth, valid, arrival, fixes = noisy("smallsat", 10.0, 5)
+    memory, rows = run(settings, rates + size * np.array([0.6, -0.64, 0.48]), valid, arrival, fixes)
+    assert memory["refused"] + memory["begun_anew"] <= 13
+    assert angles_between(rows[400:, :4], truth[400:]).max() < 3e-4
+
+
+def test_a_tracker_that_turns_in_its_mounting_is_not_believed() -> None:
+    """In a steady slew its inertial error grows at one rate, as it does after a bias has jumped."""
+    settings, rates, truth, valid, arrival, fixes = noisy("smallsat", 14.0, 7)
+    steady = np.broadcast_to([0.04, 0.03, 0.0], rates.shape)
+    attitudes = Rotation.from_quat(truth[0]) * Rotation.from_rotvec(
+        0.01 * np.arange(len(rates))[:, None] * steady[0]
+    )
+    noise = Rotation.from_quat(truth[valid]).inv() * Rotation.from_quat(fixes)
+    fixes = (attitudes[valid] * noise).as_quat()
+    rates = rates - turning(14.0)[0] + steady
+    turned = valid >= 700
+    fixes[turned] = (Rotation.from_quat(fixes[turned]) * TURN).as_quat()
+    memory, rows = run(settings, rates, valid, arrival, fixes)
+    assert memory["refused"] == (turned & (arrival < len(rates))).sum() > 30
+    assert memory["begun_anew"] == 0
+    assert angles_between(rows[-1, :4], attitudes[-1].as_quat()) < 0.02
 
 
 def begun(steps: int, at: int = 0, valid: int = 0) -> tuple[Any, Array, Any]:

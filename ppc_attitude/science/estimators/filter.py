@@ -67,10 +67,12 @@ NOTHING: Knowledge = (NO_ATTITUDE, ZERO, _NONE, _ZEROS, _NONE)
 
 
 @kernel
-def begun(attitude: Quaternion, fix_covariance: Symmetric, bias_variance: float) -> Knowledge:
-    """The estimate from a first fix: its attitude, and nothing of the bias but its variance."""
+def begun(
+    attitude: Quaternion, fix_covariance: Symmetric, bias: Vector, bias_variance: float
+) -> Knowledge:
+    """The estimate from a first fix: its attitude, and of the bias what was known before."""
     d = bias_variance
-    return (attitude, ZERO, fix_covariance, _ZEROS, (d, 0.0, 0.0, d, 0.0, d))
+    return (attitude, bias, fix_covariance, _ZEROS, (d, 0.0, 0.0, d, 0.0, d))
 
 
 @inlined

@@ -18,17 +18,15 @@ A fix arrives late. The filter goes back to the step at which the fix was valid,
 knew then, and repeats the steps since. So a late filter is, to the last bit, a prompt one that has
 not yet heard of the later fixes.
 
-Fixes that do not fit are refused. If refused fixes agree with each other, the estimate is wrong
-rather than they, and the filter begins anew. A tracker that is wrong in a body-fixed way agrees
-with itself in body axes, not in inertial ones; it is told apart only while the body turns more than
-the threshold between its fixes.
+Fixes that do not fit are refused. If refused fixes agree with each other (`refusals`), the estimate
+is wrong rather than they, and the filter begins anew.
 """
 
 from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import conjugate, logarithm, product
+from ppc_attitude.science.attitude import product
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.estimators.filter import (
     NOTHING,
@@ -39,10 +37,19 @@ from ppc_attitude.science.estimators.filter import (
     residual,
     updated,
 )
+from ppc_attitude.science.estimators.refusals import (
+    BIAS_IS_WRONG,
+    EARLY,
+    NOTHING_YET,
+    REFUSALS,
+    bias_error,
+    heard,
+)
 from ppc_attitude.science.kernel import (
     ZERO,
     Quaternion,
     Vector,
+    add,
     dot,
     inlined,
     kernel,
@@ -94,9 +101,7 @@ MEMORY = np.dtype(
         ("stamps_ns", np.int64, (STEPS,)),  # of the remembered steps
         ("steps", _STEP, (STEPS,)),
         ("accepted", np.int64),  # fixes since the filter began (anew)
-        ("agreeing", np.int64),  # refused fixes in a row that agree with each other
-        ("refused_error", np.float64, (4,)),  # of the last refused fix, inertial axes
-        ("refused_ns", np.int64),  # its validity [ns]
+        ("refusals", REFUSALS),
         ("fix_ns", np.int64),  # validity [ns] of the last accepted fix; before it, the first sample
         ("fixes", np.int64),  # in all, also refused ones
         ("refused", np.int64),  # by the gate
@@ -112,7 +117,6 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-_PATIENCE, _EARLY_PATIENCE, _EARLY = 10, 2, 5
 
 
 @kernel
@@ -195,26 +199,6 @@ def _steps_since(memory: Any, stamp_ns: int) -> int:
 
 
 @kernel
-def _agrees(memory: Any, settings: Any, error: Quaternion, valid_ns: int) -> bool:
-    """Whether a refused fix says the same as the refused one before it."""
-    t = seconds(valid_ns - memory.refused_ns)
-    turn = logarithm(product(error, conjugate(quaternion(memory.refused_error))))
-    white = settings.white + settings.rounding * last_interval(memory)
-    spread = 2.0 * settings.fix_variance + white * t + settings.bias_variance * t * t
-    return bool(dot(turn, turn) <= settings.gate * spread)
-
-
-@kernel
-def _is_convincing(memory: Any, settings: Any, error: Quaternion, valid_ns: int) -> bool:
-    """Count a refused fix, and say whether so many agree that the estimate must be wrong."""
-    agrees = memory.agreeing > 0 and _agrees(memory, settings, error, valid_ns)
-    memory.agreeing = memory.agreeing + 1 if agrees else 1
-    store_quaternion(memory.refused_error, error)
-    memory.refused_ns = valid_ns
-    return bool(memory.agreeing >= (_EARLY_PATIENCE if memory.accepted < _EARLY else _PATIENCE))
-
-
-@kernel
 def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tuple[Vector, bool]:
     """Take a fix (tracker to inertial) that was valid at a remembered stamp [ns].
 
@@ -231,14 +215,15 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
     ago = _steps_since(memory, valid_ns)
     slot = (memory.count - 1 - ago) % STEPS
     valid_ns = memory.stamps_ns[slot]
-    repeated = memory.agreeing > 0 and valid_ns == memory.refused_ns  # it would agree with itself
+    refusals = memory.refusals
+    repeated = refusals.agreeing > 0 and valid_ns == refusals.valid_ns  # it would agree with itself
     if ago < 0 or repeated or (memory.knows != 0.0 and valid_ns <= memory.fix_ns):
         memory.unmatched += 1
         return ZERO, False
     covariance = _symmetric(settings.fix_covariance)
     attitude = product(fix, quaternion(settings.unmounting))
     whitened, told, begins = ZERO, False, memory.knows == 0.0
-    known = begun(attitude, covariance, settings.bias_variance)
+    known = begun(attitude, covariance, ZERO, settings.bias_variance)
     if not begins:
         before = recalled(memory, slot)
         z = residual(before, attitude)
@@ -249,19 +234,25 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
             memory.nis[memory.used % INNOVATIONS] = nis
             memory.used += 1
             memory.accepted += 1
-            memory.agreeing = 0
+            refusals.agreeing = 0
         else:
-            error = product(attitude, conjugate(before[0]))
-            if not _is_convincing(memory, settings, error, valid_ns):
+            white = settings.white + settings.rounding * last_interval(memory)
+            says = heard(refusals, settings, white, attitude, before[0], valid_ns, memory.accepted)
+            if says == NOTHING_YET:
                 memory.refused += 1
                 memory.doubtful = 1.0
                 return whitened, told
+            if says == BIAS_IS_WRONG:
+                jump, variance = bias_error(refusals, settings, white)
+                bias = add(before[1], jump)
+                known = begun(attitude, covariance, bias, settings.bias_variance + variance)
             begins, told = True, False
             memory.begun_anew += 1
     if begins:
+        # Whom refused fixes have set right need not doubt the one from which it goes on.
+        memory.accepted = EARLY if memory.knows != 0.0 else 1
         memory.knows = 1.0
-        memory.accepted = 1
-        memory.agreeing = 0
+        refusals.agreeing = 0
     memory.doubtful = 0.0
     memory.fix_ns = valid_ns
     _remember(memory, slot, known)
