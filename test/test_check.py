@@ -177,18 +177,23 @@ def test_a_rate_envelope_that_single_pulses_leave_is_warned_of() -> None:
     assert not set(by_name(actuator_conditions(case()))) & {found.name}
 
 
-@pytest.mark.parametrize("share", [0.98, 1.2])
-def test_a_disturbance_estimate_out_of_proportion_leaves_the_envelope_and_is_warned_of(
-    cubesat: Scenario, share: float
+@pytest.mark.parametrize(
+    ("share", "told"),
+    [(0.6, set()), (0.98, {"answer to z2"}), (1.2, {"answer to z2", "D_m in ρ_ω"})],
+)
+def test_a_disturbance_estimate_out_of_proportion_swings_and_is_warned_of(
+    cubesat: Scenario, share: float, told: set[str]
 ) -> None:
     """The rate error then swings by D_m h / 2J from sample to sample, whatever the gains."""
     D_m = share * 2.0 * 3e-5 * 0.12 * 100.0  # of g∞, the least inertia and the rate
     swinging = cubesat.with_values(CONTROLLER, D_m=D_m)
-    assert warned(sampling_conditions(swinging)) == ({"D_m in ρ_ω"} if share > 1.0 else set())
+    assert warned(sampling_conditions(swinging)) == told
     run = simulate(swinging, 100.0)
     late = run.stamps_ns > 60e9
     outside = np.abs(run["rate_error"][late]) > run["rate_envelope"][late]
-    assert bool(outside.any()) == (share > 1.0)
+    assert bool(outside.any()) == ("D_m in ρ_ω" in told)
+    change = np.abs(np.diff(run["torque_command"][late], axis=0)).max()
+    assert bool(change > D_m) == bool(told)
 
 
 def test_noise_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:

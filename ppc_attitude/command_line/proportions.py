@@ -229,14 +229,23 @@ def _pulse_conditions(impulse: float, scenario: Scenario) -> Iterator[Condition]
 
 
 def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
-    """Compare the estimate of the disturbance in the law `ppc` with its rate envelope."""
+    """Compare how the law `ppc` answers a rate error with the time from sample to sample."""
     if scenario.controller.name == ppc.COMPONENT.name:
         law = scenario.parameters[CONTROLLER]
-        change = law["D_m"] / (scenario.number(PLANT, "rate") * _moments(law)[0])
+        rate, width = scenario.number(PLANT, "rate"), law["rate_envelope.terminal"]
+        change = law["D_m"] / (rate * _moments(law)[0])
+        yield _at_most(
+            "answer to z2",
+            law["K_omega"] / rate + change / (law["mu"] * width),
+            2.0,
+            "",
+            "K_ω h + D_m h / (J μ g∞): the torque does not throw a small rate error farther to the "
+            "other side; beyond it the torque may change its sign at every sample",
+        )
         yield _at_most(
             "D_m in ρ_ω",
             0.5 * change,
-            law["rate_envelope.terminal"],
+            width,
             "rad/s",
             "D_m h / 2J: if the disturbance estimate changes sign at every sample, the rate error "
             "stays inside its envelope",
