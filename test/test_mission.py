@@ -25,6 +25,7 @@ from test_goal_reference import STRAIGHT, flight, tour
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.command_line.proportions import slew_conditions
+from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.certificate import Condition
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.flight_plan import goals_told
@@ -32,7 +33,8 @@ from ppc_attitude.simulation.flight_plan import goals_told
 
 def needed(**reference: Any) -> dict[str, Condition]:
     """What `check` says that slews need."""
-    return {each.name: each for each in slew_conditions(flight(**reference), Requirements())}
+    scenario = flight(**reference).with_values(PLANT, duration=120.0)
+    return {each.name: each for each in slew_conditions(scenario, Requirements())}
 
 
 def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
@@ -44,6 +46,9 @@ def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
     spin = {"goals__frames": ["spin"], "spin__rate": 0.03}
     crossed = 2.8 * math.radians(2.0) * 0.03
     assert needed(**spin)["slew torque"].value == pytest.approx(torque.value + crossed, rel=1e-9)
+    goals = {"goals__attitudes": STRAIGHT * 2}
+    assert needed(goals__times=[70.0, 120.0], **goals)["last goal"].holds
+    assert not needed(goals__times=[70.0, 121.0], **goals)["last goal"].holds
     late, early, settled = (
         needed(goals__times=times, goals__attitudes=STRAIGHT * len(times))["slew rate"]
         for times in ([70.0], [5.0, 70.0], [])

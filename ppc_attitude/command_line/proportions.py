@@ -141,9 +141,19 @@ def slew_conditions(scenario: Scenario, required: Requirements) -> Iterator[Cond
         f"max‖J e‖ {'(A + V |spin.rate|)' if spins else 'A'} + max‖ω × J ω‖ leaves the law its "
         "margin (guidance.torque_share)",
     )
+    times = reference[GOAL_TIMES.name]
+    end = scenario.number(PLANT, "duration")
+    if times and end:
+        yield _at_most(
+            "last goal",
+            max(times),
+            end,
+            "s",
+            "all goals begin before the run ends",
+        )
     law = scenario.parameters[CONTROLLER]
     if scenario.controller.name == ppc.COMPONENT.name and required.rate is not None:
-        yield _rate_of_slew(rate, reference[GOAL_TIMES.name], law, required.rate)
+        yield _rate_of_slew(rate, times, law, required.rate)
 
 
 def _rate_of_slew(
