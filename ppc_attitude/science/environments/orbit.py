@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import to_body
-from ppc_attitude.science.component import Component
+from ppc_attitude.science.component import INERTIAL, VECTOR, Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import ORBIT_FIELD, largest_field, magnetic_field, orbit_field
 from ppc_attitude.science.geomagnetic import PARAMETERS as FIELD_PARAMETERS
@@ -94,6 +94,18 @@ ALTITUDE = Parameter(
 )
 SCALE_HEIGHT = Parameter(
     "orbit.air.scale_height", 63.8e3, "over which the density falls to 1/e", "m", low=1e3, high=1e7
+)
+ORBIT_POSITION = Column(
+    "orbit_position", "orbit/position", VECTOR, INERTIAL, "m", "the craft, from Earth's centre"
+)
+ORBIT_VELOCITY = Column("orbit_velocity", "orbit/velocity", VECTOR, INERTIAL, "m/s", "its velocity")
+SUN = Column(
+    "sun",
+    "sun",
+    VECTOR,
+    INERTIAL,
+    "1",
+    "towards the Sun, as long as the share of its disc that Earth does not hide",
 )
 CONFIGURATION = np.dtype(
     [
@@ -174,24 +186,28 @@ def air_velocity(r: Vector, v: Vector) -> Vector:
 
 @kernel
 def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
-    """Sum up the torques at an instant."""
+    """Sum up the torques at an instant, and tell where the craft and the Sun are."""
     attitude = inputs.truth_attitude
     q, q0 = vector(attitude), attitude[3]
     r, v = orbit_at(inputs.t, craft.field.orbit, state)
     torque = gravity_gradient(to_body(r, q, q0), matrix(craft.inertia))
     b = magnetic_field(r, inputs.t, craft.field)
     torque = add(torque, cross(vector(craft.dipole), to_body(b, q, q0)))
+    days = craft.days + inputs.t / DAY
+    distance = sun_distance(days)  # [au]
+    sun = scale(distance * ASTRONOMICAL_UNIT, sun_direction(days)[0])
+    towards, lit = subtract(sun, r), lit_fraction(r, sun)
+    towards = scale(1.0 / norm(towards), towards)
     if craft.count:
-        days = craft.days + inputs.t / DAY
-        distance = sun_distance(days)  # [au]
-        sun = scale(distance * ASTRONOMICAL_UNIT, sun_direction(days)[0])
-        pressure = PRESSURE / (distance * distance) * lit_fraction(r, sun)
-        towards = subtract(sun, r)
-        s = to_body(scale(1.0 / norm(towards), towards), q, q0)
+        pressure = PRESSURE / (distance * distance) * lit
+        s = to_body(towards, q, q0)
         wind = to_body(air_velocity(r, v), q, q0)
         density = air_density(norm(r), craft)
         torque = add(torque, plates_torque(craft.plates, craft.count, wind, density, s, pressure))
     store(outputs.environment_torque, torque)
+    store(outputs.orbit_position, r)
+    store(outputs.orbit_velocity, v)
+    store(outputs.sun, scale(lit, towards))
 
 
 def bound(values: Mapping[str, Any]) -> float:
@@ -227,7 +243,7 @@ COMPONENT = Component(
     configuration=CONFIGURATION,
     state=CURSOR,
     inputs=(TRUE_ATTITUDE,),
-    outputs=(ENVIRONMENT_TORQUE,),
+    outputs=(ENVIRONMENT_TORQUE, ORBIT_POSITION, ORBIT_VELOCITY, SUN),
     step=step,
     bound=bound,
 )
