@@ -29,7 +29,7 @@ import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, record_type
 from ppc_attitude.science.stamps import LATEST, nanoseconds
 
 MOST_FAULTS = 16
@@ -94,17 +94,14 @@ OF_A_TORQUE = (
     Failure(How.BIAS, 1, unit="N·m"),
     Failure(How.STUCK, 1, unit="N·m"),
 )
-FAULT = np.dtype(
-    [
-        ("part", np.int64),  # place among the component's parts
-        ("kind", np.int64),  # of `How`
-        ("start_ns", np.int64),  # first instant [ns] at which it acts
-        ("end_ns", np.int64),  # first instant [ns] at which it no longer acts
-        ("value", np.float64, (3,)),
-    ],
-    align=True,
+FAULT = record_type(
+    ("part", np.int64),  # place among the component's parts
+    ("kind", np.int64),  # of `How`
+    ("start_ns", np.int64),  # first instant [ns] at which it acts
+    ("end_ns", np.int64),  # first instant [ns] at which it no longer acts
+    ("value", np.float64, (3,)),
 )
-RECORD = np.dtype([("count", np.int64), ("fault", FAULT, (MOST_FAULTS,))], align=True)
+RECORD = record_type(("count", np.int64), ("fault", FAULT, (MOST_FAULTS,)))
 
 
 class Fault(NamedTuple):

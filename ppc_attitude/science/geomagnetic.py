@@ -33,7 +33,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, divide, dot, kernel, scale
 from ppc_attitude.science.orbit import ORBIT
 from ppc_attitude.science.orbit_elements import EPOCH, ORBIT_PARAMETERS, epoch_of, orbit_of
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, record_type
 from ppc_attitude.science.sky import EARTH_RATE, days_of, earth_angle
 
 REFERENCE_RADIUS = 6371.2e3  # a [m]
@@ -52,21 +52,15 @@ PARAMETERS = (*ORBIT_PARAMETERS, MODEL)
 MAGNETIC_FIELD = Column(
     "magnetic_field", "magnetic_field", VECTOR, BODY, "T", "Earth's magnetic field at the craft"
 )
-FIELD = np.dtype(
-    [
-        ("degree", np.int64),
-        ("g", np.float64, (MOST_DEGREE + 1, MOST_DEGREE + 1)),  # [T] of harmonics not normalised
-        ("h", np.float64, (MOST_DEGREE + 1, MOST_DEGREE + 1)),
-    ],
-    align=True,
+FIELD = record_type(
+    ("degree", np.int64),
+    ("g", np.float64, (MOST_DEGREE + 1, MOST_DEGREE + 1)),  # [T] of harmonics not normalised
+    ("h", np.float64, (MOST_DEGREE + 1, MOST_DEGREE + 1)),
 )
-ORBIT_FIELD = np.dtype(
-    [
-        ("orbit", ORBIT),
-        ("earth_angle", np.float64),  # Greenwich at t = 0 [rad]
-        ("harmonics", FIELD),
-    ],
-    align=True,
+ORBIT_FIELD = record_type(
+    ("orbit", ORBIT),
+    ("earth_angle", np.float64),  # Greenwich at t = 0 [rad]
+    ("harmonics", FIELD),
 )
 
 

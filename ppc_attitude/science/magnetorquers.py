@@ -42,7 +42,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.noise import normal_vector
-from ppc_attitude.science.parameter import RATE, Parameter, at_start
+from ppc_attitude.science.parameter import RATE, Parameter, at_start, filled, record_type
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.stamps import whole_steps
 
@@ -95,24 +95,18 @@ NOISE = Parameter(
     high=1e-3,
 )
 PARAMETERS = (MAX_DIPOLE, GAIN, DEADBAND, PERIOD, LAW, NOISE, SEED)
-MAGNETORQUERS = np.dtype(
-    [
-        ("max_dipole", np.float64),  # [A·m²]
-        ("gain", np.float64),  # k [1/s]; 0 if the law is off
-        ("deadband", np.float64),  # [N·m·s]
-        ("period", np.int64),  # in steps
-        ("noise", np.float64),  # [T]
-        ("seed", np.int64),
-        ("rate", np.float64),  # [Hz] steps per second
-    ],
-    align=True,
+MAGNETORQUERS = record_type(
+    MAX_DIPOLE,
+    GAIN,  # 0 if the law is off
+    DEADBAND,
+    ("period", np.int64),  # in steps
+    NOISE,
+    SEED,
+    RATE,
 )
-HELD = np.dtype(
-    [
-        ("begun", np.int64),  # periods, the present one included
-        ("dipole", np.float64, (3,)),  # [A·m²] asked for, held
-    ],
-    align=True,
+HELD = record_type(
+    ("begun", np.int64),  # periods, the present one included
+    ("dipole", np.float64, (3,)),  # [A·m²] asked for, held
 )
 DIPOLE = Column(
     "magnetorquer_dipole",
@@ -146,15 +140,15 @@ def magnetorquer_record(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The period is no whole number of steps.
     """
-    record = np.zeros((), MAGNETORQUERS)[()]
-    record["max_dipole"] = values[MAX_DIPOLE.name]
-    record["gain"] = values[GAIN.name] if values[LAW.name] == "cross_product" else 0.0
-    record["deadband"] = values[DEADBAND.name]
-    record["period"] = whole_steps(PERIOD.name, values[PERIOD.name], values[RATE.name])
-    record["noise"] = values[NOISE.name]
-    record["seed"] = values[SEED.name]
-    record["rate"] = values[RATE.name]
-    return record
+    return filled(
+        MAGNETORQUERS,
+        values,
+        "magnetorquers.",
+        gain=values[GAIN.name] if values[LAW.name] == "cross_product" else 0.0,
+        period=whole_steps(PERIOD.name, values[PERIOD.name], values[RATE.name]),
+        seed=values[SEED.name],
+        rate=values[RATE.name],
+    )
 
 
 def torque_of_rods(values: Mapping[str, Any]) -> float:
@@ -179,7 +173,7 @@ def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
     """
     if norm(excess) < rods.deadband:
         return ZERO
-    b = add(b, scale(rods.noise, normal_vector(rods.seed, step, _CHANNEL)))
+    b = add(b, scale(rods.magnetometer_noise, normal_vector(rods.seed, step, _CHANNEL)))
     m = scale(rods.gain / dot(b, b), cross(excess, b))
     return scale(rods.max_dipole / max(largest(m), rods.max_dipole), m)
 

@@ -50,7 +50,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import at_start
+from ppc_attitude.science.parameter import at_start, record_type
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.wheels import WHEELS, friction, momentum
 
@@ -75,22 +75,16 @@ COUPLING = at_start(
     length=-3,
 )
 PARAMETERS = (*rigid_body.COMPONENT.parameters, FREQUENCY, DAMPING, COUPLING)
-_MODES = np.dtype(
-    [
-        ("count", np.int64),
-        ("frequency", np.float64, (MAX_MODES,)),  # Ω [rad/s] with the body held fast
-        ("damping", np.float64, (MAX_MODES,)),  # ζ
-        ("coupling", np.float64, (MAX_MODES, 3)),  # δ [kg^½·m] body
-    ],
-    align=True,
+_MODES = record_type(
+    ("count", np.int64),
+    ("frequency", np.float64, (MAX_MODES,)),  # Ω [rad/s] with the body held fast
+    ("damping", np.float64, (MAX_MODES,)),  # ζ
+    ("coupling", np.float64, (MAX_MODES, 3)),  # δ [kg^½·m] body
 )
-CONFIGURATION = np.dtype(
-    [
-        ("body", rigid_body.CONFIGURATION),  # its inverse: of J − Σ J_s a aᵀ − δᵀδ
-        ("wheels", WHEELS),
-        ("modes", _MODES),
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    ("body", rigid_body.CONFIGURATION),  # its inverse: of J − Σ J_s a aᵀ − δᵀδ
+    ("wheels", WHEELS),
+    ("modes", _MODES),
 )
 # Where each part of the motion begins: q, ω, Ω_w, η, η'.
 _RATE = 4
@@ -98,18 +92,15 @@ _SPEED = _RATE + 3
 BEND = _SPEED + MAX_WHEELS
 BEND_RATE = BEND + MAX_MODES
 _SIZE = BEND_RATE + MAX_MODES
-STATE = np.dtype(
-    [
-        ("started", np.float64),
-        ("stamp_ns", np.int64),  # of the motion below
-        ("motor", np.float64, (MAX_WHEELS,)),  # [N·m] u, held over the step
-        ("motion", np.float64, (_SIZE,)),
-        # What the integration of a step works with.
-        ("between", np.float64, (_SIZE,)),
-        ("slopes", np.float64, (_SIZE,)),
-        ("sum", np.float64, (_SIZE,)),
-    ],
-    align=True,
+STATE = record_type(
+    ("started", np.float64),
+    ("stamp_ns", np.int64),  # of the motion below
+    ("motor", np.float64, (MAX_WHEELS,)),  # [N·m] u, held over the step
+    ("motion", np.float64, (_SIZE,)),
+    # What the integration of a step works with.
+    ("between", np.float64, (_SIZE,)),
+    ("slopes", np.float64, (_SIZE,)),
+    ("sum", np.float64, (_SIZE,)),
 )
 
 

@@ -23,17 +23,14 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.kernel import ZERO, Vector, add, dot, kernel, norm, scale, store, vector
+from ppc_attitude.science.parameter import record_type
 
-ORBIT = np.dtype(
-    [
-        ("position", np.float64, (3,)),  # [m] inertial, at t = 0
-        ("velocity", np.float64, (3,)),  # [m/s] inertial, at t = 0
-    ],
-    align=True,
+ORBIT = record_type(
+    ("position", np.float64, (3,)),  # [m] inertial, at t = 0
+    ("velocity", np.float64, (3,)),  # [m/s] inertial, at t = 0
 )
-CURSOR = np.dtype(
-    [("steps", np.int64), ("position", np.float64, (3,)), ("velocity", np.float64, (3,))],
-    align=True,
+CURSOR = record_type(
+    ("steps", np.int64), ("position", np.float64, (3,)), ("velocity", np.float64, (3,))
 )
 MU = 3.986004418e14  # [m³/s²]
 EARTH_RADIUS = 6378137.0  # R_E [m]

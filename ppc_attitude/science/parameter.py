@@ -23,6 +23,8 @@ from difflib import get_close_matches
 from functools import partial
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from ppc_attitude.science.errors import ConfigurationError
 
 Value: TypeAlias = bool | int | float | str | list[Any]
@@ -74,6 +76,12 @@ class Parameter:
     above: float = -math.inf
     switch: Mapping[bool, str] = field(default_factory=dict)
     agreed: bool = False
+
+    @property
+    def field(self) -> tuple[str, type[Any]]:
+        """Field of a record that holds the parameter's number; see `record_type`."""
+        kind = np.float64 if isinstance(self.default, bool | float) else np.int64
+        return self.name.rpartition(".")[2], kind
 
     @property
     def is_list(self) -> bool:
@@ -182,6 +190,38 @@ RATE = at_start(
     agreed=True,
 )
 """Of the plant, and of whatever else counts in its steps."""
+
+
+def record_type(*fields: Parameter | tuple[Any, ...]) -> np.dtype[Any]:
+    """Type of a record of a kernel: its fields are laid out as in C.
+
+    Parameters
+    ----------
+    fields : Parameter or tuple
+        A parameter's number, by the last part of its name, or a field as NumPy describes it.
+    """
+    described = [each.field if isinstance(each, Parameter) else each for each in fields]
+    return np.dtype(described, align=True)
+
+
+def filled(kind: np.dtype[Any], values: Mapping[str, Any], group: str = "", **made: Any) -> Any:
+    """Record whose fields are given, or are the values of parameters.
+
+    Parameters
+    ----------
+    kind : numpy.dtype
+        Type of the record.
+    values : mapping
+        Checked parameter values.
+    group : str
+        What stands before the names of the fields in those of the parameters, with its dot.
+    made : value
+        The fields that are no values of parameters.
+    """
+    record = np.zeros((), kind)[()]
+    for name in kind.names or ():
+        record[name] = made[name] if name in made else values[group + name]
+    return record
 
 
 def unquoted(value: Any) -> Any:

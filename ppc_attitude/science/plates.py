@@ -22,18 +22,15 @@ from numpy.typing import NDArray
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import ZERO, Vector, add, cross, dot, kernel, scale, vector
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, record_type
 
-PLATE = np.dtype(
-    [
-        ("area", np.float64),  # [m²]
-        ("normal", np.float64, (3,)),  # outward, unit, body axes
-        ("centre", np.float64, (3,)),  # [m] from the centre of mass, body axes
-        ("specular", np.float64),  # part of the light that it mirrors
-        ("diffuse", np.float64),  # part of the light that it scatters
-        ("drag", np.float64),  # C_d
-    ],
-    align=True,
+PLATE = record_type(
+    ("area", np.float64),  # [m²]
+    ("normal", np.float64, (3,)),  # outward, unit, body axes
+    ("centre", np.float64, (3,)),  # [m] from the centre of mass, body axes
+    ("specular", np.float64),  # part of the light that it mirrors
+    ("diffuse", np.float64),  # part of the light that it scatters
+    ("drag", np.float64),  # C_d
 )
 MOST_PLATES = 16
 _WIDTH = 10

@@ -58,7 +58,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, record_type
 from ppc_attitude.science.part import configured, kernel_of
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
 from ppc_attitude.science.sensors.gyro import ANGULAR_RANDOM_WALK, RESOLUTION
@@ -79,31 +79,25 @@ MAX_DISTURBANCE = Parameter(
     "max_disturbance", 6e-3, "limit of the disturbance estimate, per axis", "N·m", above=0.0
 )
 PARAMETERS = (RATE_OBSERVER, FEEDFORWARD, MAX_DISTURBANCE, ANGULAR_RANDOM_WALK, RESOLUTION)
-OBSERVER = np.dtype(
-    [
-        ("frequency", np.float64),  # ω_n [rad/s]
-        ("feedforward", np.float64),  # 1 or 0
-        ("max_disturbance", np.float64),  # [N·m]
-        ("max_torque", np.float64),  # [N·m] per axis
-        ("white", np.float64),  # σ_v² [rad²/s]
-        ("rounding", np.float64),  # LSB²/12 [rad²/s²]
-        ("inertia", np.float64, (3, 3)),  # [kg·m²]
-        ("inertia_inverse", np.float64, (3, 3)),
-    ],
-    align=True,
+OBSERVER = record_type(
+    ("frequency", np.float64),  # ω_n [rad/s]
+    ("feedforward", np.float64),  # 1 or 0
+    ("max_disturbance", np.float64),  # [N·m]
+    ("max_torque", np.float64),  # [N·m] per axis
+    ("white", np.float64),  # σ_v² [rad²/s]
+    ("rounding", np.float64),  # LSB²/12 [rad²/s²]
+    ("inertia", np.float64, (3, 3)),  # [kg·m²]
+    ("inertia_inverse", np.float64, (3, 3)),
 )
-MEMORY = np.dtype(
-    [
-        ("started", np.float64),
-        ("stamp_ns", np.int64),  # of the last step
-        ("rate", np.float64, (3,)),  # ω̂ [rad/s] at the stamp
-        ("disturbance", np.float64, (3,)),  # d̂ [N·m]
-        ("torque", np.float64, (3,)),  # command [N·m] since the stamp
-        ("surprised", np.float64),  # 1 if the last residual was beyond its bound
-        ("blind", np.float64),  # 1 where there is no attitude
-        ("gaps", np.int64),  # how many of them are over
-    ],
-    align=True,
+MEMORY = record_type(
+    ("started", np.float64),
+    ("stamp_ns", np.int64),  # of the last step
+    ("rate", np.float64, (3,)),  # ω̂ [rad/s] at the stamp
+    ("disturbance", np.float64, (3,)),  # d̂ [N·m]
+    ("torque", np.float64, (3,)),  # command [N·m] since the stamp
+    ("surprised", np.float64),  # 1 if the last residual was beyond its bound
+    ("blind", np.float64),  # 1 where there is no attitude
+    ("gaps", np.int64),  # how many of them are over
 )
 _SURPRISE = 5.0  # σ of a sample
 _WIDE = 3.0  # σ of d̂'s own noise that its limit must leave room for
@@ -243,7 +237,7 @@ def _step_of(law: Component) -> Any:
 
 def with_front(law: Component) -> Component:
     """Put the observer before a law, and the disturbance estimate after it."""
-    configuration = np.dtype([("observer", OBSERVER), ("law", law.configuration)], align=True)
+    configuration = record_type(("observer", OBSERVER), ("law", law.configuration))
 
     def configure(values: Mapping[str, Any]) -> Any:
         inner, kept = configured(law, values)
@@ -267,7 +261,7 @@ def with_front(law: Component) -> Component:
         configure=configure,
         configuration=configuration,
         inputs=(*law.inputs, *(column for column in TOLD if column not in law.inputs)),
-        state=np.dtype([("observer", MEMORY), ("law", law.state)], align=True),
+        state=record_type(("observer", MEMORY), ("law", law.state)),
         step=_step_of(law),
         advice=lambda state: law.advice(state["law"]),
         advices=advices,

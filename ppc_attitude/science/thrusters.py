@@ -41,7 +41,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.parameter import Parameter, at_start, record_type
 from ppc_attitude.science.stamps import whole_steps
 
 STANDARD_GRAVITY = 9.80665  # g0 [m/s²]
@@ -99,22 +99,19 @@ CARRY = Parameter(
 )
 FUEL = Parameter("thrusters.fuel", 0.5, "fuel at t = 0", "kg", low=0.0, high=1e6)
 PARAMETERS = (POSITIONS, DIRECTIONS, FORCE, SPECIFIC_IMPULSE, PERIOD, MIN_ON_TIME, CARRY, FUEL)
-THRUSTERS = np.dtype(
-    [
-        ("count", np.int64),
-        ("torque", np.float64, (MAX_THRUSTERS, 3)),  # b [N·m] body
-        ("force", np.float64, (MAX_THRUSTERS,)),  # F [N]
-        ("flow", np.float64, (MAX_THRUSTERS,)),  # [kg/s] of a thruster that is on
-        ("threes", np.int64),
-        ("members", np.int64, (_MOST_THREES, 3)),
-        ("inverse", np.float64, (_MOST_THREES, 3, 3)),  # from impulse to on-times
-        ("rate", np.float64),  # [Hz] of steps
-        ("period", np.int64),  # in steps
-        ("min_on_time", np.float64),  # [s]
-        ("carries", np.float64),
-        ("fuel", np.float64),  # [kg]
-    ],
-    align=True,
+THRUSTERS = record_type(
+    ("count", np.int64),
+    ("torque", np.float64, (MAX_THRUSTERS, 3)),  # b [N·m] body
+    ("force", np.float64, (MAX_THRUSTERS,)),  # F [N]
+    ("flow", np.float64, (MAX_THRUSTERS,)),  # [kg/s] of a thruster that is on
+    ("threes", np.int64),
+    ("members", np.int64, (_MOST_THREES, 3)),
+    ("inverse", np.float64, (_MOST_THREES, 3, 3)),  # from impulse to on-times
+    ("rate", np.float64),  # [Hz] of steps
+    ("period", np.int64),  # in steps
+    ("min_on_time", np.float64),  # [s]
+    ("carries", np.float64),
+    ("fuel", np.float64),  # [kg]
 )
 ON_TIME = Column(
     "thruster_on_time",

@@ -29,7 +29,7 @@ from ppc_attitude.science.component import BODY, MAX_WHEELS, WHEEL_SPEEDS, WHEEL
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import OF_A_TORQUE, Failure, How
 from ppc_attitude.science.kernel import ZERO, Vector, add, kernel, scale, vector
-from ppc_attitude.science.parameter import RATE, Parameter, at_start
+from ppc_attitude.science.parameter import RATE, Parameter, at_start, record_type
 
 _S = 3.0**-0.5
 AXES = at_start(
@@ -91,15 +91,12 @@ _EACH = (
     TRANSITION_SPEED,
 )
 PARAMETERS = (AXES, *_EACH)
-WHEELS = np.dtype(
-    [
-        ("count", np.int64),
-        ("h", np.float64),  # [s] of a step
-        ("axes", np.float64, (MAX_WHEELS, 3)),  # unit, body
-        *((each.name.partition(".")[2], np.float64, (MAX_WHEELS,)) for each in _EACH),
-        ("full", np.float64, (MAX_WHEELS,)),  # [rad/s] from here a step may reach the largest
-    ],
-    align=True,
+WHEELS = record_type(
+    ("count", np.int64),
+    ("h", np.float64),  # [s] of a step
+    ("axes", np.float64, (MAX_WHEELS, 3)),  # unit, body
+    *((each.name.partition(".")[2], np.float64, (MAX_WHEELS,)) for each in _EACH),
+    ("full", np.float64, (MAX_WHEELS,)),  # [rad/s] from here a step may reach the largest
 )
 SPEED = Column(
     "wheel_speed",

@@ -23,7 +23,7 @@ from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, OF_A_TORQUE, RECORD, fails, faults_of, faulty
 from ppc_attitude.science.kernel import Vector, kernel, store, vector
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
 
 MAX_TORQUE = Parameter("max_torque", 0.05, "actuator limit per axis", "N·m", above=0.0, high=1e6)
@@ -32,16 +32,8 @@ MIN_TORQUE = Parameter(
 )
 LATE_COMMAND = Parameter("late_command", False, "true: a command acts one sample late")
 PARTS = dict.fromkeys(("actuator/x", "actuator/y", "actuator/z"), OF_A_TORQUE)
-CONFIGURATION = np.dtype(
-    [
-        ("max_torque", np.float64),  # [N·m] per axis
-        ("min_torque", np.float64),  # [N·m] below this the actuator gives nothing
-        ("late_command", np.float64),  # 1 if it acts one sample late
-        ("faults", RECORD),
-    ],
-    align=True,
-)
-MEMORY = np.dtype([("command", np.float64, (3,))], align=True)  # [N·m] of the last sample
+CONFIGURATION = record_type(MAX_TORQUE, MIN_TORQUE, LATE_COMMAND, ("faults", RECORD))
+MEMORY = record_type(("command", np.float64, (3,)))  # [N·m] of the last sample
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -57,12 +49,7 @@ def configure(values: Mapping[str, Any]) -> Any:
             f"min_torque = {values['min_torque']} N·m must be smaller than max_torque = "
             f"{values['max_torque']} N·m"
         )
-    record = np.zeros((), CONFIGURATION)[()]
-    record["max_torque"] = values["max_torque"]
-    record["min_torque"] = values["min_torque"]
-    record["late_command"] = values["late_command"]
-    record["faults"] = faults_of(values, PARTS)
-    return record
+    return filled(CONFIGURATION, values, faults=faults_of(values, PARTS))
 
 
 @kernel

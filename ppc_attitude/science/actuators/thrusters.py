@@ -39,6 +39,7 @@ from ppc_attitude.science.faults import (
     number_of,
 )
 from ppc_attitude.science.kernel import add, kernel, scale, store, vector
+from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
 from ppc_attitude.science.thrusters import (
     ON_TIME,
@@ -54,38 +55,21 @@ _HOW = (
     Failure(How.STUCK_CLOSED),
     Failure(How.STUCK_OPEN, 1, 0.0, 1.0),
 )
-CONFIGURATION = np.dtype([("craft", THRUSTERS), ("faults", RECORD)], align=True)
-STATE = np.dtype(
-    [
-        ("begun", np.int64),  # periods, the present one included
-        ("impulse", np.float64, (3,)),  # [N·m·s] commanded and not yet made into pulses
-        ("on_time", np.float64, (MAX_THRUSTERS,)),  # [s] of the present period
-        ("used", np.float64),  # [kg] of fuel
-        ("empty", np.int64),  # 1 while the fuel is used up
-        ("news", np.int64),
-        ("shares", np.float64, (MAX_THRUSTERS,)),  # of the present step; what it works with
-    ],
-    align=True,
+CONFIGURATION = record_type(("craft", THRUSTERS), ("faults", RECORD))
+STATE = record_type(
+    ("begun", np.int64),  # periods, the present one included
+    ("impulse", np.float64, (3,)),  # [N·m·s] commanded and not yet made into pulses
+    ("on_time", np.float64, (MAX_THRUSTERS,)),  # [s] of the present period
+    ("used", np.float64),  # [kg] of fuel
+    ("empty", np.int64),  # 1 while the fuel is used up
+    ("news", np.int64),
+    ("shares", np.float64, (MAX_THRUSTERS,)),  # of the present step; what it works with
 )
 
 
 def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
     """Return each thruster by its name, and how it can fail."""
     return {f"thruster/{j}": _HOW for j in range(len(values[thrusters.POSITIONS.name]) // 3)}
-
-
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        As of `thruster_record`, or a fault is none.
-    """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["craft"] = thruster_record(values)
-    record["faults"] = faults_of(values, parts_of(values))
-    return record
 
 
 @kernel
@@ -153,7 +137,12 @@ def least_impulse(values: Mapping[str, Any]) -> float:
 COMPONENT = Component(
     name="thrusters",
     parameters=(*thrusters.PARAMETERS, FAULTS),
-    configure=configure,
+    configure=lambda values: filled(
+        CONFIGURATION,
+        values,
+        craft=thruster_record(values),
+        faults=faults_of(values, parts_of(values)),
+    ),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(TORQUE_COMMAND,),

@@ -39,6 +39,7 @@ from ppc_attitude.science.faults import (
     number_of,
 )
 from ppc_attitude.science.kernel import Vector, cross, kernel, scale, store, subtract, vector
+from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TRUE_RATE
 from ppc_attitude.science.wheels import (
     TRACE,
@@ -50,20 +51,11 @@ from ppc_attitude.science.wheels import (
 )
 
 _SEIZING = 0.1  # [s] in which the speed of a wheel that seizes falls to 1/e
-CONFIGURATION = np.dtype(
-    [
-        ("wheels", WHEELS),
-        ("faults", RECORD),
-    ],
-    align=True,
-)
-STATE = np.dtype(
-    [
-        ("full", np.int64),  # wheel that first reached its largest speed, counted from 1; 0: none
-        ("fastest", np.float64),  # largest share of its speed that a wheel has had
-        ("news", np.int64),
-    ],
-    align=True,
+CONFIGURATION = record_type(("wheels", WHEELS), ("faults", RECORD))
+STATE = record_type(
+    ("full", np.int64),  # wheel that first reached its largest speed, counted from 1; 0: none
+    ("fastest", np.float64),  # largest share of its speed that a wheel has had
+    ("news", np.int64),
 )
 
 
@@ -75,13 +67,11 @@ def configure(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The wheels are impossible, or a fault is none, or friction that a step cannot follow.
     """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["wheels"] = given = wheel_record(values)
-    record["faults"] = faults_of(values, wheels.parts_of(values))
-    for fault in record["faults"]["fault"][: record["faults"]["count"]]:
+    given, faults = wheel_record(values), faults_of(values, wheels.parts_of(values))
+    for fault in faults["fault"][: faults["count"]]:
         if fault["kind"] == How.DRAG:
             wheels.see_that_a_step_follows(given, int(fault["part"]), float(fault["value"][0]))
-    return record
+    return filled(CONFIGURATION, values, wheels=given, faults=faults)
 
 
 @kernel

@@ -20,8 +20,6 @@ The motors are those of `actuators.wheel_motors`. Rods with a dipole m turn the 
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from ppc_attitude.science import magnetorquers, wheels
 from ppc_attitude.science.actuators import wheel_motors
 from ppc_attitude.science.component import Component
@@ -39,9 +37,10 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.magnetorquers import DIPOLE, MAX_DIPOLE, torque_of_rods
+from ppc_attitude.science.parameter import filled, record_type
 
-RODS = np.dtype([("max_dipole", np.float64), ("faults", RECORD)], align=True)
-CONFIGURATION = np.dtype([("motors", wheel_motors.CONFIGURATION), ("rods", RODS)], align=True)
+RODS = record_type(MAX_DIPOLE, ("faults", RECORD))
+CONFIGURATION = record_type(("motors", wheel_motors.CONFIGURATION), ("rods", RODS))
 
 
 def rods_of(values: Mapping[str, Any]) -> Any:
@@ -52,30 +51,13 @@ def rods_of(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The rods are stronger than the wheels, or a fault is none.
     """
-    record = np.zeros((), RODS)[()]
-    record["max_dipole"] = values[MAX_DIPOLE.name]
-    record["faults"] = faults_of(values, magnetorquers.RODS)
     certain, of_rods = wheels.torques(values)[0], torque_of_rods(values)
     if of_rods >= certain:
         raise ConfigurationError(
             f"{MAX_DIPOLE.name} = {values[MAX_DIPOLE.name]:g} A·m²: {of_rods:.3g} N·m in the "
             f"strongest field; allowed: less than the {certain:.3g} N·m that the wheels give"
         )
-    return record
-
-
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        The wheels are impossible or weaker than the rods, or a fault is none.
-    """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["motors"] = wheel_motors.configure(values)
-    record["rods"] = rods_of(values)
-    return record
+    return filled(RODS, values, "magnetorquers.", faults=faults_of(values, magnetorquers.RODS))
 
 
 def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
@@ -131,7 +113,12 @@ def torques(values: Mapping[str, Any]) -> tuple[float, float]:
 COMPONENT = Component(
     name="wheel_motors_rods",
     parameters=(*wheel_motors.COMPONENT.parameters, MAX_DIPOLE),
-    configure=configure,
+    configure=lambda values: filled(
+        CONFIGURATION,
+        values,
+        motors=wheel_motors.COMPONENT.configure(values),
+        rods=rods_of(values),
+    ),
     configuration=CONFIGURATION,
     state=wheel_motors.STATE,
     inputs=(*wheel_motors.COMPONENT.inputs, magnetorquers.COMMAND, MAGNETIC_FIELD),

@@ -18,10 +18,7 @@ The drive (`allocators.wheel_drive`) knows rate and wheel speeds without error, 
 the motors (`actuators.wheel_motors`) give in the same instant.
 """
 
-from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from ppc_attitude.science import wheels
 from ppc_attitude.science.actuators import wheel_motors
@@ -29,26 +26,13 @@ from ppc_attitude.science.allocators import wheel_drive
 from ppc_attitude.science.component import Advice, Component
 from ppc_attitude.science.faults import FAULTS
 from ppc_attitude.science.kernel import kernel, vector
+from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND, TRUE_RATE
 
-CONFIGURATION = np.dtype(
-    [("drive", wheel_drive.CONFIGURATION), ("motors", wheel_motors.CONFIGURATION)], align=True
+CONFIGURATION = record_type(
+    ("drive", wheel_drive.CONFIGURATION), ("motors", wheel_motors.CONFIGURATION)
 )
-STATE = np.dtype([("drive", wheel_drive.STATE), ("motors", wheel_motors.STATE)], align=True)
-
-
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        The wheels are impossible, or a fault is none, or friction that a step cannot follow.
-    """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["drive"] = wheel_drive.configure(values)
-    record["motors"] = wheel_motors.configure(values)
-    return record
+STATE = record_type(("drive", wheel_drive.STATE), ("motors", wheel_motors.STATE))
 
 
 @kernel
@@ -74,7 +58,12 @@ def advice(state: Any) -> Advice:
 COMPONENT = Component(
     name="wheels",
     parameters=(*wheels.PARAMETERS, *wheel_drive.OWN_PARAMETERS, FAULTS),
-    configure=configure,
+    configure=lambda values: filled(
+        CONFIGURATION,
+        values,
+        drive=wheel_drive.COMPONENT.configure(values),
+        motors=wheel_motors.COMPONENT.configure(values),
+    ),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(TORQUE_COMMAND, TRUE_RATE, wheels.SPEED),

@@ -18,10 +18,7 @@ The wheels are those of `actuators.wheels`, the rods those of `actuators.wheel_m
 law is that of `magnetorquers`.
 """
 
-from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from ppc_attitude.science import magnetorquers
 from ppc_attitude.science.actuators import wheel_motors_rods, wheels
@@ -36,28 +33,13 @@ from ppc_attitude.science.magnetorquers import (
     magnetorquer_record,
     unload,
 )
+from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.wheels import momentum
 
-CONFIGURATION = np.dtype(
-    [("wheels", wheels.CONFIGURATION), ("law", MAGNETORQUERS), ("rods", RODS)], align=True
+CONFIGURATION = record_type(
+    ("wheels", wheels.CONFIGURATION), ("law", MAGNETORQUERS), ("rods", RODS)
 )
-STATE = np.dtype([("wheels", wheels.STATE), ("held", HELD)], align=True)
-
-
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        The wheels are impossible or weaker than the rods, or the period of the rods is no whole
-        number of steps, or a fault is none.
-    """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["wheels"] = wheels.configure(values)
-    record["law"] = magnetorquer_record(values)
-    record["rods"] = rods_of(values)
-    return record
+STATE = record_type(("wheels", wheels.STATE), ("held", HELD))
 
 
 @kernel
@@ -73,7 +55,13 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 COMPONENT = Component(
     name="wheels_rods",
     parameters=(*wheels.COMPONENT.parameters, *magnetorquers.PARAMETERS),
-    configure=configure,
+    configure=lambda values: filled(
+        CONFIGURATION,
+        values,
+        wheels=wheels.COMPONENT.configure(values),
+        law=magnetorquer_record(values),
+        rods=rods_of(values),
+    ),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(*wheels.COMPONENT.inputs, MAGNETIC_FIELD),

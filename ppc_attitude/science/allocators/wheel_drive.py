@@ -43,7 +43,7 @@ from ppc_attitude.science.faults import (
     number_of,
 )
 from ppc_attitude.science.kernel import Vector, add, cross, kernel, scale, vector
-from ppc_attitude.science.parameter import RATE, Parameter
+from ppc_attitude.science.parameter import RATE, Parameter, record_type
 from ppc_attitude.science.signals import ANGULAR_VELOCITY, TORQUE_COMMAND
 from ppc_attitude.science.stamps import nanoseconds
 from ppc_attitude.science.wheels import TRACE, WHEELS, friction, momentum, room, wheel_record
@@ -89,40 +89,34 @@ DETECTION_DELAY = Parameter(
     high=1e6,
 )
 OWN_PARAMETERS = (NULL_SPEED, NULL_GAIN, KNOWLEDGE, COMPENSATION, OVERLOAD, DETECTION_DELAY)
-CONFIGURATION = np.dtype(
-    [
-        ("wheels", WHEELS),
-        ("null", np.float64, (MAX_WHEELS, MAX_WHEELS)),  # projection on what gives no torque
-        ("null_gain", np.float64),  # [1/s]
-        ("null_momentum", np.float64, (MAX_WHEELS,)),  # [N·m·s] h*
-        ("knowledge", np.float64),
-        ("compensation", np.float64),
-        ("clips", np.float64),
-        ("delay_ns", np.int64),  # [ns] from a wheel's loss to its being dropped
-        ("faults", RECORD),
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    ("wheels", WHEELS),
+    ("null", np.float64, (MAX_WHEELS, MAX_WHEELS)),  # projection on what gives no torque
+    ("null_gain", np.float64),  # [1/s]
+    ("null_momentum", np.float64, (MAX_WHEELS,)),  # [N·m·s] h*
+    ("knowledge", np.float64),
+    ("compensation", np.float64),
+    ("clips", np.float64),
+    ("delay_ns", np.int64),  # [ns] from a wheel's loss to its being dropped
+    ("faults", RECORD),
 )
 _LEFT = (
     "none gives torque",
     "the others give torque in a line only",
     "the others give torque in a plane only",
 )
-STATE = np.dtype(
-    [
-        ("since_ns", np.int64, (MAX_WHEELS,)),  # 1 + first instant [ns] of its loss; 0: none
-        ("lost", np.float64, (MAX_WHEELS,)),  # 1 where it is dropped
-        ("rank", np.int64),  # how many dimensions the others span
-        ("news", np.int64),
-        # What a step works with.
-        ("resistance", np.float64, (MAX_WHEELS,)),  # [N·m] friction
-        ("low", np.float64, (MAX_WHEELS,)),
-        ("high", np.float64, (MAX_WHEELS,)),
-        ("given", np.float64, (MAX_WHEELS,)),
-        ("net", np.float64, (MAX_WHEELS,)),
-        ("null", np.float64, (MAX_WHEELS, MAX_WHEELS)),  # of the wheels that are not lost
-    ],
-    align=True,
+STATE = record_type(
+    ("since_ns", np.int64, (MAX_WHEELS,)),  # 1 + first instant [ns] of its loss; 0: none
+    ("lost", np.float64, (MAX_WHEELS,)),  # 1 where it is dropped
+    ("rank", np.int64),  # how many dimensions the others span
+    ("news", np.int64),
+    # What a step works with.
+    ("resistance", np.float64, (MAX_WHEELS,)),  # [N·m] friction
+    ("low", np.float64, (MAX_WHEELS,)),
+    ("high", np.float64, (MAX_WHEELS,)),
+    ("given", np.float64, (MAX_WHEELS,)),
+    ("net", np.float64, (MAX_WHEELS,)),
+    ("null", np.float64, (MAX_WHEELS, MAX_WHEELS)),  # of the wheels that are not lost
 )
 
 

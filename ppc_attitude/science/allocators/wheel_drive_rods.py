@@ -18,10 +18,7 @@ The drive is that of `allocators.wheel_drive`. It is not told of the rods' torqu
 that as a disturbance, and the wheels give their momentum away against it.
 """
 
-from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from ppc_attitude.science import magnetorquers
 from ppc_attitude.science.allocators import wheel_drive
@@ -29,27 +26,11 @@ from ppc_attitude.science.component import Component
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
 from ppc_attitude.science.kernel import kernel, store, vector
 from ppc_attitude.science.magnetorquers import HELD, MAGNETORQUERS, magnetorquer_record, unload
+from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.wheels import momentum
 
-CONFIGURATION = np.dtype(
-    [("drive", wheel_drive.CONFIGURATION), ("rods", MAGNETORQUERS)], align=True
-)
-STATE = np.dtype([("drive", wheel_drive.STATE), ("held", HELD)], align=True)
-
-
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        The wheels are impossible, or the period of the rods is no whole number of steps, or a
-        fault is none.
-    """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["drive"] = wheel_drive.configure(values)
-    record["rods"] = magnetorquer_record(values)
-    return record
+CONFIGURATION = record_type(("drive", wheel_drive.CONFIGURATION), ("rods", MAGNETORQUERS))
+STATE = record_type(("drive", wheel_drive.STATE), ("held", HELD))
 
 
 @kernel
@@ -64,7 +45,12 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 COMPONENT = Component(
     name="wheel_drive_rods",
     parameters=(*wheel_drive.COMPONENT.parameters, *magnetorquers.PARAMETERS),
-    configure=configure,
+    configure=lambda values: filled(
+        CONFIGURATION,
+        values,
+        drive=wheel_drive.COMPONENT.configure(values),
+        rods=magnetorquer_record(values),
+    ),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(*wheel_drive.COMPONENT.inputs, MAGNETIC_FIELD),

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, array_at, kernel, store, vector
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, record_type
 from ppc_attitude.science.signals import DISTURBANCE, ENVIRONMENT_TORQUE
 from ppc_attitude.science.stamps import LATEST, nanoseconds
 
@@ -40,15 +40,12 @@ TORQUES = Parameter(
     low=-1e6,
     high=1e6,
 )
-PULSE = np.dtype(
-    [
-        ("start_ns", np.int64),  # first instant [ns] at which it acts
-        ("end_ns", np.int64),  # first instant [ns] at which it no longer acts
-        ("torque", np.float64, (3,)),  # [N·m] body
-    ],
-    align=True,
+PULSE = record_type(
+    ("start_ns", np.int64),  # first instant [ns] at which it acts
+    ("end_ns", np.int64),  # first instant [ns] at which it no longer acts
+    ("torque", np.float64, (3,)),  # [N·m] body
 )
-CONFIGURATION = np.dtype([("count", np.int64), ("address", np.uint64)], align=True)
+CONFIGURATION = record_type(("count", np.int64), ("address", np.uint64))
 
 
 def pulse(start_ns: int, duration: float, torque: Sequence[float]) -> NDArray[Any]:

@@ -45,7 +45,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, orbit_at
 from ppc_attitude.science.orbit_elements import epoch_of
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.plates import (
     MOST_PLATES,
@@ -107,19 +107,16 @@ SUN = Column(
     "1",
     "towards the Sun, as long as the share of its disc that Earth does not hide",
 )
-CONFIGURATION = np.dtype(
-    [
-        ("field", ORBIT_FIELD),
-        ("days", np.float64),  # from J2000 to t = 0
-        ("inertia", np.float64, (3, 3)),  # [kg·m²]
-        ("dipole", np.float64, (3,)),  # [A·m²] body
-        ("density", np.float64),  # ρ0 [kg/m³]
-        ("altitude", np.float64),  # of ρ0 [m]
-        ("scale_height", np.float64),  # H [m]
-        ("plates", PLATE, (MOST_PLATES,)),
-        ("count", np.int64),
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    ("field", ORBIT_FIELD),
+    ("days", np.float64),  # from J2000 to t = 0
+    ("inertia", np.float64, (3, 3)),  # [kg·m²]
+    ("dipole", np.float64, (3,)),  # [A·m²] body
+    DENSITY,
+    ALTITUDE,  # of this density
+    SCALE_HEIGHT,
+    ("plates", PLATE, (MOST_PLATES,)),
+    ("count", np.int64),
 )
 
 
@@ -132,16 +129,18 @@ def configure(values: Mapping[str, Any]) -> Any:
         Orbit, inertia or a plate is impossible, the date is outside the field's model, or the air
         at the perigee is denser than any in an orbit.
     """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["field"] = orbit_field(values)
-    record["days"] = epoch_of(values)
-    record["inertia"] = inertia_matrix(INERTIA.name, values[INERTIA.name])
-    record["dipole"] = values[DIPOLE.name]
-    record["density"] = values[DENSITY.name]
-    record["altitude"] = values[ALTITUDE.name]
-    record["scale_height"] = values[SCALE_HEIGHT.name]
     plates = plates_of(values)
-    record["plates"][: plates.size], record["count"] = plates, plates.size
+    record = filled(
+        CONFIGURATION,
+        values,
+        "orbit.air.",
+        field=orbit_field(values),
+        days=epoch_of(values),
+        inertia=inertia_matrix(INERTIA.name, values[INERTIA.name]),
+        dipole=values[DIPOLE.name],
+        plates=np.concatenate([plates, np.zeros(MOST_PLATES - plates.size, PLATE)]),
+        count=plates.size,
+    )
     density = air_density(_lowest(record)[0], record)
     if not density <= DENSITY.high:  # NaN is not either
         raise ConfigurationError(

@@ -18,7 +18,6 @@ The body is that of `plants.gyrostat`. It also tells the field where it is, whic
 magnetometer measures, and its magnetorquers are turned by it.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -31,32 +30,15 @@ from ppc_attitude.science.kernel import add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import DIPOLE
 from ppc_attitude.science.multibody import move, tell, tell_speeds
 from ppc_attitude.science.orbit import CURSOR, orbit_at
+from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.plants import gyrostat
 
-CONFIGURATION = np.dtype([("craft", multibody.CONFIGURATION), ("field", ORBIT_FIELD)], align=True)
-STATE = np.dtype(
-    [
-        ("craft", multibody.STATE),
-        ("cursor", CURSOR),
-        ("field", np.float64, (3,)),  # [T] body, at the last stamp
-    ],
-    align=True,
+CONFIGURATION = record_type(("craft", multibody.CONFIGURATION), ("field", ORBIT_FIELD))
+STATE = record_type(
+    ("craft", multibody.STATE),
+    ("cursor", CURSOR),
+    ("field", np.float64, (3,)),  # [T] body, at the last stamp
 )
-
-
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        Craft, wheels or orbit are impossible, one of the craft's modes is too fast for the steps,
-        or the date is outside the field's model.
-    """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["craft"] = gyrostat.COMPONENT.configure(values)
-    record["field"] = geomagnetic.orbit_field(values)
-    return record
 
 
 @kernel
@@ -78,7 +60,12 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 COMPONENT = Component(
     name="gyrostat_rods",
     parameters=(*gyrostat.COMPONENT.parameters, *geomagnetic.PARAMETERS),
-    configure=configure,
+    configure=lambda values: filled(
+        CONFIGURATION,
+        values,
+        craft=gyrostat.COMPONENT.configure(values),
+        field=geomagnetic.orbit_field(values),
+    ),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(*gyrostat.COMPONENT.inputs, DIPOLE),

@@ -41,7 +41,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.parameter import Parameter, at_start, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, DISTURBANCE, TRUTH
 
 INERTIA = Parameter(
@@ -68,23 +68,17 @@ INITIAL_RATE = at_start(
     high=100.0,
 )
 _MOST_TURN = 0.3  # [rad] in a step; there Runge-Kutta is off by 1e-4 rad after a second
-CONFIGURATION = np.dtype(
-    [
-        ("inertia", np.float64, (3, 3)),  # [kg·m²]
-        ("inertia_inverse", np.float64, (3, 3)),
-        ("initial_attitude", np.float64, (4,)),  # x y z w, body to inertial
-        ("initial_rate", np.float64, (3,)),  # [rad/s] body
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    ("inertia", np.float64, (3, 3)),  # [kg·m²]
+    ("inertia_inverse", np.float64, (3, 3)),
+    ("initial_attitude", np.float64, (4,)),  # x y z w, body to inertial
+    ("initial_rate", np.float64, (3,)),  # [rad/s] body
 )
-STATE = np.dtype(
-    [
-        ("started", np.float64),
-        ("stamp_ns", np.int64),  # of the motion below
-        ("attitude", np.float64, (4,)),  # x y z w, body to inertial
-        ("rate", np.float64, (3,)),  # [rad/s] body
-    ],
-    align=True,
+STATE = record_type(
+    ("started", np.float64),
+    ("stamp_ns", np.int64),  # of the motion below
+    ("attitude", np.float64, (4,)),  # x y z w, body to inertial
+    ("rate", np.float64, (3,)),  # [rad/s] body
 )
 
 

@@ -45,7 +45,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.noise import normal_pair
-from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.parameter import RATE, Parameter, at_start, filled, record_type
 from ppc_attitude.science.signals import TOLD, TRUTH
 
 _size = partial(Parameter, low=0.0, high=1.0)
@@ -63,24 +63,12 @@ PARTS = {
     )
     for name, unit in (("attitude", "rad"), ("rate", "rad/s"))
 }
-STATE = np.dtype(
-    [
-        ("started", np.float64),
-        ("attitude", np.float64, (4,)),  # as told last, x y z w
-        ("rate", np.float64, (3,)),  # [rad/s] as told last
-    ],
-    align=True,
+STATE = record_type(
+    ("started", np.float64),
+    ("attitude", np.float64, (4,)),  # as told last, x y z w
+    ("rate", np.float64, (3,)),  # [rad/s] as told last
 )
-CONFIGURATION = np.dtype(
-    [
-        ("attitude_noise", np.float64),  # [rad] standard deviation per axis
-        ("rate_noise", np.float64),  # [rad/s] standard deviation per axis
-        ("seed", np.int64),
-        ("rate", np.float64),  # [Hz] of the plant: the noise belongs to a step
-        ("faults", RECORD),
-    ],
-    align=True,
-)
+CONFIGURATION = record_type(*_SIZES, SEED, RATE, ("faults", RECORD))
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -91,11 +79,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         A fault is none.
     """
-    record = np.zeros((), CONFIGURATION)[()]
-    for name in ("attitude_noise", "rate_noise", "seed", "rate"):
-        record[name] = values[name]
-    record["faults"] = faults_of(values, PARTS)
-    return record
+    return filled(CONFIGURATION, values, faults=faults_of(values, PARTS))
 
 
 @kernel

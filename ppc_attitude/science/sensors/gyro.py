@@ -37,7 +37,7 @@ from ppc_attitude.science.kernel import (
     scale,
 )
 from ppc_attitude.science.noise import normal_pair, normal_vector
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, record_type
 
 _size = partial(Parameter, low=0.0, high=1.0)
 ANGULAR_RANDOM_WALK = _size(
@@ -100,17 +100,14 @@ PARAMETERS = (
         "gyro.full_scale", 20.0, "the gyro's largest rate, per axis", "rad/s", above=0.0, high=1e3
     ),
 )
-GYRO = np.dtype(
-    [
-        ("white", np.float64),  # σ_v [rad/√s]
-        ("walk", np.float64),  # σ_u [rad/s^1.5]
-        ("initial_bias", np.float64, (3,)),  # [rad/s] b_0
-        ("response", np.float64, (3, 3)),  # I + M
-        ("resolution", np.float64),  # LSB [rad/s]; 0: none
-        ("full_scale", np.float64),  # [rad/s]
-        ("seed", np.int64),
-    ],
-    align=True,
+GYRO = record_type(
+    ("white", np.float64),  # σ_v [rad/√s]
+    ("walk", np.float64),  # σ_u [rad/s^1.5]
+    ("initial_bias", np.float64, (3,)),  # [rad/s] b_0
+    ("response", np.float64, (3, 3)),  # I + M
+    ("resolution", np.float64),  # LSB [rad/s]; 0: none
+    ("full_scale", np.float64),  # [rad/s]
+    ("seed", np.int64),
 )
 # Channels of the noise (`noise.normal_pair`); a vector takes two.
 _WHITE, _WALK, _INITIAL_BIAS, _SCALE, _MISALIGNMENT = 8, 10, 16, 18, 20

@@ -19,7 +19,6 @@ slot, which arrives late: an instant's fix was valid some steps ago.
 """
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,7 @@ from ppc_attitude.science.kernel import (
     store_quaternion,
     vector,
 )
-from ppc_attitude.science.parameter import at_start
+from ppc_attitude.science.parameter import RATE, at_start, filled, record_type
 from ppc_attitude.science.sensors import gyro, star_tracker
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.sensors.gyro import gyro_record, gyro_sample, mean_rate, walked_bias
@@ -107,46 +106,22 @@ PARTS = {
 }
 _SLOTS = 1024  # pending fixes, more than MAX_DELAY
 assert MAX_DELAY < _SLOTS
-CONFIGURATION = np.dtype(
-    [
-        ("rate", np.float64),  # [Hz] steps per second
-        ("initial_fix", np.float64),
-        ("gyro", gyro.GYRO),
-        ("tracker", star_tracker.STAR_TRACKER),
-        ("faults", RECORD),
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    RATE,
+    INITIAL_FIX,
+    ("gyro", gyro.GYRO),
+    ("tracker", star_tracker.STAR_TRACKER),
+    ("faults", RECORD),
 )
-STATE = np.dtype(
-    [
-        ("started", np.float64),
-        ("coarse", np.float64),  # LSB of the gyro by its noise, if it is a dead band
-        ("stamp_ns", np.int64),  # of the last sample
-        ("attitude", np.float64, (4,)),  # true attitude at it
-        ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
-        ("told", np.float64, (3,)),  # [rad/s] by the gyro, at it
-        ("fixes", np.float64, (_SLOTS, 4)),  # of the recent slots, some still on their way
-    ],
-    align=True,
+STATE = record_type(
+    ("started", np.float64),
+    ("coarse", np.float64),  # LSB of the gyro by its noise, if it is a dead band
+    ("stamp_ns", np.int64),  # of the last sample
+    ("attitude", np.float64, (4,)),  # true attitude at it
+    ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
+    ("told", np.float64, (3,)),  # [rad/s] by the gyro, at it
+    ("fixes", np.float64, (_SLOTS, 4)),  # of the recent slots, some still on their way
 )
-
-
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        The tracker's rate does not divide the plant's, its mounting or blinding is impossible, or
-        a fault is none.
-    """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["rate"] = values["rate"]
-    record["initial_fix"] = values[INITIAL_FIX.name]
-    record["gyro"] = gyro_record(values, values["seed"])
-    record["tracker"] = star_tracker_record(values, values["rate"], values["seed"])
-    record["faults"] = faults_of(values, PARTS)
-    return record
 
 
 @kernel
@@ -276,7 +251,13 @@ def advice(state: Any) -> Advice:
 COMPONENT = Component(
     name="gyro_star_tracker",
     parameters=(*gyro.PARAMETERS, *star_tracker.PARAMETERS, INITIAL_FIX, SEED, FAULTS),
-    configure=configure,
+    configure=lambda values: filled(
+        CONFIGURATION,
+        values,
+        gyro=gyro_record(values, values["seed"]),
+        tracker=star_tracker_record(values, values["rate"], values["seed"]),
+        faults=faults_of(values, PARTS),
+    ),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=TRUTH,

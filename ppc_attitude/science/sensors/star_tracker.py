@@ -39,7 +39,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.noise import normal_vector, uniform
-from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.parameter import Parameter, at_start, record_type
 from ppc_attitude.science.stamps import LATEST, nanoseconds
 
 _share = partial(Parameter, low=0.0, high=1.0)
@@ -114,21 +114,18 @@ this much longer than a whole number of steps: who sends and who waits never dis
 _MOST_STEPS = 2**63  # from fix to fix: a record holds no more
 MAX_BLINDINGS = 32
 MAX_DELAY = 1000  # [steps] a late fix finds the state of its validity among so many
-STAR_TRACKER = np.dtype(
-    [
-        ("sigma", np.float64, (3,)),  # [rad] in tracker axes
-        ("mounting", np.float64, (4,)),  # tracker to body, x y z w
-        ("every", np.int64),  # [steps] from slot to slot
-        ("delay", np.int64),  # [steps] from validity to arrival
-        ("max_rate", np.float64),  # [rad/s]
-        ("dropout", np.float64),
-        ("outlier", np.float64),
-        ("outlier_size", np.float64),  # [rad]
-        ("blindings", np.int64),  # how many
-        ("blinding", np.int64, (MAX_BLINDINGS, 2)),  # [ns] first instant, first instant after
-        ("seed", np.int64),
-    ],
-    align=True,
+STAR_TRACKER = record_type(
+    ("sigma", np.float64, (3,)),  # [rad] in tracker axes
+    ("mounting", np.float64, (4,)),  # tracker to body, x y z w
+    ("every", np.int64),  # [steps] from slot to slot
+    ("delay", np.int64),  # [steps] from validity to arrival
+    ("max_rate", np.float64),  # [rad/s]
+    ("dropout", np.float64),
+    ("outlier", np.float64),
+    ("outlier_size", np.float64),  # [rad]
+    ("blindings", np.int64),  # how many
+    ("blinding", np.int64, (MAX_BLINDINGS, 2)),  # [ns] first instant, first instant after
+    ("seed", np.int64),
 )
 NO_FIX = NO_ATTITUDE
 _NOISE, _OUTLIER_AXIS = 12, 14
