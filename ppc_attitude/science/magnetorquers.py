@@ -21,6 +21,7 @@ goes, and along the orbit the field turns.
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -108,21 +109,16 @@ HELD = record_type(
     ("begun", np.int64),  # periods, the present one included
     ("dipole", np.float64, (3,)),  # [A·m²] asked for, held
 )
-DIPOLE = Column(
+_dipole = partial(Column, form=VECTOR, frame=BODY, unit="A·m²")
+DIPOLE = _dipole(
     "magnetorquer_dipole",
     "magnetorquers/dipole",
-    VECTOR,
-    BODY,
-    "A·m²",
-    "dipole of the magnetorquers, from the stamp on",
+    meaning="dipole of the magnetorquers, from the stamp on",
 )
-COMMAND = Column(
+COMMAND = _dipole(
     "magnetorquer_dipole_command",
     "magnetorquers/dipole_command",
-    VECTOR,
-    BODY,
-    "A·m²",
-    "dipole that the magnetorquers are asked for, from the stamp on",
+    meaning="dipole that the magnetorquers are asked for, from the stamp on",
 )
 RODS = dict.fromkeys(
     ("magnetorquer/x", "magnetorquer/y", "magnetorquer/z"),

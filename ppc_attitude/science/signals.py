@@ -17,6 +17,8 @@
 A component may give more columns of its own, which it declares in its own file.
 """
 
+from functools import partial
+
 from ppc_attitude.science.component import (
     BODY,
     DESIRED,
@@ -27,81 +29,54 @@ from ppc_attitude.science.component import (
     Column,
 )
 
-TRUE_ATTITUDE = Column(
+_attitude = partial(Column, form=QUATERNION, frame=INERTIAL, unit="1")
+_of_body = partial(Column, form=VECTOR, frame=BODY, unit="rad/s")
+_of_desired = partial(Column, form=VECTOR, frame=DESIRED)
+_torque = partial(Column, form=WRENCH, frame=BODY, unit="N·m")
+_DIFFERS = "where what the controller is told may differ"
+
+TRUE_ATTITUDE = _attitude(
     "truth_attitude",
     "truth/attitude",
-    QUATERNION,
-    INERTIAL,
-    "1",
-    "true attitude, body to inertial, x y z w; where what the controller is told may differ",
+    meaning=f"true attitude, body to inertial, x y z w; {_DIFFERS}",
 )
-TRUE_RATE = Column(
+TRUE_RATE = _of_body(
     "truth_angular_velocity",
     "truth/angular_velocity",
-    VECTOR,
-    BODY,
-    "rad/s",
-    "true angular velocity; where what the controller is told may differ",
+    meaning=f"true angular velocity; {_DIFFERS}",
 )
-ATTITUDE = Column(
-    "attitude", "attitude", QUATERNION, INERTIAL, "1", "attitude, body to inertial, x y z w"
-)
-ANGULAR_VELOCITY = Column(
-    "angular_velocity", "angular_velocity", VECTOR, BODY, "rad/s", "angular velocity"
-)
-REFERENCE_ATTITUDE = Column(
+ATTITUDE = _attitude("attitude", "attitude", meaning="attitude, body to inertial, x y z w")
+ANGULAR_VELOCITY = _of_body("angular_velocity", "angular_velocity", meaning="angular velocity")
+REFERENCE_ATTITUDE = _attitude(
     "reference_attitude",
     "reference/attitude",
-    QUATERNION,
-    INERTIAL,
-    "1",
-    "desired attitude, desired frame to inertial, x y z w",
+    meaning="desired attitude, desired frame to inertial, x y z w",
 )
-REFERENCE_RATE = Column(
+REFERENCE_RATE = _of_desired(
     "reference_angular_velocity",
     "reference/angular_velocity",
-    VECTOR,
-    DESIRED,
-    "rad/s",
-    "desired angular velocity",
+    unit="rad/s",
+    meaning="desired angular velocity",
 )
-REFERENCE_ACCELERATION = Column(
+REFERENCE_ACCELERATION = _of_desired(
     "reference_angular_acceleration",
     "reference/angular_acceleration",
-    VECTOR,
-    DESIRED,
-    "rad/s²",
-    "desired angular acceleration",
+    unit="rad/s²",
+    meaning="desired angular acceleration",
 )
-TURN_AHEAD = Column(
+TURN_AHEAD = _of_desired(
     "reference_turn_ahead",
     "reference/turn_ahead",
-    VECTOR,
-    DESIRED,
-    "rad",
-    "∫ω_d of what lies ahead, from a reference that knows it",
+    unit="rad",
+    meaning="∫ω_d of what lies ahead, from a reference that knows it",
 )
-ENVIRONMENT_TORQUE = Column(
-    "environment_torque",
-    "disturbance/environment",
-    WRENCH,
-    BODY,
-    "N·m",
-    "torque of the environment alone",
+ENVIRONMENT_TORQUE = _torque(
+    "environment_torque", "disturbance/environment", meaning="torque of the environment alone"
 )
-DISTURBANCE = Column(
-    "disturbance_torque", "disturbance/torque", WRENCH, BODY, "N·m", "all external torque"
-)
-TORQUE_COMMAND = Column(
-    "torque_command", "torque_command", WRENCH, BODY, "N·m", "commanded torque τ = sat(u)"
-)
-APPLIED_TORQUE = Column(
-    "applied_torque",
-    "applied_torque",
-    WRENCH,
-    BODY,
-    "N·m",
-    "actuator torque that acts from the stamp on",
+DISTURBANCE = _torque("disturbance_torque", "disturbance/torque", meaning="all external torque")
+TORQUE_COMMAND = _torque("torque_command", "torque_command", meaning="commanded torque τ = sat(u)")
+APPLIED_TORQUE = _torque(
+    "applied_torque", "applied_torque", meaning="actuator torque that acts from the stamp on"
 )
 
 TRUTH = (TRUE_ATTITUDE, TRUE_RATE)

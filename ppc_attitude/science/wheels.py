@@ -19,6 +19,7 @@ Drive electronics (`allocators.wheel_drive`), motors (`actuators.wheel_motors`) 
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -106,21 +107,14 @@ SPEED = Column(
     "rad/s",
     "speed of each wheel relative to the body",
 )
-TORQUE = Column(
-    "wheel_torque",
-    "wheels/torque",
-    WHEEL_TORQUES,
-    BODY,
-    "N·m",
-    "motor torque of each wheel, from the stamp on",
+_motor_torque = partial(Column, form=WHEEL_TORQUES, frame=BODY, unit="N·m")
+TORQUE = _motor_torque(
+    "wheel_torque", "wheels/torque", meaning="motor torque of each wheel, from the stamp on"
 )
-COMMAND = Column(
+COMMAND = _motor_torque(
     "wheel_torque_command",
     "wheels/torque_command",
-    WHEEL_TORQUES,
-    BODY,
-    "N·m",
-    "motor torque that each wheel is asked for, from the stamp on",
+    meaning="motor torque that each wheel is asked for, from the stamp on",
 )
 TRACE = 1e-9
 """Share of its torque that a full wheel keeps, so that no load is infinite."""
