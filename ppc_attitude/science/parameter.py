@@ -192,31 +192,37 @@ RATE = at_start(
 """Of the plant, and of whatever else counts in its steps."""
 
 
-def record_type(*fields: Parameter | tuple[Any, ...]) -> np.dtype[Any]:
+def record_type(*fields: Parameter | np.dtype[Any] | tuple[Any, ...]) -> np.dtype[Any]:
     """Type of a record of a kernel: its fields are laid out as in C.
 
     Parameters
     ----------
-    fields : Parameter or tuple
-        A parameter's number, by the last part of its name, or a field as NumPy describes it.
+    fields : Parameter, numpy.dtype or tuple
+        A parameter's number, by the last part of its name; all fields of another type; or a field
+        as NumPy describes it.
     """
-    described = [each.field if isinstance(each, Parameter) else each for each in fields]
+    described: list[Any] = []
+    for each in fields:
+        if isinstance(each, np.dtype):
+            described += [(name, each[name]) for name in each.names or ()]
+        else:
+            described.append(each.field if isinstance(each, Parameter) else each)
     return np.dtype(described, align=True)
 
 
-def filled(kind: np.dtype[Any], values: Mapping[str, Any], group: str = "", **made: Any) -> Any:
-    """Record whose fields are given, or are the values of parameters.
+def filled(kind: np.dtype[Any], values: Any, group: str = "", **made: Any) -> Any:
+    """Record whose fields are made, or are the values of parameters.
 
     Parameters
     ----------
     kind : numpy.dtype
         Type of the record.
     values : mapping
-        Checked parameter values.
+        Checked parameter values, or a record that has the other fields.
     group : str
         What stands before the names of the fields in those of the parameters, with its dot.
     made : value
-        The fields that are no values of parameters.
+        Fields by their names.
     """
     record = np.zeros((), kind)[()]
     for name in kind.names or ():

@@ -18,11 +18,11 @@ The motors are those of `actuators.wheel_motors`. Rods with a dipole m turn the 
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ppc_attitude.science import magnetorquers, wheels
 from ppc_attitude.science.actuators import wheel_motors
-from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import RECORD, Failure, faults_of, faulty
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
@@ -40,7 +40,7 @@ from ppc_attitude.science.magnetorquers import DIPOLE, MAX_DIPOLE, torque_of_rod
 from ppc_attitude.science.parameter import filled, record_type
 
 RODS = record_type(MAX_DIPOLE, ("faults", RECORD))
-CONFIGURATION = record_type(("motors", wheel_motors.CONFIGURATION), ("rods", RODS))
+CONFIGURATION = record_type(wheel_motors.CONFIGURATION, ("rods", RODS))
 
 
 def rods_of(values: Mapping[str, Any]) -> Any:
@@ -95,7 +95,7 @@ def turn(dipole: Vector, b: Vector, stamp_ns: int, rods: Any, outputs: Any) -> N
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Let motors and rods give what a node asks of them; a dipole too large is scaled."""
-    wheel_motors.step(inputs, state, configuration.motors, outputs)
+    wheel_motors.step(inputs, state, configuration, outputs)
     asked, most = vector(inputs.magnetorquer_dipole_command), configuration.rods.max_dipole
     if largest(asked) > most:
         asked = scale(most / largest(asked), asked)
@@ -110,22 +110,17 @@ def torques(values: Mapping[str, Any]) -> tuple[float, float]:
     return certain - of_rods, most + of_rods
 
 
-COMPONENT = Component(
+COMPONENT = replace(
+    wheel_motors.COMPONENT,
     name="wheel_motors_rods",
     parameters=(*wheel_motors.COMPONENT.parameters, MAX_DIPOLE),
     configure=lambda values: filled(
-        CONFIGURATION,
-        values,
-        motors=wheel_motors.COMPONENT.configure(values),
-        rods=rods_of(values),
+        CONFIGURATION, wheel_motors.COMPONENT.configure(values), rods=rods_of(values)
     ),
     configuration=CONFIGURATION,
-    state=wheel_motors.STATE,
     inputs=(*wheel_motors.COMPONENT.inputs, magnetorquers.COMMAND, MAGNETIC_FIELD),
     outputs=(*wheel_motors.COMPONENT.outputs, DIPOLE),
     step=step,
-    advice=wheel_motors.advice,
-    advices=wheel_motors.COMPONENT.advices,
     limits=(*wheel_motors.COMPONENT.limits, MAX_DIPOLE.name),
     torque=torques,
     faults=parts_of,

@@ -18,12 +18,12 @@ The wheels are those of `actuators.wheels`, the rods those of `actuators.wheel_m
 law is that of `magnetorquers`.
 """
 
+from dataclasses import replace
 from typing import Any
 
 from ppc_attitude.science import magnetorquers
 from ppc_attitude.science.actuators import wheel_motors_rods, wheels
 from ppc_attitude.science.actuators.wheel_motors_rods import RODS, rods_of, turn
-from ppc_attitude.science.component import Component
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
 from ppc_attitude.science.kernel import kernel, vector
 from ppc_attitude.science.magnetorquers import (
@@ -36,29 +36,27 @@ from ppc_attitude.science.magnetorquers import (
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.wheels import momentum
 
-CONFIGURATION = record_type(
-    ("wheels", wheels.CONFIGURATION), ("law", MAGNETORQUERS), ("rods", RODS)
-)
-STATE = record_type(("wheels", wheels.STATE), ("held", HELD))
+CONFIGURATION = record_type(wheels.CONFIGURATION, ("law", MAGNETORQUERS), ("rods", RODS))
+STATE = record_type(wheels.STATE, ("held", HELD))
 
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Let the wheels give the commanded torque, and add that of the rods."""
-    wheels.step(inputs, state.wheels, configuration.wheels, outputs)
-    full = momentum(configuration.wheels.drive.wheels, inputs.wheel_speed)
+    wheels.step(inputs, state, configuration, outputs)
+    full = momentum(configuration.drive.wheels, inputs.wheel_speed)
     b = vector(inputs.magnetic_field)
     dipole = unload(full, b, inputs.stamp_ns, state.held, configuration.law)
     turn(dipole, b, inputs.stamp_ns, configuration.rods, outputs)
 
 
-COMPONENT = Component(
+COMPONENT = replace(
+    wheels.COMPONENT,
     name="wheels_rods",
     parameters=(*wheels.COMPONENT.parameters, *magnetorquers.PARAMETERS),
     configure=lambda values: filled(
         CONFIGURATION,
-        values,
-        wheels=wheels.COMPONENT.configure(values),
+        wheels.COMPONENT.configure(values),
         law=magnetorquer_record(values),
         rods=rods_of(values),
     ),
@@ -67,8 +65,6 @@ COMPONENT = Component(
     inputs=(*wheels.COMPONENT.inputs, MAGNETIC_FIELD),
     outputs=(*wheels.COMPONENT.outputs, DIPOLE),
     step=step,
-    advice=lambda state: wheels.advice(state["wheels"]),
-    advices=lambda state: wheels.COMPONENT.advices(state["wheels"]),
     limits=wheel_motors_rods.COMPONENT.limits,
     torque=wheel_motors_rods.torques,
     faults=wheel_motors_rods.parts_of,

@@ -18,45 +18,40 @@ The drive is that of `allocators.wheel_drive`. It is not told of the rods' torqu
 that as a disturbance, and the wheels give their momentum away against it.
 """
 
+from dataclasses import replace
 from typing import Any
 
 from ppc_attitude.science import magnetorquers
 from ppc_attitude.science.allocators import wheel_drive
-from ppc_attitude.science.component import Component
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
 from ppc_attitude.science.kernel import kernel, store, vector
 from ppc_attitude.science.magnetorquers import HELD, MAGNETORQUERS, magnetorquer_record, unload
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.wheels import momentum
 
-CONFIGURATION = record_type(("drive", wheel_drive.CONFIGURATION), ("rods", MAGNETORQUERS))
-STATE = record_type(("drive", wheel_drive.STATE), ("held", HELD))
+CONFIGURATION = record_type(wheel_drive.CONFIGURATION, ("rods", MAGNETORQUERS))
+STATE = record_type(wheel_drive.STATE, ("held", HELD))
 
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Share the commanded torque among the wheels, and unload them."""
-    wheel_drive.step(inputs, state.drive, configuration.drive, outputs)
-    full, b = momentum(configuration.drive.wheels, inputs.wheel_speed), inputs.magnetic_field
+    wheel_drive.step(inputs, state, configuration, outputs)
+    full, b = momentum(configuration.wheels, inputs.wheel_speed), inputs.magnetic_field
     dipole = unload(full, vector(b), inputs.stamp_ns, state.held, configuration.rods)
     store(outputs.magnetorquer_dipole_command, dipole)
 
 
-COMPONENT = Component(
+COMPONENT = replace(
+    wheel_drive.COMPONENT,
     name="wheel_drive_rods",
     parameters=(*wheel_drive.COMPONENT.parameters, *magnetorquers.PARAMETERS),
     configure=lambda values: filled(
-        CONFIGURATION,
-        values,
-        drive=wheel_drive.COMPONENT.configure(values),
-        rods=magnetorquer_record(values),
+        CONFIGURATION, wheel_drive.COMPONENT.configure(values), rods=magnetorquer_record(values)
     ),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(*wheel_drive.COMPONENT.inputs, MAGNETIC_FIELD),
     outputs=(*wheel_drive.COMPONENT.outputs, magnetorquers.COMMAND),
     step=step,
-    advice=lambda state: wheel_drive.advice(state["drive"]),
-    advices=lambda state: wheel_drive.COMPONENT.advices(state["drive"]),
-    faults=wheel_drive.COMPONENT.faults,
 )

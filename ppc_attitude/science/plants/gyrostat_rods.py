@@ -18,13 +18,13 @@ The body is that of `plants.gyrostat`. It also tells the field where it is, whic
 magnetometer measures, and its magnetorquers are turned by it.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science import geomagnetic, multibody
 from ppc_attitude.science.attitude import to_body
-from ppc_attitude.science.component import Component
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD, ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kernel import add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import DIPOLE
@@ -33,9 +33,9 @@ from ppc_attitude.science.orbit import CURSOR, orbit_at
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.plants import gyrostat
 
-CONFIGURATION = record_type(("craft", multibody.CONFIGURATION), ("field", ORBIT_FIELD))
+CONFIGURATION = record_type(multibody.CONFIGURATION, ("field", ORBIT_FIELD))
 STATE = record_type(
-    ("craft", multibody.STATE),
+    multibody.STATE,
     ("cursor", CURSOR),
     ("field", np.float64, (3,)),  # [T] body, at the last stamp
 )
@@ -44,12 +44,12 @@ STATE = record_type(
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Carry the motion from the last stamp to this one, torques held since then."""
-    state.craft.motor[:] = inputs.wheel_torque
+    state.motor[:] = inputs.wheel_torque
     turned = cross(vector(inputs.magnetorquer_dipole), vector(state.field))
     torque = add(vector(inputs.disturbance_torque), turned)
-    move(inputs.stamp_ns, torque, state.craft, configuration.craft)
-    tell(state.craft, outputs)
-    tell_speeds(state.craft, outputs)
+    move(inputs.stamp_ns, torque, state, configuration)
+    tell(state, outputs)
+    tell_speeds(state, outputs)
     q = outputs.truth_attitude
     r, _ = orbit_at(inputs.t, configuration.field.orbit, state.cursor)
     b = to_body(magnetic_field(r, inputs.t, configuration.field), vector(q), q[3])
@@ -57,14 +57,12 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     store(outputs.magnetic_field, b)
 
 
-COMPONENT = Component(
+COMPONENT = replace(
+    gyrostat.COMPONENT,
     name="gyrostat_rods",
     parameters=(*gyrostat.COMPONENT.parameters, *geomagnetic.PARAMETERS),
     configure=lambda values: filled(
-        CONFIGURATION,
-        values,
-        craft=gyrostat.COMPONENT.configure(values),
-        field=geomagnetic.orbit_field(values),
+        CONFIGURATION, gyrostat.COMPONENT.configure(values), field=geomagnetic.orbit_field(values)
     ),
     configuration=CONFIGURATION,
     state=STATE,
