@@ -113,7 +113,7 @@ def test_a_change_in_flight_is_a_column(tmp_path: Path) -> None:
     write_run(replace(run, changes=changes), tmp_path / "bag")
     read = read_run(tmp_path / "bag")
     assert read.changes == changes
-    assert [told.before for told in read.told_changes] == [3.0, 4.0, None]
+    assert [before for _, before in read.told_changes] == [3.0, 4.0, None]
     export(read, tmp_path / "run.csv")
     with (tmp_path / "run.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

@@ -21,7 +21,7 @@ consume it. So a figure never knows whether ROS was there.
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,19 +50,8 @@ class Change(NamedTuple):
     value: Any
 
 
-class ToldChange(NamedTuple):
-    """A change with what was before.
-
-    Attributes
-    ----------
-    change : Change
-        What was changed.
-    before : bool, int, float, str, list or None
-        The value before; None if the record does not say it.
-    """
-
-    change: Change
-    before: Any
+ToldChange: TypeAlias = tuple[Change, Any]
+"""A change, and the value before it; None if the record does not say that."""
 
 
 def told(
@@ -80,7 +69,7 @@ def told(
     values = {(node, name): each for node, own in parameters.items() for name, each in own.items()}
     for change in changes:
         key = change.node, change.name
-        yield ToldChange(change, values.get(key))
+        yield change, values.get(key)
         values[key] = change.value
 
 

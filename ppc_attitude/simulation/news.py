@@ -16,7 +16,6 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +31,8 @@ _BLOCK = 4096  # instants after which the parts are asked
 _MOST = 10  # words of one part; nobody reads what a noisy one says every second of a day
 
 
-class Told(NamedTuple):
-    """What a part told, and when [s]."""
-
-    time: float
-    advice: Advice
-
-
-def concerns(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Iterator[Told]:
-    """Yield each warning that a part gives over the stamps [ns], and the word that it is over.
+def concerns(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Iterator[tuple[float, Advice]]:
+    """Yield, with its time [s], each warning of a part over the stamps [ns], and that it is over.
 
     The loop runs once more, so that it need not ask its parts at every instant when it counts.
     Where a part has something new, the instants are halved until it is known when.
@@ -61,7 +53,7 @@ def concerns(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Iterator[Told]
                     listened.remove(part)
                     left = f"{advice.text}; what {part.component.name} says later is left out"
                     advice = advice._replace(text=left)
-                yield Told(time, advice)
+                yield time, advice
 
 
 def _news(
