@@ -235,7 +235,6 @@ class Part:
         self._written = Struct(f"=q{split - 1}d")
         self._given = Struct(f"={self.signals.size - split}d")
         self._given_at = 8 * split
-        self._row: Row = (0.0,) * (self.signals.size - split)
         self.state = np.zeros(1, component.state)
         self.told = 0
         self._entry = entry_point(component)
@@ -287,12 +286,11 @@ class Part:
         """
         self._written.pack_into(self._memory, 0, stamp_ns, seconds(stamp_ns), *values)
         self._call(*self._records)
-        self._row = self._given.unpack_from(self._memory, self._given_at)
-        return self._row
+        return self._given.unpack_from(self._memory, self._given_at)
 
     def output(self, column: str) -> Row:
         """One column as the last step gave it."""
-        return self._row[self.places[column]]
+        return tuple(self.outputs[0][column].tolist())
 
     @property
     def advices(self) -> int:

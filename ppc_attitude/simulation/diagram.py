@@ -55,7 +55,6 @@ def run_parts(
     recorded: Any,
     stamps_ns: Any,
     signals: Any,
-    stamps: Any,
     samples: Any,
 ) -> None:
     """Run the parts over the stamps [ns] and write a sample of every recorded number.
@@ -80,14 +79,13 @@ def run_parts(
         Instants [ns].
     signals : ndarray
         The records of all parts.
-    stamps : ndarray of int64
-        The same memory.
     samples : ndarray, shape (≥ r, n)
         Where to write.
     """
     # Places are unsigned: Numba would look at each signed one whether it counts from the end.
     # The signals of some instants go to `samples` together: one by one, each number would touch
     # another page of memory at every instant.
+    stamps = signals.view(np.int64)  # the same memory
     block = np.empty((min(stamps_ns.size, _BLOCK), signals.size))
     first = 0  # instant whose signals are the block's first
     for k in range(stamps_ns.size):
@@ -255,7 +253,6 @@ class Diagram:
             recorded,
             stamps_ns,
             self._signals,
-            self._signals.view(np.int64),
             samples,
         )
         return samples
@@ -304,7 +301,6 @@ def play(
         np.array(recorded, np.uint64),
         stamps_ns,
         part.signals,
-        part.signals.view(np.int64),
         samples,
     )
     return samples
