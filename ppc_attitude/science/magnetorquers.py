@@ -46,6 +46,7 @@ from ppc_attitude.science.noise import normal_vector
 from ppc_attitude.science.parameter import RATE, Parameter, at_start, filled, record_type
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.stamps import whole_steps
+from ppc_attitude.science.wheels import momentum
 
 STRONGEST_FIELD = 7e-5
 """[T] Earth's field is nowhere stronger above ground."""
@@ -175,23 +176,20 @@ def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
 
 
 @kernel
-def unload(momentum: Vector, b: Vector, stamp_ns: int, held: Any, rods: Any) -> Vector:
+def unload(inputs: Any, wheels: Any, held: Any, rods: Any) -> Vector:
     """Dipole m [A·m²] of an instant: that of the law, made when a period begins and held since.
 
     Parameters
     ----------
-    momentum
-        Σ J_s Ω a of the wheels [N·m·s]. All of it is to go, because the momenta h* to which a drive
-        leads the wheels cancel.
-    b
-        True field B [T].
-    stamp_ns
-        Instant [ns].
-    held, rods
-        Records of dtype `HELD` and `MAGNETORQUERS`.
+    inputs
+        Record with the instant, the true field, and the speed of each wheel. All their momentum is
+        to go, because the momenta h* to which a drive leads the wheels cancel.
+    wheels, held, rods
+        Records of dtype `WHEELS`, `HELD` and `MAGNETORQUERS`.
     """
-    now = step_of(stamp_ns, rods.rate)
+    now = step_of(inputs.stamp_ns, rods.rate)
     if now // rods.period + 1 != held.begun:
         held.begun = now // rods.period + 1
-        store(held.dipole, unloading_dipole(momentum, b, now, rods))
+        full, b = momentum(wheels, inputs.wheel_speed), vector(inputs.magnetic_field)
+        store(held.dipole, unloading_dipole(full, b, now, rods))
     return vector(held.dipole)

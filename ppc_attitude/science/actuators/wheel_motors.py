@@ -38,7 +38,7 @@ from ppc_attitude.science.faults import (
     faulty,
     number_of,
 )
-from ppc_attitude.science.kernel import Vector, cross, kernel, scale, store, subtract, vector
+from ppc_attitude.science.kernel import cross, kernel, scale, store, subtract, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TRUE_RATE
 from ppc_attitude.science.wheels import (
@@ -102,33 +102,22 @@ def _watch(speeds: Any, configuration: Any, state: Any) -> None:
 
 
 @kernel
-def act(
-    asked: Any,
-    rate: Vector,
-    speeds: Any,
-    stamp_ns: int,
-    state: Any,
-    configuration: Any,
-    outputs: Any,
-) -> None:
+def act(inputs: Any, asked: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Let the motors give what is asked of them; tell what then acts on the body.
 
     Parameters
     ----------
+    inputs
+        Record with the instant, the true angular velocity, and the speed of each wheel.
     asked
         Motor torque of each wheel [N·m], within its limits.
-    rate
-        True angular velocity ω [rad/s], body axes.
-    speeds
-        Of each wheel, relative to the body [rad/s].
-    stamp_ns
-        Instant [ns].
     state, configuration
         Records of dtype `STATE` and `CONFIGURATION`.
     outputs
         Record with the columns that the actuator gives.
     """
-    craft = configuration.wheels
+    craft, speeds, stamp_ns = configuration.wheels, inputs.wheel_speed, inputs.stamp_ns
+    rate = vector(inputs.truth_angular_velocity)
     applied = scale(-1.0, cross(rate, momentum(craft, speeds)))
     for i in range(craft.count):
         resistance = friction(craft, i, speeds[i])
@@ -152,15 +141,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         most = min(craft.max_torque[i], resistance + max(faster, 0.0)) + trace
         least = max(-craft.max_torque[i], resistance - max(slower, 0.0)) - trace
         outputs.wheel_torque[i] = min(max(inputs.wheel_torque_command[i], least), most)
-    act(
-        outputs.wheel_torque,
-        vector(inputs.truth_angular_velocity),
-        speeds,
-        inputs.stamp_ns,
-        state,
-        configuration,
-        outputs,
-    )
+    act(inputs, outputs.wheel_torque, state, configuration, outputs)
 
 
 def advice(state: Any) -> Advice:

@@ -66,22 +66,21 @@ def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
 
 
 @kernel
-def turn(dipole: Vector, b: Vector, stamp_ns: int, rods: Any, outputs: Any) -> None:
-    """Let the rods give a dipole [A·m²] in a field B [T]; add their torque to that of the wheels.
+def turn(inputs: Any, dipole: Vector, rods: Any, outputs: Any) -> None:
+    """Let the rods give a dipole [A·m²]; add their torque to that of the wheels.
 
     Parameters
     ----------
+    inputs
+        Record with the instant and the true field.
     dipole
         Asked for, within what the rods can give, body axes.
-    b
-        Field, body axes.
-    stamp_ns
-        Instant [ns].
     rods
         Record of dtype `RODS`.
     outputs
         Record with the columns that the actuator gives.
     """
+    stamp_ns, b = inputs.stamp_ns, vector(inputs.magnetic_field)
     if rods.faults.count:
         dipole = (
             faulty(dipole[0], rods.max_dipole, rods.faults, 0, stamp_ns),
@@ -99,8 +98,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     asked, most = vector(inputs.magnetorquer_dipole_command), configuration.rods.max_dipole
     if largest(asked) > most:
         asked = scale(most / largest(asked), asked)
-    b = vector(inputs.magnetic_field)
-    turn(asked, b, inputs.stamp_ns, configuration.rods, outputs)
+    turn(inputs, asked, configuration.rods, outputs)
 
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:

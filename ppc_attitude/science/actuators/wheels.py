@@ -38,10 +38,9 @@ STATE = record_type(("drive", wheel_drive.STATE), ("motors", wheel_motors.STATE)
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Share the commanded torque among the wheels; tell what then acts on the body."""
-    command, rate = vector(inputs.torque_command), vector(inputs.truth_angular_velocity)
-    speeds, asked, now = inputs.wheel_speed, outputs.wheel_torque, inputs.stamp_ns
-    wheel_drive.share(command, rate, speeds, now, state.drive, configuration.drive, asked)
-    wheel_motors.act(asked, rate, speeds, now, state.motors, configuration.motors, outputs)
+    asked, rate = outputs.wheel_torque, vector(inputs.truth_angular_velocity)
+    wheel_drive.share(inputs, rate, state.drive, configuration.drive, asked)
+    wheel_motors.act(inputs, asked, state.motors, configuration.motors, outputs)
 
 
 def advice(state: Any) -> Advice:

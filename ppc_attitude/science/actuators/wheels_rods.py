@@ -25,7 +25,7 @@ from ppc_attitude.science import magnetorquers
 from ppc_attitude.science.actuators import wheel_motors_rods, wheels
 from ppc_attitude.science.actuators.wheel_motors_rods import RODS, rods_of, turn
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
-from ppc_attitude.science.kernel import kernel, vector
+from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.magnetorquers import (
     DIPOLE,
     HELD,
@@ -34,7 +34,6 @@ from ppc_attitude.science.magnetorquers import (
     unload,
 )
 from ppc_attitude.science.parameter import filled, record_type
-from ppc_attitude.science.wheels import momentum
 
 CONFIGURATION = record_type(wheels.CONFIGURATION, ("law", MAGNETORQUERS), ("rods", RODS))
 STATE = record_type(wheels.STATE, ("held", HELD))
@@ -44,10 +43,8 @@ STATE = record_type(wheels.STATE, ("held", HELD))
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Let the wheels give the commanded torque, and add that of the rods."""
     wheels.step(inputs, state, configuration, outputs)
-    full = momentum(configuration.drive.wheels, inputs.wheel_speed)
-    b = vector(inputs.magnetic_field)
-    dipole = unload(full, b, inputs.stamp_ns, state.held, configuration.law)
-    turn(dipole, b, inputs.stamp_ns, configuration.rods, outputs)
+    dipole = unload(inputs, configuration.drive.wheels, state.held, configuration.law)
+    turn(inputs, dipole, configuration.rods, outputs)
 
 
 COMPONENT = replace(

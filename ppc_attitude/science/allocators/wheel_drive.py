@@ -259,38 +259,27 @@ def _look_for_losses(stamp_ns: int, configuration: Any, state: Any) -> None:
 
 
 @kernel
-def share(
-    command: Vector,
-    rate: Vector,
-    speeds: Any,
-    stamp_ns: int,
-    state: Any,
-    configuration: Any,
-    motors: Any,
-) -> None:
+def share(inputs: Any, rate: Vector, state: Any, configuration: Any, motors: Any) -> None:
     """Share a commanded torque among the wheels.
 
     Parameters
     ----------
-    command
-        Torque τ_cmd [N·m] on the body besides −ω × Jω, body axes.
+    inputs
+        Record with the instant, the torque τ_cmd [N·m] on the body besides −ω × Jω that is
+        commanded, and the speed of each wheel.
     rate
         Angular velocity ω [rad/s] as the drive knows it, body axes.
-    speeds
-        Of each wheel, relative to the body [rad/s].
-    stamp_ns
-        Instant [ns].
     state, configuration
         Records of dtype `STATE` and `CONFIGURATION`.
     motors
         Where the motor torque u of each wheel [N·m] is written.
     """
-    craft = configuration.wheels
-    asked = command
+    craft, speeds = configuration.wheels, inputs.wheel_speed
+    asked = vector(inputs.torque_command)
     if configuration.compensation != 0.0:
         asked = add(asked, cross(rate, momentum(craft, speeds)))
     _limits(speeds, configuration, state)
-    _look_for_losses(stamp_ns, configuration, state)
+    _look_for_losses(inputs.stamp_ns, configuration, state)
     array = WheelArray(
         craft.axes, craft.count, state.low, state.high, state.lost, state.given, state.net
     )
@@ -304,15 +293,8 @@ def share(
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Share the torque that is commanded at an instant, at the rate that the law is told."""
-    share(
-        vector(inputs.torque_command),
-        vector(inputs.angular_velocity),
-        inputs.wheel_speed,
-        inputs.stamp_ns,
-        state,
-        configuration,
-        outputs.wheel_torque_command,
-    )
+    rate = vector(inputs.angular_velocity)
+    share(inputs, rate, state, configuration, outputs.wheel_torque_command)
 
 
 def advice(state: Any) -> Advice:

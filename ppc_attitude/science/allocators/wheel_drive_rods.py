@@ -24,10 +24,9 @@ from typing import Any
 from ppc_attitude.science import magnetorquers
 from ppc_attitude.science.allocators import wheel_drive
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
-from ppc_attitude.science.kernel import kernel, store, vector
+from ppc_attitude.science.kernel import kernel, store
 from ppc_attitude.science.magnetorquers import HELD, MAGNETORQUERS, magnetorquer_record, unload
 from ppc_attitude.science.parameter import filled, record_type
-from ppc_attitude.science.wheels import momentum
 
 CONFIGURATION = record_type(wheel_drive.CONFIGURATION, ("rods", MAGNETORQUERS))
 STATE = record_type(wheel_drive.STATE, ("held", HELD))
@@ -37,8 +36,7 @@ STATE = record_type(wheel_drive.STATE, ("held", HELD))
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Share the commanded torque among the wheels, and unload them."""
     wheel_drive.step(inputs, state, configuration, outputs)
-    full, b = momentum(configuration.wheels, inputs.wheel_speed), inputs.magnetic_field
-    dipole = unload(full, vector(b), inputs.stamp_ns, state.held, configuration.rods)
+    dipole = unload(inputs, configuration.wheels, state.held, configuration.rods)
     store(outputs.magnetorquer_dipole_command, dipole)
 
 
