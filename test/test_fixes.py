@@ -34,8 +34,13 @@ def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int
     return found
 
 
+def slots_of(rate: float, latency: float, initial: bool) -> Slots:
+    given = {"star_tracker.rate": rate, "star_tracker.latency": latency}
+    return Slots({**given, "initial_fix": initial})
+
+
 def new(**given: Any) -> Fixes:
-    return Fixes(Slots(10.0, latency=0.1, initial=True), 1, **given)
+    return Fixes(slots_of(10.0, 0.1, initial=True), 1, **given)
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 90.0, 1000.0, 3000.0])
@@ -47,7 +52,7 @@ def test_slots_arrive_where_the_sensors_send_them(
     for tracker in (10.0, rate / 3.0, rate / 7.0):
         given = {"star_tracker.rate": tracker, "star_tracker.latency": latency}
         every, delay = steps_of(rate, given)
-        slots, last, found = Slots(tracker, latency, initial), None, {}
+        slots, last, found = slots_of(tracker, latency, initial), None, {}
         for k in range(10 * every):
             stamp = stamp_of(k, rate)
             slot = slots.due(last, stamp)
@@ -64,7 +69,7 @@ def test_slots_arrive_where_the_sensors_send_them(
 
 
 def test_slots_of_a_clock_that_counts_from_1970_are_exact() -> None:
-    slots, begin = Slots(20.0, latency=0.02, initial=False), 1_700_000_000 * 10**9
+    slots, begin = slots_of(20.0, 0.02, initial=False), 1_700_000_000 * 10**9
     found = {}
     for k in range(1, 40):
         slot = slots.due(begin + (k - 1) * STEP, begin + k * STEP)
@@ -155,7 +160,7 @@ def test_fixes_of_the_past_are_counted_and_a_repeated_one_is_not() -> None:
 def test_a_fix_that_nobody_waits_for_is_used_with_the_sample_after_it(
     first: int, late: int
 ) -> None:
-    fixes = Fixes(Slots(10.0, latency=0.1, initial=False), 1, patience=0.04)
+    fixes = Fixes(slots_of(10.0, 0.1, initial=False), 1, patience=0.04)
     found, sent = [], []
     for k in range(400):
         found += joined(fixes, [("sample", k * STEP, 0.0)])

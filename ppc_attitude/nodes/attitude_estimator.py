@@ -49,7 +49,7 @@ class AttitudeEstimator(ComponentNode):
         for component in components_of(self.executable, self.parameters.values):
             check_slots(component)
         (self._late,) = late
-        self._fixes = Fixes(Slots.of(self.parameters.values), self._late.width)
+        self._fixes = Fixes(Slots(self.parameters.values), self._late.width)
         return super().new_instant([each for each in topics if not each.late])
 
     def receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:

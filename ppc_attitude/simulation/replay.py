@@ -268,7 +268,7 @@ def _arrived(rows: Array, record: RunRecord, values: Mapping[str, Any]) -> Array
     A record has them at the instants to which they belong. A row is zero where none was due, and
     NaN where one was due that is not on record.
     """
-    slots, last = Slots.of(values), None
+    slots, last = Slots(values), None
     stamps = record.stamps_ns.tolist()
     found = np.zeros((len(stamps), rows.shape[1] + 1))
     for k, stamp in enumerate(stamps):

@@ -50,30 +50,22 @@ def check_slots(component: Component) -> None:
 
 
 class Slots:
-    """Which fix arrives when.
+    """Which fix arrives when; the first one is valid at stamp zero.
 
     Parameters
     ----------
-    rate : float
-        Fixes per second [Hz]; the first one is valid at stamp zero.
-    latency : float
-        From validity to arrival [s]; it arrives with the first instant from then on.
-    initial : bool
-        True if the first one comes at once.
+    values : mapping of str to value
+        Parameters of an estimator: fixes per second, from validity to arrival [s], and whether the
+        first one comes at once. A fix arrives with the first instant from its arrival on.
     """
 
-    def __init__(self, rate: float, latency: float, initial: bool) -> None:
+    def __init__(self, values: Mapping[str, Any]) -> None:
         # Exactly, as ns for so many slots: the time since 1970 has more digits than a float.
-        self._ns, self._slots = (NANOSECONDS / Fraction(rate)).as_integer_ratio()
-        self._latency = nanoseconds(latency) - TOLERANCE
-        self._initial = initial
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> "Slots":
-        """Slots of an estimator's parameters."""
-        return cls(
-            float(values[RATE.name]), float(values[LATENCY.name]), bool(values[INITIAL_FIX.name])
-        )
+        self._ns, self._slots = (
+            NANOSECONDS / Fraction(float(values[RATE.name]))
+        ).as_integer_ratio()
+        self._latency = nanoseconds(float(values[LATENCY.name])) - TOLERANCE
+        self._initial = bool(values[INITIAL_FIX.name])
 
     def due(self, last_ns: int | None, stamp_ns: int) -> int | None:
         """Validity [ns] of the fix that arrives with a stamp [ns]; None if none does.
