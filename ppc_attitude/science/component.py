@@ -168,10 +168,6 @@ class Advice(NamedTuple):
 _NOTHING = np.dtype([("nothing", np.float64)])  # state or configuration of who has none
 
 
-def _as_made(made: Any) -> Any:
-    return made
-
-
 def _advice(given: Any) -> Advice:
     if not isinstance(given, Advice):
         raise TypeError(f"{given!r}; allowed: an Advice")
@@ -195,7 +191,7 @@ def _bounds_of_motion(given: Any) -> tuple[float, float, float]:
 
 
 _HOOKS: dict[str, Callable[[Any], Any]] = {
-    "configure": _as_made,
+    "configure": lambda made: made,
     "advice": _advice,
     "advices": int,
     "exact": bool,

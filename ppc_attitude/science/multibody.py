@@ -50,7 +50,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import at_start, record_type
+from ppc_attitude.science.parameter import at_start, filled, record_type
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.wheels import WHEELS, friction, momentum
 
@@ -113,11 +113,8 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
         Lists of different lengths, wheels or modes with more inertia than the craft, or a mode too
         fast for the steps.
     """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["body"] = rigid_body.configure(values)
-    record["wheels"] = wheels
-    modes = _modes(values)
-    record["modes"] = modes
+    body, modes = rigid_body.configure(values), _modes(values)
+    record = filled(CONFIGURATION, values, body=body, wheels=wheels, modes=modes)
     inertia = inertia_matrix("inertia", values["inertia"])
     spin = wheels["axes"].T * wheels["inertia"] @ wheels["axes"]
     rest = inertia - spin - modes["coupling"].T @ modes["coupling"]

@@ -29,9 +29,7 @@ ORBIT = record_type(
     ("position", np.float64, (3,)),  # [m] inertial, at t = 0
     ("velocity", np.float64, (3,)),  # [m/s] inertial, at t = 0
 )
-CURSOR = record_type(
-    ("steps", np.int64), ("position", np.float64, (3,)), ("velocity", np.float64, (3,))
-)
+CURSOR = record_type(("steps", np.int64), ORBIT)
 MU = 3.986004418e14  # [m³/s²]
 EARTH_RADIUS = 6378137.0  # R_E [m]
 J2 = 1.08262668e-3

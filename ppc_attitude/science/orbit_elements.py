@@ -28,7 +28,7 @@ import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.orbit import EARTH_RADIUS, MU, ORBIT
-from ppc_attitude.science.parameter import at_start
+from ppc_attitude.science.parameter import at_start, filled
 from ppc_attitude.science.sky import days_of
 
 _of_orbit = partial(at_start, agreed=True)
@@ -153,14 +153,9 @@ def orbit_record(
     speed = math.sqrt(MU * semi_major_axis) / (semi_major_axis * (1.0 - eccentricity * c))
     # From perifocal to inertial axes.
     axes = _about(2, raan) @ _about(0, inclination) @ _about(2, argument_of_perigee)
-    record = np.zeros((), ORBIT)[()]
-    record["position"] = axes @ (
-        semi_major_axis * (c - eccentricity),
-        semi_major_axis * root * s,
-        0.0,
-    )
-    record["velocity"] = axes @ (-speed * s, speed * root * c, 0.0)
-    return record
+    position = (semi_major_axis * (c - eccentricity), semi_major_axis * root * s, 0.0)
+    velocity = (-speed * s, speed * root * c, 0.0)
+    return filled(ORBIT, {}, position=axes @ position, velocity=axes @ velocity)
 
 
 def _eccentric_anomaly(mean_anomaly: float, eccentricity: float) -> float:
@@ -218,9 +213,7 @@ def orbit_by_lines(text: str, days: float) -> Any:
     error, position, velocity = satellite.sgp4(J2000 + whole, days - whole)
     if error:
         raise ConfigurationError(f"{TLE.name} gives no orbit: {SGP4_ERRORS[error]}")
-    record = np.zeros((), ORBIT)[()]
-    record["position"] = 1e3 * np.array(position)
-    record["velocity"] = 1e3 * np.array(velocity)
+    record = filled(ORBIT, {}, position=1e3 * np.array(position), velocity=1e3 * np.array(velocity))
     height = float(np.linalg.norm(record["position"])) - EARTH_RADIUS
     if not 0.0 < height <= _HIGHEST:
         raise ConfigurationError(

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, array_at, kernel, store, vector
-from ppc_attitude.science.parameter import Parameter, record_type
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.signals import DISTURBANCE, ENVIRONMENT_TORQUE
 from ppc_attitude.science.stamps import LATEST, nanoseconds
 
@@ -77,8 +77,7 @@ def scheduled_pulses(values: Mapping[str, Any]) -> NDArray[Any]:
 
 def configuration_of(pulses: NDArray[Any]) -> tuple[Any, NDArray[Any]]:
     """Record for the step, and the array that it refers to, which must be kept."""
-    record = np.zeros((), CONFIGURATION)[()]
-    record["count"], record["address"] = pulses.size, pulses.ctypes.data
+    record = filled(CONFIGURATION, {}, count=pulses.size, address=pulses.ctypes.data)
     return record, pulses
 
 
