@@ -130,7 +130,7 @@ _MARKERS = (
     ),
 )
 
-_OWN: dict[str, tuple[Parameter, ...]] = {
+OWN: dict[str, tuple[Parameter, ...]] = {
     PLANT: _PLANT,
     REFERENCE: (WAIT_FOR_RECORDER,),
     CONTROLLER: (WAIT_FOR_RECORDER,),
@@ -149,11 +149,6 @@ def is_of_ros(name: str) -> bool:
     return name in _OF_ROS or name.startswith("qos_overrides.")
 
 
-def own_parameters(node: str) -> tuple[Parameter, ...]:
-    """Return the parameters that a node has whatever components it runs."""
-    return _OWN[node]
-
-
 @cache
 def _parameters_of(node: str) -> tuple[Parameter, ...]:
     """Every parameter of a node: its own, and those of all components that it could run.
@@ -161,7 +156,7 @@ def _parameters_of(node: str) -> tuple[Parameter, ...]:
     A component of somebody else's that declares one of them differently is left out.
     """
     kinds = HOSTED.get(node, ())
-    own = {parameter.name: parameter for parameter in _OWN[node]}
+    own = {parameter.name: parameter for parameter in OWN[node]}
     taken: dict[str, Parameter | None] = {**own, **dict.fromkeys(kind.selector for kind in kinds)}
     for kind, component in ours_first(kinds):
         tried = dict(taken)
@@ -181,15 +176,15 @@ class _Tables(Mapping[str, tuple[Parameter, ...]]):
     """Parameters by node; a node's components are loaded when it is asked for."""
 
     def __getitem__(self, node: str) -> tuple[Parameter, ...]:
-        if node not in _OWN:
+        if node not in OWN:
             raise KeyError(node)
         return _parameters_of(node)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_OWN)
+        return iter(OWN)
 
     def __len__(self) -> int:
-        return len(_OWN)
+        return len(OWN)
 
 
 PARAMETERS = _Tables()

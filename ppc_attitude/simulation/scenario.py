@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.contract.declared import columns_of, components_of
-from ppc_attitude.contract.parameters import PARAMETERS, SEND_TRUTH, is_of_ros, own_parameters
+from ppc_attitude.contract.parameters import OWN, PARAMETERS, SEND_TRUTH, is_of_ros
 from ppc_attitude.contract.topics import (
     ALLOCATOR,
     CONTROLLER,
@@ -242,7 +242,7 @@ def _check_allocation(parameters: Overrides) -> None:
 def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
     """Parameters of a node and of its components that every node must have one value of."""
     of_components = (p for each in components_of(node, values) for p in each.parameters)
-    return [p.name for p in (*own_parameters(node), *of_components) if p.agreed]
+    return [p.name for p in (*OWN[node], *of_components) if p.agreed]
 
 
 def _check_pulses(injector: Mapping[str, Any], rate: float) -> None:
