@@ -71,7 +71,7 @@ def test_allan_deviation_is_that_of_the_noise_parameters(
 ) -> None:
     values = suite(name, gyro__resolution=0.0)
     samples = np.empty((count, 3))
-    at_rest(gyro_record({**values, "gyro.initial_bias_sigma": 0.0}, 1), h, samples)
+    at_rest(gyro_record({**values, "gyro.initial_bias_sigma": 0.0, "seed": 1}), h, samples)
     for steps, tolerance in tolerances.items():
         found = allan_deviation(samples, steps) / h
         assert found * h == pytest.approx(expected_deviation(values, steps * h), rel=tolerance)
@@ -89,7 +89,7 @@ def read(rate: tuple[float, float, float], **given: Any) -> tuple[float, ...]:
     noiseless = suite(
         "flagship", gyro__angular_random_walk=0.0, gyro__rate_random_walk=0.0, **given
     )
-    return tuple(gyro_sample(gyro_record(noiseless, 0), rate, (0.0, 0.0, 0.0), 5, 0.01))
+    return tuple(gyro_sample(gyro_record({**noiseless, "seed": 0}), rate, (0.0, 0.0, 0.0), 5, 0.01))
 
 
 def test_clipping_then_rounding() -> None:
@@ -117,21 +117,21 @@ def test_the_seed_draws_what_is_not_fixed() -> None:
         gyro__scale_factor_sigma=1e-3,
         gyro__misalignment_sigma=2e-3,
     )
-    records = [gyro_record(values, seed) for seed in range(2000)]
+    records = [gyro_record({**values, "seed": seed}) for seed in range(2000)]
     bias = np.array([record["initial_bias"] for record in records]) - [1.0, 0.0, 0.0]
     m = np.array([record["response"] for record in records]) - np.eye(3)
     scales, sides = m[:, range(3), range(3)], m[:, ~np.eye(3, dtype=bool)]
     for drawn, sigma in ((bias, 30.0 * math.radians(1.0 / 3600.0)), (scales, 1e-3), (sides, 2e-3)):
         assert np.std(drawn) == pytest.approx(sigma, rel=0.04)
         assert np.abs(np.corrcoef(drawn.T) - np.eye(drawn.shape[1])).max() < 0.1
-    again = gyro_record(values, 7)
+    again = gyro_record({**values, "seed": 7})
     assert np.array_equal(again["response"], records[7]["response"])
 
 
 def test_rounding_acts_as_white_noise() -> None:
     values = suite("cubesat", gyro__initial_bias_sigma=0.0, gyro__rate_random_walk=0.0)
     samples = np.empty((100_000, 3))
-    at_rest(gyro_record(values, 3), 0.01, samples)
+    at_rest(gyro_record({**values, "seed": 3}), 0.01, samples)
     white = effective_white_noise(1.6968e-4, 0.04 * math.radians(1.0), 0.01)
     assert white == pytest.approx(1.70872639588e-4, rel=1e-9)
     assert samples.std() == pytest.approx(white / 0.1, rel=5e-3)

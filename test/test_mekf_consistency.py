@@ -96,8 +96,8 @@ def test_errors_are_as_large_as_the_filter_says(name: str) -> None:
     sums = np.array(
         [
             run(
-                gyro_record(values, 100 + seed),
-                star_tracker_record(values, 100.0, 100 + seed),
+                gyro_record({**values, "seed": 100 + seed}),
+                star_tracker_record({**values, "rate": 100.0, "seed": 100 + seed}),
                 settings,
                 new_memory(),
                 pending,

@@ -35,7 +35,7 @@ REST = (0.0, 0.0, 0.0)
 
 def fixes(count: int, omega: tuple[float, float, float] = REST, **given: Any) -> Array:
     values = suite("cubesat", star_tracker__mounting=MOUNTING, **given)
-    tracker = star_tracker_record(values, 100.0, 11)
+    tracker = star_tracker_record({**values, "rate": 100.0, "seed": 11})
     q = tuple(ATTITUDE.as_quat())
     return np.array([star_fix(tracker, q, omega, 20 * i * STEP_NS, 20 * i) for i in range(count)])
 
@@ -92,7 +92,7 @@ def test_a_blinding_ends_with_its_last_nanosecond() -> None:
         "star_tracker__blinding_times": [1.12],
         "star_tracker__blinding_durations": [0.64],
     }
-    tracker = star_tracker_record(suite("cubesat", **blinding), 100.0, 11)
+    tracker = star_tracker_record({**suite("cubesat", **blinding), "rate": 100.0, "seed": 11})
     q = tuple(ATTITUDE.as_quat())
     blind = [k for k in range(300) if star_fix(tracker, q, REST, k * STEP_NS, k) == NO_FIX]
     assert blind == [*range(112, 176)]
@@ -103,7 +103,7 @@ def test_slots() -> None:
     assert slots(100.0, given) == (10, 10)
     assert slots(1000.0, {**given, "star_tracker.latency": 0.1004}) == (100, 101)
     assert slots(50.0, {**given, "star_tracker.latency": 0.0}) == (5, 0)
-    tracker = star_tracker_record(suite("cubesat"), 100.0, 0)
+    tracker = star_tracker_record({**suite("cubesat"), "rate": 100.0, "seed": 0})
     assert [k for k in range(-20, 60) if is_slot(tracker, k)] == [0, 20, 40]
 
 
@@ -125,4 +125,4 @@ def test_slots() -> None:
 def test_bad_numbers_are_named(given: dict[str, Any], message: str) -> None:
     rate = 1000.0 if "star_tracker.latency" in given else 100.0
     with pytest.raises(ConfigurationError, match=message):
-        star_tracker_record({**suite("cubesat"), **given}, rate, 0)
+        star_tracker_record({**suite("cubesat"), **given, "rate": rate, "seed": 0})

@@ -113,22 +113,17 @@ GYRO = record_type(
 _WHITE, _WALK, _INITIAL_BIAS, _SCALE, _MISALIGNMENT = 8, 10, 16, 18, 20
 
 
-def gyro_record(values: Mapping[str, Any], seed: int) -> Any:
-    """Record of dtype `GYRO` from checked parameters, with what the seed adds to the fixed errors.
+def gyro_record(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `GYRO` from checked parameters of the plant.
 
-    Parameters
-    ----------
-    values : mapping
-        Values of `PARAMETERS`.
-    seed : int
-        Seed of all noise.
+    The seed adds to the fixed errors what their standard deviations say.
     """
     record = np.zeros((), GYRO)[()]
     record["white"] = values["gyro.angular_random_walk"]
     record["walk"] = values["gyro.rate_random_walk"]
     record["resolution"] = values["gyro.resolution"]
     record["full_scale"] = values["gyro.full_scale"]
-    record["seed"] = seed
+    record["seed"] = seed = values["seed"]
 
     def with_drawn(name: str, drawn: Any) -> Any:
         return np.asarray(values[name]) + values[f"{name}_sigma"] * np.ravel(drawn)

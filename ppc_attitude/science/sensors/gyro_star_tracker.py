@@ -254,8 +254,8 @@ COMPONENT = Component(
     configure=lambda values: filled(
         CONFIGURATION,
         values,
-        gyro=gyro_record(values, values["seed"]),
-        tracker=star_tracker_record(values, values["rate"], values["seed"]),
+        gyro=gyro_record(values),
+        tracker=star_tracker_record(values),
         faults=faults_of(values, PARTS),
     ),
     configuration=CONFIGURATION,

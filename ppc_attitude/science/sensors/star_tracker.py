@@ -188,17 +188,8 @@ def sigmas(values: Mapping[str, Any]) -> Vector:
     return (cross, cross, values[BORESIGHT_NOISE.name])
 
 
-def star_tracker_record(values: Mapping[str, Any], rate: float, seed: int) -> Any:
-    """Record of dtype `STAR_TRACKER` from checked parameters.
-
-    Parameters
-    ----------
-    values : mapping
-        Values of `PARAMETERS`.
-    rate : float
-        Steps per second [Hz].
-    seed : int
-        Seed of all noise.
+def star_tracker_record(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `STAR_TRACKER` from checked parameters of the plant.
 
     Raises
     ------
@@ -206,14 +197,14 @@ def star_tracker_record(values: Mapping[str, Any], rate: float, seed: int) -> An
         See `slots` and `unit_mounting`; or blinding times and durations do not fit each other.
     """
     record = np.zeros((), STAR_TRACKER)[()]
-    record["every"], record["delay"] = slots(rate, values)
+    record["every"], record["delay"] = slots(values["rate"], values)
     record["mounting"] = unit_mounting(values)
     record["sigma"] = sigmas(values)
     record["max_rate"] = values["star_tracker.max_rate"]
     record["dropout"] = values["star_tracker.dropout_probability"]
     record["outlier"] = values["star_tracker.outlier_probability"]
     record["outlier_size"] = values["star_tracker.outlier_size"]
-    record["seed"] = seed
+    record["seed"] = values["seed"]
     times = values["star_tracker.blinding_times"]
     durations = values["star_tracker.blinding_durations"]
     if not len(times) == len(durations) <= MAX_BLINDINGS:
