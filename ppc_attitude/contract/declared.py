@@ -23,6 +23,7 @@ from ppc_attitude.contract.topics import (
     HOSTED,
     INJECTOR,
     MARKERS_TOPIC,
+    NODE_OF,
     NODES,
     OPTIONAL,
     PLANT,
@@ -63,9 +64,8 @@ def _merged() -> dict[str, Topic]:
     """
     unrecorded = topic_of(ENVIRONMENT_TORQUE, INJECTOR)
     found = {topic.column: topic for topic in (*STANDARD, unrecorded)}
-    nodes = {kind.name: node for node, kinds in HOSTED.items() for kind in kinds}
     for kind, component in ours_first(kind for kinds in HOSTED.values() for kind in kinds):
-        given = [topic_of(column, nodes[kind.name]) for column in component.outputs]
+        given = [topic_of(column, NODE_OF[kind.name]) for column in component.outputs]
         read = [topic_of(column, "") for column in component.inputs if column.name in found]
         problem = _problem([*given, *read], found)
         if problem:

@@ -81,6 +81,8 @@ HOSTED: dict[str, tuple[Kind, ...]] = {
     ALLOCATOR: (ALLOCATORS,),
 }
 """Which kinds of component each node runs."""
+NODE_OF = {kind.name: node for node, kinds in HOSTED.items() for kind in kinds}
+"""Which node runs the components of a kind."""
 
 
 @dataclass(frozen=True)

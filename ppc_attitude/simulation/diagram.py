@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import columns_of
 from ppc_attitude.contract.run_record import Array
-from ppc_attitude.contract.topics import HOSTED
+from ppc_attitude.contract.topics import HOSTED, NODE_OF
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
@@ -39,7 +39,6 @@ from ppc_attitude.science.part import Part, signals_of
 
 _BLOCK = 64  # [instants] whose signals a core's own cache holds
 _INSTANT = 2  # numbers before the columns in a component's record of inputs
-_NODE_OF = {kind.name: node for node, kinds in HOSTED.items() for kind in kinds}
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
@@ -113,7 +112,7 @@ def run_parts(
 
 def selected(parameters: Parameters) -> list[tuple[Kind, Component]]:
     """Components that the parameters of all nodes select, in the order of an instant."""
-    chosen = [(kind, kind.selected(parameters.get(_NODE_OF[kind.name], {}))) for kind in KINDS]
+    chosen = [(kind, kind.selected(parameters.get(NODE_OF[kind.name], {}))) for kind in KINDS]
     return [(kind, component) for kind, component in chosen if component is not None]
 
 
@@ -165,7 +164,7 @@ class Diagram:
             if timetable is not None and not component.inputs:
                 played += self._places_of(component.outputs)
                 continue
-            values = self._values[kind.name] = parameters.get(_NODE_OF[kind.name], {})
+            values = self._values[kind.name] = parameters.get(NODE_OF[kind.name], {})
             signals = self._signals[start : start + size]
             with _naming(kind.name):
                 self.parts[kind.name] = Part(component, values, signals)
@@ -192,7 +191,7 @@ class Diagram:
         self._signals[:] = 0.0
         for kind, part in self.parts.items():
             part.forget()
-            values = parameters.get(_NODE_OF[kind], {})
+            values = parameters.get(NODE_OF[kind], {})
             if values != self._values[kind]:
                 with _naming(kind):
                     part.configure(values)
@@ -264,7 +263,7 @@ def _naming(kind: str) -> Iterator[None]:
     try:
         yield
     except ConfigurationError as error:
-        raise ConfigurationError(f"{_NODE_OF[kind]}: {error}") from None
+        raise ConfigurationError(f"{NODE_OF[kind]}: {error}") from None
 
 
 def play(

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.declared import BY_COLUMN, is_told_the_truth
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, ENABLED, HOSTED, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, ENABLED, HOSTED, NODE_OF, PLANT
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, NONE, PLANTS, SENSORS, Kind
@@ -119,7 +119,7 @@ def replay(record: RunRecord) -> Replay:
     absent = [c.topic for c in (*law.inputs, TORQUE_COMMAND) if c.name not in record]
     if absent:
         raise ConfigurationError(f"{record.source}: no messages of {', '.join(absent)}")
-    of_law = _replayed(record, CONTROLLER, CONTROLLERS, law, (TORQUE_COMMAND,))
+    of_law = _replayed(record, CONTROLLERS, law, (TORQUE_COMMAND,))
     return Replay(of_law, tuple(_others(record)), tuple(_missing(record)))
 
 
@@ -138,7 +138,7 @@ def _others(record: RunRecord) -> Iterator[Difference]:
             if node not in record.parameters or component is None or kind in left_out:
                 continue
             if all(each.name in columns for each in (*component.inputs, *component.outputs)):
-                yield _replayed(record, node, kind, component, component.outputs)
+                yield _replayed(record, kind, component, component.outputs)
 
 
 def _missing(record: RunRecord) -> Iterator[str]:
@@ -171,14 +171,10 @@ def _columns(record: RunRecord) -> Mapping[str, Array]:
 
 
 def _replayed(
-    record: RunRecord,
-    node: str,
-    kind: Kind,
-    component: Component,
-    compared: Sequence[Column],
+    record: RunRecord, kind: Kind, component: Component, compared: Sequence[Column]
 ) -> Difference:
     """Run one component over the instants that have all it reads and all that is compared."""
-    values = record.parameters[node]
+    values = record.parameters[NODE_OF[kind.name]]
     read = _table(record, component.inputs, values)
     if kind is PLANTS:
         # A plant reads what was given at the instant before.
@@ -191,7 +187,7 @@ def _replayed(
     if not complete.any():
         raise ConfigurationError(f"{record.source}: no instant has all inputs and a command")
     stamps = record.stamps_ns[complete]
-    computed = _computed(record, node, kind, component, stamps, read[:, complete], compared)
+    computed = _computed(record, kind, component, stamps, read[:, complete], compared)
     difference = np.nan_to_num(np.abs(recorded[:, complete] - computed))
     row, k = np.unravel_index(int(np.argmax(difference)), difference.shape)
     return Difference(
@@ -206,7 +202,6 @@ def _replayed(
 
 def _computed(
     record: RunRecord,
-    node: str,
     kind: Kind,
     component: Component,
     stamps: NDArray[np.int64],
@@ -214,6 +209,7 @@ def _computed(
     compared: Sequence[Column],
 ) -> Array:
     """Run a component over the stamps, with the parameters that it had at each."""
+    node = NODE_OF[kind.name]
     values = dict(record.parameters[node])
     part = Part(component, _installed(node, values))
     # The state of an instant comes from before it: the motion takes a change over at the next.
