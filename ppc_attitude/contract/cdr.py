@@ -146,7 +146,10 @@ class Codec:
         ):
             values = self._pick(self._numbers.unpack_from(data, self._start))
             return Sample(_stamp(data), self.topic.frame_id, values)
-        return self._decode_general(data)
+        order, length, start = self._layout(data)
+        frame_id = data[_AFTER_STAMP + 4 : _AFTER_STAMP + 3 + length].decode(errors="replace")
+        values = self._pick(struct.unpack_from(f"{order}{self._count}d", data, start))
+        return Sample(_stamp(data, order), frame_id, values)
 
     def has_force(self, data: bytes) -> bool:
         """True if a wrench, which can be decoded, has a force."""
@@ -201,12 +204,6 @@ class Codec:
         """Which messages, a row each as of `decode_rows`, have another frame than the topic."""
         # With the NUL that ends it: a longer one is another.
         return ~_hold(rows, _AFTER_STAMP + 4, self.topic.frame_id.encode() + b"\0")
-
-    def _decode_general(self, data: bytes) -> Sample:
-        order, length, start = self._layout(data)
-        frame_id = data[_AFTER_STAMP + 4 : _AFTER_STAMP + 3 + length].decode(errors="replace")
-        values = self._pick(struct.unpack_from(f"{order}{self._count}d", data, start))
-        return Sample(_stamp(data, order), frame_id, values)
 
     def _layout(self, data: bytes) -> tuple[str, int, int]:
         if self.topic.form in JOINTS:
