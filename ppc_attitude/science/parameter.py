@@ -272,9 +272,13 @@ def checked(table: Iterable[Parameter], chosen: Mapping[str, Any], owner: str) -
 
 def unknown(name: str, known: Collection[str], owner: str) -> str:
     """Say that nobody knows a name, and the nearest one that is known."""
+    return f"{owner} has no parameter {name}{nearest(name, known)}"
+
+
+def nearest(name: str, known: Collection[str]) -> str:
+    """Ask whether the nearest name that is known was meant; empty if none is near."""
     close = get_close_matches(name, known, n=1)
-    hint = f"; did you mean {close[0]}?" if close else ""
-    return f"{owner} has no parameter {name}{hint}"
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def resolved(

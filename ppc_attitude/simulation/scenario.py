@@ -16,7 +16,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -40,7 +39,7 @@ from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import see_that_parts_exist
 from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
-from ppc_attitude.science.parameter import Value, checked, resolved
+from ppc_attitude.science.parameter import Value, checked, nearest, resolved
 from ppc_attitude.science.part import configured
 from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import seconds, stamp_of, step_of
@@ -127,10 +126,9 @@ def _update_every_node(
     for name, value in values.items():
         owners = [node for node, names in known.items() if name in names]
         if not owners:
-            close = get_close_matches(name, set().union(*known.values()), n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
+            meant = nearest(name, set().union(*known.values()))
             raise ConfigurationError(
-                f"configuration file {path}: no node has a parameter {name}{hint}"
+                f"configuration file {path}: no node has a parameter {name}{meant}"
             )
         for node in owners:
             merged.setdefault(node, {})[name] = value
@@ -179,10 +177,14 @@ def scenario(chosen: Overrides) -> Scenario:
     unknown = sorted(set(chosen) - set(PARAMETERS))
     if unknown:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
-    found = Scenario({node: _checked(node, chosen.get(node, {})) for node in PARAMETERS})
-    _check_agreement(found.parameters)
-    _check_allocation(found.parameters)
-    _check_pulses(found.parameters[INJECTOR], found.number(PLANT, "rate"))
+    parameters: dict[str, dict[str, Any]] = {}
+    for node, table in PARAMETERS.items():
+        parameters[node] = resolved(table, chosen.get(node, {}), node)
+        check_components(node, parameters[node])
+    found = Scenario(parameters)
+    _check_agreement(parameters)
+    _check_allocation(parameters)
+    _check_pulses(parameters[INJECTOR], found.number(PLANT, "rate"))
     return found
 
 
@@ -255,13 +257,6 @@ def _check_pulses(injector: Mapping[str, Any], rate: float) -> None:
                 f"{INJECTOR}: the pulse from {seconds(start)} to {seconds(end)} s lies between two "
                 f"instants of {rate} Hz; allowed: pulse_durations from {1.0 / rate:g} s on"
             )
-
-
-def _checked(node: str, chosen: Mapping[str, Any]) -> dict[str, Value]:
-    """Complete parameters of a node, with which the components that they select can run."""
-    values = resolved(PARAMETERS[node], chosen, node)
-    check_components(node, values)
-    return values
 
 
 def check_components(node: str, values: Mapping[str, Value]) -> None:
