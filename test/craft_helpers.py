@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.orbit import EARTH_RADIUS
+from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, orbit_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.scenario import Scenario, load
 
@@ -38,6 +40,12 @@ def dotted(values: dict[str, Any]) -> dict[str, Any]:
 def case(*overlays: str, **plant: Any) -> Scenario:
     """The paper's case with overlays, and parameters of the plant (`dotted`)."""
     return load(configs("paper", *overlays), {PLANT: dotted(plant)})
+
+
+def orbit_record(semi_major_axis: float, *elements: float) -> Any:
+    """Orbit by its semi-major axis [m], eccentricity, inclination and the angles [rad]."""
+    given = (semi_major_axis - EARTH_RADIUS, *elements, "", "")
+    return orbit_of({each.name: x for each, x in zip(ORBIT_PARAMETERS, given, strict=True)})
 
 
 def part_of(kind: Any, name: str, *faults: str, **values: Any) -> Part:

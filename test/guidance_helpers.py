@@ -20,6 +20,7 @@ import math
 from typing import Any
 
 import numpy as np
+from craft_helpers import orbit_record
 from numpy.typing import NDArray
 from truth_tables import TRUTH
 
@@ -28,7 +29,6 @@ from ppc_attitude.science.guidance.orders import ORDER, Orders
 from ppc_attitude.science.guidance.trajectory import POINTS
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.orbit import EARTH_RADIUS
-from ppc_attitude.science.orbit_elements import orbit_record
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configuration_of
 

@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 import pytest
+from craft_helpers import orbit_record
 from guidance_helpers import truth_orbit
 from record_helpers import new_record
 from scipy.integrate import solve_ivp
@@ -23,7 +24,6 @@ from truth_tables import columns, table
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, gravity, gravity_rate, orbit_at
-from ppc_attitude.science.orbit_elements import orbit_record
 
 TRUTH = table("pointing")
 

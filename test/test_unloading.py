@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 import truth_tables
-from craft_helpers import configs, part_of
+from craft_helpers import configs, orbit_record, part_of
 from estimation_helpers import STEP_NS, Array
 from guidance_helpers import mean_anomaly
 from record_helpers import new_record
@@ -33,7 +33,6 @@ from ppc_attitude.science.geomagnetic import ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.magnetorquers import unloading_dipole
 from ppc_attitude.science.orbit import CURSOR, orbit_at
-from ppc_attitude.science.orbit_elements import orbit_record
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 

@@ -97,14 +97,23 @@ def orbit_of(values: Mapping[str, Any]) -> Any:
     """
     if values[TLE.name]:
         return orbit_by_lines(values[TLE.name], epoch_of(values))
-    return orbit_record(
-        EARTH_RADIUS + values[ALTITUDE.name],
-        values[ECCENTRICITY.name],
-        values[INCLINATION.name],
-        values[RAAN.name],
-        values[ARGUMENT_OF_PERIGEE.name],
-        values[MEAN_ANOMALY.name],
-    )
+    semi_major_axis = EARTH_RADIUS + values[ALTITUDE.name]
+    eccentricity = values[ECCENTRICITY.name]
+    perigee = semi_major_axis * (1.0 - eccentricity)
+    if perigee <= EARTH_RADIUS:
+        raise ConfigurationError(
+            f"the orbit's perigee is {perigee - EARTH_RADIUS:.6g} m above Earth's surface; "
+            "allowed: > 0"
+        )
+    eccentric = _eccentric_anomaly(values[MEAN_ANOMALY.name], eccentricity)
+    c, s, root = math.cos(eccentric), math.sin(eccentric), math.sqrt(1.0 - eccentricity**2)
+    speed = math.sqrt(MU * semi_major_axis) / (semi_major_axis * (1.0 - eccentricity * c))
+    # From perifocal to inertial axes.
+    axes = _about(2, values[RAAN.name]) @ _about(0, values[INCLINATION.name])
+    axes = axes @ _about(2, values[ARGUMENT_OF_PERIGEE.name])
+    position = (semi_major_axis * (c - eccentricity), semi_major_axis * root * s, 0.0)
+    velocity = (-speed * s, speed * root * c, 0.0)
+    return filled(ORBIT, {}, position=axes @ position, velocity=axes @ velocity)
 
 
 def epoch_of(values: Mapping[str, Any]) -> float:
@@ -116,46 +125,6 @@ def epoch_of(values: Mapping[str, Any]) -> float:
         The epoch is no date.
     """
     return days_of(EPOCH.name, values[EPOCH.name])
-
-
-def orbit_record(
-    semi_major_axis: float,
-    eccentricity: float,
-    inclination: float,
-    raan: float,
-    argument_of_perigee: float,
-    mean_anomaly: float,
-) -> Any:
-    """Record of dtype `ORBIT` from the classical elements at t = 0.
-
-    Parameters
-    ----------
-    semi_major_axis : float
-        a [m].
-    eccentricity : float
-        e, 0 ≤ e < 1.
-    inclination, raan, argument_of_perigee, mean_anomaly : float
-        Angles [rad].
-
-    Raises
-    ------
-    ConfigurationError
-        The perigee is below Earth's surface.
-    """
-    perigee = semi_major_axis * (1.0 - eccentricity)
-    if perigee <= EARTH_RADIUS:
-        raise ConfigurationError(
-            f"the orbit's perigee is {perigee - EARTH_RADIUS:.6g} m above Earth's surface; "
-            "allowed: > 0"
-        )
-    eccentric = _eccentric_anomaly(mean_anomaly, eccentricity)
-    c, s, root = math.cos(eccentric), math.sin(eccentric), math.sqrt(1.0 - eccentricity**2)
-    speed = math.sqrt(MU * semi_major_axis) / (semi_major_axis * (1.0 - eccentricity * c))
-    # From perifocal to inertial axes.
-    axes = _about(2, raan) @ _about(0, inclination) @ _about(2, argument_of_perigee)
-    position = (semi_major_axis * (c - eccentricity), semi_major_axis * root * s, 0.0)
-    velocity = (-speed * s, speed * root * c, 0.0)
-    return filled(ORBIT, {}, position=axes @ position, velocity=axes @ velocity)
 
 
 def _eccentric_anomaly(mean_anomaly: float, eccentricity: float) -> float:
