@@ -24,7 +24,7 @@ from guidance_helpers import DEGREE, scenes
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
-from ppc_attitude.science.orbit_elements import orbit_by_lines
+from ppc_attitude.science.orbit_elements import orbit_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configure
 from ppc_attitude.science.stamps import nanoseconds
@@ -282,6 +282,7 @@ LINES = (
     "1 25544U 98067A   24087.49722222  .00016717  00000-0  10270-3 0  9005\n"
     "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.49815380 30001"
 )
+DATE = "2024-03-28"
 
 
 def with_checksums(lines: str) -> str:
@@ -297,31 +298,31 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
     api = pytest.importorskip("sgp4.api")
     text = with_checksums(LINES)
     satellite = api.Satrec.twoline2rv(*text.splitlines())
-    days = 8853.25  # 2024-03-28 18 h
-    record = orbit_by_lines(f"ISS (ZARYA)\n{text}\n", days)
+    epoch = "2024-03-28T18:00:00"  # 8853.25 days from J2000
+    record = orbit_of({"orbit.tle": f"ISS (ZARYA)\n{text}\n", "orbit.epoch": epoch})
     error, position, velocity = satellite.sgp4(2451545.0 + 8853.0, 0.25)
     assert error == 0
     assert record["position"] == pytest.approx(np.multiply(1e3, position))
     assert record["velocity"] == pytest.approx(np.multiply(1e3, velocity))
     assert 400e3 < np.linalg.norm(record["position"]) - 6378137.0 < 440e3
-    part = part_of(orbit__tle=text, orbit__epoch="2024-03-28T18:00:00")
+    part = part_of(orbit__tle=text, orbit__epoch=epoch)
     assert np.array_equal(part.configuration["sky"]["orbit"][0]["position"], record["position"])
 
 
 @pytest.mark.parametrize(
-    ("lines", "days", "reason"),
+    ("lines", "epoch", "reason"),
     [
-        (with_checksums(LINES), 9132.0, "is 280.0 days after the epoch of orbit.tle; allowed"),
-        (with_checksums(LINES).replace("51.6416", "51.6417"), 8853.0, "allowed: its checksum"),
-        (LINES.splitlines()[0], 8853.0, r"orbit\.tle has 1 lines; allowed: 2"),
-        (with_checksums(LINES).replace("\n2 ", "\n3 "), 8853.0, "allowed: 69 characters"),
-        (with_checksums(LINES).replace(".00016717", ".0001671²"), 8853.0, "allowed: 69 characters"),
-        (with_checksums(LINES.replace("51.6416", "       ")), 8853.0, "has inclination"),
-        (with_checksums(LINES.replace("2 25544", "2 25545")), 8853.0, "'25544' and '25545'"),
+        (with_checksums(LINES), "2025-01-01", "is 279.5 days after the epoch of orbit.tle"),
+        (with_checksums(LINES).replace("51.6416", "51.6417"), DATE, "allowed: its checksum"),
+        (LINES.splitlines()[0], DATE, r"orbit\.tle has 1 lines; allowed: 2"),
+        (with_checksums(LINES).replace("\n2 ", "\n3 "), DATE, "allowed: 69 characters"),
+        (with_checksums(LINES).replace(".00016717", ".0001671²"), DATE, "allowed: 69 characters"),
+        (with_checksums(LINES.replace("51.6416", "       ")), DATE, "has inclination"),
+        (with_checksums(LINES.replace("2 25544", "2 25545")), DATE, "'25544' and '25545'"),
     ],
     ids=["old", "checksum", "one line", "no element set", "no ASCII", "no number", "two craft"],
 )
-def test_bad_two_line_elements_are_refused(lines: str, days: float, reason: str) -> None:
+def test_bad_two_line_elements_are_refused(lines: str, epoch: str, reason: str) -> None:
     pytest.importorskip("sgp4.api")
     with pytest.raises(ValueError, match=reason):
-        orbit_by_lines(lines, days)
+        orbit_of({"orbit.tle": lines, "orbit.epoch": epoch})

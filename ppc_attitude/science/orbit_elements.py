@@ -93,10 +93,11 @@ def orbit_of(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The perigee is below Earth's surface, or the two lines are no orbit.
+        The perigee is below Earth's surface, or the package sgp4 is missing, the two lines are no
+        orbit, or their epoch is too far.
     """
     if values[TLE.name]:
-        return orbit_by_lines(values[TLE.name], epoch_of(values))
+        return _by_lines(values)
     semi_major_axis = EARTH_RADIUS + values[ALTITUDE.name]
     eccentricity = values[ECCENTRICITY.name]
     perigee = semi_major_axis * (1.0 - eccentricity)
@@ -149,28 +150,16 @@ def _about(axis: int, angle: float) -> Any:
     return matrix
 
 
-def orbit_by_lines(text: str, days: float) -> Any:
-    """Record of dtype `ORBIT` at t = 0.
-
-    Parameters
-    ----------
-    text : str
-        The two lines.
-    days : float
-        Days from J2000 to t = 0.
-
-    Raises
-    ------
-    ConfigurationError
-        The package sgp4 is missing, the lines are no element set, or their epoch is too far.
-    """
+def _by_lines(values: Mapping[str, Any]) -> Any:
+    """Record of dtype `ORBIT` from two lines, at t = 0."""
     try:
         from sgp4.api import SGP4_ERRORS, Satrec
     except ImportError:
         raise ConfigurationError(
             f"{TLE.name} needs the package sgp4: pip install 'ppc_attitude[orbit]'"
         ) from None
-    first, second = _lines(text)
+    first, second = _lines(values[TLE.name])
+    days = epoch_of(values)
     satellite = Satrec.twoline2rv(first, second)
     age = days + (J2000 - satellite.jdsatepoch) - satellite.jdsatepochF
     if not abs(age) <= OLDEST:
