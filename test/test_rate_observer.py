@@ -50,7 +50,7 @@ def observer(
     values = {parameter.name: parameter.default for parameter in PARAMETERS}
     values |= {k: v for k, v in suite(suite_name).items() if k in values}
     values |= {"rate_observer": frequency, "disturbance_feedforward": True, "max_torque": 0.05}
-    return observer_record({**values, **given}, inertia)
+    return observer_record({**values, "inertia": inertia.ravel().tolist(), **given})
 
 
 @kernel

@@ -34,7 +34,6 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
@@ -103,21 +102,15 @@ _SURPRISE = 5.0  # σ of a sample
 _WIDE = 3.0  # σ of d̂'s own noise that its limit must leave room for
 
 
-def observer_record(values: Mapping[str, Any], inertia: NDArray[np.float64]) -> Any:
+def observer_record(values: Mapping[str, Any]) -> Any:
     """Record of dtype `OBSERVER` from the controller's checked parameters.
-
-    Parameters
-    ----------
-    values : mapping
-        Values of `PARAMETERS` and of `max_torque`.
-    inertia : ndarray, shape (3, 3)
-        Inertia that the law assumes [kg·m²].
 
     Raises
     ------
     ConfigurationError
         The estimate's own noise leaves no room below `max_disturbance`.
     """
+    inertia = inertia_matrix("inertia", values["inertia"])
     record = np.zeros((), OBSERVER)[()]
     frequency, white = values[RATE_OBSERVER.name], values[ANGULAR_RANDOM_WALK.name]
     limit = values[MAX_DISTURBANCE.name]
@@ -243,8 +236,7 @@ def with_front(law: Component) -> Component:
         inner, kept = configured(law, values)
         record = np.zeros((), configuration)[()]
         if values["rate_observer"] > 0.0 and not law.observes:
-            inertia = inertia_matrix("inertia", values["inertia"])
-            record["observer"] = observer_record(values, inertia)
+            record["observer"] = observer_record(values)
         record["law"] = inner
         return (record, *kept)
 
