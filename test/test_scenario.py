@@ -256,7 +256,7 @@ def test_records_hold_the_values() -> None:
     plant = rigid_body.configure(case.parameters["spacecraft_plant"])
     product = np.array(plant["inertia"]) @ np.array(plant["inertia_inverse"])
     assert np.allclose(product, np.eye(3), atol=1e-15)
-    sensors = direct.configure(case.parameters["spacecraft_plant"])
+    sensors = direct.COMPONENT.configure(case.parameters["spacecraft_plant"])
     assert (sensors["attitude_noise"], sensors["seed"]) == (1e-4, 9)
     reference = paper.configure(case.parameters["reference_generator"])
     assert reference["amplitude"].tolist() == [1.0, 2.0, 3.0]

@@ -61,17 +61,14 @@ def scheduled_pulses(values: Mapping[str, Any]) -> NDArray[Any]:
     ConfigurationError
         Times, durations and torques are not equally many.
     """
-    times, durations = values[TIMES.name], values[DURATIONS.name]
-    torques = values[TORQUES.name]
+    times, durations, torques = (values[each.name] for each in (TIMES, DURATIONS, TORQUES))
     if not len(times) == len(durations) == len(torques) // 3:
         raise ConfigurationError(
             f"pulse_times has {len(times)} values, pulse_durations {len(durations)}, "
             f"pulse_torques {len(torques)}; allowed: n, n and 3 n"
         )
-    parts = [
-        pulse(nanoseconds(time), duration, torques[3 * i : 3 * i + 3])
-        for i, (time, duration) in enumerate(zip(times, durations, strict=True))
-    ]
+    each = zip(times, durations, np.reshape(torques, (-1, 3)), strict=True)
+    parts = [pulse(nanoseconds(time), duration, torque) for time, duration, torque in each]
     return np.concatenate([np.zeros(0, PULSE), *parts])
 
 

@@ -71,17 +71,6 @@ STATE = record_type(
 CONFIGURATION = record_type(*_SIZES, SEED, RATE, ("faults", RECORD))
 
 
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        A fault is none.
-    """
-    return filled(CONFIGURATION, values, faults=faults_of(values, PARTS))
-
-
 @kernel
 def measured(
     q: Quaternion, omega: Vector, attitude_noise: float, rate_noise: float, seed: int, step: int
@@ -147,7 +136,7 @@ def is_exact(values: Mapping[str, Any]) -> bool:
 COMPONENT = Component(
     name="direct",
     parameters=(*_SIZES, SEED, FAULTS),
-    configure=configure,
+    configure=lambda values: filled(CONFIGURATION, values, faults=faults_of(values, PARTS)),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=TRUTH,
