@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, record_type
 
 INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tracker"
 QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
@@ -221,11 +221,12 @@ def _named(component: str, hook: str, ask: Callable[..., Any]) -> Callable[..., 
     return asked
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Component:
     """A part of the craft, or of what surrounds and steers it; it says nothing of what it has not.
 
-    Whatever else than a ConfigurationError a hook raises becomes one that names both.
+    Whatever else than a ConfigurationError a hook raises becomes one that names both. No two
+    components are equal: to compare all that they declare takes a while.
 
     Attributes
     ----------
@@ -339,13 +340,12 @@ class Component:
     @cached_property
     def input_record(self) -> np.dtype[Any]:
         """Record that the step reads: the instant [ns] and [s], then a field for each column."""
-        instant = [("stamp_ns", np.int64), ("t", np.float64)]
-        return np.dtype([*instant, *(each.field for each in self.inputs)], align=True)
+        return record_type(("stamp_ns", np.int64), ("t", np.float64), *self.inputs)
 
     @cached_property
     def output_record(self) -> np.dtype[Any]:
         """Record that the step fills: a field for each column."""
-        return np.dtype([each.field for each in self.outputs], align=True)
+        return record_type(*self.outputs)
 
 
 def read_from_elsewhere(components: Iterable[Component]) -> tuple[Column, ...]:

@@ -192,21 +192,21 @@ RATE = at_start(
 """Of the plant, and of whatever else counts in its steps."""
 
 
-def record_type(*fields: Parameter | np.dtype[Any] | tuple[Any, ...]) -> np.dtype[Any]:
+def record_type(*fields: Any) -> np.dtype[Any]:
     """Type of a record of a kernel: its fields are laid out as in C.
 
     Parameters
     ----------
-    fields : Parameter, numpy.dtype or tuple
-        A parameter's number, by the last part of its name; all fields of another type; or a field
-        as NumPy describes it.
+    fields : Parameter, Column, numpy.dtype or tuple
+        A parameter's number, by the last part of its name; a column; all fields of another type; or
+        a field as NumPy describes it.
     """
     described: list[Any] = []
     for each in fields:
         if isinstance(each, np.dtype):
             described += [(name, each[name]) for name in each.names or ()]
         else:
-            described.append(each.field if isinstance(each, Parameter) else each)
+            described.append(each if isinstance(each, tuple) else each.field)
     return np.dtype(described, align=True)
 
 

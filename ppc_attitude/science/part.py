@@ -43,7 +43,6 @@ from ppc_attitude.science.stamps import seconds
 _SIGNATURE = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
 _PACKAGE = __name__.partition(".")[0]
 _components: dict[str, Component] = {}
-_entries: dict[int, tuple[Component, Any]] = {}  # by identity: to compare them takes a while
 
 Row: TypeAlias = tuple[float, ...]
 
@@ -119,6 +118,7 @@ def kernel_of(component: Component) -> Any:
     return component.step
 
 
+@cache
 def entry_point(component: Component) -> Any:
     """Compiled step of a component; `address` and `ctypes` are the ways to call it.
 
@@ -129,8 +129,6 @@ def entry_point(component: Component) -> Any:
         one but what its step does.
     """
     name = component.name
-    if id(component) in _entries:
-        return _entries[id(component)][1]
     kernel_of(component)
     key = _key_of(component)
     known = _components.setdefault(key, component)
@@ -140,14 +138,12 @@ def entry_point(component: Component) -> Any:
             f"{known.step.__module__}.{known.step.__qualname__}; rename one of them"
         )
     try:
-        entry = _compiled(key)
+        return _compiled(key)
     except Exception as error:  # not all that Numba raises is a NumbaError
         # The innermost reason; around it stands how `_step` has led there.
         told = f"{type(error).__name__}: {error}".rpartition("raised a specific error:")[2]
         reason = re.sub(r"\x1b\[\d+m", "", told.partition("During:")[0]).strip()  # no colours
         raise ConfigurationError(f"component {name}: step cannot be compiled: {reason}") from error
-    _entries[id(component)] = component, entry
-    return entry
 
 
 def _key_of(component: Component) -> str:
