@@ -27,7 +27,6 @@ from ppc_attitude.science.guidance.plan import (
     LIMITS,
     LOOK,
     PLAN,
-    copy_cursor,
     plan_motion,
     start_plan,
 )
@@ -190,7 +189,7 @@ def _aim(t: float, frame: int, attitude: Quaternion, trial: Any, guidance: Any, 
         store(trial.spinning.axis, vector(guidance.spin_axis))
         trial.spinning.rate = guidance.spin_rate
         trial.spinning.begin = t
-    copy_cursor(state.look.now, state.look.ahead)
+    state.look.ahead = state.look.now
     sine = frame_at(t, frame, trial.spinning, guidance.sky, state.look.ahead)[1]
     return ACCEPTED if sine >= LEAST_SINE else refused(ILL_DEFINED, sine, LEAST_SINE, state)
 
@@ -225,7 +224,7 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
     goal = quaternion(trial.attitude)
     for _ in range(_ROUNDS if moving else 1):
         if moving:
-            copy_cursor(look.now, look.ahead)
+            look.ahead = look.now
             goal = goal_at(arrival, trial, sky, look.ahead)
         outcome, attitudes, axes, angles = route(stand, goal, cones, directions, limits)
         if outcome == GOAL_INSIDE:

@@ -166,11 +166,3 @@ def _begin_leg(
     store_quaternion(leg.attitude, start)
     plan.end = begin + length
     plan.count += 1
-
-
-@kernel
-def copy_cursor(source: Any, target: Any) -> None:
-    """Let one cursor of the orbit stand where another does."""
-    target.steps = source.steps
-    store(target.position, vector(source.position))
-    store(target.velocity, vector(source.velocity))

@@ -17,7 +17,6 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ppc_attitude.science.guidance.plan import copy_cursor
 from ppc_attitude.science.guidance.sight import directions_at, goal_at
 from ppc_attitude.science.kernel import Quaternion, Vector
 
@@ -60,7 +59,7 @@ def scene_at(t: float, guidance: Any, state: Any) -> Scene:
         Records of dtype `GUIDANCE` and `STATE`.
     """
     look, cones = state["look"], guidance["cones"]
-    copy_cursor(look["now"], look["ahead"])
+    look["ahead"] = look["now"]
     goal = goal_at(t, state["plans"][state["active"]], guidance["sky"], look["ahead"])
     directions = directions_at(t, cones, guidance["sky"], look["ahead"])
     axes = cones["body_axis"][: len(directions)]

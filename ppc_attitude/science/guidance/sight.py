@@ -22,7 +22,7 @@ import numpy as np
 from ppc_attitude.science.attitude import normalised, product
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.guidance.frames import frame_at
-from ppc_attitude.science.guidance.plan import copy_cursor, plan_motion
+from ppc_attitude.science.guidance.plan import plan_motion
 from ppc_attitude.science.keep_out import FIXED, SUN, cone_angle
 from ppc_attitude.science.kernel import Quaternion, kernel, norm, quaternion, scale, store, vector
 from ppc_attitude.science.orbit import orbit_at
@@ -99,7 +99,7 @@ def crossing(
     cones = guidance.cones
     if cones.count == 0:
         return -1, end
-    copy_cursor(look.now, look.ahead)
+    look.ahead = look.now
     s = begin
     while True:
         q, omega, _ = plan_motion(s, plan, guidance.sky, look.ahead)

@@ -24,7 +24,6 @@ from ppc_attitude.science.guidance.frames import INERTIAL, frame_at
 from ppc_attitude.science.guidance.plan import (
     append_polynomial,
     append_turn,
-    copy_cursor,
     leg_motion,
     polynomial,
 )
@@ -105,7 +104,7 @@ def append_brake(
     plan: Any, frame: int, t: float, motion: Motion, limits: Any, sky: Any, look: Any
 ) -> bool:
     """Add a brake from a motion at t [s] to rest in a frame; False if none is found."""
-    copy_cursor(look.now, look.ahead)
+    look.ahead = look.now
     moving = frame_at(t, frame, plan.spinning, sky, look.ahead)[0]
     q, omega, alpha = relative_to(moving, motion)
     length = brake_length(omega, alpha, limits)
@@ -134,7 +133,7 @@ def _rate_kept(
     look: Any,
 ) -> bool:
     """Tell if 65 even samples of |ω_d| over a turn keep V, or the rate at its begin if larger."""
-    copy_cursor(look.now, look.ahead)
+    look.ahead = look.now
     allowed = 0.0
     for i in range(SAMPLES + 1):
         s = duration(turn) * i / SAMPLES

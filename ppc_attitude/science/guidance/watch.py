@@ -67,11 +67,7 @@ def _known(t: float, cones: Any, watch: Any) -> int:
         and (seen.half_angle == cones.half_angle).all()
     ):
         return int(watch.bits & (_BELOW - 1))
-    seen.count = cones.count
-    seen.body_axis[:] = cones.body_axis
-    seen.kind[:] = cones.kind
-    seen.direction[:] = cones.direction
-    seen.half_angle[:] = cones.half_angle
+    watch.cones = cones
     watch.seen = t
     return 0
 
