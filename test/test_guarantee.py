@@ -41,7 +41,7 @@ from ppc_attitude.science.guarantee.assumptions import (
     law_of,
     parameters_of,
 )
-from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.certificate import certify, differences
 from ppc_attitude.science.guarantee.design import Wishes, designed
@@ -122,7 +122,7 @@ def test_a_second_library_proves_the_same() -> None:
     law = replace(law, brake=(0.034, 0.034, 0.044))
     judged = {}
     for name, arithmetic in (("arb", balls()), ("mpmath", Intervals()), ("floats", FLOATS)):
-        judged[name] = inequalities(bounds_of(assumed, law, arithmetic, count))
+        judged[name] = inequalities(Bounds(assumed, law, arithmetic, count))
     for ball, interval, number in zip(*judged.values(), strict=True):
         assert ball.holds is interval.holds is number.holds
         for side in ("left", "right"):
@@ -139,7 +139,7 @@ def test_settling_times_of_both_libraries_agree() -> None:
     times = []
     arithmetics: tuple[Arithmetic, ...] = (balls(), Intervals(), FLOATS)
     for arithmetic in arithmetics:
-        envelope = Envelope(bounds_of(assumed, law, arithmetic, (40, 1, 1)))
+        envelope = Envelope(Bounds(assumed, law, arithmetic, (40, 1, 1)))
         times.append(envelope.near_time(arithmetic.number(0.2), 0.02, 5e-3))
     assert times[1:] == pytest.approx(times[:1] * 2, rel=1e-12)
 
@@ -147,7 +147,7 @@ def test_settling_times_of_both_libraries_agree() -> None:
 def test_what_is_undefined_has_no_bound_and_is_not_proved() -> None:
     values = values_of()
     law = replace(law_of(values), omega0=10.0)  # to stop from there takes more than all torque
-    judged = inequalities(bounds_of(assumptions_of(values), law, balls(), (40, 2, 2)))
+    judged = inequalities(Bounds(assumptions_of(values), law, balls(), (40, 2, 2)))
     assert not any(math.isnan(end) for each in judged for end in (*each.left, *each.right))
     unbounded = [each for each in judged if each.left == (-math.inf, math.inf)]
     assert unbounded
@@ -354,7 +354,7 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised(
 ) -> None:
     """The proof begins at an event: a weaker torque leads out of the tube, and makes none."""
     assumed, law = standard
-    envelope = Envelope(bounds_of(assumed, law, FLOATS, COARSE))
+    envelope = Envelope(Bounds(assumed, law, FLOATS, COARSE))
     assert envelope.recovery(0.16, 0.1, 5e-3) < 5.0
     with pytest.raises(ValueError, match=r"is promised of less than 0\.153 N·m"):
         envelope.recovery(0.15, 0.1, 5e-3)

@@ -27,7 +27,7 @@ from ppc_attitude.science.controllers.brake import axis_rate, capped_brake, dece
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
 from ppc_attitude.science.guarantee.body import body_of
-from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import FINE, Speed, cells
 
 
@@ -40,7 +40,7 @@ def standard() -> tuple[Assumptions, Law]:
 def test_no_random_state_needs_more_than_the_load(standard: tuple[Assumptions, Law]) -> None:
     """Torque M0 − J v' of random states, by differences along their own motion, against C3's."""
     assumed, law = standard
-    bounds = bounds_of(assumed, law, FLOATS)
+    bounds = Bounds(assumed, law, FLOATS)
     J = np.array(assumed.inertia).reshape(3, 3)
     random = np.random.default_rng(3)
     largest = np.zeros(3)

@@ -31,7 +31,7 @@ from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, LAW_AH
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.arithmetic import balls
 from ppc_attitude.science.guarantee.assumptions import Assumptions, assumptions_of, law_of
-from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.certificate import ACCURACY, Certificate, certify, differences
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.inequalities import Inequality
@@ -158,7 +158,7 @@ class Judgement:
         """
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is after a hit")
-        envelope = Envelope(bounds_of(self._assumed, self._law, balls()))
+        envelope = Envelope(Bounds(self._assumed, self._law, balls()))
         time = envelope.recovery(torque, duration, self.certificate.accuracy)
         return (
             f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time:.2f} s after the "

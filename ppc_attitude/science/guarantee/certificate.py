@@ -24,7 +24,7 @@ import numpy as np
 from ppc_attitude.science.controllers.tube_parameters import digest_of
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, balls
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
-from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
 
@@ -108,7 +108,7 @@ def certify(
     """
     arithmetic = balls() if arithmetic is None else arithmetic
     assumed, law = assumptions_of(values), law_of(values)
-    bounds = bounds_of(assumed, law, arithmetic)
+    bounds = Bounds(assumed, law, arithmetic)
     judged = inequalities(bounds)
     envelope = Envelope(bounds)
     promises = []

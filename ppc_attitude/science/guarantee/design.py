@@ -25,7 +25,7 @@ from typing import Any
 
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
-from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE, FINE, Cells
 from ppc_attitude.science.guarantee.envelope import Envelope, Settling
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING, InfeasibleError, tuned
@@ -290,7 +290,7 @@ def _grid(assumed: Assumptions, h: float, *, short: bool = False) -> Iterator[Ga
 
 
 def _judged(assumed: Assumptions, law: Law, wishes: Wishes, count: Cells = COARSE) -> Design:
-    envelope = Envelope(bounds_of(assumed, law, FLOATS, count))
+    envelope = Envelope(Bounds(assumed, law, FLOATS, count))
     terminal, fastest = _ALMOST * envelope.terminal(), law.omega0 - assumed.W
     if terminal >= wishes.accuracy:
         raise UnwishedError("an accuracy", wishes.accuracy, terminal, "")

@@ -25,7 +25,7 @@ from typing import NoReturn
 
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, Triple
-from ppc_attitude.science.guarantee.bounds import Bounds, bounds_of
+from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE, Cells
 from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
 
@@ -153,7 +153,7 @@ def _steady(law: Law, before: Law) -> bool:
 
 def _evaluated(assumed: Assumptions, law: Law, count: Cells) -> Bounds:
     try:
-        return bounds_of(assumed, law, FLOATS, count)
+        return Bounds(assumed, law, FLOATS, count)
     except ValueError as error:
         _refuse("C1", math.inf, 0.0, "N·m·s", str(error))
 

@@ -15,15 +15,15 @@
 """The inequalities C1 to C13 under which the theorem of docs/guarantee.md holds."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import LARGEST
 
-AXES = "xyz"
 # κh that leaves every sample's correction without overshoot, without and with a late command.
 _STEP, _STEP_LATE = 0.9, 0.4
 
@@ -76,101 +76,100 @@ def _told(
     meaning: str,
     strict: bool = False,
 ) -> Inequality:
+    left, right = arithmetic.number(left), arithmetic.number(right)
     certain = bool(left < right) if strict else bool(left <= right)
     outward = arithmetic.outward
     return Inequality(name, outward(left), outward(right), unit, certain, meaning)
 
 
+def _by_axis(
+    told: Callable[..., Inequality], name: str, left: Any, right: Any, *rest: Any
+) -> Iterator[Inequality]:
+    for axis, low, high in zip("xyz", left, right, strict=True):
+        yield told(f"{name} {axis}", low, high, *rest)
+
+
 def _tube(bounds: Bounds) -> Iterator[Inequality]:
     number, told = bounds.arithmetic.number, partial(_told, bounds.arithmetic)
+    by_axis = partial(_by_axis, told)
     assumed, law, body = bounds.assumed, bounds.law, bounds.body
-    least = number(0.0) if body.proved else number(float("inf"))
+    least = 0.0 if body.proved else math.inf
     yield told("C0", least, body.least, "kg·m²", "the moments of inertia are certain", True)
-    for i, axis in enumerate(AXES):
-        meaning = "no disturbance within its bound leads out of the tube"
-        yield told(f"C1 {axis}", bounds.Y[i], number(law.Y[i]), "N·m·s", meaning)
-    for i, axis in enumerate(AXES):
-        meaning = "a saturated axis is pushed back all the same"
-        yield told(f"C2 {axis}", number(law.B[i]), bounds.B[i], "N·m", meaning)
+    meaning = "no disturbance within its bound leads out of the tube"
+    yield from by_axis("C1", bounds.Y, law.Y, "N·m·s", meaning)
+    meaning = "a saturated axis is pushed back all the same"
+    yield from by_axis("C2", law.B, bounds.B, "N·m", meaning)
     late = number(1.0) + number(assumed.late)
-    for i, axis in enumerate(AXES):
-        more = number(law.B_ramp) - number(law.B[i])
-        drift = number(0.0) if more <= 0 else number(law.N[i]) + number(law.h) * late * more
-        meaning = "what a ramp may use beyond B leads out of half the tube in no sample"
-        yield told(f"C2 ramp {axis}", drift, number(law.Y[i]) / 2, "N·m·s", meaning)
-    for i, axis in enumerate(AXES):
-        meaning = "feedforward, reference and brake never lack torque"
-        yield told(f"C3 {axis}", bounds.load[i], number(law.B[i]), "N·m", meaning)
-    for i, axis in enumerate(AXES):
-        meaning = "the law knows what estimation errors make of y"
-        yield told(f"C1 N {axis}", bounds.noise[i], number(law.N[i]), "N·m·s", meaning)
+    more = [number(law.B_ramp) - number(each) for each in law.B]
+    drift = [
+        number(0.0) if each <= 0 else number(n) + number(law.h) * late * each
+        for each, n in zip(more, law.N, strict=True)
+    ]
+    meaning = "what a ramp may use beyond B leads out of half the tube in no sample"
+    yield from by_axis("C2 ramp", drift, [number(y) / 2 for y in law.Y], "N·m·s", meaning)
+    meaning = "feedforward, reference and brake never lack torque"
+    yield from by_axis("C3", bounds.load, law.B, "N·m", meaning)
+    meaning = "the law knows what estimation errors make of y"
+    yield from by_axis("C1 N", bounds.noise, law.N, "N·m·s", meaning)
     meaning = "z̄ is the largest rate error in the tube"
-    yield told("C1 z", bounds.z, number(law.z_bar), "rad/s", meaning)
+    yield told("C1 z", bounds.z, law.z_bar, "rad/s", meaning)
 
 
 def _rates(bounds: Bounds) -> Iterator[Inequality]:
     number, told = bounds.arithmetic.number, partial(_told, bounds.arithmetic)
-    assumed, law, zero = bounds.assumed, bounds.law, number(0.0)
-    Omega_e, z, k = number(law.Omega_e), number(law.z_bar), number(law.k)
-    W, h = number(assumed.W), number(law.h)
-    slowest = Omega_e - W
+    assumed, law = bounds.assumed, bounds.law
+    Omega_e, z, h = number(law.Omega_e), number(law.z_bar), number(law.h)
     meaning = "‖ω_s‖ stays below the rate limit after the stop phase"
-    total = Omega_e + z + bounds.e_w + h * bounds.V_rate
-    yield told("C4", total, number(assumed.Omega), "rad/s", meaning)
+    yield told("C4", Omega_e + z + bounds.e_w + h * bounds.V_rate, assumed.Omega, "rad/s", meaning)
     meaning = "Φ allows for what V may lose"
-    yield told("C4 V'", bounds.V_rate, number(law.V_rate), "rad/s²", meaning)
+    yield told("C4 V'", bounds.V_rate, law.V_rate, "rad/s²", meaning)
     meaning = "Φ allows for what the brake may lose when its axis turns"
-    yield told("C4 a'", bounds.a_rate, number(law.a_rate), "rad/s³", meaning)
-    limit = number(_STEP_LATE if assumed.late > 0.0 else _STEP)
+    yield told("C4 a'", bounds.a_rate, law.a_rate, "rad/s³", meaning)
+    limit = _STEP_LATE if assumed.late > 0.0 else _STEP
     meaning = "κh: one sample's correction does not overshoot"
     yield told("C5", number(law.kappa) * h, limit, "", meaning)
     meaning = "the tube lies within the linear part of the brake"
-    yield told("C6", z, bounds.a / k, "rad/s", meaning)
-    yield told("C7", zero, slowest, "rad/s", "the reference leaves speed to turn with", True)
-    least = bounds.arithmetic.least(*map(number, law.Y))
+    yield told("C6", z, bounds.a / number(law.k), "rad/s", meaning)
+    meaning = "the reference leaves speed to turn with"
+    yield told("C7", 0.0, Omega_e - number(assumed.W), "rad/s", meaning, True)
     meaning = "the disturbance estimate alone does not lead out of the tube"
-    yield told("C8", number(law.d_max), number(law.kappa) * least, "N·m", meaning)
+    yield told("C8", law.d_max, number(law.kappa) * number(min(law.Y)), "N·m", meaning)
     meaning = "the estimate may be as large as the disturbance"
-    yield told("C8 d", number(assumed.d), number(law.d_max), "N·m", meaning)
+    yield told("C8 d", assumed.d, law.d_max, "N·m", meaning)
 
 
 def _phases(bounds: Bounds) -> Iterator[Inequality]:
     number, told = bounds.arithmetic.number, partial(_told, bounds.arithmetic)
+    by_axis = partial(_by_axis, told)
     assumed, law, pi = bounds.assumed, bounds.law, bounds.arithmetic.pi
     z, k, W = number(law.z_bar), number(law.k), number(assumed.W)
     a, h = bounds.a_most, number(law.h)
     slowest = number(law.Omega_e) - W
-    reserve, never = bounds.reserve, number(float("inf"))
     w_far, omega0 = number(law.w_far) + bounds.e_w, number(law.omega0) + bounds.e_w
 
     start = bounds.cruise_start()
     meaning = "a cruise reaches its speed before it has to brake"
-    yield told("C9", never if start is None else start, number(law.far), "rad", meaning)
+    yield told("C9", math.inf if start is None else start, law.far, "rad", meaning)
     yield told("C9 w", w_far, slowest, "rad/s", "a cruise begins below its least speed")
 
     time = bounds.stop_time(number(law.w_far))
-    turned = never if time is None else bounds.nu_stop * w_far * (time + h)
+    turned = math.inf if time is None else bounds.nu_stop * w_far * (time + h)
     meaning = "the axis turns too little in the stop phase to add up the rates"
-    yield told("C9 n", turned, number(1.0), "rad", meaning)
+    yield told("C9 n", turned, 1.0, "rad", meaning)
 
-    fast = omega0 + W + z
-    feedforward = bounds.feedforward(fast)
-    for i, axis in enumerate(AXES):
-        meaning = "torque is left to stop from every rate up to omega0"
-        yield told(f"C10 {axis}", feedforward[i], number(law.B[i]), "N·m", meaning, True)
+    meaning = "torque is left to stop from every rate up to omega0"
+    yield from by_axis("C10", bounds.feedforward(omega0 + W + z), law.B, "N·m", meaning, True)
+    meaning = "F varies no more within a sample of the stop phase than later"
+    yield from by_axis("C11", bounds.variation_at_stop, bounds.variation, "N·m", meaning)
     stop = bounds.stop_time(number(law.omega0))
-    for i, axis in enumerate(AXES):
-        meaning = "F varies no more within a sample of the stop phase than later"
-        at_stop, later = bounds.variation_at_stop[i], bounds.variation[i]
-        yield told(f"C11 {axis}", at_stop, later, "N·m", meaning)
-    overshoot = never
-    if stop is not None and reserve > 0:
+    overshoot = math.inf
+    if stop is not None and bounds.reserve > 0:
         overshoot = pi + number(assumed.lead) + number(assumed.e_A)
-        overshoot = overshoot + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / reserve)
+        overshoot = overshoot + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / bounds.reserve)
     meaning = "the largest turn and the stop stay in the range of cells"
     yield told("C12", overshoot, pi + LARGEST, "rad", meaning)
     meaning = "the cap of the speed does not act where the brake is linear"
     limit = number(0.75) * slowest - 2 * h * number(law.V_rate)
     yield told("C13", a / k, limit, "rad/s", meaning)
     meaning = "the linear part of the brake ends below 1 rad"
-    yield told("C13 φ1", a / (k * k), number(1.0), "rad", meaning)
+    yield told("C13 φ1", a / (k * k), 1.0, "rad", meaning)

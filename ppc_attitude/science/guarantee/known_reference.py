@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.controllers.brake import BLEND
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
-from ppc_attitude.science.guarantee.bounds import bounds_of
+from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.envelope import Envelope
 
 Array = NDArray[np.float64]
@@ -120,7 +120,7 @@ class KnownReference:
         self._assumed, self._law, self._rate_at = assumed, law, rate_at
         self._ahead = np.zeros(3) if ahead is None else ahead
         self._lead = min(float(np.linalg.norm(self._ahead)), assumed.lead)
-        self._bounds = bounds_of(assumed, law, FLOATS)
+        self._bounds = Bounds(assumed, law, FLOATS)
         self._envelope = Envelope(self._bounds)
 
     def time(self, rate: float, accuracy: float) -> float:
