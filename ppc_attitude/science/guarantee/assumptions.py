@@ -99,33 +99,34 @@ class Law:
     N: Triple
 
 
+# Parameter of each number.
+_ASSUMED = {
+    **{each: f"{PREFIX}assumed.{each}" for each in ASSUMED},
+    "inertia": "inertia",
+    "max_torque": "max_torque",
+    "e_A": PREFIX + "e_A",
+    "lead": PREFIX + "lead",
+}
+_LAW = {each.name: PREFIX + each.name for each in fields(Law)}
+
+
 def assumptions_of(values: Mapping[str, Any]) -> Assumptions:
     """Read the assumptions from the controller's checked parameters."""
-    assumed = {each: float(values[f"{PREFIX}assumed.{each}"]) for each in ASSUMED}
-    return Assumptions(
-        inertia=tuple(values["inertia"]),
-        max_torque=float(values["max_torque"]),
-        e_A=float(values[PREFIX + "e_A"]),
-        lead=float(values[PREFIX + "lead"]),
-        **assumed,
-    )
+    return Assumptions(**_read(values, _ASSUMED))
 
 
 def law_of(values: Mapping[str, Any]) -> Law:
     """Read the law's numbers from the controller's checked parameters."""
-    chosen: dict[str, Any] = {each.name: values[PREFIX + each.name] for each in fields(Law)}
-    chosen |= {name: tuple(v) for name, v in chosen.items() if isinstance(v, list)}
-    return Law(**chosen)
+    return Law(**_read(values, _LAW))
+
+
+def _read(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    chosen = {each: values[parameter] for each, parameter in names.items()}
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in chosen.items()}
 
 
 def parameters_of(assumed: Assumptions, law: Law) -> dict[str, Any]:
     """Parameters of the controller: what `assumptions_of` and `law_of` read."""
-    numbers = {PREFIX + each.name: getattr(law, each.name) for each in fields(Law)}
-    numbers |= {f"{PREFIX}assumed.{each}": getattr(assumed, each) for each in ASSUMED}
-    numbers |= {
-        "inertia": assumed.inertia,
-        "max_torque": assumed.max_torque,
-        PREFIX + "e_A": assumed.e_A,
-        PREFIX + "lead": assumed.lead,
-    }
+    numbers = {parameter: getattr(law, each) for each, parameter in _LAW.items()}
+    numbers |= {parameter: getattr(assumed, each) for each, parameter in _ASSUMED.items()}
     return {name: list(v) if isinstance(v, tuple) else v for name, v in numbers.items()}

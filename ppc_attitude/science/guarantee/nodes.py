@@ -53,47 +53,43 @@ class Nodes(NamedTuple):
     injector: Mapping[str, Any]
     estimator: Mapping[str, Any]
 
+    def selected(self, kind: Kind) -> Component | None:
+        """Component of a kind that is selected."""
+        others = {
+            ESTIMATORS.name: self.estimator,
+            REFERENCES.name: self.reference,
+            ENVIRONMENTS.name: self.injector,
+        }
+        return kind.selected(others.get(kind.name, self.plant))
+
+    def told(self, kind: Kind) -> str:
+        """Say which component of a kind is selected."""
+        found = self.selected(kind)
+        return f"{kind.selector} = {found.name if found else NONE}"
+
     def unknown(self, kind: Kind) -> str:
         """Say which component of a kind is selected, if its bounds are not known here."""
-        name = _selected(kind, self.estimator if kind is ESTIMATORS else self.plant)
         if kind is PLANTS and has_wheels(self.plant) and self.plant[FREQUENCY.name]:
             return f"{FREQUENCY.name} = {self.plant[FREQUENCY.name]}"
-        known = {NONE, *(each.name for each in KNOWN[kind.name])}
-        return "" if name in known else f"{kind.selector} = {name}"
-
-    @property
-    def environment(self) -> str:
-        """Say which environment is selected."""
-        return f"{ENVIRONMENTS.selector} = {_selected(ENVIRONMENTS, self.injector)}"
+        return "" if self.selected(kind) in (None, *KNOWN[kind.name]) else self.told(kind)
 
     def motion_bounds(self, duration: float) -> tuple[float, float, float]:
         """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] for a time [s].
 
         One that nobody knows is infinite.
         """
-        found = REFERENCES.selected(self.reference)
+        found = self.selected(REFERENCES)
         if found is None or found.motion_bounds is None:
             return math.inf, math.inf, math.inf
         return found.motion_bounds(self.reference, duration)
 
     @property
-    def desired_motion(self) -> str:
-        """Say which reference is selected."""
-        return f"{REFERENCES.selector} = {_selected(REFERENCES, self.reference)}"
-
-    @property
     def torque_bound(self) -> float | None:
         """Bound of the norm of the environment's torque [N·m]; None if it is not known."""
-        found = ENVIRONMENTS.selected(self.injector)
+        found = self.selected(ENVIRONMENTS)
         return found.bound(self.injector) if found and found.bound else None
 
     @property
     def estimated(self) -> bool:
         """True if the law is told what a filter knows."""
-        return _selected(ESTIMATORS, self.estimator) == mekf.COMPONENT.name
-
-
-def _selected(kind: Kind, values: Mapping[str, Any]) -> str:
-    """Name of the selected component of a kind."""
-    found = kind.selected(values)
-    return found.name if found else NONE
+        return self.selected(ESTIMATORS) is mekf.COMPONENT

@@ -39,6 +39,7 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
+from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
 from ppc_attitude.science.plants import rigid_body
 
 _HORIZON = 3600.0  # [s] for which a design looks at the reference, unless a run is longer
@@ -104,7 +105,7 @@ def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator
     doubtful += [f"{FAULTS.name} = {text!r}" for text in fault_texts(plant)]
     torque = nodes.torque_bound
     if torque is None:
-        doubtful.append(nodes.environment)
+        doubtful.append(nodes.told(ENVIRONMENTS))
     for found in filter(None, doubtful):
         yield f"{found}: {_DOUBT}"
     if torque is not None and assumed.d < torque + actuator.rest:
@@ -129,7 +130,7 @@ def broken_by_reference(assumed: Assumptions, nodes: Nodes, duration: float) -> 
     """
     bounds = nodes.motion_bounds(duration)
     if math.inf in bounds:
-        yield f"{nodes.desired_motion}: {_DOUBT}"
+        yield f"{nodes.told(REFERENCES)}: {_DOUBT}"
     for name, value in zip(("W", "W1", "W2"), bounds, strict=True):
         if getattr(assumed, name) < value < math.inf:
             yield f"the reference reaches {value:.4g}; assumed: {name} = {getattr(assumed, name):g}"
@@ -296,7 +297,7 @@ def assumptions_from(
     bounds = {"W": W, "W1": W1, "W2": W2, "d": math.inf if d is None else d}
     for name, bound in bounds.items():
         if math.isinf(bound) and name not in declared:
-            source = nodes.environment if name == "d" else nodes.desired_motion
+            source = nodes.told(ENVIRONMENTS if name == "d" else REFERENCES)
             raise ConfigurationError(
                 f"{source} tells no bound {name}: give it with --assume {name}=VALUE"
             )
