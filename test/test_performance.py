@@ -109,13 +109,6 @@ def test_too_short_a_time_names_the_shortest() -> None:
     assert not is_feasible(EnvelopeTable(1.0, 1e-4, 0.05, shortest * 0.999, 5e-3))
 
 
-@pytest.mark.parametrize("field", FIELDS)
-@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
-def test_numbers_that_are_none(field: str, value: float) -> None:
-    with pytest.raises(ConfigurationError, match=f"envelope.{field} = "):
-        solve_envelope("envelope", EnvelopeTable(**(vars(TABLE_1) | {field: value})))
-
-
 def test_an_envelope_must_fall() -> None:
     with pytest.raises(ConfigurationError, match=r"initial = 0.005 must be larger than"):
         solve_envelope("envelope", EnvelopeTable(5e-3, 1e-4, 0.05, 60.0, 5e-3))

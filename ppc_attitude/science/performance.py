@@ -113,12 +113,12 @@ def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
     name : str
         Prefix of the parameter names in an error, e.g. ``attitude_envelope``.
     table : EnvelopeTable
-        The five numbers.
+        The five numbers, finite and positive.
 
     Raises
     ------
     ConfigurationError
-        A number is not finite or out of order, or no real t1 ≥ 0 exists; the message names r,
+        Numbers are out of order, or no real t1 ≥ 0 exists; the message names r,
         its limit and the nearest feasible value of each number.
     """
     _check_order(name, table)
@@ -159,9 +159,6 @@ def _roots(r: float) -> list[float]:
 
 
 def _check_order(name: str, table: EnvelopeTable) -> None:
-    for field, value in vars(table).items():
-        if not math.isfinite(value) or value <= 0.0:
-            raise ConfigurationError(f"{name}.{field} = {value} must be finite and positive")
     if table.initial <= table.terminal:
         raise ConfigurationError(
             f"{name}.initial = {table.initial} must be larger than {name}.terminal = "
