@@ -17,8 +17,10 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ppc_attitude.science.guidance.sight import directions_at, goal_at
-from ppc_attitude.science.kernel import Quaternion, Vector
+from ppc_attitude.science.kernel import Quaternion, Vector, vector
 
 _GOAL, _CONE = "goal in inertial axes", "keep-out cone "
 
@@ -66,7 +68,7 @@ def scene_at(t: float, guidance: Any, state: Any) -> Scene:
     return Scene(
         goal,
         tuple(
-            Cone(_vector(axis), _vector(direction), float(half_angle))
+            Cone(vector(axis), vector(direction), float(half_angle))
             for axis, direction, half_angle in zip(
                 axes, directions, cones["half_angle"], strict=False
             )
@@ -97,16 +99,11 @@ def heard(facts: Mapping[str, str]) -> Scene | None:
     cones = []
     for name, text in facts.items():
         if name.startswith(_CONE):
-            *numbers, half_angle = map(float, text.split())
-            if len(numbers) != 6:
+            numbers = np.array(text.split(), np.float64)
+            if numbers.size != 7:
                 raise ValueError(f"{name} = {text!r}; allowed: 7 numbers")
-            cones.append(Cone(_vector(numbers[:3]), _vector(numbers[3:]), half_angle))
+            cones.append(Cone(vector(numbers), vector(numbers[3:]), float(numbers[6])))
     return Scene((x, y, z, w), tuple(cones))
-
-
-def _vector(values: Any) -> Vector:
-    x, y, z = map(float, values)
-    return (x, y, z)
 
 
 def _text(numbers: tuple[float, ...]) -> str:

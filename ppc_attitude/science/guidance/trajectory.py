@@ -38,7 +38,6 @@ from ppc_attitude.science.guidance.rotation import axis_and_angle, rotation_vect
 from ppc_attitude.science.guidance.slew import ROUNDING, SAMPLES
 from ppc_attitude.science.keep_out import EVERY_CONE
 from ppc_attitude.science.kernel import (
-    Quaternion,
     Vector,
     kernel,
     norm,
@@ -111,7 +110,7 @@ def points(
     record["time"][:count] = times
     record["attitude"][:count] = quaternions
     means = [
-        np.multiply(*axis_and_angle(product(conjugate(_tuple(a)), _tuple(b)))) / length
+        np.multiply(*axis_and_angle(product(conjugate(quaternion(a)), quaternion(b)))) / length
         for a, b, length in zip(quaternions[:-1], quaternions[1:], np.diff(times), strict=True)
     ]
     for i, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True)):
@@ -128,11 +127,6 @@ def points(
                 f"{record['acceleration'][i].tolist()} rad/s²; first and last must be at rest"
             )
     return record
-
-
-def _tuple(q: Floats) -> Quaternion:
-    x, y, z, w = map(float, q)
-    return (x, y, z, w)
 
 
 @kernel
