@@ -101,8 +101,8 @@ def test_no_random_motion_bends_more_than_its_bound(standard: tuple[Assumptions,
     J, A = np.array(assumed.inertia).reshape(3, 3), 0.05
     least, most = body_of(assumed, FLOATS).brakes(law.brake, law.a_most)
     rates = (law.Omega_e, assumed.W, assumed.W1, assumed.W2, law.z_bar)
-    speed = Speed(law.k, least, most, *rates, FLOATS)
-    found = cells(speed, law.Omega_e - assumed.W, 0.0, 0.0, FINE)
+    speed = Speed(law.k, least, most, *rates, 0.0, 0.0, FLOATS)
+    found = cells(speed, law.Omega_e - assumed.W, FINE)
     bound = max(each.second + each.lever * A for each in found)
     random = np.random.default_rng(4)
     largest = 0.0

@@ -104,7 +104,8 @@ class Bounds:
         self._most_used = _triple(lambda i: most(B[i], number(law.B_ramp)))
         self.a, self.a_most = body.brakes(brake, number(law.a_most))
         reference = number(law.Omega_e), self._W, self._W1, self._W2
-        speed = Speed(self._k, self.a, self.a_most, *reference, self._z, arithmetic)
+        errors = self._z, self._e_A, self.e_w
+        speed = Speed(self._k, self.a, self.a_most, *reference, *errors, arithmetic)
         self._speed = speed
         self._stop_rate = number(law.omega0) + self._z  # ‖ω_e‖ while p > 0
         self._cruise_rate = number(law.w_far) + 2 * self._z  # the axis turns meanwhile: C9 n
@@ -225,7 +226,7 @@ class Bounds:
         lowest, _ = self.arithmetic.outward(self._speed.Omega_e - self._W - lag)
         if lowest <= 0.0:
             raise ValueError(f"Omega_e = {self.law.Omega_e:g} rad/s leaves no speed beyond W")
-        return cells(self._speed, lowest, self._e_A, self.e_w, count)
+        return cells(self._speed, lowest, count)
 
     def _main_variation(self, found: list[Cell], A: Number, nu_blend: Number) -> Numbers:
         """δF in the main phase, with the ramps of r and σ."""

@@ -31,6 +31,7 @@ FINE = (160, 4, 4)  # cells of φ, of V and of a
 COARSE = (24, 1, 2)
 LARGEST = 1.25  # [rad] beyond half a turn: what the cells cover
 Cells = tuple[int, int, int]
+_Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class Speed:
         Largest commanded rate, and bounds of the reference.
     z : number
         z̄ [rad/s].
+    e_A, e_w : number
+        Errors of attitude [rad] and of ω_e [rad/s].
     """
 
     k: Number
@@ -55,6 +58,8 @@ class Speed:
     W1: Number
     W2: Number
     z: Number
+    e_A: Number
+    e_w: Number
     arithmetic: Arithmetic
 
     @property
@@ -185,7 +190,7 @@ def axis_error(
     return nu * (e_w + e_A * inside)
 
 
-def first_cell(speed: Speed, e_A: Number, e_w: Number) -> Cell:
+def first_cell(speed: Speed) -> Cell:
     """φ ≤ φ1, where v = −kθ with the rotation vector θ: finite at φ = 0, for φ1 ≤ 1."""
     k, a, z, arithmetic = speed.k, speed.a_most, speed.z, speed.arithmetic
     end = a / (k * k)
@@ -203,11 +208,11 @@ def first_cell(speed: Speed, e_A: Number, e_w: Number) -> Cell:
         lever=k * gamma,
         ramp=k * gamma * rate,
         lipschitz=k * gamma,
-        error=k * (gamma * e_w + 2 * most * (rate + e_w) * e_A),
+        error=k * (gamma * speed.e_w + 2 * most * (rate + speed.e_w) * speed.e_A),
     )
 
 
-def cells(speed: Speed, lowest: float, e_A: Number, e_w: Number, count: Cells) -> list[Cell]:
+def cells(speed: Speed, lowest: float, count: Cells) -> list[Cell]:
     """Cover φ ≤ π + `LARGEST`, V in [lowest, Ω_e + W], and a from its least to its largest.
 
     Parameters
@@ -216,8 +221,6 @@ def cells(speed: Speed, lowest: float, e_A: Number, e_w: Number, count: Cells) -
         Bounds of V.
     lowest : float
         Least V [rad/s].
-    e_A, e_w : number
-        Errors of attitude [rad] and of ω_e [rad/s].
     count : tuple of 3 int
         How many cells of φ, of V and of a.
     """
@@ -228,24 +231,17 @@ def cells(speed: Speed, lowest: float, e_A: Number, e_w: Number, count: Cells) -
     _, strong = arithmetic.outward(speed.a_most)
     brakes = [weak, *np.geomspace(weak, strong, count[2] + 1).tolist()[1:-1], strong]
     caps = [lowest, *np.linspace(lowest, top, count[1] + 1).tolist()[1:-1], top]
-    found = [first_cell(speed, e_A, e_w)]
+    found = [first_cell(speed)]
     for brake in pairwise(brakes):
         low, _ = arithmetic.outward(arithmetic.number(brake[0]) / (speed.k * speed.k))
         edges = [low, *np.geomspace(low, high, count[0] + 1).tolist()[1:-1], high]
         for phi, cap in product(pairwise(edges), pairwise(caps)):
-            found.append(_cell(speed, phi, cap, brake, e_A, e_w))
+            found.append(_cell(speed, phi, cap, brake))
     return found
 
 
-def _cell(
-    speed: Speed,
-    phi: tuple[float, float],
-    cap: tuple[float, float],
-    brake: tuple[float, float],
-    e_A: Number,
-    e_w: Number,
-) -> Cell:
-    arithmetic, k, z = speed.arithmetic, speed.k, speed.z
+def _cell(speed: Speed, phi: _Range, cap: _Range, brake: _Range) -> Cell:
+    arithmetic, k, z, e_A, e_w = speed.arithmetic, speed.k, speed.z, speed.e_A, speed.e_w
     number, largest, least = arithmetic.number, arithmetic.largest, arithmetic.least
     start, end = number(phi[0]), number(phi[1])
     slow, fast = number(cap[0]), number(cap[1])
@@ -329,17 +325,17 @@ def _cell(
         + f_a * e_a_rate
         + e_cap * (f_phi_cap * rate + f_cap * n_rate + f_cap_cap * cap_rate)
         + e_A * cap_rate * (f_phi_cap + f_cap * nu)
-        + f_cap * _cap_rate_error(speed, nu, n_error, e_A),
+        + f_cap * _cap_rate_error(speed, nu, n_error),
     )
 
 
-def _cap_rate_error(speed: Speed, nu: Number, n_error: Number, e_A: Number) -> Number:
+def _cap_rate_error(speed: Speed, nu: Number, n_error: Number) -> Number:
     """Bound of the change of V' with the estimation errors, which change n' by `n_error`."""
-    b_error = speed.W * nu * e_A
+    b_error = speed.W * nu * speed.e_A
     b_rate = speed.W1 + nu * speed.z * speed.W
     root = speed.root
     return (
-        speed.gain * (nu * e_A * speed.W1 + speed.W * n_error)
+        speed.gain * (nu * speed.e_A * speed.W1 + speed.W * n_error)
         + b_rate * b_error / root
         + speed.W * speed.W1 * speed.W / speed.Omega_e * b_error / (root * root)
     )
