@@ -164,28 +164,21 @@ class _Search:
                 self.unwished.append(error)
 
     def climbs(self) -> None:
-        """Change the gains of the best law one by one, until nothing is better."""
+        """Change the gains of the best law one by one, for as long as that is worthwhile."""
         for factors in _FACTORS:
-            while self._climbed(factors):
-                pass
-
-    def _climbed(self, factors: Iterable[float]) -> bool:
-        """Change each gain of the best law by some factors; True if that was worthwhile."""
-        best = self._best()
-        if best is not None:
-            law = best.law
-            self.tries(
-                (float(f"{k:.3g}"), float(f"{kappa:.4g}"), float(f"{ell:.3g}"))
-                for factor in factors
-                for k, kappa, ell in (
-                    (law.k * factor, law.kappa, law.ell),
-                    (law.k, law.kappa * factor, law.ell),
-                    (law.k, law.kappa, law.ell * factor),
+            before = math.inf
+            while (best := self._best()) and best.settling.time < before - _WORTHWHILE:
+                before, law = best.settling.time, best.law
+                self.tries(
+                    (float(f"{k:.3g}"), float(f"{kappa:.4g}"), float(f"{ell:.3g}"))
+                    for factor in factors
+                    for k, kappa, ell in (
+                        (law.k * factor, law.kappa, law.ell),
+                        (law.k, law.kappa * factor, law.ell),
+                        (law.k, law.kappa, law.ell * factor),
+                    )
+                    if ell <= 1.0 and kappa * self._h <= 0.9
                 )
-                if ell <= 1.0 and kappa * self._h <= 0.9
-            )
-        now = self._best()
-        return bool(best and now and now.settling.time < best.settling.time - _WORTHWHILE)
 
     def _best(self) -> Design | None:
         return min(self.found, key=lambda each: each.settling.time, default=None)

@@ -106,7 +106,7 @@ class KnownReference:
         Numbers that satisfy the inequalities.
     rate_at : callable
         From instants [s], shape (n,), to ω_d [rad/s], shape (n, 3).
-    ahead : ndarray, shape (3,), optional
+    ahead : ndarray, shape (3,)
         Θ [rad] that the law is told at the start; zeros for a law that is told nothing.
     """
 
@@ -115,11 +115,10 @@ class KnownReference:
         assumed: Assumptions,
         law: Law,
         rate_at: Callable[[Array], Array],
-        ahead: Array | None = None,
+        ahead: Array,
     ) -> None:
-        self._assumed, self._law, self._rate_at = assumed, law, rate_at
-        self._ahead = np.zeros(3) if ahead is None else ahead
-        self._lead = min(float(np.linalg.norm(self._ahead)), assumed.lead)
+        self._assumed, self._law, self._rate_at, self._ahead = assumed, law, rate_at, ahead
+        self._lead = min(float(np.linalg.norm(ahead)), assumed.lead)
         self._bounds = Bounds(assumed, law, FLOATS)
         self._envelope = Envelope(self._bounds)
 
