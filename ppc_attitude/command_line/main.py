@@ -105,10 +105,15 @@ def _parsers(
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in names:
         command = import_module(f"ppc_attitude.command_line.commands.{name}")
-        command.add_parser(subparsers)
-        subparsers.choices[name].set_defaults(execute=command.execute)
-        subparsers.choices[name].epilog = epilog(name)
-        subparsers.choices[name].formatter_class = _Formatter
+        own = subparsers.add_parser(
+            name,
+            help=command.HELP,
+            description=command.DESCRIPTION,
+            epilog=epilog(name),
+            formatter_class=_Formatter,
+        )
+        own.set_defaults(execute=command.execute)
+        command.add_options(own)
     return parser, subparsers
 
 

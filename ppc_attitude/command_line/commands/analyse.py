@@ -31,14 +31,12 @@ from ppc_attitude.command_line.options import (
     write_report_of,
 )
 
+HELP = "judge a recorded run"
+DESCRIPTION = "Verdict on every requirement, the paper's or one's own, from the bag alone."
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "analyse",
-        help="judge a recorded run",
-        description="Verdict on every requirement, the paper's or one's own, from the bag alone.",
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_reading_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_figures_options(parser, "every figure")

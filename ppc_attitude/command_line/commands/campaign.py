@@ -50,19 +50,16 @@ from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.whole_file import dated
 
+HELP = "Monte Carlo: many drawn runs, in process, judged together"
+DESCRIPTION = (
+    "Draws every run from --campaign, simulates and judges it. A run depends on seed and index "
+    "alone: --only runs one again."
+)
 RUNS = 1000
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "campaign",
-        help="Monte Carlo: many drawn runs, in process, judged together",
-        description=(
-            "Draws every run from --campaign, simulates and judges it. A run depends on seed and "
-            "index alone: --only runs one again."
-        ),
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_scenario_options(parser)
     parser.add_argument(
         "--campaign",

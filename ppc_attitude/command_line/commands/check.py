@@ -78,20 +78,19 @@ from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Answer, goals_told
 from ppc_attitude.simulation.scenario import Scenario
 
+HELP = "feasibility and conditions of a configuration"
+DESCRIPTION = (
+    "Feasibility of the envelopes that the law has, the conditions S1 to S5, the time that the "
+    "requirements need at best, what is out of proportion to the craft, and the start; of the "
+    "momentum-tube law its certificate, proved anew. What is violated with a warning only is "
+    "sufficient or advisable, not necessary."
+)
 _CERTIFIED = f"a law with a certificate: {' or '.join(LAWS)}"
 _KNOWN_RATES = (0.0, 1.0)  # [deg/s] at the start
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "check",
-        help="feasibility and conditions of a configuration",
-        description="Feasibility of the envelopes that the law has, the conditions S1 to S5, the "
-        "time that the requirements need at best, what is out of proportion to the craft, and the "
-        "start; of the momentum-tube law its certificate, proved anew. What is violated with a "
-        "warning only is sufficient or advisable, not necessary.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_scenario_options(parser)
     add_requirements_option(parser)
     parser.add_argument(

@@ -35,16 +35,13 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.paths import some_path
 from ppc_attitude.science.errors import ConfigurationError
 
+HELP = "compare recorded runs"
+DESCRIPTION = "Verdicts and figures of several runs side by side; the first is drawn red."
 _MOST = len(RUN_COLOURS)
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "compare",
-        help="compare recorded runs",
-        description="Verdicts and figures of several runs side by side; the first is drawn red.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument(
         "bags",
         metavar="BAG",

@@ -73,6 +73,13 @@ from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.simulation.scenario import Scenario, read_files
 
+HELP = "gains of the momentum-tube law with a certificate; of other laws by search"
+DESCRIPTION = (
+    "From craft, actuator, disturbance and reference of a configuration, and what is wished, to a "
+    "parameter file whose guarantee is proved by interval arithmetic. With --controller ppc or "
+    "quaternion_feedback: gains by search over simulated runs, and how many of other runs meet the "
+    "requirements, which is no guarantee."
+)
 _SEARCH = f"a search: --controller {' or '.join(GAINS)}"
 _OF_THE_TUBE = (
     "gains",
@@ -104,16 +111,8 @@ _UNITS = {
 }
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "design",
-        help="gains of the momentum-tube law with a certificate; of other laws by search",
-        description="From craft, actuator, disturbance and reference of a configuration, and what "
-        "is wished, to a parameter file whose guarantee is proved by interval arithmetic. With "
-        "--controller ppc or quaternion_feedback: gains by search over simulated runs, and how "
-        "many of other runs meet the requirements, which is no guarantee.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_scenario_options(parser)
     add_requirements_option(parser)
     parser.add_argument(

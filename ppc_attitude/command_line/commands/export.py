@@ -22,14 +22,12 @@ from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import add_reading_options, record_of
 from ppc_attitude.command_line.paths import new_file
 
+HELP = "write a bag's samples as a table"
+DESCRIPTION = "One row an instant, one column a component."
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "export",
-        help="write a bag's samples as a table",
-        description="One row an instant, one column a component.",
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_reading_options(parser)
     kind = parser.add_mutually_exclusive_group(required=True)
     for form, name in (("parquet", "Parquet"), ("csv", "CSV")):

@@ -48,19 +48,18 @@ from ppc_attitude.science.controllers.tube_parameters import PREFIX
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.errors import ConfigurationError
 
+HELP = "an adversary that looks for the worst case of a law"
+DESCRIPTION = (
+    "Optimises start, disturbance, inertia and actuator within bounds by CMA-ES over runs in "
+    "process, and writes the worst case as a parameter file. The same command continues an earlier "
+    "search in its folder."
+)
 WORST = "worst.yaml"
 _HEAD = "# Overlay: the worst case of"
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "falsify",
-        help="an adversary that looks for the worst case of a law",
-        description="Optimises start, disturbance, inertia and actuator within bounds by CMA-ES "
-        "over runs in process, and writes the worst case as a parameter file. The same command "
-        "continues an earlier search in its folder.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_scenario_options(parser)
     parser.add_argument(
         "--goal",

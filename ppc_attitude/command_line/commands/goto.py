@@ -23,19 +23,16 @@ from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.guidance.attitudes import from_euler, from_vectors
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
 
+HELP = "turn a running stack to an attitude"
+DESCRIPTION = (
+    "Publishes on goal_pose, in the domain that ROS_DOMAIN_ID names, and prints what "
+    "guidance/status says of it. The stack's reference generator has mode: goal. Exit codes: 0 "
+    "followed; 1 refused, or followed with a warning; 2 bad input; 3 nobody answered."
+)
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "goto",
-        help="turn a running stack to an attitude",
-        description=(
-            "Publishes on goal_pose, in the domain that ROS_DOMAIN_ID names, and prints what "
-            "guidance/status says of it. The stack's reference generator has mode: goal. "
-            "Exit codes: 0 followed; 1 refused, or followed with a warning; 2 bad input; 3 nobody "
-            "answered."
-        ),
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     attitude = parser.add_mutually_exclusive_group(required=True)
     attitude.add_argument(
         "--quaternion", metavar=("X", "Y", "Z", "W"), nargs=4, type=number(), help="attitude"

@@ -19,17 +19,15 @@ import argparse
 from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import POSITIVE, add_stack_options
 
+HELP = "inject a torque into a running stack"
+DESCRIPTION = (
+    "Asks the injector, in the domain that ROS_DOMAIN_ID names, and prints its answer: from when "
+    "until when the torque acts. What acted is on disturbance/torque."
+)
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "inject",
-        help="inject a torque into a running stack",
-        description=(
-            "Asks the injector, in the domain that ROS_DOMAIN_ID names, and prints its answer: "
-            "from when until when the torque acts. What acted is on disturbance/torque."
-        ),
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     for axis in "xyz":
         parser.add_argument(axis, metavar=axis.upper(), type=float, help="torque, body axes [N·m]")
     parser.add_argument(

@@ -40,19 +40,16 @@ from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
 if TYPE_CHECKING:
     from ppc_attitude.nodes.latency_probe import Latencies
 
+HELP = "deadline misses and state-to-torque latency in real time"
+DESCRIPTION = (
+    "Runs the stack in real time as `run --realtime` does, or listens to one that runs already, "
+    "and prints deadline misses and percentiles of the latency."
+)
 _FIRST_STATE = 15.0  # [s] how long a live graph may take to show a state
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "latency",
-        help="deadline misses and state-to-torque latency in real time",
-        description=(
-            "Runs the stack in real time as `run --realtime` does, or listens to one that runs "
-            "already, and prints deadline misses and percentiles of the latency."
-        ),
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_scenario_options(parser)
     parser.add_argument("--rate", metavar="HZ", type=POSITIVE, help="the plant's `rate`")
     add_bag_option(parser)

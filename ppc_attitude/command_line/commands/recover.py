@@ -22,14 +22,12 @@ from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.paths import some_path
 from ppc_attitude.science.stamps import seconds
 
+HELP = "finish a bag whose recorder was killed"
+DESCRIPTION = "Writes index and metadata of a cut bag, so that every tool reads it."
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "recover",
-        help="finish a bag whose recorder was killed",
-        description="Writes index and metadata of a cut bag, so that every tool reads it.",
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("bag", metavar="BAG", type=some_path, help="folder of the bag")
 
 

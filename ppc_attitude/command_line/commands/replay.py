@@ -21,15 +21,15 @@ from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.options import add_reading_options, print_json, record_of
 from ppc_attitude.simulation.replay import replay
 
+HELP = "feed a bag's recorded inputs to the components once more"
+DESCRIPTION = (
+    "Reports the largest difference of each, and what is not installed; exit code 0 if there is no "
+    "difference."
+)
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "replay",
-        help="feed a bag's recorded inputs to the components once more",
-        description="Reports the largest difference of each, and what is not installed; exit code "
-        "0 if there is no difference.",
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_reading_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

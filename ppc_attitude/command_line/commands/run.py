@@ -31,17 +31,15 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.recording import Recording
 
+HELP = "run the five nodes, record, and judge"
+DESCRIPTION = (
+    "Starts plant, reference, controller, injector and recorder as processes in lock-step, stops "
+    "them all, and prints the verdict from the bag."
+)
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "run",
-        help="run the five nodes, record, and judge",
-        description=(
-            "Starts plant, reference, controller, injector and recorder as processes in "
-            "lock-step, stops them all, and prints the verdict from the bag."
-        ),
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_scenario_options(parser)
     add_bag_option(parser)
     parser.add_argument(

@@ -43,15 +43,15 @@ from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import raised_until, simulate
 from ppc_attitude.simulation.scenario import Scenario
 
+HELP = "run the closed loop in process, without ROS"
+DESCRIPTION = (
+    "The same loop as `run`, with the same kernels, in one process. What the log of the nodes "
+    "would warn of goes to standard error, with the simulated time."
+)
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "simulate",
-        help="run the closed loop in process, without ROS",
-        description="The same loop as `run`, with the same kernels, in one process. What the log "
-        "of the nodes would warn of goes to standard error, with the simulated time.",
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_scenario_options(parser)
     add_bag_option(parser, "none")
     parser.add_argument(

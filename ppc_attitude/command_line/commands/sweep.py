@@ -40,6 +40,12 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario
 
+HELP = "recovery over the duration of a hit"
+DESCRIPTION = (
+    "Simulates one hit for every duration and reports how each is recovered. What is not given is "
+    "scaled to the actuator and to the required settling time."
+)
+
 # What nobody names is in proportion to the craft and to what is asked of it. In the paper's case
 # these are hits of 0.8 N·m at 80 s for 0.05 s to 1 s, and 300 s to recover.
 _PICTURES = {".png": "PNG", ".svg": "<!DOCTYPE svg", ".pdf": "%PDF"}  # with how each begins
@@ -57,14 +63,8 @@ class Hits(NamedTuple):
     length: float  # how long each run is [s]
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "sweep",
-        help="recovery over the duration of a hit",
-        description="Simulates one hit for every duration and reports how each is recovered. "
-        "What is not given is scaled to the actuator and to the required settling time.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_scenario_options(parser)
     add_requirements_option(parser)
     parser.add_argument(

@@ -29,21 +29,18 @@ from ppc_attitude.nodes.discovery import DOMAIN
 if TYPE_CHECKING:
     from ppc_attitude.nodes.onlooker import Onlooker
 
+HELP = "look at a running stack in the terminal"
+DESCRIPTION = (
+    "Errors against envelopes, rates, torques and health of a running stack, live, in the domain "
+    "that ROS_DOMAIN_ID names. Ctrl-C ends it; the stack does not notice."
+)
 _TIMEOUT = 10.0  # [s] until the first state, for one picture
 _PERIOD = 0.1  # [s] between two pictures
 _SETTLE = 3.0  # [s] after the first state in which all other topics come, if they exist
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        "watch",
-        help="look at a running stack in the terminal",
-        description=(
-            "Errors against envelopes, rates, torques and health of a running stack, live, in "
-            "the domain that ROS_DOMAIN_ID names. Ctrl-C ends it; the stack does not notice."
-        ),
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_namespace_option(parser)
     parser.add_argument("--once", action="store_true", help="print one picture and end")
     parser.add_argument(
