@@ -103,7 +103,7 @@ def launch() -> str:
     """Every argument of the launch files."""
     head = "| launch argument | default | means | only in |\n|---|---|---|---|"
     rows = [
-        f"| `{name}` | {each.default} | {each.description} | "
+        f"| `{name}` | {each.default_value} | {each.description} | "
         f"{'' if name in SIDE_BY_SIDE else '`paper.launch.py`'} |"
         for name, each in ARGUMENTS.items()
     ]

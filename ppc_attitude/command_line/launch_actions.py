@@ -40,15 +40,7 @@ _ENDS_WITH_THE_LAUNCH = "setpriv --pdeathsig INT" if which("setpriv") else ""
 
 def arguments(names: Iterable[str]) -> list[Any]:
     """Declare launch arguments."""
-    return [
-        DeclareLaunchArgument(
-            name,
-            default_value=ARGUMENTS[name].default,
-            description=ARGUMENTS[name].description,
-            choices=ARGUMENTS[name].choices or None,
-        )
-        for name in names
-    ]
+    return [DeclareLaunchArgument(name, **ARGUMENTS[name]._asdict()) for name in names]
 
 
 class Ending:

@@ -37,11 +37,11 @@ _YES_NO = ("true", "false")
 
 
 class Argument(NamedTuple):
-    """A launch argument; without choices it takes any text."""
+    """A launch argument, as `launch` declares it; without choices it takes any text."""
 
-    default: str
+    default_value: str
     description: str
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] | None = None
 
 
 ARGUMENTS = {
@@ -75,7 +75,7 @@ class Request:
 
     def __getitem__(self, name: str) -> str:
         """Value of an argument."""
-        return self.values.get(name, ARGUMENTS[name].default).strip()
+        return self.values.get(name, ARGUMENTS[name].default_value).strip()
 
     def flag(self, name: str) -> bool:
         """Value of an argument that is true or false."""
