@@ -316,7 +316,7 @@ def test_two_threads_may_look_for_the_end_of_a_copy(start_process: StartProcess)
             return found
 
         os.waitpid = slowly
-        copy, codes = Copy(lambda: 7, "copy", (1, 2), (), {}), []
+        copy, codes = Copy(lambda: os._exit(7)), []
         other = threading.Thread(target=lambda: codes.append(copy.wait()))
         other.start()
         ended.wait()

@@ -25,15 +25,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
 from typing import Any, TypeAlias, TypeVar
 
-from ppc_attitude.processes.copied import Copy, can_copy
+from ppc_attitude.processes.copied import Copy, become, can_copy
 from ppc_attitude.processes.imports import without_empty_entries
 from ppc_attitude.processes.telling import tell_broken, tell_through
 
@@ -98,24 +97,26 @@ class Child:
         errors = self._new_pipe(hear) if hear else None
         kept, safe = (*inherited, theirs), without_empty_entries(environment)
         self.process: subprocess.Popen[bytes] | Copy
+        # A process inherits that signals are blocked: there is no moment in which it has none.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
         try:
-            with _signals_held():
-                if copy and can_copy():
-                    streams = (1 if stdout is None else stdout, 2 if errors is None else errors)
-                    run = partial(_main_of, module, *arguments)
-                    work = partial(begin, os.getpid(), theirs, run)
-                    self.process = Copy(work, module, streams, kept, safe)
-                else:
-                    self.process = subprocess.Popen(
-                        [sys.executable, _START, str(os.getpid()), str(theirs), module, *arguments],
-                        env=safe,
-                        stdin=subprocess.DEVNULL,
-                        stdout=stdout,
-                        stderr=errors,
-                        pass_fds=kept,
-                        start_new_session=True,
-                    )
+            if copy and can_copy():
+                streams = (1 if stdout is None else stdout, 2 if errors is None else errors)
+                run = partial(_main_of, module, *arguments)
+                work = partial(begin, os.getpid(), theirs, run)
+                self.process = Copy(partial(become, work, module, streams, kept, safe))
+            else:
+                self.process = subprocess.Popen(
+                    [sys.executable, _START, str(os.getpid()), str(theirs), module, *arguments],
+                    env=safe,
+                    stdin=subprocess.DEVNULL,
+                    stdout=stdout,
+                    stderr=errors,
+                    pass_fds=kept,
+                    start_new_session=True,
+                )
         finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             for pipe in (theirs, errors):
                 if pipe is not None:
                     os.close(pipe)
@@ -244,13 +245,3 @@ def end_at_once() -> None:
     """
     handle_ending(lambda number, frame: os._exit(0))
     take_signals()
-
-
-@contextmanager
-def _signals_held() -> Iterator[None]:
-    """Block signals: a process inherits that, and there is no moment in which it has none."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

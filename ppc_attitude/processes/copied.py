@@ -24,13 +24,12 @@ import gc
 import math
 import os
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 _PR_SET_NAME = 15  # linux/prctl.h
 _COMMAND_LINE = slice(48 - 3, 50 - 3)  # fields 48 and 49 of proc_pid_stat(5): where it is
@@ -42,16 +41,8 @@ class Copy:
 
     Parameters
     ----------
-    begin : callable
-        What it does; returns its exit code, and leaves by no exception.
-    name : str
-        The name under which it is listed.
-    streams : (int, int)
-        Which of our file descriptors are its standard output and error; its input is empty.
-    kept : collection of int
-        Which others it has.
-    environment : mapping of str to str
-        Its environment.
+    live : callable
+        What it does, up to its end (see `become`).
 
     Attributes
     ----------
@@ -61,33 +52,22 @@ class Copy:
         Exit code once `poll` has found its end: minus the signal's number if one killed it.
     """
 
-    def __init__(
-        self,
-        begin: Callable[[], int],
-        name: str,
-        streams: tuple[int, int],
-        kept: Collection[int],
-        environment: Mapping[str, str],
-    ) -> None:
+    def __init__(self, live: Callable[[], NoReturn]) -> None:
         self.returncode: Any = None
-        self._looking = threading.Lock()
         for stream in (sys.stdout, sys.stderr):
             stream.flush()  # or both would print what waits there
         self.pid = os.fork()
         if self.pid == 0:
-            _become(begin, name, streams, kept, environment)
+            live()
 
     def poll(self) -> Any:
         """Return the exit code; None while it runs, or while another thread looks."""
-        # Its end is told once: who asked for it again would be told that there is no such process.
-        if self._looking.acquire(blocking=False):
-            try:
-                if self.returncode is None:
-                    ended, status = os.waitpid(self.pid, os.WNOHANG)
-                    if ended:
-                        self.returncode = os.waitstatus_to_exitcode(status)
-            finally:
-                self._looking.release()
+        if self.returncode is None:
+            # Its end is told once: to who asks after another thread, there is no such process.
+            with suppress(ChildProcessError):
+                ended, status = os.waitpid(self.pid, os.WNOHANG)
+                if ended:
+                    self.returncode = os.waitstatus_to_exitcode(status)
         return self.returncode
 
     def wait(self, timeout: float = math.inf) -> Any:
@@ -111,14 +91,28 @@ def can_copy() -> bool:
         return False
 
 
-def _become(
+def become(
     begin: Callable[[], int],
     name: str,
     streams: tuple[int, int],
     kept: Collection[int],
     environment: Mapping[str, str],
-) -> None:
-    """Become another process, in the copy; nothing of who was copied runs on."""
+) -> NoReturn:
+    """Become another process, in the copy; nothing of who was copied runs on.
+
+    Parameters
+    ----------
+    begin : callable
+        What it does; returns its exit code, and leaves by no exception.
+    name : str
+        The name under which it is listed.
+    streams : (int, int)
+        Which of our file descriptors are its standard output and error; its input is empty.
+    kept : collection of int
+        Which others it has.
+    environment : mapping of str to str
+        Its environment.
+    """
     code = 1
     try:
         gc.freeze()  # nothing that it had is ever finished here, such as a file by its number
