@@ -24,7 +24,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector, _asked
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError
-from ppc_attitude.science.disturbances.pulses import pulse, with_pulses
+from ppc_attitude.science.disturbances.pulses import PULSE, with_pulses
 from ppc_attitude.science.stamps import nanoseconds, stamp_of
 
 TORQUE = (0.1, -0.2, 0.3)
@@ -35,16 +35,15 @@ class Injector:
     """Sums up the pulses of every instant, as the node does, one instant ahead of the states."""
 
     def __init__(self) -> None:
-        self.injections = Injections(pulse)
-        self._pulses = np.zeros(0, pulse(0, 1.0, TORQUE).dtype)
+        self.injections = Injections()
+        self._pulses = np.zeros(0, PULSE)
         self.step = 0
         self.acted: list[float] = []
 
     def runs(self, until: int) -> None:
         for step in range(self.step, until):
-            changed = self.injections.at(stamp_of(step, 100.0))
-            if changed is not None:
-                self._pulses = np.concatenate([self._pulses[:0], *changed])
+            if self.injections.at(stamp_of(step, 100.0)):
+                self._pulses = np.concatenate([np.zeros(0, PULSE), *self.injections.pulses])
             self.acted.append(with_pulses(stamp_of(step, 100.0), (0.0, 0.0, 0.0), self._pulses)[0])
         self.step = until
 

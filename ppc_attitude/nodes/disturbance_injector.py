@@ -31,12 +31,7 @@ from ppc_attitude.nodes.parameters import type_name
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError, Values
-from ppc_attitude.science.disturbances.pulses import (
-    PULSE,
-    configuration_of,
-    pulse,
-    scheduled_pulses,
-)
+from ppc_attitude.science.disturbances.pulses import configuration_of, scheduled_pulses
 from ppc_attitude.science.stamps import LATEST, nanoseconds
 
 _NUMBER = (RosParameter.Type.DOUBLE.name, RosParameter.Type.INTEGER.name)
@@ -56,8 +51,7 @@ class DisturbanceInjector(ComponentNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._injections = Injections(pulse)
-        self._injected = np.zeros(0, PULSE)
+        self._injections = Injections()
         self.listen(INJECT, self._on_message, any_frame=True)
         # The service of ROS whose request has named numbers and whose answer has words.
         self.create_service(SetParametersAtomically, "~/inject", self._on_request)
@@ -69,16 +63,14 @@ class DisturbanceInjector(ComponentNode):
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Sum up the torques that act at an instant."""
-        changed = self._injections.at(stamp_ns)
-        if changed is not None:
-            self._injected = np.concatenate([np.zeros(0, PULSE), *changed])
+        if self._injections.at(stamp_ns):
             self._hold()
         return super().compute(stamp_ns, inputs)
 
     def _hold(self) -> None:
         """Let scheduled and injected pulses act."""
-        scheduled = scheduled_pulses(self.parameters.values)
-        record, self._kept = configuration_of(np.concatenate([scheduled, self._injected]))
+        pulses = [scheduled_pulses(self.parameters.values), *self._injections.pulses]
+        record, self._kept = configuration_of(np.concatenate(pulses))
         self.chain.parts[-1].hold(record)
 
     def forget_orders(self) -> None:

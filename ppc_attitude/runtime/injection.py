@@ -14,24 +14,29 @@
 
 """Torques that anyone injects: accepted or refused, and acting from a stamp on that can be told."""
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
 from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.disturbances.pulses import pulse
 from ppc_attitude.science.stamps import seconds
 
 _MOST = 1000  # pulses that may be pending or active at a time
 _REMEMBERED = 100  # requests whose answers are kept for who asks again
 
-Pulse = Any  # array of one record with `start_ns` and `end_ns` [ns]
-
 
 class Injections:
-    """Pulses that are injected into a run, made from start [ns], duration [s] and torque [N·m]."""
+    """Pulses that are injected into a run.
 
-    def __init__(self, pulse: Callable[[int, float, Sequence[float]], Pulse]) -> None:
-        self._pulse = pulse
-        self._pulses: list[Pulse] = []
+    Attributes
+    ----------
+    pulses : list of array of dtype `PULSE`
+        Those whose begin is known, one an array.
+    accepted : int
+        How many were accepted.
+    """
+
+    def __init__(self) -> None:
+        self.pulses: list[Any] = []
         # Duration [s] and torque [N·m] of what acts from the next instant on.
         self._beginning: list[tuple[float, tuple[float, ...]]] = []
         self._changed = False
@@ -64,15 +69,14 @@ class Injections:
         if max(map(abs, torque)) > limit:
             allowed = f"up to {limit} N·m per axis (max_injected_torque)"
             raise RefusedError(f"torque = {torque} N·m; allowed: {allowed}")
-        self._pulses = [each for each in self._pulses if each["end_ns"][0] > self._stamp]
+        self.pulses = [each for each in self.pulses if each["end_ns"][0] > self._stamp]
         if self.pending >= _MOST:
             raise RefusedError(f"{_MOST} pulses are pending already")
         self.accepted += 1
         begin = next_ns
         if start_ns > max(self._stamp, 0):
             begin = start_ns
-            self._pulses.append(self._pulse(start_ns, duration, torque))
-            self._changed = True
+            self._add(start_ns, duration, torque)
         else:
             self._beginning.append((duration, torque))
         text = f"{torque} N·m acts from the next state on for {duration:g} s"
@@ -85,20 +89,22 @@ class Injections:
                 del self._answers[next(iter(self._answers))]
         return text
 
-    def at(self, stamp_ns: int) -> list[Pulse] | None:
-        """Begin the pulses that wait for the next instant [ns]; return all if they have changed."""
+    def _add(self, start_ns: int, duration: float, torque: tuple[float, ...]) -> None:
+        self.pulses.append(pulse(start_ns, duration, torque))
+        self._changed = True
+
+    def at(self, stamp_ns: int) -> bool:
+        """Begin the pulses that wait for the next instant [ns]; True if the pulses have changed."""
         self._stamp = stamp_ns
-        if self._beginning:
-            self._pulses += [self._pulse(stamp_ns, *each) for each in self._beginning]
-            self._beginning.clear()
-        elif not self._changed:
-            return None
-        self._changed = False
-        return self._pulses
+        for each in self._beginning:
+            self._add(stamp_ns, *each)
+        self._beginning.clear()
+        changed, self._changed = self._changed, False
+        return changed
 
     def begin_again(self) -> None:
         """Forget the torques that were injected before time began again, and who asked for them."""
-        self._pulses.clear()
+        self.pulses.clear()
         self._answers.clear()
         self._changed = True
         self._stamp = -1
@@ -106,4 +112,4 @@ class Injections:
     @property
     def pending(self) -> int:
         """How many pulses act or will act."""
-        return len(self._pulses) + len(self._beginning)
+        return len(self.pulses) + len(self._beginning)
