@@ -36,7 +36,7 @@ from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import PEER, published, recorded
-from ppc_attitude.nodes.running import StopRequest
+from ppc_attitude.nodes.running import stop_requests
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.science.component import QUATERNION
 
@@ -164,13 +164,13 @@ def leave(executor: Executor, node: Peer) -> None:
 
 def main() -> None:
     """Run one process of the bare step."""
-    stop = StopRequest()
+    stop = stop_requests()
     tune_transport()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = make(sys.argv[1], sys.argv[2:])
     executor = new_executor()
     executor.add_node(node)
-    while not (stop.requested or node.finished):
+    while not (stop or node.finished):
         executor.spin_once(timeout_sec=node.wake())
     leave(executor, node)
 

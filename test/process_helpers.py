@@ -25,7 +25,6 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
@@ -133,10 +132,11 @@ class Node(Process):
 @contextmanager
 def node_here(name: str, *arguments: str) -> Iterator[tuple[Callable[[], int], Any]]:
     """Give the `main` of a node, for this process, and what has it end when that is requested."""
-    stop = SimpleNamespace(requested=False, forget=lambda: None)  # takes over no signals
+    stop: list[int] = []
     main = import_module(f"ppc_attitude.nodes.{name}").main
     with (
-        mock.patch("ppc_attitude.nodes.running.StopRequest", lambda: stop),
+        mock.patch("ppc_attitude.nodes.running.stop_requests", lambda: stop),
+        mock.patch("ppc_attitude.nodes.running.handle_ending"),  # takes over no signals
         mock.patch.object(sys, "argv", [name, *arguments]),
     ):
         yield main, stop
@@ -151,7 +151,7 @@ def serving(name: str, *arguments: str) -> Iterator[None]:
         try:
             yield
         finally:
-            stop.requested = True
+            stop.append(signal.SIGINT)
             thread.join()
 
 

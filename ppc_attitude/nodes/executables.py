@@ -15,7 +15,7 @@
 """The executables of `ros2 run`: one function for each node.
 
 Importing a node takes seconds on a slow machine. Until it is imported a request to end is granted
-at once, then it is the node's to deal with (`running.StopRequest`): no start ends in a traceback.
+at once, then it is the node's to deal with (`running.stop_requests`): no start ends in a traceback.
 """
 
 from collections.abc import Callable

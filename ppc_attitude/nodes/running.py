@@ -23,7 +23,6 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from textwrap import fill, indent
-from types import FrameType
 
 import rclpy
 import rclpy.utilities
@@ -42,20 +41,12 @@ _HELP = {"-h", "--help"}
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
-class StopRequest:
-    """Remember that an end is asked for: a node ends between two messages, not inside one."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        handle_ending(self._on_signal)
-        take_signals()
-
-    def forget(self) -> None:
-        """Ignore that from now on: an interpreter that ends would die of them."""
-        handle_ending(signal.SIG_IGN)
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
+def stop_requests() -> list[int]:
+    """Collect the signals by which an end is asked for: a node ends between two messages."""
+    requests: list[int] = []
+    handle_ending(lambda number, frame: requests.append(number))
+    take_signals()
+    return requests
 
 
 def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> int:
@@ -66,7 +57,7 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
     int
         Exit code: 0 done, 2 bad configuration, 3 the node broke.
     """
-    stop = StopRequest()
+    stop = stop_requests()
     command_line = list(arguments or sys.argv)
     try:
         tune_transport()
@@ -81,7 +72,7 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
         return _refused(error)
     node, code = None, EXIT_OK
     try:
-        if not stop.requested:
+        if not stop:
             with refusals_of_ros():
                 node = make()
             # rclpy's first line looks for its caller in every module, 30 ms: not amid the steps.
@@ -98,7 +89,7 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
         if node is not None:
             node.destroy_node()
         rclpy.utilities.try_shutdown()
-    stop.forget()
+    handle_ending(signal.SIG_IGN)  # an interpreter that ends would die of a request
     return code
 
 
@@ -134,15 +125,15 @@ def _refused(error: Exception) -> int:
     return EXIT_CONFIGURATION
 
 
-def _spin(node: BaseNode, stop: StopRequest) -> None:
+def _spin(node: BaseNode, stop: list[int]) -> None:
     executor = node.new_executor()
     executor.add_node(node)
-    node.is_asked_to_end = lambda: stop.requested
+    node.is_asked_to_end = lambda: bool(stop)
     # What exists now stays: a collection that walks through all of it would cost milliseconds.
     gc.freeze()
     gc.enable()
     try:
-        while not (stop.requested or node.finished):
+        while not (stop or node.finished):
             now = time.monotonic()
             if now >= node.wake_at:
                 node.wake_at = now  # unless `wake` itself asks for another call
