@@ -19,7 +19,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -58,7 +58,7 @@ from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
 from ppc_attitude.nodes.executors import Flow
-from ppc_attitude.nodes.messages import changed, message_class
+from ppc_attitude.nodes.messages import Take, changed, message_class, take_gathered
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
 from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph
@@ -77,8 +77,6 @@ _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _CALLS = 5  # of the executor in full flow, each time: clock, timer, services and answers
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
-
-Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
 
 
 class _Ear(NamedTuple):
@@ -308,11 +306,8 @@ class BagRecorder(BaseNode):
 
     def _take(self, ear: _Ear) -> bool:
         """Take all that has arrived on a topic; False if there was nothing."""
-        before, heard = self._heard, ear.subscription
-        handle, kind, receive = heard.handle, heard.msg_type, heard.callback
-        with handle:
-            while (message := handle.take_message(kind, True)) is not None:
-                receive(*message)
+        before = self._heard
+        take_gathered(ear.subscription)
         return self._heard != before
 
     def drain(self, executor: Executor) -> None:

@@ -20,7 +20,7 @@ arrives is checked here, once for all nodes: frame, finite numbers, unit quatern
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -42,6 +42,7 @@ _UNIT_TOLERANCE = 1e-3
 _OWN_TOLERANCE = 1e-12
 _FIX_VARIANCE = math.pi**2  # [rad²] no attitude is further from another than π
 _GYRO_VARIANCE = 1e5  # [rad²/s²] the noisiest gyro that can be configured, at 10 kHz, has 1e4
+Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
 _NO_RATE = (0.0, 0.0, 0.0, -1.0)  # REP 145: there is no such quantity
 
 
@@ -117,6 +118,17 @@ class Inbox:
 
     def _refusal(self, reason: object) -> RefusedError:
         return RefusedError(f"{self._topic.name}: {reason}")
+
+
+def take_gathered(subscription: Any) -> None:
+    """Call a subscription back with each message that has gathered, and what rclpy says about it.
+
+    It does not wait for the executor, which by itself does not tell the number of a message.
+    """
+    handle, kind, receive = subscription.handle, subscription.msg_type, subscription.callback
+    with handle:
+        while (message := handle.take_message(kind, True)) is not None:
+            receive(*message)
 
 
 class LatestSamples:

@@ -15,14 +15,14 @@
 """Does another node publish what this one does? Seen in the graph, proved by what it sends."""
 
 import time
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ppc_attitude.contract.topics import Topic
-from ppc_attitude.nodes.messages import Inbox, message_class
+from ppc_attitude.nodes.messages import Inbox, Take, message_class, take_gathered
 from ppc_attitude.nodes.qos import recorded
 from ppc_attitude.runtime.publishers import Publishers
 from ppc_attitude.runtime.stamps import RefusedError
@@ -60,9 +60,8 @@ class PublisherWatch:
         self._node = node
         self._since = self._looked = time.monotonic()
         self._topics: dict[str, Topic] = {}
-        # Its subscriptions are read here, by hand: an executor does not tell a message's number.
         self._ear: Node | None = None
-        self._heard: dict[str, tuple[Any, Inbox, Publishers]] = {}
+        self._heard: dict[str, tuple[Any, Publishers]] = {}  # subscription, and who is heard there
         self.found = ""
         self.gives_way = False
         self._shared: dict[str, float | None] = {}  # since when [s] several are in the graph
@@ -88,9 +87,9 @@ class PublisherWatch:
             if name not in self._heard and self._node.count_publishers(name) > 1:
                 self._listen(name, topic)
         self.found = ""
-        for name, (subscription, inbox, publishers) in self._heard.items():
+        for name, (subscription, publishers) in self._heard.items():
             publishers.see(publishing_nodes(self._node, name), now)
-            _take(subscription, inbox, publishers, now)
+            take_gathered(subscription)
             if publishers.lasts(now):
                 found = f"another node publishes {self._topics[name].name}: {publishers.nodes}"
                 self.found = self.found or found
@@ -118,28 +117,23 @@ class PublisherWatch:
                 enable_rosout=False,
                 start_parameter_services=False,
             )
+        inbox, publishers = Inbox(topic), Publishers()
+
+        def hear(data: bytes, about: Mapping[str, Any]) -> None:
+            try:
+                stamp_ns = inbox.read(data).stamp_ns
+            except RefusedError:
+                stamp_ns = -1  # every peer refuses it as well
+            publishers.hear(about["publication_sequence_number"], stamp_ns, self._looked)
+
         # As the recorder does: all that comes between two looks.
-        subscription = self._ear.create_subscription(
-            message_class(topic.msgtype), name, lambda data: None, recorded(topic), raw=True
-        )
-        self._heard[name] = subscription, Inbox(topic), Publishers()
+        kind, profile = message_class(topic.msgtype), recorded(topic)
+        take: Take = hear
+        subscription = self._ear.create_subscription(kind, name, take, profile, raw=True)
+        self._heard[name] = subscription, publishers
 
     def close(self) -> None:
         """Stop listening."""
         if self._ear is not None:
             self._ear.destroy_node()
             self._ear = None
-
-
-def _take(subscription: Any, inbox: Inbox, publishers: Publishers, now: float) -> None:
-    """Judge the messages that have gathered."""
-    with subscription.handle:
-        while (
-            received := subscription.handle.take_message(subscription.msg_type, True)
-        ) is not None:
-            data, about = received
-            try:
-                stamp_ns = inbox.read(data).stamp_ns
-            except RefusedError:
-                stamp_ns = -1  # every peer refuses it as well
-            publishers.hear(about["publication_sequence_number"], stamp_ns, now)

@@ -23,7 +23,6 @@ from functools import partial
 import rclpy
 import rclpy.utilities
 from rclpy.exceptions import InvalidNamespaceException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -36,6 +35,7 @@ from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.science.errors import ConfigurationError
 
 _PATIENCE = 30.0  # [s] to be found and to answer, for who is asked; a machine may be busy
+_LOOK = 0.05  # [s] between two looks for an answer
 _NO_ANSWER = 3  # exit code of a command that got none
 
 
@@ -68,7 +68,6 @@ def listening(node: Node) -> Iterator[Callable[[float], None]]:
     """Give a function that takes in the messages of a node for some time [s]."""
     executor = new_executor()
     executor.add_node(node)
-
     try:
         yield partial(executor.spin_until_future_complete, Future())  # which nothing completes
     finally:
@@ -101,12 +100,8 @@ def await_answer(node: Node, condition: Callable[[], bool], complaint: str) -> N
         It did not hold in time; says the complaint.
     """
     end = time.monotonic() + _PATIENCE
-    executor = SingleThreadedExecutor()  # its own: the one of the process may be at work
-    executor.add_node(node)
-    try:
+    with listening(node) as listen:
         while not condition():
             if time.monotonic() > end:
                 raise TimeoutError(f"{complaint} (waited {_PATIENCE:g} s)")
-            executor.spin_once(timeout_sec=0.05)
-    finally:
-        executor.shutdown()
+            listen(_LOOK)
