@@ -37,7 +37,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.marker_shapes import CONE_LENGTH, arrow, axes, box, cone, transform
+from ppc_attitude.nodes.marker_shapes import CONE_LENGTH, arrow, axes, box, cone, header, transform
 from ppc_attitude.nodes.messages import LatestSamples
 from ppc_attitude.nodes.qos import LATE_PEER, published
 from ppc_attitude.nodes.running import run_node
@@ -98,23 +98,20 @@ class AttitudeMarkers(BaseNode):
         x, y, z = self.parameters["position"]
         position = (x, y, z)
         attitude = _quaternion(state)
-        markers = [box(self._stamp, position, attitude)]
-        markers += axes(self._stamp, BODY, position, attitude, 1.0, 1.0)
+        shown = [box(position, attitude), *axes(BODY, position, attitude, 1.0, 1.0)]
         frames = {BODY: attitude}
         desired = self._sample(REFERENCE_ATTITUDE)
         if desired is not None:
             frames[DESIRED] = _quaternion(desired)
-            markers += axes(self._stamp, DESIRED, position, frames[DESIRED], 1.3, 0.4)
-        markers += self._torques(position, attitude)
-        markers += self._guidance(position, attitude)
-        self._publisher.publish(MarkerArray(markers=markers))
+            shown += axes(DESIRED, position, frames[DESIRED], 1.3, 0.4)
+        shown += self._torques(position, attitude)
+        shown += self._guidance(position, attitude)
+        moved = [transform(self._prefix + name, position, q) for name, q in frames.items()]
+        for each in (*shown, *moved):
+            each.header = header(self._stamp)
+        self._publisher.publish(MarkerArray(markers=shown))
         if self._broadcaster is not None:
-            self._broadcaster.sendTransform(
-                [
-                    transform(self._stamp, self._prefix + name, position, rotation)
-                    for name, rotation in frames.items()
-                ]
-            )
+            self._broadcaster.sendTransform(moved)
         self._drawn += 1
         self.report(self._stamp)
 
@@ -125,7 +122,7 @@ class AttitudeMarkers(BaseNode):
             if sample is not None:
                 torque = (sample.values[0], sample.values[1], sample.values[2])
                 extent = scale(self.parameters[parameter], rotate(attitude, torque))
-                shown.append(arrow(self._stamp, (name, 0), position, extent, (colour, 1.0, 0.04)))
+                shown.append(arrow((name, 0), position, extent, (colour, 1.0, 0.04)))
         return shown
 
     def _on_guidance(self, message: DiagnosticArray) -> None:
@@ -140,14 +137,14 @@ class AttitudeMarkers(BaseNode):
         """Goal, keep-out cones, and the body axes that must keep out of them."""
         if self._scene is None:
             return []
-        shown = axes(self._stamp, "goal", position, self._scene.goal, 1.6, 0.25)
+        shown = axes("goal", position, self._scene.goal, 1.6, 0.25)
         for i, each in enumerate(self._scene.cones):
             pointed = rotate(attitude, each.axis)
             inside = angle_between(pointed, each.direction) < each.half_angle
-            shown.append(cone(self._stamp, i, position, each.direction, each.half_angle, _KEPT_OUT))
+            shown.append(cone(i, position, each.direction, each.half_angle, _KEPT_OUT))
             look = (_KEPT_OUT if inside else _CLEAR, 1.0, 0.03)
             extent = scale(CONE_LENGTH, pointed)
-            shown.append(arrow(self._stamp, ("boresight", i), position, extent, look))
+            shown.append(arrow(("boresight", i), position, extent, look))
         return shown
 
     def _sample(self, topic: Topic) -> Sample | None:

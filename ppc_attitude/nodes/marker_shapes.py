@@ -40,13 +40,13 @@ _AXES = (
 
 
 def header(stamp_ns: int) -> Header:
-    """Header of every shape: all of them stand in the inertial frame."""
+    """Header for every shape: all of them stand in the inertial frame."""
     return Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id=INERTIAL)
 
 
-def box(stamp_ns: int, position: kernel.Vector, attitude: kernel.Quaternion) -> Marker:
+def box(position: kernel.Vector, attitude: kernel.Quaternion) -> Marker:
     """Return the craft."""
-    marker = _marker(stamp_ns, "craft", 0, Marker.CUBE, (0.75, 0.75, 0.80), 0.6)
+    marker = _marker("craft", 0, Marker.CUBE, (0.75, 0.75, 0.80), 0.6)
     marker.pose.position = _point(position)
     marker.pose.orientation = _quaternion(attitude)
     marker.scale = Vector3(x=_BOX[0], y=_BOX[1], z=_BOX[2])
@@ -54,7 +54,6 @@ def box(stamp_ns: int, position: kernel.Vector, attitude: kernel.Quaternion) -> 
 
 
 def axes(
-    stamp_ns: int,
     name: str,
     position: kernel.Vector,
     attitude: kernel.Quaternion,
@@ -64,7 +63,6 @@ def axes(
     """Return the three axes of a frame, x y z in red, green and blue."""
     return [
         arrow(
-            stamp_ns,
             (name, number),
             position,
             kernel.scale(length, rotate(attitude, axis)),
@@ -75,7 +73,6 @@ def axes(
 
 
 def arrow(
-    stamp_ns: int,
     identity: tuple[str, int],
     start: kernel.Vector,
     extent: kernel.Vector,
@@ -87,7 +84,7 @@ def arrow(
     and shaft diameter [m].
     """
     colour, alpha, diameter = look
-    marker = _marker(stamp_ns, *identity, Marker.ARROW, colour, alpha)
+    marker = _marker(*identity, Marker.ARROW, colour, alpha)
     length = math.sqrt(kernel.dot(extent, extent))
     if length < _SHORTEST:
         marker.action = Marker.DELETE
@@ -99,7 +96,6 @@ def arrow(
 
 
 def cone(
-    stamp_ns: int,
     number: int,
     apex: kernel.Vector,
     direction: kernel.Vector,
@@ -111,7 +107,7 @@ def cone(
     The tip is at the apex [m], the axis along the unit vector `direction`, both in inertial axes.
     With a half angle [rad] above π/2 it opens backwards.
     """
-    marker = _marker(stamp_ns, "keep_out", number, Marker.TRIANGLE_LIST, colour, 0.25)
+    marker = _marker("keep_out", number, Marker.TRIANGLE_LIST, colour, 0.25)
     marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
     centre = kernel.scale(math.cos(half_angle), direction)
     u = perpendicular(direction)
@@ -127,26 +123,19 @@ def cone(
     return marker
 
 
-def transform(
-    stamp_ns: int, child: str, position: kernel.Vector, attitude: kernel.Quaternion
-) -> TransformStamped:
+def transform(child: str, position: kernel.Vector, attitude: kernel.Quaternion) -> TransformStamped:
     """Return the place of a frame in the inertial frame."""
-    result = TransformStamped(header=header(stamp_ns), child_frame_id=child)
+    result = TransformStamped(child_frame_id=child)
     result.transform.translation = Vector3(x=position[0], y=position[1], z=position[2])
     result.transform.rotation = _quaternion(attitude)
     return result
 
 
 def _marker(
-    stamp_ns: int,
-    name: str,
-    number: int,
-    kind: int,
-    colour: tuple[float, float, float],
-    alpha: float,
+    name: str, number: int, kind: int, colour: tuple[float, float, float], alpha: float
 ) -> Marker:
     red, green, blue = colour
-    marker = Marker(header=header(stamp_ns), ns=name, id=number, type=kind, action=Marker.ADD)
+    marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD)
     marker.pose.orientation.w = 1.0
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
     return marker
