@@ -44,8 +44,11 @@ class Latencies(NamedTuple):
         return self.states - int(np.count_nonzero(self.answered <= self.period))
 
 
-def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
-    """Listen to states and torque commands until `goes_on`, told how many states, is false."""
+def measure(goes_on: Callable[[float | None], bool], namespace: str = "") -> Latencies:
+    """Listen to states and torque commands as long as `goes_on` is true.
+
+    It is told when the first state came, by `time.perf_counter` [s]; None until then.
+    """
     arrivals: dict[int, float] = {}
     answers: dict[int, float] = {}
 
@@ -62,7 +65,7 @@ def measure(goes_on: Callable[[int], bool], namespace: str = "") -> Latencies:
             kind, handle = message_class(topic.msgtype), receiver(topic, times)
             node.create_subscription(kind, topic.name, handle, recorded(topic), raw=True)
         with listening(node) as listen:
-            while goes_on(len(arrivals)):
+            while goes_on(next(iter(arrivals.values()), None)):
                 listen(_LOOK)
     # The last state may be answered after the measurement.
     stamps = sorted(arrivals)[:-1]

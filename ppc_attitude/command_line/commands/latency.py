@@ -76,25 +76,22 @@ def execute(arguments: argparse.Namespace) -> int:
     os.environ.update(private_environment())  # for the node that looks on
     recording = Recording(arguments.bag)
     record = recording.run(
-        scenario, lockstep=False, watch=lambda goes_on: _print(measure(lambda states: goes_on()))
+        scenario, lockstep=False, watch=lambda goes_on: _print(measure(lambda first: goes_on()))
     )
     verdict = analyse(record)
     print(verdict_table(verdict))
     return recording.judge(record, verdict)
 
 
-def _live(duration: float) -> Callable[[int], bool]:
+def _live(duration: float) -> Callable[[float | None], bool]:
     """Return a function that ends a measurement some time [s] after its first state."""
-    begin = time.monotonic()
-    first: list[float] = []
+    begin = time.perf_counter()
 
-    def goes_on(states: int) -> bool:
-        now = time.monotonic()
-        if states and not first:
-            first.append(now)
-        elif not states and now - begin > _FIRST_STATE:
+    def goes_on(first: float | None) -> bool:
+        now = time.perf_counter()
+        if first is None and now - begin > _FIRST_STATE:
             raise RunError(f"no message on {ATTITUDE.name} within {_FIRST_STATE:g} s")
-        return not first or now - first[0] < duration
+        return first is None or now - first < duration
 
     return goes_on
 
