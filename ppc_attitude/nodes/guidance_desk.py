@@ -26,7 +26,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from ppc_attitude.contract.topics import GOAL_POSE, GOAL_TRAJECTORY, GUIDANCE_STATUS, Topic
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.messages import diagnostics
+from ppc_attitude.nodes.messages import diagnostics, message_class
 from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.runtime.health import OK, WARN, Status
 from ppc_attitude.science.component import INERTIAL
@@ -74,17 +74,12 @@ class GuidanceDesk:
         self._publisher = node.create_publisher(
             DiagnosticArray, GUIDANCE_STATUS.name, published(GUIDANCE_STATUS)
         )
-        self._listen(PoseStamped, GOAL_POSE, self._on_pose, pose_asked)
-        trajectory = MultiDOFJointTrajectory
-        self._listen(trajectory, GOAL_TRAJECTORY, self._on_trajectory, lambda _: PROFILING)
+        self._listen(GOAL_POSE, self._on_pose, pose_asked)
+        self._listen(GOAL_TRAJECTORY, self._on_trajectory, lambda _: PROFILING)
         node.create_service(Trigger, "~/hold", self._on_hold)
 
     def _listen(
-        self,
-        kind: Any,
-        topic: Topic,
-        handle: Callable[[Any], None],
-        name: Callable[[Any], str],
+        self, topic: Topic, handle: Callable[[Any], None], name: Callable[[Any], str]
     ) -> None:
         """Pass the messages of a topic on; tell what a refused one asked for by its name."""
 
@@ -96,7 +91,7 @@ class GuidanceDesk:
                 text = f"refused {topic.name}: {reason}"
                 self._say(self._stamp, WARN, text, {ASKED: name(message)})
 
-        self._node.create_subscription(kind, topic.name, receive, PEER)
+        self._node.create_subscription(message_class(topic.msgtype), topic.name, receive, PEER)
 
     def before(self, stamp_ns: int) -> None:
         """Let the orders act that have come, before the step of an instant [ns]."""

@@ -45,13 +45,13 @@ LATE_PEER = QoSProfile(
 ONLOOKER = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE
 )
-_KEPT_EVENTS = (GUIDANCE_STATUS,)  # of which who comes late gets the last ones
 
 
 def published(topic: Topic) -> QoSProfile:
     """QoS that our publisher of a topic offers."""
     depth = _KEPT if topic.column else 1 if topic in (CLOCK_TOPIC, RECORDED_TOPIC) else 10
-    kept = DurabilityPolicy.TRANSIENT_LOCAL if topic in _KEPT_EVENTS else DurabilityPolicy.VOLATILE
+    late = topic == GUIDANCE_STATUS  # who comes late gets the last ones
+    kept = DurabilityPolicy.TRANSIENT_LOCAL if late else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 
 
