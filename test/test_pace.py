@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from ppc_attitude.contract.topics import RECORDED_TOPIC
 from ppc_attitude.runtime.health import OK, STALE, WARN
 from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Pace, Rules
 from ppc_attitude.runtime.stamps import RefusedError, Values
@@ -214,13 +215,15 @@ def test_lockstep_waits_for_a_recorder_that_lags_and_for_no_other() -> None:
     for _ in range(4000):
         bench.answer()
     assert bench.pace.step == 6000 + 2501
-    assert bench.pace.waits_for_recorder
     assert bench.pace.waiting().endswith("for the recorder to follow")
     bench.pace.record(steps(7001)[-1], bench.now)
     for _ in range(4000):
         bench.answer()
     assert bench.pace.step == 7000 + 2501
-    bench.pace.forget_recorder(bench.now)
+    bench.wake()
+    assert bench.pace.step == 7000 + 2501
+    bench.absent.add(RECORDED_TOPIC.name)
+    bench.wake()
     for _ in range(4000):
         bench.answer()
     assert bench.pace.step > 13000

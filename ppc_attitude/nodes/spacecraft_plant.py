@@ -167,7 +167,7 @@ class SpacecraftPlant(BaseNode):
             tell(TIME, seconds(self._stamp))
 
     def is_published(self, name: str) -> bool:
-        """True if anybody publishes an input."""
+        """True if anybody publishes on a topic."""
         return self.count_publishers(name) > 0
 
     def announce(self, text: str, warning: bool) -> None:
@@ -203,8 +203,6 @@ class SpacecraftPlant(BaseNode):
             return longest
         if isinstance(self.pace, Lockstep):
             self.say_waiting(self.pace.waiting_since, self.pace.waiting)
-            if self.pace.waits_for_recorder and not self.is_published(RECORDED_TOPIC.name):
-                self._moved(self.pace.forget_recorder)
         wait = self._moved(self.pace.wake)
         return longest if wait is None else float(wait)
 

@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from ppc_attitude.contract.topics import RECORDED_TOPIC
 from ppc_attitude.runtime.health import OK, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import RefusedError, Values, out_of_order
 from ppc_attitude.science.stamps import seconds, stamp_of, step_of
@@ -54,7 +55,7 @@ class Craft(Protocol):
         """Publish the torque that acted last."""
 
     def is_published(self, name: str) -> bool:
-        """True if anybody publishes an input."""
+        """True if anybody publishes on a topic."""
 
     def complain(self, kind: str, text: str) -> None:
         """Warn the user, but not each time that this is called."""
@@ -228,16 +229,6 @@ class Lockstep(Pace):
         self._recorded = step_of(stamp_ns, self.rules.rate)
         self._go(now)
 
-    def forget_recorder(self, now: float) -> None:
-        """Wait for no recorder any more."""
-        self._recorded = None
-        self._go(now)
-
-    @property
-    def waits_for_recorder(self) -> bool:
-        """True if only a recorder is waited for."""
-        return self._lags() and not self._missing()
-
     def _lags(self) -> bool:
         return self._recorded is not None and self.step - self._recorded > _LAG
 
@@ -263,6 +254,10 @@ class Lockstep(Pace):
 
     def wake(self, now: float) -> float:
         """Publish a state that was too early, or repeat one that is unanswered."""
+        waits_for_recorder = self._lags() and not self._missing()
+        if waits_for_recorder and not self.craft.is_published(RECORDED_TOPIC.name):
+            self._recorded = None  # it has gone
+            self._go(now)
         ahead = self._ahead(now, self.stamp)
         if ahead > 0.0:
             return min(ahead, _LOOK)
