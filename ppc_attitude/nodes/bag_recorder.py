@@ -182,7 +182,8 @@ class BagRecorder(BaseNode):
         return encode_custom_data(controller, parameters, metadata)
 
     def _record_topic(self, home: str, topic: Topic, reliable: bool = True) -> None:
-        name = self.resolve_topic_name(_full(home, topic.name))
+        absolute = topic.name.startswith("/")
+        name = self.resolve_topic_name(topic.name if absolute else f"{home}/{topic.name}")
         old = self._ears.get(name)
         if old is not None and reliable:
             return
@@ -371,10 +372,6 @@ class BagRecorder(BaseNode):
         if self.is_idle():
             return Status(STALE, f"waiting for {ATTITUDE.name}", details)
         return Status(OK, "recording", details)
-
-
-def _full(home: str, name: str) -> str:
-    return name if name.startswith("/") else f"{home}/{name}"
 
 
 def _offered(topic: Topic) -> Any:

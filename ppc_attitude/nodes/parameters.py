@@ -75,7 +75,8 @@ class NodeParameters:
         strange = chosen.keys() - self._table.keys()
         if strange:  # only then: this loads the components of all nodes
             # A section for all nodes has names of others too; one that nobody has is a mistake.
-            others = sorted(strange & _of_any_node())
+            of_any_node = {each.name for table in PARAMETERS.values() for each in table}
+            others = sorted(strange & of_any_node)
             if others:
                 node.get_logger().warning(f"of other nodes, not used here: {', '.join(others)}")
             chosen = {name: value for name, value in chosen.items() if name not in others}
@@ -183,10 +184,6 @@ class _Services(ParameterService):
 def type_name(value: ParameterValue) -> str:
     """Name of a value's type as rclpy has it; its number if no type of ROS has it."""
     return _TYPES.get(value.type, str(value.type))
-
-
-def _of_any_node() -> set[str]:
-    return {parameter.name for table in PARAMETERS.values() for parameter in table}
 
 
 def _numbers(value: Any) -> Any:
