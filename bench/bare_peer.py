@@ -34,8 +34,8 @@ from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.messages import message_class
-from ppc_attitude.nodes.qos import PEER, published, recorded
+from ppc_attitude.nodes.messages import publisher_of, subscribe
+from ppc_attitude.nodes.qos import PEER, recorded
 from ppc_attitude.nodes.running import stop_requests
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.science.component import QUATERNION
@@ -58,9 +58,7 @@ class Peer(Node):
         """
         each = [
             (
-                self.create_publisher(
-                    message_class(topic.msgtype), topic.name, published(topic)
-                ).publish,
+                publisher_of(self, topic).publish,
                 Codec(topic).encode,
                 _UNIT if topic.form == QUATERNION else (0.0,) * topic.width,
             )
@@ -76,7 +74,7 @@ class Peer(Node):
     def taker(self, topic: Topic, take: Callable[[bytes], None], recording: bool = False) -> None:
         """Call `take` with the bytes of every message of a topic."""
         qos = recorded(topic) if recording else PEER
-        self.create_subscription(message_class(topic.msgtype), topic.name, take, qos, raw=True)
+        subscribe(self, topic, take, qos, raw=True)
 
     def act_on(self, topics: Collection[Topic], act: Callable[[int], None]) -> None:
         """Call `act` with the stamp [ns] with which all of some topics have come."""

@@ -37,7 +37,7 @@ from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, NODES, PLANT, RECORDER
-from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.messages import subscribe
 from ppc_attitude.nodes.qos import ONLOOKER
 from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.simulation.closed_loop import warm_up
@@ -118,8 +118,7 @@ def soak(minutes: float, folder: Path, storage: str) -> dict[str, Any]:
     stack = Stack(run, on_time)
     os.environ.update(stack.environment)  # for the node that looks at the attitude
     with stop_on_signals() as stop, visiting("soak", "") as node, listening(node) as listen:
-        kind = message_class(ATTITUDE.msgtype)
-        node.create_subscription(kind, ATTITUDE.name, on_attitude, ONLOOKER, raw=True)
+        subscribe(node, ATTITUDE, on_attitude, ONLOOKER, raw=True)
 
         def watch() -> None:
             begin = time.monotonic()

@@ -38,8 +38,8 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.marker_shapes import CONE_LENGTH, arrow, axes, box, cone, header, transform
-from ppc_attitude.nodes.messages import LatestSamples
-from ppc_attitude.nodes.qos import LATE_PEER, published
+from ppc_attitude.nodes.messages import LatestSamples, publisher_of, subscribe
+from ppc_attitude.nodes.qos import LATE_PEER
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.runtime.stamps import RefusedError
@@ -65,17 +65,13 @@ class AttitudeMarkers(BaseNode):
         super().__init__()
         topics = (ATTITUDE, REFERENCE_ATTITUDE, *(topic for topic, *_ in _TORQUES))
         self._latest = LatestSamples(self, topics)
-        self._publisher = self.create_publisher(
-            MarkerArray, MARKERS_TOPIC.name, published(MARKERS_TOPIC)
-        )
+        self._publisher = publisher_of(self, MARKERS_TOPIC)
         self._broadcaster = _broadcaster(self)
         # Frames of several craft in one TF tree need names of their own.
         self._prefix = f"{self.get_namespace()}/".lstrip("/")
         self._scene: Scene | None = None  # of guidance; none in mode `paper`
         # Who comes late still gets the last word.
-        self.create_subscription(
-            DiagnosticArray, GUIDANCE_STATUS.name, self._on_guidance, LATE_PEER
-        )
+        subscribe(self, GUIDANCE_STATUS, self._on_guidance, LATE_PEER)
         self._stamp = -1
         self._next = 0.0
         self._drawn = 0

@@ -16,9 +16,9 @@
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -35,10 +35,9 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.messages import Inbox, changed, diagnostics, message_class
+from ppc_attitude.nodes.messages import Inbox, changed, diagnostics, publisher_of, subscribe
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of
-from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
 from ppc_attitude.runtime.stamps import RefusedError
@@ -77,17 +76,13 @@ class BaseNode(Node):
         self._turn = Future()  # done when the node has something to do by itself
         self.waits = bool(self.parameters.values.get(WAIT_FOR_RECORDER.name, False))
         self.health = Health(self.now())
-        self._subscribe: list[Callable[[], None]] = []  # put off until the recorder listens
+        self._subscribe: list[Callable[[], Any]] = []  # put off until the recorder listens
         self._born = self.now()
         self.told: dict[str, Value] = {}  # changes that are on record, by name
         self._incoming: list[str] = []
         self._outgoing: list[Any] = []
-        self._diagnostics = self.create_publisher(
-            DiagnosticArray, DIAGNOSTICS_TOPIC.name, published(DIAGNOSTICS_TOPIC)
-        )
-        self._changes = self.create_publisher(
-            DiagnosticArray, CHANGES_TOPIC.name, published(CHANGES_TOPIC)
-        )
+        self._diagnostics = publisher_of(self, DIAGNOSTICS_TOPIC)
+        self._changes = publisher_of(self, CHANGES_TOPIC)
         self._watch = PublisherWatch(self)
 
     def check(self, values: Mapping[str, Value]) -> None:
@@ -151,9 +146,7 @@ class BaseNode(Node):
 
     def sender(self, topic: Topic) -> Callable[[int, Sequence[float]], None]:
         """Return a function that publishes (stamp [ns], numbers) on a topic."""
-        publisher = self.create_publisher(
-            message_class(topic.msgtype), topic.name, published(topic)
-        )
+        publisher = publisher_of(self, topic)
         self._outgoing.append(publisher)
         self._watch.add(topic, publisher.topic_name)
         # What `Publisher.publish` calls for bytes, without its look at the type of every message.
@@ -185,22 +178,18 @@ class BaseNode(Node):
             except RefusedError as reason:
                 self.refuse(topic.name, str(reason))
 
-        def subscribe() -> None:
-            self.create_subscription(
-                message_class(topic.msgtype), topic.name, receive, PEER, raw=True
-            )
-
+        begin = partial(subscribe, self, topic, receive, raw=True)
         if self.waits:
-            self._subscribe.append(subscribe)
+            self._subscribe.append(begin)
         else:
-            subscribe()
+            begin()
 
     def await_recorder(self) -> float:
         """Begin to listen once the recorder does; return the time [s] until the next look."""
         if self._is_recorded():
             self.waits = False
-            for subscribe in self._subscribe:
-                subscribe()
+            for begin in self._subscribe:
+                begin()
             return 0.0
         self.say_waiting(self._born, lambda: f"waiting for {RECORDER} to listen")
         BaseNode.wake(self)

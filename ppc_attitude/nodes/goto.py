@@ -17,7 +17,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseStamped, Quaternion
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -27,8 +27,8 @@ from std_msgs.msg import Header
 
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
 from ppc_attitude.nodes.guidance_desk import ASKED, pose_asked
+from ppc_attitude.nodes.messages import publisher_of, subscribe
 from ppc_attitude.nodes.publisher_watch import node_of
-from ppc_attitude.nodes.qos import PEER, published
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.stamps import nanoseconds
 
@@ -65,8 +65,8 @@ def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answ
     def hear(message: Any) -> None:
         heard.extend(status for status in message.status if _answers(status, pose_asked(goal)))
 
-    answers = node.create_subscription(DiagnosticArray, GUIDANCE_STATUS.name, hear, PEER)
-    publisher = node.create_publisher(PoseStamped, GOAL_POSE.name, published(GOAL_POSE))
+    answers = subscribe(node, GUIDANCE_STATUS, hear)
+    publisher = publisher_of(node, GOAL_POSE)
     await_answer(
         node,
         lambda: answers.get_publisher_count() > 0 and _all_listen(node, publisher),

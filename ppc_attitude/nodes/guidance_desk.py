@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Quaternion
 from numpy.typing import NDArray
 from std_srvs.srv import Trigger
@@ -26,8 +25,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from ppc_attitude.contract.topics import GOAL_POSE, GOAL_TRAJECTORY, GUIDANCE_STATUS, Topic
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.messages import diagnostics, message_class
-from ppc_attitude.nodes.qos import PEER, published
+from ppc_attitude.nodes.messages import diagnostics, publisher_of, subscribe
 from ppc_attitude.runtime.health import OK, WARN, Status
 from ppc_attitude.science.component import INERTIAL
 from ppc_attitude.science.guidance.orders import (
@@ -71,9 +69,7 @@ class GuidanceDesk:
         self._told = -1  # number of the advice that was told last
         self._details: dict[str, Any] = {}  # that were told last
         self._look_again = 0  # [ns] when they may have changed
-        self._publisher = node.create_publisher(
-            DiagnosticArray, GUIDANCE_STATUS.name, published(GUIDANCE_STATUS)
-        )
+        self._publisher = publisher_of(node, GUIDANCE_STATUS)
         self._listen(GOAL_POSE, self._on_pose, pose_asked)
         self._listen(GOAL_TRAJECTORY, self._on_trajectory, lambda _: PROFILING)
         node.create_service(Trigger, "~/hold", self._on_hold)
@@ -91,7 +87,7 @@ class GuidanceDesk:
                 text = f"refused {topic.name}: {reason}"
                 self._say(self._stamp, WARN, text, {ASKED: name(message)})
 
-        self._node.create_subscription(message_class(topic.msgtype), topic.name, receive, PEER)
+        subscribe(self._node, topic, receive)
 
     def before(self, stamp_ns: int) -> None:
         """Let the orders act that have come, before the step of an instant [ns]."""

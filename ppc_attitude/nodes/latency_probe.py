@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.cdr import header_stamp
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
-from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.messages import subscribe
 from ppc_attitude.nodes.qos import recorded
 from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.science.stamps import seconds
@@ -62,8 +62,7 @@ def measure(goes_on: Callable[[float | None], bool], namespace: str = "") -> Lat
 
     with visiting("latency_probe", namespace) as node:
         for topic, times in ((ATTITUDE, arrivals), (TORQUE_COMMAND, answers)):
-            kind, handle = message_class(topic.msgtype), receiver(topic, times)
-            node.create_subscription(kind, topic.name, handle, recorded(topic), raw=True)
+            subscribe(node, topic, receiver(topic, times), recorded(topic), raw=True)
         with listening(node) as listen:
             while goes_on(next(iter(arrivals.values()), None)):
                 listen(_LOOK)

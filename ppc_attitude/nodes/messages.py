@@ -27,12 +27,15 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header
 
 from ppc_attitude.contract.cdr import LARGEST, CdrError, Codec, Sample, finite
 from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, Topic
-from ppc_attitude.nodes.qos import ONLOOKER
+from ppc_attitude.nodes.qos import ONLOOKER, PEER, published
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.component import FIX, GYRO, QUATERNION, WRENCH
@@ -50,6 +53,23 @@ def message_class(msgtype: str) -> Any:
     """Python class of a ROS type ``package/msg/Name``."""
     package, _, name = msgtype.split("/")
     return getattr(import_module(f"{package}.msg"), name)
+
+
+def publisher_of(node: Node, topic: Topic) -> Publisher:
+    """Let a node publish a topic as all of ours do."""
+    return node.create_publisher(message_class(topic.msgtype), topic.name, published(topic))
+
+
+def subscribe(
+    node: Node,
+    topic: Topic,
+    handle: Callable[[Any], None],
+    profile: QoSProfile = PEER,
+    raw: bool = False,
+) -> Subscription:
+    """Let a node read a topic, by default as every peer does; a raw message is bytes."""
+    kind = message_class(topic.msgtype)
+    return node.create_subscription(kind, topic.name, handle, profile, raw=raw)
 
 
 class Inbox:
@@ -139,13 +159,7 @@ class LatestSamples:
         self._raw: dict[Topic, bytes] = {}  # what has not been asked for
         self._samples: dict[Topic, Sample] = {}
         for topic in topics:
-            node.create_subscription(
-                message_class(topic.msgtype),
-                topic.name,
-                partial(self._keep, topic),
-                ONLOOKER,
-                raw=True,
-            )
+            subscribe(node, topic, partial(self._keep, topic), ONLOOKER, raw=True)
 
     def _keep(self, topic: Topic, data: bytes) -> None:
         self._raw[topic] = data

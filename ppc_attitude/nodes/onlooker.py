@@ -36,8 +36,7 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.messages import LatestSamples
-from ppc_attitude.nodes.qos import PEER
+from ppc_attitude.nodes.messages import LatestSamples, subscribe
 from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
@@ -76,7 +75,7 @@ class Onlooker:
         self._home = node.get_namespace()
         self._latest = LatestSamples(node, WATCHED)
         self._health: dict[str, Status] = {}
-        node.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._on_health, PEER)
+        subscribe(node, DIAGNOSTICS_TOPIC, self._on_health)
 
     def _on_health(self, message: DiagnosticArray) -> None:
         for status in message.status:

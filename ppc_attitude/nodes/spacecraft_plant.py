@@ -19,7 +19,6 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from ppc_attitude.contract.cdr import LARGEST, decode_clock, encode_clock
@@ -35,7 +34,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.qos import PEER, published
+from ppc_attitude.nodes.messages import publisher_of, subscribe
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.processes.telling import TIME, tell
 from ppc_attitude.runtime.chain import Chain
@@ -69,7 +68,7 @@ class SpacecraftPlant(BaseNode):
         topics = [BY_COLUMN[each.name] for each in read_from_elsewhere((*acting, *motion))]
         self._columns = {topic.name: topic.column for topic in topics}
 
-        clock = self.create_publisher(Clock, CLOCK_TOPIC.name, published(CLOCK_TOPIC))
+        clock = publisher_of(self, CLOCK_TOPIC)
         self._publish_clock = clock.handle.publish_raw
         self._watch.add_shared(clock.topic_name)
         self._select_columns()
@@ -87,7 +86,7 @@ class SpacecraftPlant(BaseNode):
         for topic in topics:
             self.listen(topic, partial(self._on_input, topic.name))
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_subscription(Clock, RECORDED_TOPIC.name, self._on_recorded, PEER, raw=True)
+        subscribe(self, RECORDED_TOPIC, self._on_recorded, raw=True)
 
     def check(self, values: Mapping[str, Value]) -> None:
         """See that the selected components can run with the parameters, and send the truth."""
