@@ -51,7 +51,7 @@ from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
 from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
-from ppc_attitude.runtime.health import StepCounter
+from ppc_attitude.runtime.health import Health, Status
 from ppc_attitude.science.stamps import stamp_of
 
 OK, WARN, ERROR, STALE = (
@@ -212,13 +212,17 @@ def test_a_running_node_says_so_once_a_second_with_its_rate(admit: Callable[...,
 
 
 def test_repeated_steps_count_once() -> None:
-    counter = StepCounter()
+    health = Health(0.0)
+
+    def rate() -> Any:
+        return health.report(Status(OK, "running", {}), "").details["measured rate [Hz]"]
+
     for step in (0, 0, 50, 50, 100):
-        counter.add(stamp_of(step, 100.0))
-    assert counter.rate() == 2.0
-    assert counter.rate() == 0.0
-    counter.add(stamp_of(300, 100.0))
-    assert counter.rate() == 0.5
+        health.step(stamp_of(step, 100.0), 0.0)
+    assert rate() == 2.0
+    assert rate() == 0.0
+    health.step(stamp_of(300, 100.0), 0.0)
+    assert rate() == 0.5
 
 
 def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patient]) -> None:

@@ -44,7 +44,8 @@ class Health:
         self._last_log: dict[str, float] = {}
         self._active_at = self._reported_at = now
         self._next_report_ns = 0
-        self._steps = StepCounter()
+        self._counted_from: int | None = None  # stamp [ns] of the step before the first counted one
+        self._steps = 0
 
     def may_log(self, kind: str, now: float, period: float = _LOG_PERIOD) -> bool:
         """True if a complaint of this kind has not been logged for a period [s]; it is now."""
@@ -56,7 +57,10 @@ class Health:
     def step(self, stamp_ns: int, now: float) -> bool:
         """Count a step; True once per simulated second, when diagnostics are due."""
         self._active_at = now
-        self._steps.add(stamp_ns)
+        if self._counted_from is None:
+            self._counted_from = stamp_ns
+        elif stamp_ns > self.time_ns:  # a repeated one counts once
+            self._steps += 1
         self.time_ns = stamp_ns
         due = stamp_ns >= self._next_report_ns
         if due:
@@ -65,8 +69,8 @@ class Health:
 
     def begin_again(self) -> None:
         """Let the reports begin anew after time has gone back."""
-        self._next_report_ns = self.time_ns = 0
-        self._steps = StepCounter()
+        self._next_report_ns = self.time_ns = self._steps = 0
+        self._counted_from = None
 
     def is_idle(self, now: float) -> bool:
         """True if no step has come for a while."""
@@ -89,30 +93,13 @@ class Health:
         if failure:
             level, summary = ERROR, failure
         refusals = {f"refused {name}": count for name, count in sorted(self.refused.items())}
-        pace = {"time [s]": seconds(self.time_ns), "measured rate [Hz]": self._steps.rate()}
+        pace = {"time [s]": seconds(self.time_ns), "measured rate [Hz]": self._rate()}
         return Status(level, summary, {**pace, **details, **refusals})
 
-
-class StepCounter:
-    """Steps per second of simulated time, over the time since the last look."""
-
-    def __init__(self) -> None:
-        self._since: int | None = None
-        self._latest = -1
-        self._count = 0
-
-    def add(self, stamp_ns: int) -> None:
-        """Count a step; a repeated one counts once."""
-        if self._since is None:
-            self._since = stamp_ns
-        elif stamp_ns > self._latest:
-            self._count += 1
-        self._latest = stamp_ns
-
-    def rate(self) -> float:
-        """Rate [Hz] since the last call; 0 if no time has passed."""
-        passed = self._latest - (self._latest if self._since is None else self._since)
-        rate = self._count * NANOSECONDS / passed if passed > 0 else 0.0
-        if passed > 0:
-            self._since, self._count = self._latest, 0
+    def _rate(self) -> float:
+        """Steps per second of simulated time [Hz] since the last call; 0 if no time has passed."""
+        if self._counted_from is None or self.time_ns <= self._counted_from:
+            return 0.0
+        rate = self._steps * NANOSECONDS / (self.time_ns - self._counted_from)
+        self._counted_from, self._steps = self.time_ns, 0
         return rate
