@@ -16,6 +16,7 @@
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from ppc_attitude.contract.declared import components_of
@@ -84,10 +85,7 @@ class AttitudeEstimator(ComponentNode):
         return self.advised(status)
 
 
-def main() -> int:
-    """Run the executable `attitude_estimator`."""
-    return run_node(AttitudeEstimator)
-
+main = partial(run_node, AttitudeEstimator)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -19,6 +19,7 @@ Of guidance it draws what `guidance/status` says, so it does the same for a bag 
 
 import sys
 import time
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -176,10 +177,7 @@ def _broadcaster(node: Node) -> Any:
     return TransformBroadcaster(node)
 
 
-def main() -> int:
-    """Run the executable `attitude_markers`."""
-    return run_node(AttitudeMarkers)
-
+main = partial(run_node, AttitudeMarkers)
 
 if __name__ == "__main__":
     sys.exit(main())

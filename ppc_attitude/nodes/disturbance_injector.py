@@ -16,6 +16,7 @@
 
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -142,10 +143,7 @@ def _seconds(name: str, value: float, lowest: float) -> float:
     return float(value)
 
 
-def main() -> int:
-    """Run the executable `disturbance_injector`."""
-    return run_node(DisturbanceInjector)
-
+main = partial(run_node, DisturbanceInjector)
 
 if __name__ == "__main__":
     sys.exit(main())

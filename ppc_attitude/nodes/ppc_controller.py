@@ -16,6 +16,7 @@
 
 import sys
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from std_srvs.srv import SetBool
@@ -78,10 +79,7 @@ class PpcController(ComponentNode):
         return status
 
 
-def main() -> int:
-    """Run the executable `ppc_controller`."""
-    return run_node(PpcController)
-
+main = partial(run_node, PpcController)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -16,6 +16,7 @@
 
 import sys
 from collections.abc import Mapping
+from functools import partial
 
 from ppc_attitude.contract.topics import REFERENCE
 from ppc_attitude.nodes.component_node import ComponentNode
@@ -94,10 +95,7 @@ class ReferenceGenerator(ComponentNode):
         return status
 
 
-def main() -> int:
-    """Run the executable `reference_generator`."""
-    return run_node(ReferenceGenerator)
-
+main = partial(run_node, ReferenceGenerator)
 
 if __name__ == "__main__":
     sys.exit(main())

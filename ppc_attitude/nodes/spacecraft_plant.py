@@ -243,10 +243,7 @@ def _split(values: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:
     return [each for each in components if each is not acting], [acting]
 
 
-def main() -> int:
-    """Run the executable `spacecraft_plant`."""
-    return run_node(SpacecraftPlant)
-
+main = partial(run_node, SpacecraftPlant)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -18,6 +18,7 @@ A run has it only if an allocator is selected; then the craft's actuators take w
 """
 
 import sys
+from functools import partial
 
 from ppc_attitude.contract.topics import ALLOCATOR
 from ppc_attitude.nodes.component_node import ComponentNode
@@ -35,10 +36,7 @@ class WheelAllocator(ComponentNode):
         return self.advised(super().status())
 
 
-def main() -> int:
-    """Run the executable `wheel_allocator`."""
-    return run_node(WheelAllocator)
-
+main = partial(run_node, WheelAllocator)
 
 if __name__ == "__main__":
     sys.exit(main())
