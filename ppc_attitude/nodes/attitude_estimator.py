@@ -37,7 +37,7 @@ class AttitudeEstimator(ComponentNode):
 
     def new_instant(self, topics: Sequence[Topic]) -> Instant:
         """Return what collects the samples of an instant; `Fixes` join the fixes to them."""
-        self._fixes: Fixes[Mapping[str, Values]] | None = None
+        self._fixes: Fixes | None = None
         late = [each for each in topics if each.late]
         if not late:
             return super().new_instant(topics)

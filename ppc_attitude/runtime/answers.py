@@ -15,16 +15,15 @@
 """A node's answers to the instants that come: each once, and a repeated one with the same."""
 
 from collections.abc import Callable, Mapping
-from typing import Generic, TypeVar
 
 from ppc_attitude.runtime.stamps import StampGuard, StampKind, Values, out_of_order
 from ppc_attitude.science.stamps import NANOSECONDS
 
-Output = TypeVar("Output")
 Inputs = Mapping[str, Values]
+Outputs = dict[str, Values]
 
 
-class Answers(Generic[Output]):
+class Answers:
     """Answers to the instants of a run, in the order in which they come.
 
     What depends on time alone is sent one instant `ahead`, so that nobody has to wait for it. That
@@ -35,7 +34,7 @@ class Answers(Generic[Output]):
 
     def __init__(
         self,
-        compute: Callable[[int, Inputs], Output],
+        compute: Callable[[int, Inputs], Outputs],
         ahead: bool,
         begin_again: Callable[[int], None],
     ) -> None:
@@ -44,9 +43,9 @@ class Answers(Generic[Output]):
         self._begin_again = begin_again
         self._guard = StampGuard()
         self._period = 0
-        self._sent: dict[int, Output] = {}
+        self._sent: dict[int, Outputs] = {}
 
-    def to(self, name: str, stamp_ns: int, inputs: Inputs, now: float) -> dict[int, Output]:
+    def to(self, name: str, stamp_ns: int, inputs: Inputs, now: float) -> dict[int, Outputs]:
         """Answers by stamp [ns] that have to be sent for an instant that came at a time [s].
 
         Raises

@@ -19,18 +19,17 @@ A fix that nobody waits for is used when it comes: of a tracker that is later th
 has slots of its own.
 """
 
-from collections.abc import Iterator
-from typing import Generic, TypeVar
+from collections.abc import Iterator, Mapping
 
 from ppc_attitude.runtime.stamps import StampGuard, StampKind, Values, out_of_order
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
 from ppc_attitude.science.stamps import nanoseconds, seconds
 
-Sample = TypeVar("Sample")  # what comes with every instant
+Sample = Mapping[str, Values]  # what comes with every instant
 _PENDING = 100  # fixes that may be ahead of the samples
 
 
-class Fixes(Generic[Sample]):
+class Fixes:
     """Join gyro samples and fixes to instants, in the order of the samples.
 
     In lock-step a sample waits for its fix, since nothing else comes. In a loop that runs by itself
