@@ -33,7 +33,7 @@ from types import FrameType
 from typing import Any, TypeAlias, TypeVar
 
 from ppc_attitude.processes.copied import Copy, become, can_copy
-from ppc_attitude.processes.imports import without_empty_entries
+from ppc_attitude.processes.imports import drop_empty_entries
 from ppc_attitude.processes.telling import tell_broken, tell_through
 
 _START = str(Path(__file__).resolve().with_name("start.py"))
@@ -95,7 +95,8 @@ class Child:
         self._readers: dict[int, _Lines] = {}
         theirs = self._new_pipe(self._take)
         errors = self._new_pipe(hear) if hear else None
-        kept, safe = (*inherited, theirs), without_empty_entries(environment)
+        kept, safe = (*inherited, theirs), dict(environment)
+        drop_empty_entries(safe)
         self.process: subprocess.Popen[bytes] | Copy
         # A process inherits that signals are blocked: there is no moment in which it has none.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)

@@ -22,7 +22,7 @@ our matrices are small, and its threads took a sixth of the processor time of a 
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import MutableMapping, Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
@@ -63,15 +63,12 @@ class _Finder(PathFinder):
         return spec
 
 
-def without_empty_entries(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment in which no search path names the current folder by an empty entry."""
-    safe = dict(environment)
+def drop_empty_entries(environment: MutableMapping[str, str]) -> None:
+    """Let no search path of an environment name the current folder by an empty entry."""
     for name in _SEARCHED:
-        if name in safe:
-            safe[name] = os.pathsep.join(filter(None, safe[name].split(os.pathsep)))
-            if not safe[name]:
-                del safe[name]
-    return safe
+        entries = [each for each in environment.pop(name, "").split(os.pathsep) if each]
+        if entries:
+            environment[name] = os.pathsep.join(entries)
 
 
 def forget_current_folder() -> None:
@@ -79,16 +76,11 @@ def forget_current_folder() -> None:
 
     Python puts it before the standard library, for ``-m`` or an empty entry of PYTHONPATH.
     """
-    safe = without_empty_entries(os.environ)
-    for name in _SEARCHED:
-        if name in safe:
-            os.environ[name] = safe[name]
-        else:
-            os.environ.pop(name, None)
+    drop_empty_entries(os.environ)
     library = str(Path(os.__file__).parent)
     if library in sys.path:
         first = sys.path.index(library)
-        entries = safe.get("PYTHONPATH", "").split(os.pathsep)
+        entries = os.environ.get("PYTHONPATH", "").split(os.pathsep)
         named = {str(Path(each).absolute()) for each in entries if each}
         sys.path[:first] = [
             each for each in sys.path[:first] if each in named or each.endswith(".zip")
