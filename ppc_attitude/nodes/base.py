@@ -161,15 +161,10 @@ class BaseNode(Node):
 
         return send_late if topic.late else send
 
-    def listen(
-        self,
-        topic: Topic,
-        handle: Callable[[int, tuple[float, ...]], None],
-        any_frame: bool = False,
-    ) -> None:
+    def listen(self, topic: Topic, handle: Callable[[int, tuple[float, ...]], None]) -> None:
         """Call `handle(stamp [ns], numbers)` for every message that passes the checks."""
         self._incoming.append(self.resolve_topic_name(topic.name))
-        read = Inbox(topic, any_frame).read
+        read = Inbox(topic).read
 
         def receive(data: bytes) -> None:
             try:

@@ -53,7 +53,7 @@ class DisturbanceInjector(ComponentNode):
     def __init__(self) -> None:
         super().__init__()
         self._injections = Injections()
-        self.listen(INJECT, self._on_message, any_frame=True)
+        self.listen(INJECT, self._on_message)
         # The service of ROS whose request has named numbers and whose answer has words.
         self.create_service(SetParametersAtomically, "~/inject", self._on_request)
 

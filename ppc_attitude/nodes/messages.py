@@ -73,12 +73,12 @@ def subscribe(
 
 
 class Inbox:
-    """Decode and check the messages of a stamped topic; `any_frame` accepts an empty frame too."""
+    """Decode and check the messages of a stamped topic; what anyone may send needs no frame."""
 
-    def __init__(self, topic: Topic, any_frame: bool = False) -> None:
+    def __init__(self, topic: Topic) -> None:
         self._topic = topic
         self._codec = Codec(topic)
-        self._frames = {topic.frame_id, ""} if any_frame else {topic.frame_id}
+        self._frames = {topic.frame_id} if topic.source else {topic.frame_id, ""}
         self._is_attitude = topic.msgtype == MSGTYPES[QUATERNION]
         self._may_be_unknown = topic.name == ATTITUDE.name  # a zero quaternion: no estimate yet
         self._is_fix = topic.form == FIX
