@@ -15,6 +15,7 @@
 """Where the reference generator takes goals: two topics and a service in, one topic out."""
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -161,10 +162,7 @@ class GuidanceDesk:
 
     def _on_pose(self, message: PoseStamped) -> None:
         frame, attitude = _goal_of(message)
-
-        def make(stamp_ns: int) -> NDArray[Any]:
-            return goal_order(stamp_ns, frame, attitude)
-
+        make = partial(goal_order, frame=frame, attitude=attitude)
         make(0)  # what is wrong with it is told at once
         stamp = _stamp_of(message.header.stamp)
         self._accept(GOAL_POSE.name, make, stamp, pose_asked(message))

@@ -16,6 +16,7 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -52,17 +53,14 @@ def measure(goes_on: Callable[[float | None], bool], namespace: str = "") -> Lat
     arrivals: dict[int, float] = {}
     answers: dict[int, float] = {}
 
-    def receiver(topic: Topic, times: dict[int, float]) -> Callable[[bytes], None]:
-        def receive(data: bytes) -> None:
-            stamp = header_stamp(data, topic.msgtype)
-            if stamp is not None:
-                times.setdefault(stamp, time.perf_counter())
-
-        return receive
+    def note(topic: Topic, times: dict[int, float], data: bytes) -> None:
+        stamp = header_stamp(data, topic.msgtype)
+        if stamp is not None:
+            times.setdefault(stamp, time.perf_counter())
 
     with visiting("latency_probe", namespace) as node:
         for topic, times in ((ATTITUDE, arrivals), (TORQUE_COMMAND, answers)):
-            subscribe(node, topic, receiver(topic, times), recorded(topic), raw=True)
+            subscribe(node, topic, partial(note, topic, times), recorded(topic), raw=True)
         with listening(node) as listen:
             while goes_on(next(iter(arrivals.values()), None)):
                 listen(_LOOK)
