@@ -16,7 +16,7 @@
 
 import argparse
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -125,14 +125,9 @@ def shipped_config(name: str, package: Path | None = None) -> Path:
         This installation has no such file.
     """
     home = (package or Path(__file__).parents[1]).resolve()
-    for folder in _folders(home):
+    # pip and colcon put the package below PREFIX/lib, and what it shares below PREFIX/share.
+    shared = (prefix / "share" / home.name / "config" for prefix in home.parents)
+    for folder in (home.parent / "config", *shared):
         if (folder / name).is_file():
             return folder / name
     raise ConfigurationError(f"config/{name} is not where {home} is installed: name the file")
-
-
-def _folders(package: Path) -> Iterator[Path]:
-    yield package.parent / "config"
-    # pip and colcon put the package below PREFIX/lib, and what it shares below PREFIX/share.
-    for prefix in package.parents:
-        yield prefix / "share" / package.name / "config"
