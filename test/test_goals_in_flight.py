@@ -44,7 +44,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE_RATE,
     Topic,
 )
-from ppc_attitude.nodes.goto import Answer, _all_listen, _go_to
+from ppc_attitude.nodes.goto import Answer, _all_listen, go_to
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
@@ -235,7 +235,7 @@ def test_goto_prints_the_answer_that_is_its_own(pilot: Pilot) -> None:
     with ThreadPoolExecutor(1) as pool:
 
         def answer(attitude: tuple[float, ...], before: int, at: float = 0.0) -> Answer:
-            future = pool.submit(_go_to, sender, attitude, "inertial", at)
+            future = pool.submit(go_to, sender, attitude, "inertial", at)
             pilot.until(lambda: pilot.seen() > before)
             pilot.pose(NEAR)
             pilot.pose((0.0, 0.0, 2.0, 0.0))

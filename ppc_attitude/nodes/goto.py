@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One goal: a short-lived node that publishes on `goal_pose` and waits for the answer."""
+"""One goal: a node publishes on `goal_pose` and waits for the answer."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -29,19 +29,19 @@ from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
 from ppc_attitude.nodes.guidance_desk import ASKED, pose_asked
 from ppc_attitude.nodes.messages import publisher_of, subscribe
 from ppc_attitude.nodes.publisher_watch import node_of
-from ppc_attitude.nodes.visiting import await_answer, visiting
+from ppc_attitude.nodes.visiting import await_answer
 from ppc_attitude.science.stamps import nanoseconds
 
 
 class Answer(NamedTuple):
-    """The reference generator's answer to a goal; empty if it did not answer."""
+    """The reference generator's answer to a goal."""
 
     text: str
     followed: bool
 
 
-def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> Answer:
-    """Send a goal and wait for what becomes of it.
+def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answer:
+    """Let a node send a goal, and wait for what becomes of it.
 
     The attitude is a unit quaternion x y z w, relative to the frame. The goal begins at a simulated
     time [s], 0: now; of a later one the answer is that it is taken.
@@ -51,11 +51,6 @@ def go_to(attitude: Sequence[float], frame: str, at: float, namespace: str) -> A
     TimeoutError
         Nobody listens, or nobody answers.
     """
-    with visiting("goto", namespace) as node:
-        return _go_to(node, attitude, frame, at)
-
-
-def _go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answer:
     heard: list[DiagnosticStatus] = []
     stamp = Time(nanoseconds=nanoseconds(at)).to_msg()
     x, y, z, w = map(float, attitude)

@@ -63,6 +63,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Send the goal and print the answer."""
     from ppc_attitude.nodes.goto import go_to
+    from ppc_attitude.nodes.visiting import visiting
 
     if arguments.quaternion:
         attitude = unit_quaternion("--quaternion", arguments.quaternion).tolist()
@@ -71,6 +72,7 @@ def execute(arguments: argparse.Namespace) -> int:
     else:
         n = arguments.vectors
         attitude = from_vectors(n[:3], n[3:6], n[6:9], n[9:])
-    answer = go_to(attitude, arguments.frame, arguments.at or 0.0, arguments.namespace)
+    with visiting("goto", arguments.namespace) as node:
+        answer = go_to(node, attitude, arguments.frame, arguments.at or 0.0)
     print(answer.text)
     return DONE if answer.followed else REQUIREMENT_FAILED
