@@ -14,8 +14,7 @@
 
 """The latest samples and the health of a running stack, for programs that only look on."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -37,7 +36,6 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.messages import LatestSamples, subscribe
-from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 
@@ -95,16 +93,3 @@ class Onlooker:
             if sample is not None:
                 samples[topic.name] = sample
         return Snapshot(samples, dict(self._health))
-
-
-@contextmanager
-def looking_on(namespace: str) -> Iterator[Onlooker]:
-    """Look on at the stack in a namespace while the block runs.
-
-    Raises
-    ------
-    ConfigurationError
-        The namespace cannot be one.
-    """
-    with visiting("watch", namespace) as node, listening(node) as listen:
-        yield Onlooker(node, listen)

@@ -54,9 +54,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Show one picture, or many."""
     see_that_none_is_idle(arguments, arguments.once, "one picture: --once", "timeout")
-    from ppc_attitude.nodes.onlooker import looking_on
+    from ppc_attitude.nodes.onlooker import Onlooker
+    from ppc_attitude.nodes.visiting import listening, visiting
 
-    with looking_on(arguments.namespace) as onlooker:
+    with visiting("watch", arguments.namespace) as node, listening(node) as listen:
+        onlooker = Onlooker(node, listen)
         if arguments.once:
             _show_once(onlooker, arguments.timeout or _TIMEOUT, arguments.namespace)
         else:
