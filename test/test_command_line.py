@@ -19,6 +19,7 @@ import os
 import shlex
 import sys
 import warnings
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,6 @@ import ppc_attitude
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.errors import BAD_INPUT, DONE
-from ppc_attitude.command_line.examples import EXAMPLES
 from ppc_attitude.command_line.gain_search import WRITTEN
 from ppc_attitude.command_line.main import COMMANDS, build_parser, command_parsers, main
 from ppc_attitude.command_line.options import REPORT
@@ -40,11 +40,16 @@ from ppc_attitude.command_line.recording import _progress
 PAPER = str(ROOT / "config" / "paper.yaml")
 
 
+def examples(command: str) -> tuple[str, ...]:
+    found: tuple[str, ...] = import_module(f"ppc_attitude.command_line.commands.{command}").EXAMPLES
+    return found
+
+
 def test_every_command_has_examples_that_parse() -> None:
     assert set(COMMANDS) == set(command_parsers())
     parser = build_parser()
-    for command, lines in EXAMPLES.items():
-        for line in lines:
+    for command in COMMANDS:
+        for line in examples(command):
             words = [word for word in shlex.split(line) if not word.startswith("ROS_DOMAIN_ID=")]
             assert words[:2] == ["ppc_attitude", command]
             assert parser.parse_args(words[1:]).command == command
@@ -56,7 +61,7 @@ def test_help_describes_every_argument(command: str, capsys: pytest.CaptureFixtu
         main([command, "--help"])
     assert end.value.code == DONE
     shown = capsys.readouterr().out
-    for line in EXAMPLES[command]:
+    for line in examples(command):
         assert f"\n  {line}\n" in shown
     for action in command_parsers()[command]._actions:
         assert action.help, f"{command}: {action.dest}"

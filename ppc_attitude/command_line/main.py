@@ -27,13 +27,16 @@ from typing import Any, NoReturn
 from ppc_attitude import __version__
 from ppc_attitude.bags.errors import printable
 from ppc_attitude.command_line.errors import BAD_INPUT, BROKEN, DONE, RunError
-from ppc_attitude.command_line.examples import EXAMPLES, epilog
 from ppc_attitude.command_line.stopping import asked, end_at_once, interrupt
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
 from ppc_attitude.processes.child import handle_ending, take_signals
 from ppc_attitude.processes.imports import forget_current_folder
 
-COMMANDS = tuple(EXAMPLES)
+COMMANDS = (
+    *("run", "simulate", "analyse", "compare", "sweep", "check", "design", "falsify", "campaign"),
+    *("replay", "inject", "goto", "watch", "latency", "recover", "export"),
+)
+"""In the order of the help."""
 _EXAMPLES = """examples:
   ppc_attitude run --config config/paper.yaml
   ppc_attitude run --config config/paper.yaml --config config/sudden_disturbance.yaml
@@ -109,7 +112,7 @@ def _parsers(
             name,
             help=command.HELP,
             description=command.DESCRIPTION,
-            epilog=epilog(name),
+            epilog="\n".join(["examples:", *(f"  {line}" for line in command.EXAMPLES)]),
             formatter_class=_Formatter,
         )
         own.set_defaults(execute=command.execute)

@@ -33,6 +33,13 @@ from ppc_attitude.command_line.options import (
 
 HELP = "judge a recorded run"
 DESCRIPTION = "Verdict on every requirement, the paper's or one's own, from the bag alone."
+EXAMPLES = (
+    "ppc_attitude analyse bags/here",
+    "ppc_attitude analyse bags/here --figures figures --report here.html",
+    "ppc_attitude analyse bags/here --requirements config/requirements.yaml",
+    "ppc_attitude analyse bags/comparison --namespace /proposed --json",
+    "ppc_attitude analyse bags/rig --topic attitude=/imu/data --topic angular_velocity=/imu/data",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

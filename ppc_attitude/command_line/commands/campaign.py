@@ -55,6 +55,10 @@ DESCRIPTION = (
     "Draws every run from --campaign, simulates and judges it. A run depends on seed and index "
     "alone: --only runs one again."
 )
+EXAMPLES = (
+    "ppc_attitude campaign --campaign config/campaign.yaml --runs 1000 --seed 1",
+    "ppc_attitude campaign --campaign config/campaign.yaml --only 17",
+)
 RUNS = 1000
 
 

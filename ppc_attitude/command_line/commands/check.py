@@ -85,6 +85,10 @@ DESCRIPTION = (
     "momentum-tube law its certificate, proved anew. What is violated with a warning only is "
     "sufficient or advisable, not necessary."
 )
+EXAMPLES = (
+    "ppc_attitude check --config config/paper.yaml --json",
+    "ppc_attitude check --config config/paper.yaml --config config/guaranteed.yaml",
+)
 _CERTIFIED = f"a law with a certificate: {' or '.join(LAWS)}"
 _KNOWN_RATES = (0.0, 1.0)  # [deg/s] at the start
 

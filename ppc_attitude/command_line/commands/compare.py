@@ -37,6 +37,11 @@ from ppc_attitude.science.errors import ConfigurationError
 
 HELP = "compare recorded runs"
 DESCRIPTION = "Verdicts and figures of several runs side by side; the first is drawn red."
+EXAMPLES = (
+    "ppc_attitude compare bags/proposed bags/traditional --figures figures",
+    "ppc_attitude compare bags/comparison",
+    "ppc_attitude compare bags/one bags/two bags/three --report comparison.html",
+)
 _MOST = len(RUN_COLOURS)
 
 

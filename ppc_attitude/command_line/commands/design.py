@@ -80,6 +80,12 @@ DESCRIPTION = (
     "quaternion_feedback: gains by search over simulated runs, and how many of other runs meet the "
     "requirements, which is no guarantee."
 )
+EXAMPLES = (
+    "ppc_attitude design --config config/paper.yaml --output gains.yaml",
+    "ppc_attitude design --config config/paper.yaml --assume e_S=0.1 --assume eta=0.8",
+    "ppc_attitude design --attitude-noise 5e-5 --rate-noise 2e-5 --torque-noise 7e-4",
+    "ppc_attitude design --config config/paper.yaml --gains 1 15 0.2",
+)
 _SEARCH = f"a search: --controller {' or '.join(GAINS)}"
 _OF_THE_TUBE = (
     "gains",

@@ -24,6 +24,10 @@ from ppc_attitude.command_line.paths import new_file
 
 HELP = "write a bag's samples as a table"
 DESCRIPTION = "One row an instant, one column a component."
+EXAMPLES = (
+    "ppc_attitude export bags/here --parquet here.parquet",
+    "ppc_attitude export bags/here --csv here.csv",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -54,6 +54,10 @@ DESCRIPTION = (
     "process, and writes the worst case as a parameter file. The same command continues an earlier "
     "search in its folder."
 )
+EXAMPLES = (
+    "ppc_attitude falsify --config config/paper.yaml --config config/guaranteed.yaml",
+    "ppc_attitude falsify --controller ppc --goal attitude_error --seconds 60 --out search",
+)
 WORST = "worst.yaml"
 _HEAD = "# Overlay: the worst case of"
 

@@ -29,6 +29,11 @@ DESCRIPTION = (
     "guidance/status says of it. The stack's reference generator has mode: goal. Exit codes: 0 "
     "followed; 1 refused, or followed with a warning; 2 bad input; 3 nobody answered."
 )
+EXAMPLES = (
+    "ROS_DOMAIN_ID=42 ppc_attitude goto --euler 0 0 90",
+    "ROS_DOMAIN_ID=42 ppc_attitude goto --quaternion 0 0 0 1 --frame nadir --at 60",
+    "ROS_DOMAIN_ID=42 ppc_attitude goto --vectors 0 0 1 1 0 0 1 0 0 0 0 1",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

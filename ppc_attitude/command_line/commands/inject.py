@@ -24,6 +24,10 @@ DESCRIPTION = (
     "Asks the injector, in the domain that ROS_DOMAIN_ID names, and prints its answer: from when "
     "until when the torque acts. What acted is on disturbance/torque."
 )
+EXAMPLES = (
+    "ROS_DOMAIN_ID=42 ppc_attitude inject 0.5 0.5 0.5",
+    "ROS_DOMAIN_ID=42 ppc_attitude inject 0 -0.2 0 --at 60 --duration 0.5",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -45,6 +45,10 @@ DESCRIPTION = (
     "Runs the stack in real time as `run --realtime` does, or listens to one that runs already, "
     "and prints deadline misses and percentiles of the latency."
 )
+EXAMPLES = (
+    "ppc_attitude latency --config config/paper.yaml --rate 250 --duration 20",
+    "ppc_attitude latency --live --duration 10",
+)
 _FIRST_STATE = 15.0  # [s] how long a live graph may take to show a state
 
 

@@ -24,6 +24,7 @@ from ppc_attitude.science.stamps import seconds
 
 HELP = "finish a bag whose recorder was killed"
 DESCRIPTION = "Writes index and metadata of a cut bag, so that every tool reads it."
+EXAMPLES = ("ppc_attitude recover bags/cut",)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -26,6 +26,7 @@ DESCRIPTION = (
     "Reports the largest difference of each, and what is not installed; exit code 0 if there is no "
     "difference."
 )
+EXAMPLES = ("ppc_attitude replay bags/here",)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -36,6 +36,11 @@ DESCRIPTION = (
     "Starts plant, reference, controller, injector and recorder as processes in lock-step, stops "
     "them all, and prints the verdict from the bag."
 )
+EXAMPLES = (
+    "ppc_attitude run",
+    "ppc_attitude run --config config/paper.yaml --config config/sudden_disturbance.yaml",
+    "ppc_attitude run --realtime --duration 30 --bag bags/here --report here.html",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -48,6 +48,11 @@ DESCRIPTION = (
     "The same loop as `run`, with the same kernels, in one process. What the log of the nodes "
     "would warn of goes to standard error, with the simulated time."
 )
+EXAMPLES = (
+    "ppc_attitude simulate --config config/paper.yaml --json",
+    "ppc_attitude simulate --controller quaternion_feedback --report simulated.html",
+    "ppc_attitude simulate --duration 30 --bag bags/simulated --export simulated.csv",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -45,6 +45,10 @@ DESCRIPTION = (
     "Simulates one hit for every duration and reports how each is recovered. What is not given is "
     "scaled to the actuator and to the required settling time."
 )
+EXAMPLES = (
+    "ppc_attitude sweep --torque 0.8 --at 80 --pulse-durations 0.05 0.1 0.2",
+    "ppc_attitude sweep --figure sweep.png --json",
+)
 
 # What nobody names is in proportion to the craft and to what is asked of it. In the paper's case
 # these are hits of 0.8 N·m at 80 s for 0.05 s to 1 s, and 300 s to recover.

@@ -34,6 +34,10 @@ DESCRIPTION = (
     "Errors against envelopes, rates, torques and health of a running stack, live, in the domain "
     "that ROS_DOMAIN_ID names. Ctrl-C ends it; the stack does not notice."
 )
+EXAMPLES = (
+    "ROS_DOMAIN_ID=42 ppc_attitude watch",
+    "ROS_DOMAIN_ID=42 ppc_attitude watch --once --namespace /proposed",
+)
 _TIMEOUT = 10.0  # [s] until the first state, for one picture
 _PERIOD = 0.1  # [s] between two pictures
 _SETTLE = 3.0  # [s] after the first state in which all other topics come, if they exist
