@@ -57,21 +57,18 @@ class Envelope:
         """True if a sudden torque throws the error out at once: a rate, but no angle."""
         return self.unit not in ("1", "rad")
 
-    def outside(self, record: RunRecord) -> NDArray[np.bool_]:
-        """Instants, finite in both, with a component beyond its bound, shape (n,)."""
-        return _outside(record, self.error, self.bound)
-
 
 @once
-def _outside(record: RunRecord, error: str, bound: str) -> NDArray[np.bool_]:
-    bounds = record[bound]
-    return beyond(record[error][:, : bounds.shape[1]], bounds)
+def outside(record: RunRecord, envelope: Envelope) -> NDArray[np.bool_]:
+    """Instants, finite in both, with a component of the error beyond its bound, shape (n,)."""
+    bounds = record[envelope.bound]
+    return beyond(record[envelope.error][:, : bounds.shape[1]], bounds)
 
 
 def beyond(error: Array, bound: Array) -> NDArray[np.bool_]:
     """Rows, finite in both, with a component beyond its bound, shape (n,)."""
-    outside = np.logical_or.reduce(np.abs(error).T > bound.T)
-    return np.asarray(outside & finite(error) & finite(bound))
+    larger = np.logical_or.reduce(np.abs(error).T > bound.T)
+    return np.asarray(larger & finite(error) & finite(bound))
 
 
 ATTITUDE = Envelope(ATTITUDE_ERROR.column, ATTITUDE_ENVELOPE.column)

@@ -35,7 +35,7 @@ from ppc_attitude.analysis.drawing import (
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.filter_figures import bias_figure, innovation_figure, knowledge_figure
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
-from ppc_attitude.analysis.measure import Measured, known
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
 from ppc_attitude.analysis.run_panels import (
     AXES,
@@ -50,7 +50,7 @@ from ppc_attitude.analysis.run_panels import (
     symbols,
 )
 from ppc_attitude.analysis.series import AnalysisError, has, samples, vectors
-from ppc_attitude.analysis.truth import EXACT, knowledge_errors, reference_rates_in_body, truth_of
+from ppc_attitude.analysis.truth import EXACT, reference_rates_in_body, truth_of
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
@@ -81,7 +81,7 @@ def pointing_figure(run: Measured) -> Figure:
     if run.truth.standing != EXACT:
         for label, errors, colour in (
             ("control: told against reference", run.control, BLUE),
-            ("knowledge: truth against told", known(knowledge_errors, run.record), RED),
+            ("knowledge: truth against told", run.knowledge, RED),
         ):
             kinds += [(label, errors, colour)] if errors is not None else []
     for axes in shown:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, beyond, envelopes_of
+from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, beyond, envelopes_of, outside
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
 from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import (
@@ -75,6 +75,9 @@ class Measured:
         self.pointing = known(pointing_errors, record)
         exact = truth.attitude == ATTITUDE.column
         self.control = self.pointing if exact else known(control_errors, record)
+        self.plant = record.parameters.get(PLANT, {})
+        self._actuator = ACTUATORS.selected(self.plant)
+        self._asks_for_torque = isinstance(required.torque, int | float)
         self.rate = None
         if has(record, truth.angular_velocity):
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
@@ -131,6 +134,11 @@ class Measured:
         return round(self.end - self.begin, 9) < self.required.terminal_window
 
     @cached_property
+    def knowledge(self) -> Errors | None:
+        """Knowledge errors, if the record has both the truth and what the controller was told."""
+        return known(knowledge_errors, self.record)
+
+    @cached_property
     def untold(self) -> tuple[Span, ...]:
         """Parts of the run in which the law was told no attitude: it holds what it said last."""
         if not has(self.record, ATTITUDE.column):
@@ -165,7 +173,7 @@ class Measured:
     def metrics(self) -> Metrics:
         """Everything that is measured."""
         deadline = self.span_from_deadline
-        outside = {f"time_outside_{each.bound}_s": each for each in ENVELOPES}
+        outsides = {f"time_outside_{each.bound}_s": self._time_outside(each) for each in ENVELOPES}
         sizes = None if self.pointing is None else self.pointing.sizes
         size, limit = self.size(self.required.settled), self.required.settled.limit
         unsettled = np.flatnonzero(self.calm & (size >= limit))
@@ -186,11 +194,7 @@ class Measured:
             "max_rate_deg_s": (largest(norm, self.calm), self.calm_span),
             "max_rate_axis_deg_s": (largest(axis, self.calm), self.calm_span),
             "max_applied_torque": (self.largest_of(APPLIED_TORQUE.column), self.whole),
-            **{
-                name: (self._time_outside(each), self.whole)
-                for name, each in outside.items()
-                if name in _FIELDS
-            },
+            **{name: (time, self.whole) for name, time in outsides.items() if name in _FIELDS},
             "time_pointing_outside_attitude_envelope_s": (self._pointing_outside(), self.whole),
             "error_from_deadline_with_recoveries": (largest(sizes, self.from_deadline), deadline),
             "max_rate_whole_run_deg_s": (largest(norm), self.whole),
@@ -205,9 +209,9 @@ class Measured:
             settled=bool(calm[-1] < limit) if calm.size else None,
             converged=None if worst is None else worst < limit,
             further={
-                name: self._time_outside(each)
-                for name, each in outside.items()
-                if name not in _FIELDS and each in envelopes_of(self.record)
+                name: time
+                for name, time in outsides.items()
+                if name not in _FIELDS and time is not None
             },
             disturbances=self.hits,
             spans=spans,
@@ -226,40 +230,31 @@ class Measured:
     @property
     def torque_limit(self) -> float:
         """Limit on an axis [N·m]: as required, else as configured, else the paper's."""
+        torques = None
+        with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
+            torques = self._actuator.torques(self.plant) if self._actuator else None
         # A bag of somebody else's plant says only what the controller was told of the actuator.
-        parameters = self.record.parameters
-        told = parameters.get(CONTROLLER, {}).get("max_torque")
-        limits = (self.required.torque, self._actuator_torque, told, PAPER_TORQUE_LIMIT)
+        told = self.record.parameters.get(CONTROLLER, {}).get("max_torque")
+        limits = (self.required.torque, torques and torques[1], told, PAPER_TORQUE_LIMIT)
         return next(float(each) for each in limits if isinstance(each, int | float))
 
     @property
     def configured_limits(self) -> tuple[str, ...]:
         """Parameters of the plant that `torque_limit` depends on; none if one is required."""
-        actuator = ACTUATORS.selected(self.record.parameters.get(PLANT, {}))
-        required = isinstance(self.required.torque, int | float)
-        return () if required or actuator is None else (ACTUATORS.selector, *actuator.limits)
+        if self._asks_for_torque or self._actuator is None:
+            return ()
+        return (ACTUATORS.selector, *self._actuator.limits)
 
     @property
     def lacks_torque_limit(self) -> str:
         """Why nobody here knows the limit of the actuator; empty if it is known, or required."""
-        plant = self.record.parameters.get(PLANT, {})
-        if isinstance(self.required.torque, int | float) or ACTUATORS.selected(plant) is not None:
+        if self._asks_for_torque or self._actuator is not None:
             return ""
-        return f"{ACTUATORS.selector} = {plant[ACTUATORS.selector]} is not installed here"
-
-    @property
-    def _actuator_torque(self) -> float | None:
-        """Largest torque on an axis [N·m] that the actuator can give, if the record tells."""
-        plant = self.record.parameters.get(PLANT, {})
-        actuator = ACTUATORS.selected(plant)
-        with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
-            torques = actuator.torques(plant) if actuator else None
-            return torques and torques[1]
-        return None
+        return f"{ACTUATORS.selector} = {self.plant[ACTUATORS.selector]} is not installed here"
 
     def _time_outside(self, envelope: Envelope) -> float | None:
         has_both = envelope in envelopes_of(self.record)
-        return self.time(envelope.outside(self.record)) if has_both else None
+        return self.time(outside(self.record, envelope)) if has_both else None
 
     def _pointing_outside(self) -> float | None:
         """Time of the true attitude error beyond the law's envelope; its own may be inside [s]."""
@@ -269,16 +264,16 @@ class Measured:
             beyond(self.pointing.quaternions[:, :3], self.record[ATTITUDE_ENVELOPE.column])
         )
 
-    def time(self, outside: Mask) -> float:
+    def time(self, instants: Mask) -> float:
         """Time outside [s]: the samples outside, h each."""
-        return round(int(np.count_nonzero(outside)) * self.h, 9)
+        return round(int(np.count_nonzero(instants)) * self.h, 9)
 
     def error_sizes(self) -> Iterator[ErrorSize]:
         """Pointing, control and knowledge over the last part of the run."""
         for name, meaning, errors in (
             ("pointing", "truth against reference", self.pointing),
             ("control", "told against reference", self.control),
-            ("knowledge", "truth against told", known(knowledge_errors, self.record)),
+            ("knowledge", "truth against told", self.knowledge),
         ):
             last = None if errors is None else Errors(errors.quaternions[self.last])
             angles = np.empty(0) if last is None else np.rad2deg(last.angles)
@@ -286,7 +281,7 @@ class Measured:
             most = rms = None
             if angles.size:
                 most, rms = float(angles.max()), float(np.sqrt(np.mean(angles**2)))
-            elif name == "knowledge" and truth_of(self.record).standing == EXACT:
+            elif name == "knowledge" and self.truth.standing == EXACT:
                 most = rms = 0.0
             yield ErrorSize(name, meaning, most, rms, self.last_span)
 

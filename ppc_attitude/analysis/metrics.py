@@ -54,13 +54,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ppc_attitude.analysis.envelopes import Envelope, envelopes_of
+from ppc_attitude.analysis.envelopes import Envelope, envelopes_of, outside
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
 from ppc_attitude.analysis.flight import refusals_of
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
-from ppc_attitude.analysis.measure import Measured, known, largest, lost, window
+from ppc_attitude.analysis.measure import Measured, largest, lost, window
 from ppc_attitude.analysis.momentum import runs_out, wheel_momentum, wheel_shares
 from ppc_attitude.analysis.requirements import (
     DEGREES,
@@ -71,7 +71,7 @@ from ppc_attitude.analysis.requirements import (
     outside_names,
 )
 from ppc_attitude.analysis.series import has, zero_ns
-from ppc_attitude.analysis.truth import EXACT, RECORDED, knowledge_errors, truth_of
+from ppc_attitude.analysis.truth import EXACT, RECORDED
 from ppc_attitude.analysis.verdict import (
     Disturbance,
     Requirement,
@@ -131,7 +131,7 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
         duration_s=round(judge.end - judge.begin, 9),
         steps=int(judge.t.size),
         missing_messages=record.missing_messages,
-        truth=truth_of(record).standing,
+        truth=judge.truth.standing,
         requirements=judge.requirements,
         metrics=judge.metrics,
         errors=tuple(judge.error_sizes()),
@@ -163,7 +163,7 @@ class Judge(Measured):
             why = self.lacks_rate or self._never_calm
             rate = self.metrics.max_rate_deg_s
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
-            yield self._row("rate", rate, required.rate, "deg/s", self.calm_span, why, note=note)
+            yield self._row("rate", rate, required.rate, "deg/s", why, self.calm_span, note=note)
         if required.torque is not None:
             why = self.lacks_torque_limit or self.changed(PLANT, *self.configured_limits)
             yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit, why)
@@ -181,22 +181,23 @@ class Judge(Measured):
         yield from self._reported()
         yield from self._knowledge()
         yield from self._filter()
-        yield self._row("lost_messages", float(lost(self.record)), 0.0, "", self.whole)
+        yield self._row("lost_messages", float(lost(self.record)), 0.0)
 
     def _row(
         self,
         key: str,
         value: float | None,
         limit: float,
-        unit: str,
-        span: Span,
+        unit: str = "",
         why: str = "",
+        span: Span | None = None,
         *,
         strict: bool = False,
         without: tuple[Span, ...] = (),
         note: str = "",
     ) -> Requirement:
-        """Compare a value with its limit, unless there is a reason why not."""
+        """Compare a value with its limit, unless there is a reason why not; span: the whole run."""
+        span = span or self.whole
         if value is None and not why:
             why = f"there is no finite sample from {span_text(span)} s"
         name = self._names[key]
@@ -242,7 +243,7 @@ class Judge(Measured):
             if not self.hits:
                 why = f"no attitude error is known after {value:g} s, when it was not settled"
         key, span = "settling_time", self.calm_span
-        return self._row(key, value, deadline, "s", span, why, strict=True, note=note)
+        return self._row(key, value, deadline, "s", why, span, strict=True, note=note)
 
     def _after_deadline(self) -> Requirement:
         accuracy, why = self.required.settled, self._before_deadline
@@ -255,8 +256,8 @@ class Judge(Measured):
             largest(self.size(accuracy), self.settled),
             accuracy.limit,
             accuracy.unit,
-            span,
             why,
+            span,
             strict=True,
             without=self.recoveries,
         )
@@ -274,8 +275,8 @@ class Judge(Measured):
             largest(self.size(accuracy), self.last),
             accuracy.limit,
             accuracy.unit,
-            self.last_span,
             self.lacks_attitude or self._ends_before(self.terminal_from, what) or begins,
+            self.last_span,
             strict=True,
         )
 
@@ -283,23 +284,23 @@ class Judge(Measured):
         """Judge the largest number of a column over the whole run, unless a reason is given."""
         unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
         value, why = self.largest_of(column), self.lacks(column) or why
-        return self._row(key, value, limit, "" if unit == "1" else unit, self.whole, why)
+        return self._row(key, value, limit, "" if unit == "1" else unit, why)
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
-        outside, (key, *after_hit) = envelope.outside(self.record), outside_names(envelope)
-        time, span, why = self.time(outside), self.whole, ""
+        beyond, (key, *after_hit) = outside(self.record, envelope), outside_names(envelope)
+        time, span, why = self.time(beyond), self.whole, ""
         if envelope.jumps:
-            time, span, why = self.time(outside[self.calm]), self.calm_span, self._never_calm
-        note = self._whole_run(time, self.time(outside), "s")
+            time, span, why = self.time(beyond[self.calm]), self.calm_span, self._never_calm
+        note = self._whole_run(time, self.time(beyond), "s")
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
             why = why or f"the law was told no attitude from {span_text(span)} s"
-        yield self._row(key, time, 0.0, "s", span, why, without=without, note=note)
+        yield self._row(key, time, 0.0, "s", why, span, without=without, note=note)
         limit = self.required.outside_after_hit
         if envelope.jumps and self.hits and limit is not None:
-            longest = max(self.time(outside[window(self.t, hit, self.hits)]) for hit in self.hits)
-            yield self._row(after_hit[0], longest, limit, "s", (self.first_hit, self.end))
+            longest = max(self.time(beyond[window(self.t, hit, self.hits)]) for hit in self.hits)
+            yield self._row(after_hit[0], longest, limit, "s", span=(self.first_hit, self.end))
 
     def _recovered(self, hits: list[Disturbance]) -> Requirement:
         """Judge the slowest recovery from the hits that are judged by it."""
@@ -320,14 +321,14 @@ class Judge(Measured):
         if never and not why:
             name = self._names["recovery"]
             return Requirement("recovery", name, None, limit, "s", False, span, reason=never)
-        return self._row("recovery", slowest, limit, "s", span, why)
+        return self._row("recovery", slowest, limit, "s", why, span)
 
     def _obeyed(self) -> Iterator[Requirement]:
         """Judge that every order was followed: a refused one leaves the reference where it was."""
         found = refusals_of(self.record)
         if found is not None:
             refused, reason = found
-            yield self._row("refused_orders", float(refused), 0.0, "", self.whole, note=reason)
+            yield self._row("refused_orders", float(refused), 0.0, note=reason)
 
     def _kept_out(self) -> Iterator[Requirement]:
         """Judge how far the craft came into its worst keep-out cone; negative: it stayed out."""
@@ -337,17 +338,16 @@ class Judge(Measured):
             worst = max(approaches, key=lambda each: each.half_angle - each.angle)
             angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
             note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
-            value = float(half_angle - angle)
-            yield self._row("keep_out", value, 0.0, "deg", self.whole, why, note=note)
+            yield self._row("keep_out", float(half_angle - angle), 0.0, "deg", why, note=note)
         elif why:  # cones that came in flight
-            yield self._row("keep_out", None, 0.0, "deg", self.whole, why)
+            yield self._row("keep_out", None, 0.0, "deg", why)
 
     def _certificate(self) -> Iterator[Requirement]:
         """Judge how long the run broke its certificate's promise while the assumptions held."""
         held = certificate_held(self.record)
         if held is not None:
             time = self.time(held.outside)
-            yield self._row("certificate", time, 0.0, "s", self.whole, held.reason, note=held.note)
+            yield self._row("certificate", time, 0.0, "s", held.reason, note=held.note)
 
     def _wheels(self) -> Iterator[Requirement]:
         """Judge the wheels' momentum, and whether they could take it up."""
@@ -355,16 +355,13 @@ class Judge(Measured):
             held, why = wheel_momentum(self.record), self.lacks(wheels.SPEED.name)
             if held is None and not why:
                 why = f"no numbers of the wheels ({wheels.INERTIA.name} of {PLANT}) on record"
-            yield self._row(
-                "momentum", largest(held), self.required.momentum, "N·m·s", self.whole, why
-            )
+            yield self._row("momentum", largest(held), self.required.momentum, "N·m·s", why)
         if has(self.record, wheels.SPEED.name):
             shares, why = wheel_shares(self.record), self.changed(PLANT, wheels.MAX_SPEED.name)
             if shares is None and not why:
                 why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
             note = "" if shares is None else runs_out(shares, WHEEL_RESERVE, self.t)
-            share = largest(shares)
-            yield self._row("wheel_speed", share, WHEEL_RESERVE, "", self.whole, why, note=note)
+            yield self._row("wheel_speed", largest(shares), WHEEL_RESERVE, "", why, note=note)
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""
@@ -374,25 +371,22 @@ class Judge(Measured):
         reported, computed = self.record[ATTITUDE_ERROR.column], told.quaternions
         both = (reported - computed, reported + computed)
         apart = np.minimum(*(np.maximum.reduce(np.abs(each).T) for each in both))
-        yield self._row("reported_error", largest(apart), ROUNDING, "", self.whole)
+        yield self._row("reported_error", largest(apart), ROUNDING)
 
     def _knowledge(self) -> Iterator[Requirement]:
         """Judge the knowledge error, by the requirement or else by the noise that explains it."""
-        accuracy, standing = self.required.knowledge, truth_of(self.record).standing
-        plant = self.record.parameters.get(PLANT, {})
-        sensors, noise = SENSORS.selected(plant), plant.get("attitude_noise")
+        accuracy, standing = self.required.knowledge, self.truth.standing
+        sensors, noise = SENSORS.selected(self.plant), self.plant.get("attitude_noise")
         direct = sensors is not None and sensors.name == "direct"
         if accuracy is None and standing == RECORDED and direct and noise:
             accuracy = Accuracy(float(np.rad2deg(NOISE_EXPLAINS * float(noise))), DEGREES)
         if accuracy is None:
             return
-        errors = known(knowledge_errors, self.record)
-        value = largest(errors.in_unit_of(accuracy)) if errors else None
+        value = largest(self.knowledge.in_unit_of(accuracy)) if self.knowledge else None
         why = self.lacks(TRUE_ATTITUDE.column, ATTITUDE.column)
         if standing == EXACT:
             value, why = 0.0, ""
-        limit, unit = accuracy.limit, accuracy.unit
-        yield self._row("knowledge", value, limit, unit, self.whole, why, strict=True)
+        yield self._row("knowledge", value, accuracy.limit, accuracy.unit, why, strict=True)
 
     def _filter(self) -> Iterator[Requirement]:
         """Compare a filter's errors with the covariance that it tells."""
@@ -403,11 +397,10 @@ class Judge(Measured):
         why = "" if found.outside is not None else self._ends_before(SETTLED, "the filter settles")
         if found.outside is not None and found.outside > OUTSIDE_LIMIT:
             why = f"{found.outside:.3g}, but one run cannot tell: errors correlate over minutes"
-        row = ("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", span, why)
+        row = ("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", why, span)
         yield self._row(*row, without=self.untold)
         if found.nis_limit is not None:
-            yield self._row("nis", found.nis_offset, found.nis_limit, "", self.whole)
+            yield self._row("nis", found.nis_offset, found.nis_limit)
         if found.refused_limit is not None:
             why = self.lacks(TRUE_ATTITUDE.column)
-            refused = found.refused
-            yield self._row("refused_fixes", refused, found.refused_limit, "", self.whole, why)
+            yield self._row("refused_fixes", found.refused, found.refused_limit, "", why)
