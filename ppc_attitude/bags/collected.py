@@ -15,28 +15,18 @@
 """Messages of a bag that may belong to a run, decoded while the bag is read."""
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.bags.changes import MOST, changes_of
-from ppc_attitude.bags.source import Block, Channel, Integers, split_rows
+from ppc_attitude.bags.source import Block, Channel, split_rows
 from ppc_attitude.bags.timeline import Series
 from ppc_attitude.contract.carriers import carriers, decode_rows, is_stamped
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED
-from ppc_attitude.contract.run_record import Array, Change
+from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import CHANGES_TOPIC, Topic
-
-
-class _Part(NamedTuple):
-    """Messages of one topic; when they were received, where none of them has a stamp."""
-
-    stamps: Integers
-    values: Array
-    arrival: Integers
-    received: Integers | None
 
 
 def readings(name: str, msgtype: str) -> Iterator[tuple[str, Topic]]:
@@ -65,7 +55,7 @@ class Collected:
     def __init__(self, namespace: str | None, names: Mapping[Topic, str]) -> None:
         self._namespace = namespace
         self._names = names
-        self._parts: dict[str, list[_Part]] = {}
+        self._parts: dict[str, list[Series]] = {}
         self._unreadable: dict[str, int] = {}
         # How many messages have another frame, and what a node says of the first.
         self._strange: dict[str, tuple[int, str]] = {}
@@ -91,13 +81,12 @@ class Collected:
                 if channel.msgtype == topic.msgtype:  # another type has another header's frame
                     self._look_at_frames(channel.topic, Codec(topic), rows, readable)
                 received = None if stamps.any() else block.time[indices]
-                arrival = indices + self._met
+                part = Series(stamps, values, indices + self._met, received)
                 bad = len(rows) - int(readable.sum())
                 if bad:
                     self._unreadable[channel.topic] = self._unreadable.get(channel.topic, 0) + bad
-                    stamps, values, arrival = stamps[readable], values[readable], arrival[readable]
-                    received = None if received is None else received[readable]
-                self._parts.setdefault(name, []).append(_Part(stamps, values, arrival, received))
+                    part = part[readable]
+                self._parts.setdefault(name, []).append(part)
         self._met += len(block.channel)
 
     def _look_at_frames(
@@ -129,7 +118,7 @@ class Collected:
                 found[topic] = self._joined(name, types[name], parts)
         return found
 
-    def _joined(self, name: str, msgtype: str, parts: list[_Part]) -> Series:
+    def _joined(self, name: str, msgtype: str, parts: list[Series]) -> Series:
         """One series of the parts, by receipt where there are no stamps, or only zeros."""
         stamps = np.concatenate([part.stamps for part in parts])
         values = np.concatenate([part.values for part in parts])

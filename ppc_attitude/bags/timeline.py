@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppc_attitude.bags.source import Integers
 from ppc_attitude.contract.run_record import Array
@@ -54,10 +55,12 @@ class Series:
     stamps: Integers  # [ns]
     values: Array  # a row each
     arrival: Integers  # their places in the bag, increasing
+    received: Integers | None = None  # when [ns], where none of them has a stamp
 
-    def __getitem__(self, which: slice | Integers) -> "Series":
+    def __getitem__(self, which: slice | Integers | NDArray[np.bool_]) -> "Series":
         """Some of the messages."""
-        return Series(self.stamps[which], self.values[which], self.arrival[which])
+        received = None if self.received is None else self.received[which]
+        return Series(self.stamps[which], self.values[which], self.arrival[which], received)
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ def align(
         if topic.source == PLANT and not topic.late
     ] or [series[master].stamps]
     most = _LARGEST_FILL * sum(len(messages.stamps) for messages in series.values()) // len(series)
-    stamps, unfilled = _complete(_union(recorded), rate, most, warnings)
+    stamps, unfilled = _complete(np.unique(np.concatenate(recorded)), rate, most, warnings)
     if cut:
         most_lacking = int((stamps > stamps[-1] - _RAGGED_END).sum())
         stamps = _without_ragged_end(stamps, series, most_lacking)
@@ -247,12 +250,6 @@ def _in_order(topic: Topic, messages: Series, warnings: list[str]) -> Series:
     if late:
         warnings.append(f"{late} messages of {topic.name} arrived out of order")
     return messages[np.unique(messages.stamps, return_index=True)[1]]
-
-
-def _union(parts: list[Integers]) -> Integers:
-    if all(np.array_equal(part, parts[0]) for part in parts[1:]):
-        return parts[0]
-    return np.unique(np.concatenate(parts))
 
 
 def _complete(
