@@ -148,8 +148,10 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         raise BagError(f"{bag.path} {lacks}; messages read: {read}{_flaws(bag)}")
     recovered = bag.custom_data.get(RECOVERED_KEY)
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
-    rate = _rate(facts.parameters)
-    timeline = align(series, rate, cut=bool(cut), end_ns=_planned_end(facts.parameters, rate))
+    plant = facts.parameters.get(PLANT, {})
+    rate, duration = plant.get("rate"), plant.get("duration")
+    end_ns = stamp_of(round(duration * rate), rate) if rate and duration else None
+    timeline = align(series, rate, cut=bool(cut), end_ns=end_ns)
     parameters, in_flight = _of_last_epoch(facts.parameters, changes, timeline)
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     empty = dict.fromkeys(announced, len(timeline.stamps))
@@ -296,16 +298,3 @@ def _state(bag: Bag) -> str:
 def _tidy(namespace: str) -> str:
     bare = namespace.strip("/")
     return f"/{bare}" if bare else ""
-
-
-def _rate(parameters: Mapping[str, Mapping[str, Any]]) -> float | None:
-    rate = parameters.get(PLANT, {}).get("rate")
-    return float(rate) if isinstance(rate, int | float) and 0.0 < rate < 1e9 else None
-
-
-def _planned_end(parameters: Mapping[str, Mapping[str, Any]], rate: float | None) -> int | None:
-    """Stamp [ns] at which the plant ends by itself; None if it does not or nobody knows."""
-    duration = parameters.get(PLANT, {}).get("duration")
-    if rate is None or not isinstance(duration, int | float) or not 0.0 < duration < 1e9:
-        return None
-    return stamp_of(round(duration * rate), rate)
