@@ -32,6 +32,12 @@ GAPS_KEY = "ppc_attitude.gaps"  # what the recorder knows to be incomplete
 UNKNOWN_CONTROLLER = "unknown"
 
 
+def custom_data_of(said: Any) -> dict[str, str]:
+    """Custom data in what the metadata of a bag, or what stands for them, say."""
+    custom = said.get("custom_data") if isinstance(said, dict) else None
+    return {str(k): str(v) for k, v in custom.items()} if isinstance(custom, dict) else {}
+
+
 class RunFacts(NamedTuple):
     """Controller, parameters by node and metadata of a run.
 

@@ -24,6 +24,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ppc_attitude.bags.custom_data import custom_data_of
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd_file
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
@@ -187,10 +188,7 @@ class Bag:
         said: Any = self._information
         if not said and self.path.is_dir() and os.path.lexists(self.path / UNFINISHED):
             said = self._content(UNFINISHED, parsed_json)
-        custom = said.get("custom_data") if isinstance(said, dict) else None
-        if not isinstance(custom, dict):
-            return {}
-        return {str(key): str(value) for key, value in custom.items()}
+        return custom_data_of(said)
 
 
 def _kind(path: Path) -> str:

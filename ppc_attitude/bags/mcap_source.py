@@ -31,6 +31,7 @@ from zlib import crc32
 
 import numpy as np
 
+from ppc_attitude.bags.custom_data import custom_data_of
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, plain_file, unlz4, unzstd
 from ppc_attitude.bags.source import Block, Bytes, Channel, Integers
@@ -219,13 +220,9 @@ class McapSource:
         if name != "rosbag2" or "custom_data" not in text:
             return
         try:
-            found = parsed(text, FAST)
+            self.custom_data = custom_data_of(parsed(text, FAST)) or self.custom_data
         except ValueError as error:
             self._flaw(f"the metadata in {self.path.name} are damaged: {error}")
-            return
-        custom = found.get("custom_data") if isinstance(found, dict) else None
-        if isinstance(custom, dict):
-            self.custom_data = {str(key): str(value) for key, value in custom.items()}
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:
