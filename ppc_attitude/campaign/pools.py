@@ -29,7 +29,7 @@ from ppc_attitude.campaign import worker
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.rows import CampaignError, Outcome, run_chunk
 from ppc_attitude.processes.child import Child
-from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.errors import ConfigurationError, needed_by
 from ppc_attitude.simulation.closed_loop import warm_up
 
 _PATIENCE = 30.0  # [s] for a scheduler to answer, and for its first worker
@@ -206,13 +206,9 @@ def connected(address: str) -> Any:
     ConfigurationError
         Dask is not installed, no scheduler answers there, or it has no worker.
     """
-    try:
+    with needed_by("a Dask scheduler needs Dask", "campaign"):
         import distributed
         from distributed.comm.addressing import get_address_host_port
-    except ImportError:
-        raise ConfigurationError(
-            "a Dask scheduler needs Dask: pip install 'ppc_attitude[campaign]'"
-        ) from None
     try:  # for what is no address its client takes a minute
         get_address_host_port(address)
     except ValueError as error:

@@ -15,14 +15,13 @@
 """The files of a campaign: one Parquet file of runs, one of errors over time."""
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.quantile_bands import EDGES, QUANTITIES, QuantileBands
 from ppc_attitude.campaign.rows import Row, row_types
-from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.contract.whole_file import unfinished_of, whole_file
+from ppc_attitude.science.errors import ConfigurationError, needed_by
 
 RUNS_FILE, FAN_FILE = "runs.parquet", "error_over_time.parquet"
 BATCH = 1000
@@ -51,19 +50,22 @@ class Results:
     """
 
     def __init__(self, folder: Path, campaign: Campaign, bands: QuantileBands) -> None:
-        try:
+        with needed_by("a campaign's results need pyarrow", "campaign"):
             import pyarrow
             import pyarrow.parquet
-        except ImportError:
-            raise ConfigurationError(
-                "a campaign's results need pyarrow: pip install 'ppc_attitude[campaign]'"
-            ) from None
         if folder.exists():
             raise ConfigurationError(f"folder {folder} exists already and is not overwritten")
         folder.mkdir(parents=True)
         self._arrow, self._parquet = pyarrow, pyarrow.parquet
         self._folder, self._counted = folder, bands
-        self._metadata = {b"ppc_attitude": json.dumps(description(campaign)).encode()}
+        description = {  # everything that determines the runs
+            "seed": campaign.seed,
+            "campaign": campaign.declaration,
+            "required": campaign.required.to_json(),
+            "parameters": campaign.scenario.parameters,
+            "versions": campaign.made_with,
+        }
+        self._metadata = {b"ppc_attitude": json.dumps(description).encode()}
         types = {
             int: pyarrow.int64(),
             float: pyarrow.float64(),
@@ -75,7 +77,7 @@ class Results:
             metadata=self._metadata,
         )
         self._rows: list[Row] = []
-        self._unfinished = folder / f"{RUNS_FILE}.unfinished"
+        self._unfinished = unfinished_of(folder / RUNS_FILE)
         self._writer = pyarrow.parquet.ParquetWriter(self._unfinished, self._schema)
 
     def add(self, row: Row) -> None:
@@ -102,9 +104,8 @@ class Results:
                 "runs": self._counted.counts[quantity, time, level],
             }
         )
-        path = self._folder / f"{FAN_FILE}.unfinished"
-        self._parquet.write_table(table.replace_schema_metadata(self._metadata), path)
-        path.replace(self._folder / FAN_FILE)
+        with whole_file(self._folder / FAN_FILE) as file:
+            self._parquet.write_table(table.replace_schema_metadata(self._metadata), file)
 
     def close(self) -> None:
         """Write what is there, also when the campaign was cut short."""
@@ -113,14 +114,3 @@ class Results:
         self._writer.close()
         self._unfinished.replace(self._folder / RUNS_FILE)
         self._write_bands()
-
-
-def description(campaign: Campaign) -> Mapping[str, Any]:
-    """Everything that determines the runs, as it stands in the files' metadata."""
-    return {
-        "seed": campaign.seed,
-        "campaign": campaign.declaration,
-        "required": campaign.required.to_json(),
-        "parameters": campaign.scenario.parameters,
-        "versions": campaign.made_with,
-    }

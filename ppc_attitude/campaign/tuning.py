@@ -37,7 +37,7 @@ from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import scenario_of_run
 from ppc_attitude.campaign.summary import Fraction
 from ppc_attitude.contract.topics import CONTROLLER
-from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.errors import ConfigurationError, needed_by
 from ppc_attitude.simulation.closed_loop import simulate
 
 GAINS: Mapping[str, tuple[str, ...]] = {
@@ -116,12 +116,8 @@ def tuned(
     names = GAINS.get(law)
     if names is None:
         raise ConfigurationError(f"controller = {law}; gains are searched for {', '.join(GAINS)}")
-    try:
+    with needed_by("the search needs CMA-ES", "guarantee"):
         import cma
-    except ImportError:
-        raise ConfigurationError(
-            "the search needs CMA-ES: pip install 'ppc_attitude[guarantee]'"
-        ) from None
     begin = np.log([campaign.scenario.number(CONTROLLER, name) for name in names])
 
     def gains_of(x: NDArray[np.float64]) -> dict[str, float]:

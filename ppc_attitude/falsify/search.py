@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.yaml_file import parsed_json
 from ppc_attitude.falsify.goals import Goal
 from ppc_attitude.falsify.space import Space
-from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.errors import ConfigurationError, needed_by
 from ppc_attitude.simulation.closed_loop import simulate
 
 Vector = NDArray[np.float64]
@@ -88,12 +88,8 @@ class Search:
     """
 
     def __init__(self, space: Space, goal: Goal, folder: Path, seed: int) -> None:
-        try:
+        with needed_by("the adversary needs CMA-ES", "guarantee"):
             import cma
-        except ImportError:
-            raise ConfigurationError(
-                "the adversary needs CMA-ES: pip install 'ppc_attitude[guarantee]'"
-            ) from None
         self._cma: Any = cma
         self._space, self._goal, self._seed = space, goal, seed
         self._file = folder / HISTORY

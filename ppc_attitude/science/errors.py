@@ -14,6 +14,24 @@
 
 """The error that every floor raises for a value the user can correct."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class ConfigurationError(ValueError):
     """A parameter is wrong; the message names it, its value and what is allowed."""
+
+
+@contextmanager
+def needed_by(what: str, extra: str) -> Iterator[None]:
+    """Import packages that only an extra of ours installs.
+
+    Raises
+    ------
+    ConfigurationError
+        One is not installed; the message says what needs it, and how to install it.
+    """
+    try:
+        yield
+    except ImportError:
+        raise ConfigurationError(f"{what}: pip install 'ppc_attitude[{extra}]'") from None

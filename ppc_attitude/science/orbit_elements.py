@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.errors import ConfigurationError, needed_by
 from ppc_attitude.science.orbit import EARTH_RADIUS, MU, ORBIT
 from ppc_attitude.science.parameter import at_start, filled
 from ppc_attitude.science.sky import days_of
@@ -152,12 +152,8 @@ def _about(axis: int, angle: float) -> Any:
 
 def _by_lines(values: Mapping[str, Any]) -> Any:
     """Record of dtype `ORBIT` from two lines, at t = 0."""
-    try:
+    with needed_by(f"{TLE.name} needs the package sgp4", "orbit"):
         from sgp4.api import SGP4_ERRORS, Satrec
-    except ImportError:
-        raise ConfigurationError(
-            f"{TLE.name} needs the package sgp4: pip install 'ppc_attitude[orbit]'"
-        ) from None
     first, second = _lines(values[TLE.name])
     days = epoch_of(values)
     satellite = Satrec.twoline2rv(first, second)
