@@ -18,7 +18,6 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, wait
-from dataclasses import dataclass
 
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.pools import Pool
@@ -29,13 +28,6 @@ LARGEST_CHUNK = 16
 _AHEAD = 4  # chunks of each slot that are submitted beyond the oldest unfinished one
 _ATTEMPTS = 2  # for a run in whose company a worker was lost: the first may have been bad luck
 _GLANCE = 0.1  # [s] between looks at the wish to stop
-
-
-@dataclass
-class _Chunk:
-    start: int
-    stop: int
-    future: "Future[list[Outcome]]"
 
 
 def outcomes(campaign: Campaign, runs: int, pool: Pool, stop: threading.Event) -> Iterator[Outcome]:
@@ -61,22 +53,21 @@ def outcomes(campaign: Campaign, runs: int, pool: Pool, stop: threading.Event) -
         The campaign cannot go on.
     """
     size = max(1, min(LARGEST_CHUNK, runs // (_AHEAD * pool.slots)))
-    pending: deque[_Chunk] = deque()
+    pending: deque[tuple[range, Future[list[Outcome]]]] = deque()
     following = 0
     while not stop.is_set():
         while following < runs and len(pending) < _AHEAD * pool.slots:
             end = min(following + size, runs)
-            pending.append(_Chunk(following, end, pool.submit(following, end)))
+            pending.append((range(following, end), pool.submit(following, end)))
             following = end
         if not pending:
             return
-        oldest = pending[0]
-        if _finished(oldest.future, pool):
-            yield from _result(campaign, oldest, pool)
+        if _finished(pending[0][1], pool):
+            yield from _result(campaign, *pending[0], pool)
             pending.popleft()
-    for chunk in pending:
-        if chunk.future.done() and not chunk.future.cancelled() and not chunk.future.exception():
-            yield from chunk.future.result()
+    for _, future in pending:
+        if future.done() and not future.cancelled() and not future.exception():
+            yield from future.result()
 
 
 def _finished(future: "Future[list[Outcome]]", pool: Pool) -> bool:
@@ -87,14 +78,16 @@ def _finished(future: "Future[list[Outcome]]", pool: Pool) -> bool:
     return False
 
 
-def _result(campaign: Campaign, chunk: _Chunk, pool: Pool) -> list[Outcome]:
+def _result(
+    campaign: Campaign, indices: range, future: "Future[list[Outcome]]", pool: Pool
+) -> list[Outcome]:
     """Outcomes of a finished chunk; of one whose worker was lost, run by run."""
     try:
-        return chunk.future.result()
+        return future.result()
     except BaseException as error:
         if not pool.lost(error):
             raise
-    return [_alone(campaign, index, pool) for index in range(chunk.start, chunk.stop)]
+    return [_alone(campaign, index, pool) for index in indices]
 
 
 def _alone(campaign: Campaign, index: int, pool: Pool) -> Outcome:
