@@ -36,6 +36,8 @@ from ppc_attitude.simulation.closed_loop import Loop, simulate, stamps_of
 Row: TypeAlias = dict[str, Any]
 
 _TYPES: dict[str, type] = {"noise_seed": int, "fault": str}
+PARTS: dict[str, type] = {"met": bool, "value": float, "limit": str, "note": str}
+"""What a row has of each requirement, and the types."""
 METRICS = tuple(each.name for each in fields(Metrics) if each.type == float | None)
 
 
@@ -57,7 +59,7 @@ def row_types(campaign: Campaign) -> dict[str, type]:
         **{
             f"{part}_{key}": kind
             for key in names_of(campaign.required)
-            for part, kind in (("met", bool), ("value", float), ("limit", str), ("note", str))
+            for part, kind in PARTS.items()
         },
         "error": str,
     }
@@ -188,12 +190,8 @@ def _row(campaign: Campaign, index: int, drawn: Mapping[str, Any], judge: Judge)
         row["recovery_time_s"] = metrics.disturbances[-1].recovery_time_s
     row["converged"], row["all_met"] = metrics.converged, all_met(judge.requirements)
     for each in judge.requirements:
-        row |= {
-            f"met_{each.key}": each.met,
-            f"value_{each.key}": each.value,
-            f"limit_{each.key}": each.limit_text,
-            f"note_{each.key}": each.note,
-        }
+        told = (each.met, each.value, each.limit_text, each.note)
+        row |= {f"{part}_{each.key}": it for part, it in zip(PARTS, told, strict=True)}
     return row
 
 

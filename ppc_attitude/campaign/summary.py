@@ -22,7 +22,7 @@ from typing import Any
 from ppc_attitude.analysis.requirements import PAPER, Requirements, names_of
 from ppc_attitude.campaign.declaration import Variables
 from ppc_attitude.campaign.draw import varying
-from ppc_attitude.campaign.rows import Row
+from ppc_attitude.campaign.rows import PARTS, Row
 
 WORST = 5
 """Runs that are listed as the worst of each requirement."""
@@ -77,8 +77,11 @@ class Tally:
     limits: dict[str, None] = field(default_factory=dict)  # as many as are told apart, and one
     worst: list[tuple[float, int]] = field(default_factory=list)  # (value, −index)
 
-    def add(self, met: bool, value: float | None, limit: str, index: int) -> None:
-        """Count one run."""
+    def add(self, met: bool | None, value: float | None, limit: str, index: int) -> None:
+        """Count one run; `met` is None if it was not judged."""
+        if met is None:
+            self.not_judged += 1
+            return
         self.judged += 1
         self.met += met
         if len(self.limits) <= _MOST_LIMITS:
@@ -131,13 +134,9 @@ class Summary:
             return
         self.all_met += row["all_met"]
         for key, name in self._names.items():
-            if row[f"met_{key}"] is None:
-                if row[f"note_{key}"]:
-                    self.tallies.setdefault(name, Tally()).not_judged += 1
-            else:
-                self.tallies.setdefault(name, Tally()).add(
-                    row[f"met_{key}"], row[f"value_{key}"], row[f"limit_{key}"], row["index"]
-                )
+            met, value, limit, note = (row[f"{part}_{key}"] for part in PARTS)
+            if met is not None or note:  # it applies to the run
+                self.tallies.setdefault(name, Tally()).add(met, value, limit, row["index"])
         sample = self.passing if row["all_met"] else self.failing
         if len(sample) < SAMPLE_SIZE:
             sample.append({name: row[name] for name in self._varying if row[name] is not None})
