@@ -266,17 +266,20 @@ def _fault(name: str, declared: Any, base: Scenario) -> RandomFault:
     )
     for each in what:
         drawn = {"fault": each, "fault_time": 0.0}
-        try:
-            base.with_values(PLANT, faults=with_fault(base.parameters[PLANT], drawn))
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{name}.what: {error}") from None
+        _try(f"{name}.what", base, faults=with_fault(base.parameters[PLANT], drawn))
     return found
 
 
 def _strength(name: str, declared: Any, base: Scenario) -> Number:
     found = number(name, declared, _STRENGTH)
-    try:
-        base.with_values(PLANT, **weakened(base.parameters[PLANT], found.low))
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{name} can become {found.low:g}: {error}") from None
+    weakest = weakened(base.parameters[PLANT], found.low)
+    _try(f"{name} can become {found.low:g}", base, **weakest)
     return found
+
+
+def _try(what: str, base: Scenario, **values: Any) -> None:
+    """Refuse what would give the plant impossible parameters."""
+    try:
+        base.with_values(PLANT, **values)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{what}: {error}") from None

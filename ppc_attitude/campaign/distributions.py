@@ -30,7 +30,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from statistics import NormalDist
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.random import Generator
@@ -104,15 +104,8 @@ def _one_of(values: Sequence[float]) -> Number:
     return Number(min(values), max(values), partial(_choice, values))
 
 
-@dataclass(frozen=True)
-class Direction:
-    """A unit vector: the given one, or any on the sphere if there is none."""
-
-    vector: Vector | None
-
-    def draw(self, stream: Generator) -> Vector:
-        """Draw a direction."""
-        return self.vector or on_sphere(stream)
+Direction: TypeAlias = Callable[[Generator], Vector]
+"""How a unit vector is drawn."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +123,10 @@ class Attitudes:
         x, y, z = on_sphere(stream)
         s = math.sin(half)
         return normalised(product(configured, (s * x, s * y, s * z, math.cos(half))))
+
+
+def _given(vector: Vector, _stream: Generator) -> Vector:
+    return vector
 
 
 def on_sphere(stream: Generator) -> Vector:
@@ -222,14 +219,14 @@ def direction(name: str, declared: Any) -> Direction:
         It is neither, or has no length.
     """
     if declared == "sphere":
-        return Direction(None)
+        return on_sphere
     if not isinstance(declared, list) or len(declared) != 3:
         raise ConfigurationError(f"{name} = {declared!r}; allowed: sphere, or three numbers")
     x, y, z = (_finite(name, each) for each in declared)
     length = math.sqrt(x * x + y * y + z * z)
     if not 0.0 < length < math.inf:
         raise ConfigurationError(f"{name} = {declared} has no direction")
-    return Direction((x / length, y / length, z / length))
+    return partial(_given, (x / length, y / length, z / length))
 
 
 def attitudes(name: str, declared: Any) -> Attitudes:

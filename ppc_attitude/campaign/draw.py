@@ -220,7 +220,7 @@ def _rate(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[str,
     if campaign.variables.initial_rate is not None:
         size, direction = campaign.variables.initial_rate
         own = stream(campaign, index, "initial_rate")
-        rate = rate + size.draw(own) * np.array(direction.draw(own))
+        rate = rate + size.draw(own) * np.array(direction(own))
     named = {f"initial_rate_{axis}": float(v) for axis, v in zip("xyz", rate, strict=True)}
     return {**named, "initial_rate": float(np.linalg.norm(rate))}
 
@@ -282,7 +282,7 @@ def _pulse(pulse: Pulse | None, own: Generator) -> dict[str, float | None]:
     if pulse is None:
         return dict.fromkeys(name for name in DRAWN if name.startswith("pulse_"))
     time, duration, size = (part.draw(own) for part in (pulse.time, pulse.duration, pulse.torque))
-    parts = zip("xyz", pulse.direction.draw(own), strict=True)
+    parts = zip("xyz", pulse.direction(own), strict=True)
     return {
         "pulse_time": time,
         "pulse_duration": duration,
