@@ -17,9 +17,7 @@
 Error and rate are the true ones. A column that has a bound is what the law saw.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -56,16 +54,14 @@ class Goal:
     @property
     def unit(self) -> str:
         """Unit of the value."""
-        return self._kind.unit
+        units = {"settling": "s", "terminal": "", "rate": "deg/s"}
+        return units.get(self.name, "of its bound")
 
     @property
     def limit(self) -> float:
         """The limit that no run should pass; infinite where there is none."""
-        return self._kind.limit(self)
-
-    @property
-    def _kind(self) -> "_Kind":
-        return _OF_RUN.get(self.name, _OF_COLUMN)
+        limits = {"settling": np.inf, "terminal": self.accuracy, "rate": self.rate}
+        return limits.get(self.name, 1.0)
 
     def text(self, value: float, duration: float) -> str:
         """Value of a run of so long [s] for a reader."""
@@ -75,7 +71,7 @@ class Goal:
 
     def value(self, record: RunRecord, law: Component) -> float:
         """Value of a run; a run that is not finite is worst of all."""
-        value = self._kind.value(self, record, law)
+        value = _OF_RUN.get(self.name, _of_bound)(self, record, law)
         return value if np.isfinite(value) else np.inf
 
 
@@ -108,20 +104,7 @@ def _of_bound(goal: Goal, record: RunRecord, law: Component) -> float:
     return float(np.max(error / bound))
 
 
-class _Kind(NamedTuple):
-    """The unit of a kind of goal, its limit, and how it is measured."""
-
-    unit: str
-    limit: Callable[[Goal], float]
-    value: Callable[[Goal, RunRecord, Component], float]
-
-
-_OF_RUN = {
-    "settling": _Kind("s", lambda goal: np.inf, _settling),
-    "terminal": _Kind("", lambda goal: goal.accuracy, _terminal),
-    "rate": _Kind("deg/s", lambda goal: goal.rate, _rate),
-}
-_OF_COLUMN = _Kind("of its bound", lambda goal: 1.0, _of_bound)
+_OF_RUN = {"settling": _settling, "terminal": _terminal, "rate": _rate}
 
 
 def goal_of(name: str, law: Component, accuracy: float, after: float, rate: float = RATE) -> Goal:
