@@ -59,7 +59,7 @@ def run_campaign(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] = lambda _done, _wanted: None,
     stop: threading.Event | None = None,
     beginning: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> Finished:
@@ -114,6 +114,5 @@ def run_campaign(
             results.add(outcome.row)
             finished.summary.add(outcome.row)
             finished.bands.add(outcome.levels)
-            if progress is not None:
-                progress(finished.summary.runs, runs)
+            progress(finished.summary.runs, runs)
     return finished

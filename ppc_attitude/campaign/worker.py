@@ -22,8 +22,9 @@ from multiprocessing.connection import Connection
 from ppc_attitude.campaign.rows import Outcome, run_chunk
 
 
-def serve(connection: Connection) -> None:
-    """Take the campaign, then compute chunks until the other end is closed."""
+def main() -> int:
+    """Take the campaign, then compute chunks, until the pipe of a descriptor is closed."""
+    connection = Connection(int(sys.argv[1]))
     gc.freeze()  # what has been imported stays
     gc.enable()
     with contextlib.suppress(EOFError, OSError):
@@ -36,11 +37,6 @@ def serve(connection: Connection) -> None:
             except Exception as error:
                 answer = error
             connection.send(answer)
-
-
-def main() -> int:
-    """Serve through the pipe of the file descriptor on the command line."""
-    serve(Connection(int(sys.argv[1])))
     return 0
 
 
