@@ -48,7 +48,6 @@ from ppc_attitude.analysis.run_panels import (
     draw_envelope,
     fit,
     log_floor,
-    look_closely,
     symbols,
     zoom_window,
 )
@@ -284,7 +283,8 @@ def _side_by_side(
     )
     for k, row in enumerate(rows):
         row[0].set_ylabel(names[k])
-        look_closely(row, window)
+        if window is not None:  # before anything is drawn
+            row[-1].set_xlim(*window)
         for axes in row:
             _draw_row(axes, k, labels, series, mirrored=floor is None)
         if floor is None and window is not None:

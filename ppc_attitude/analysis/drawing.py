@@ -180,7 +180,8 @@ def draw(
     long run is drawn as finely as a short run.
     """
     if not axes.get_autoscalex_on():
-        view = _in_view(axes, t)
+        first, last = np.searchsorted(t, axes.get_xlim())
+        view = slice(max(int(first) - 1, 0), int(last) + 2)  # with one more on either side
         t, values = t[view], values[view]
     noisy = band(t, values)
     if noisy is not None:
@@ -198,13 +199,6 @@ def draw(
     )
 
 
-def _in_view(axes: Axes, t: Array) -> slice:
-    """Slice the samples within the limits of the time axis, and one more on either side."""
-    low, high = axes.get_xlim()
-    first, last = np.searchsorted(t, [low, high])
-    return slice(max(int(first) - 1, 0), int(last) + 2)
-
-
 def judged_limit(
     axes: Axes, t: Array, judged: NDArray[np.bool_], level: float, **told: Any
 ) -> None:
@@ -212,22 +206,17 @@ def judged_limit(
     draw(axes, t, np.where(judged, level, np.nan), width=0.8, style=LIMIT_STYLE, **told)
 
 
-def limit_lines(axes: Axes, *levels: float, label: str = "") -> None:
+def limit_lines(axes: Axes, *levels: float, label: str) -> None:
     """Draw horizontal limits; the label goes to the first."""
-    for k, level in enumerate(levels):
-        axes.axhline(
-            level,
-            color=BLACK,
-            linewidth=0.8,
-            linestyle=LIMIT_STYLE,
-            label=label if label and k == 0 else "_",
-        )
+    for level in levels:
+        axes.axhline(level, color=BLACK, linewidth=0.8, linestyle=LIMIT_STYLE, label=label)
+        label = "_"
 
 
 def mark_hits(axes: Axes, starts: Iterable[float]) -> None:
     """Mark the starts of sudden disturbances that are in view: a faint line, a triangle on top."""
     low, high = axes.get_xlim()
-    for k, start in enumerate(start for start in starts if low <= start <= high):
+    for start in (start for start in starts if low <= start <= high):
         axes.axvline(start, color=GREY, linewidth=0.6, linestyle=(0, (1, 1.5)), zorder=0.5)
         axes.plot(
             [start],
@@ -238,7 +227,7 @@ def mark_hits(axes: Axes, starts: Iterable[float]) -> None:
             linestyle="none",
             transform=axes.get_xaxis_transform(),
             clip_on=False,
-            label="hit" if k == 0 else "_",
+            label="hit",
             zorder=5,
         )
 
@@ -246,23 +235,28 @@ def mark_hits(axes: Axes, starts: Iterable[float]) -> None:
 def mark_faults(axes: Axes, spans: Iterable[tuple[float, float]]) -> None:
     """Mark when something of the craft was faulty, from and to [s], by a faint band."""
     low, high = axes.get_xlim()
-    seen = [(max(start, low), min(end, high)) for start, end in spans if start < high and end > low]
-    for k, span in enumerate(seen):
-        label = "fault" if k == 0 else "_"
-        axes.axvspan(*span, color=RED, alpha=0.08, linewidth=0, label=label, zorder=0.4)
+    for start, end in spans:
+        if start < high and end > low:
+            span = (max(start, low), min(end, high))
+            axes.axvspan(*span, color=RED, alpha=0.08, linewidth=0, label="fault", zorder=0.4)
 
 
 def legend(axes: Axes, without: Iterable[str] = ()) -> None:
-    """Put the legend above the panel, where it hides nothing, without the entries of others."""
-    told = set(without)
-    entries = zip(*axes.get_legend_handles_labels(), strict=True)
-    handles, labels = zip(*(each for each in entries if each[1] not in told), strict=True)
+    """Put the legend above the panel, where it hides nothing, without the entries of others.
+
+    What has the label of something before it is told by that.
+    """
+    told, first = set(without), dict[str, Any]()
+    for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+        if label not in told:
+            first.setdefault(label, handle)
+    labels = list(first)
     figure, grid = axes.get_figure(), axes.get_gridspec()
     assert isinstance(figure, Figure)
     assert grid is not None
     width = CHARACTERS * figure.get_figwidth() / grid.ncols
     axes.legend(
-        handles,
+        list(first.values()),
         labels,
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),

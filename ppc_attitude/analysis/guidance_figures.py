@@ -16,6 +16,7 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
@@ -87,19 +88,14 @@ def slews(run: Measured, flight: Flight) -> Figure:
         draw(left, t, angles, label=label, colour=colour, style=style)
     left.set_ylabel("angle to the goal [deg]")
     left.set_ylim(bottom=0.0)
-    for axes, column, limit, label in (
-        (rate, REFERENCE_RATE.column, flight.max_rate, "desired rate [deg/s]"),
-        (
-            acceleration,
-            REFERENCE_ACCELERATION.column,
-            flight.max_acceleration,
-            "desired accel. [deg/s²]",
-        ),
+    for axes, topic, limit, label in (
+        (rate, REFERENCE_RATE, flight.max_rate, "rate [deg/s]"),
+        (acceleration, REFERENCE_ACCELERATION, flight.max_acceleration, "accel. [deg/s²]"),
     ):
-        norm = np.rad2deg(np.linalg.norm(vectors(run.record, column), axis=1))
+        norm = np.rad2deg(np.linalg.norm(vectors(run.record, topic.column), axis=1))
         draw(axes, run.t, norm, label="desired, norm")
         limit_lines(axes, np.rad2deg(limit), label="limit of a slew")
-        axes.set_ylabel(label)
+        axes.set_ylabel(f"desired {label}")
         axes.set_ylim(bottom=0.0)
     start = seconds(zero_ns(run.record))
     for axes in (left, rate, acceleration):
@@ -112,13 +108,6 @@ def slews(run: Measured, flight: Flight) -> Figure:
 
 def _mark_orders(axes: Axes, flight: Flight, start: float) -> None:
     """Shade brakes and turns, and mark where something was ordered or warned of."""
-    told: set[str] = set()
-
-    def once(label: str) -> str:
-        new = label not in told
-        told.add(label)
-        return label if new else "_"
-
     # A turn ends where the next one begins; what is refused or warned of ends none.
     ends = [np.inf]
     for word in flight.words[:0:-1]:
@@ -128,9 +117,9 @@ def _mark_orders(axes: Axes, flight: Flight, start: float) -> None:
             if leg.begin < until:
                 label, colour = ("turn", BLUE) if leg.turns else ("brake, or timed", ORANGE)
                 span = (leg.begin - start, min(leg.end, until) - start)
-                axes.axvspan(*span, color=colour, alpha=0.12, linewidth=0, label=once(label))
+                axes.axvspan(*span, color=colour, alpha=0.12, linewidth=0, label=label)
         colour = RED if word.warning else GREY
-        label = once("refused, or warned" if word.warning else "order")
+        label = "refused, or warned" if word.warning else "order"
         axes.axvline(word.time - start, color=colour, linewidth=0.8, linestyle=":", label=label)
 
 
@@ -147,7 +136,7 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
     bodies = list(dict.fromkeys(axes_of_cones)) or [Z_AXIS]
     wanted = samples(run.record, REFERENCE_ATTITUDE.column)[flight.picked]
     craft = samples(run.record, run.truth.attitude)[flight.picked]
-    for body, colour in zip(bodies, _colours(len(bodies), start=1), strict=True):
+    for body, colour in zip(bodies, islice(cycle(RUN_COLOURS), 1, None), strict=False):
         name = f"axis {' '.join(f'{x:.3g}' for x in body)}"
         for attitudes, style, who, width in (
             (craft, "-", "craft", LINE_WIDTH),
@@ -200,7 +189,7 @@ def cone_angles(run: Measured) -> Figure:
         (run.truth.attitude, "-", "craft"),
     ):
         angles = np.rad2deg(angles_to_cones(run.record, column, values))
-        for i, (name, colour) in enumerate(zip(names, _colours(len(names)), strict=True)):
+        for i, (name, colour) in enumerate(zip(names, cycle(RUN_COLOURS), strict=False)):
             label = f"{i}: {name}" if who == "craft" else ""
             draw(axes, run.t, angles[:, i], label=label, colour=colour, style=style)
             if who == "craft":
@@ -213,10 +202,6 @@ def cone_angles(run: Measured) -> Figure:
     time_axis(axes, run.t)
     legend(axes)
     return figure
-
-
-def _colours(count: int, start: int = 0) -> list[str]:
-    return [RUN_COLOURS[(start + i) % len(RUN_COLOURS)] for i in range(count)]
 
 
 def _entry(axes: Axes, label: str, colour: str, style: Any) -> None:

@@ -62,12 +62,6 @@ def zoom_window(t: Array, hits: Sequence[float], deadline: float) -> tuple[float
     return max(late[0] - ZOOM_BEFORE, float(t[0])), min(late[0] + ZOOM_AFTER, float(t[-1]))
 
 
-def look_closely(shown: Sequence[Axes], window: tuple[float, float] | None) -> None:
-    """Restrict the last panel to the window, if there is one, before anything is drawn."""
-    if window is not None:
-        shown[-1].set_xlim(*window)
-
-
 def panels_of(
     run: Measured, count: int, row_height: float = 1.75
 ) -> tuple[Figure, list[Axes], tuple[float, float] | None]:
@@ -75,7 +69,8 @@ def panels_of(
     window = zoom_window(run.t, [hit.start_s for hit in run.hits], run.required.settling_deadline)
     figure, rows = panels(count if window is None else count + 1, row_height=row_height)
     shown = [row[0] for row in rows]
-    look_closely(shown, window)
+    if window is not None:  # before anything is drawn
+        shown[-1].set_xlim(*window)
     return figure, shown, window
 
 
