@@ -27,7 +27,7 @@ from ppc_attitude.analysis.drawing import (
     panels,
     time_axis,
 )
-from ppc_attitude.analysis.filter_health import attitude_sigmas
+from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, sigmas_of
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.run_panels import AXES, mark, points
 from ppc_attitude.analysis.series import vectors
@@ -47,7 +47,7 @@ def knowledge_figure(run: Measured) -> Figure:
     AnalysisError
         If the record has no truth of its own, or no estimate.
     """
-    sigmas = attitude_sigmas(run.record)
+    sigmas = sigmas_of(run.record, ATTITUDE_VARIANCES)
     # A rotation vector of a small angle is twice the vector part of its quaternion.
     errors = 2.0 * knowledge_errors(run.record).quaternions[:, :3]
     return _in_band(run, ARCSEC * errors, 0.0, ARCSEC * sigmas, "knowledge error", "arcsec")

@@ -37,8 +37,8 @@ OUTSIDE_LIMIT = 0.01
 """Share of the instants that an axis may be outside 3σ."""
 _ESTIMATE, _FIX, _INNOVATION = "estimate", "star_fix", "innovation"
 _ROUNDING = 1e-28  # [rad²] of the error of a fix that has no other
-# Where the variances lie among the numbers of an estimate.
-_ATTITUDE_VARIANCES, _RATE_VARIANCES = [4, 7, 9], [13, 16, 18]
+ATTITUDE_VARIANCES, RATE_VARIANCES = [4, 7, 9], [13, 16, 18]
+"""Where the variances lie among the numbers of an estimate."""
 
 
 class FilterHealth(NamedTuple):
@@ -93,27 +93,19 @@ def filter_health(record: RunRecord) -> FilterHealth | None:
     )
 
 
-def attitude_sigmas(record: RunRecord) -> Array:
-    """σ [rad] of the attitude about each body axis as the filter says, shape (n, 3).
+def sigmas_of(record: RunRecord, variances: list[int]) -> Array:
+    """σ [rad, rad/s] about each body axis as the filter says, shape (n, 3).
 
-    NaN where there is no estimate.
+    It is of what has its variances there: `ATTITUDE_VARIANCES`, or `RATE_VARIANCES`. NaN where
+    there is no estimate.
 
     Raises
     ------
     AnalysisError
         If the record has no estimate.
     """
-    return _sigmas(record, _ATTITUDE_VARIANCES)
-
-
-def rate_sigmas(record: RunRecord) -> Array:
-    """σ [rad/s] of the rate about each body axis, as of `attitude_sigmas`."""
-    return _sigmas(record, _RATE_VARIANCES)
-
-
-def _sigmas(record: RunRecord, places: list[int]) -> Array:
-    variances = samples(record, _ESTIMATE).T[places].T  # by component, as the loop gives them
-    return np.sqrt(np.where(variances > 0.0, variances, np.nan))
+    squares = samples(record, _ESTIMATE).T[variances].T  # by component, as the loop gives them
+    return np.sqrt(np.where(squares > 0.0, squares, np.nan))
 
 
 def _outside(record: RunRecord) -> float | None:
@@ -124,7 +116,7 @@ def _outside(record: RunRecord) -> float | None:
         return None
     # A rotation vector of a small angle is twice the vector part of its quaternion.
     errors = 2.0 * np.abs(knowledge_errors(record).quaternions[first:, :3])
-    limits = 3.0 * attitude_sigmas(record)[first:]
+    limits = 3.0 * sigmas_of(record, ATTITUDE_VARIANCES)[first:]
     count = np.count_nonzero(finite(errors) & finite(limits))
     if not count:
         return None

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.faults import faults_of
-from ppc_attitude.analysis.filter_health import attitude_sigmas, rate_sigmas
+from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, RATE_VARIANCES, sigmas_of
 from ppc_attitude.analysis.series import has
 from ppc_attitude.analysis.truth import knowledge_errors, truth_of
 from ppc_attitude.contract.run_record import RunRecord
@@ -219,7 +219,9 @@ def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
     """
     found = {}
     if has(record, mekf.ESTIMATE.name):
-        attitude, rate = (each(record).max(axis=1) for each in (attitude_sigmas, rate_sigmas))
+        attitude, rate = (
+            sigmas_of(record, each).max(axis=1) for each in (ATTITUDE_VARIANCES, RATE_VARIANCES)
+        )
         known = (DEVIATIONS * attitude <= e_A) & (DEVIATIONS * rate <= e_W)
         found["no estimate, or one whose covariance is beyond the assumed errors"] = ~known
     columns = (TRUE_RATE, TRUE_ATTITUDE, ANGULAR_VELOCITY, ATTITUDE)
