@@ -16,14 +16,14 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope, beyond, envelopes_of, outside
+from ppc_attitude.analysis.envelopes import beyond, envelopes_of, outside
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
 from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import (
@@ -60,7 +60,6 @@ from ppc_attitude.science.kinds import ACTUATORS
 Mask = NDArray[np.bool_]
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
-_FIELDS = frozenset(each.name for each in fields(Metrics))
 
 
 class Measured:
@@ -77,7 +76,6 @@ class Measured:
         self.control = self.pointing if exact else known(control_errors, record)
         self.plant = record.parameters.get(PLANT, {})
         self._actuator = ACTUATORS.selected(self.plant)
-        self._asks_for_torque = isinstance(required.torque, int | float)
         self.rate = None
         if has(record, truth.angular_velocity):
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
@@ -173,7 +171,10 @@ class Measured:
     def metrics(self) -> Metrics:
         """Everything that is measured."""
         deadline = self.span_from_deadline
-        outsides = {f"time_outside_{each.bound}_s": self._time_outside(each) for each in ENVELOPES}
+        outsides = {
+            f"time_outside_{each.bound}_s": self.time(outside(self.record, each))
+            for each in envelopes_of(self.record)
+        }
         sizes = None if self.pointing is None else self.pointing.sizes
         size, limit = self.size(self.required.settled), self.required.settled.limit
         unsettled = np.flatnonzero(self.calm & (size >= limit))
@@ -194,7 +195,10 @@ class Measured:
             "max_rate_deg_s": (largest(norm, self.calm), self.calm_span),
             "max_rate_axis_deg_s": (largest(axis, self.calm), self.calm_span),
             "max_applied_torque": (self.largest_of(APPLIED_TORQUE.column), self.whole),
-            **{name: (time, self.whole) for name, time in outsides.items() if name in _FIELDS},
+            **{
+                name: (outsides.pop(name, None), self.whole)
+                for name in ("time_outside_attitude_envelope_s", "time_outside_rate_envelope_s")
+            },
             "time_pointing_outside_attitude_envelope_s": (self._pointing_outside(), self.whole),
             "error_from_deadline_with_recoveries": (largest(sizes, self.from_deadline), deadline),
             "max_rate_whole_run_deg_s": (largest(norm), self.whole),
@@ -208,11 +212,7 @@ class Measured:
             **values,
             settled=bool(calm[-1] < limit) if calm.size else None,
             converged=None if worst is None else worst < limit,
-            further={
-                name: time
-                for name, time in outsides.items()
-                if name not in _FIELDS and time is not None
-            },
+            further=outsides,
             disturbances=self.hits,
             spans=spans,
         )
@@ -239,22 +239,13 @@ class Measured:
         return next(float(each) for each in limits if isinstance(each, int | float))
 
     @property
-    def configured_limits(self) -> tuple[str, ...]:
-        """Parameters of the plant that `torque_limit` depends on; none if one is required."""
-        if self._asks_for_torque or self._actuator is None:
-            return ()
-        return (ACTUATORS.selector, *self._actuator.limits)
-
-    @property
     def lacks_torque_limit(self) -> str:
-        """Why nobody here knows the limit of the actuator; empty if it is known, or required."""
-        if self._asks_for_torque or self._actuator is not None:
+        """Why no one limit of the actuator is known; empty if it is, or one is required."""
+        if isinstance(self.required.torque, int | float):
             return ""
-        return f"{ACTUATORS.selector} = {self.plant[ACTUATORS.selector]} is not installed here"
-
-    def _time_outside(self, envelope: Envelope) -> float | None:
-        has_both = envelope in envelopes_of(self.record)
-        return self.time(outside(self.record, envelope)) if has_both else None
+        if self._actuator is None:
+            return f"{ACTUATORS.selector} = {self.plant[ACTUATORS.selector]} is not installed here"
+        return self.changed(PLANT, ACTUATORS.selector, *self._actuator.limits)
 
     def _pointing_outside(self) -> float | None:
         """Time of the true attitude error beyond the law's envelope; its own may be inside [s]."""

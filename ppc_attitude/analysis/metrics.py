@@ -165,7 +165,7 @@ class Judge(Measured):
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
             yield self._row("rate", rate, required.rate, "deg/s", why, self.calm_span, note=note)
         if required.torque is not None:
-            why = self.lacks_torque_limit or self.changed(PLANT, *self.configured_limits)
+            why = self.lacks_torque_limit
             yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit, why)
         for envelope in envelopes_of(self.record):
             yield from self._inside(envelope)

@@ -193,7 +193,7 @@ class Metrics:
     max_rate_axis_whole_run_deg_s: float | None
     settled: bool | None
     converged: bool | None
-    further: Mapping[str, float | None]
+    further: Mapping[str, float]
     disturbances: tuple[Disturbance, ...]
     spans: Mapping[str, Span]
 
