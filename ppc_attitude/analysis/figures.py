@@ -100,11 +100,9 @@ def error_figure(run: Measured, envelope: Envelope) -> Figure:
     Raises
     ------
     AnalysisError
-        If the record has no such error.
+        If the record has not both.
     """
-    error, bound = vectors(run.record, envelope.error), None
-    if has(run.record, envelope.bound):
-        bound = vectors(run.record, envelope.bound)
+    error, bound = (vectors(run.record, each) for each in (envelope.error, envelope.bound))
     return _in_envelope(run, envelope, error, bound)
 
 
