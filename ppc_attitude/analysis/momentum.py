@@ -29,13 +29,10 @@ from ppc_attitude.science.errors import ConfigurationError
 
 
 def wheel_shares(record: RunRecord) -> Array | None:
-    """Speeds of the wheels by their largest, shape (n, count); None if nobody tells of them."""
-    plant = record.parameters.get(PLANT, {})
-    if not has(record, wheels.SPEED.name):
-        return None
+    """Recorded speeds of the wheels by their largest, shape (n, count); None if it is not told."""
     speeds = np.abs(record[wheels.SPEED.name])
     with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
-        limits = plant[wheels.MAX_SPEED.name]
+        limits = record.parameters[PLANT][wheels.MAX_SPEED.name]
         each = np.pad(limits, (0, speeds.shape[1] - len(limits)), mode="edge")  # one is for all
         return np.asarray(speeds / each)
     return None
