@@ -146,15 +146,9 @@ def _users(parameter: Parameter, components: Sequence[Component]) -> str:
 
 
 def _value(value: object) -> str:
-    """Return a value as YAML takes it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    if isinstance(value, str):
-        return f'"{value}"'
-    text = repr(value)
-    return text if "." in text else text.replace("e", ".0e")  # YAML takes 3e-05 for a text
+    """Return a value as YAML takes it: like JSON, but 3e-05 would be a text."""
+    text = json.dumps(value, ensure_ascii=False)
+    return text if '"' in text else re.sub(r"(?<![.\d])(\d+)e", r"\1.0e", text)
 
 
 def bench() -> str:
