@@ -23,7 +23,7 @@ import os
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from multiprocessing import Pipe
 from queue import SimpleQueue
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from ppc_attitude.campaign import worker
 from ppc_attitude.campaign.declaration import Campaign
@@ -33,25 +33,6 @@ from ppc_attitude.science.errors import ConfigurationError, needed_by
 from ppc_attitude.simulation.closed_loop import warm_up
 
 _PATIENCE = 30.0  # [s] for a scheduler to answer, and for its first worker
-
-
-class Pool(Protocol):
-    """Something that computes chunks of runs."""
-
-    slots: int
-    """How many chunks are computed at once."""
-
-    def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
-        """Have the runs from start up to, not including, stop computed."""
-
-    def lost(self, error: BaseException) -> bool:
-        """True if the error means that the process that computed is gone."""
-
-    def check(self) -> None:
-        """Raise CampaignError if what was submitted will never be finished."""
-
-    def close(self) -> None:
-        """End everything, now."""
 
 
 def cores() -> int:
@@ -191,6 +172,10 @@ class ClusterPool:
     def close(self) -> None:
         """End everything, now."""
         _disconnect(self._client)
+
+
+Pool: TypeAlias = LocalPool | ClusterPool
+"""Something that computes chunks of runs, as many at once as it has slots."""
 
 
 def connected(address: str) -> Any:
