@@ -205,35 +205,33 @@ def _head(path: Path) -> bytes:
 
 def _is_half_done(path: Path) -> bool:
     """Whether a writer that is gone has left a transaction that is in the file in part."""
-    journals = [suffix for suffix in (_JOURNAL, _WAL) if _there(path, suffix)]
-    for suffix in journals:
+    journals = _journals_of(path)
+    for each in journals:
         with contextlib.suppress(FileNotFoundError):  # its writer has just ended it
-            demand_plain(path.with_name(path.name + suffix))
-    if _WAL in journals or _head(path)[19:] == b"\x02":
+            demand_plain(each)
+    if any(each.name.endswith(_WAL) for each in journals) or _head(path)[19:] == b"\x02":
         return True  # to read it in place, SQLite would make a file for its log
     if not journals:
         return False
     try:
         with contextlib.closing(_connect(path, False)) as database:
             database.execute("SELECT count(*) FROM sqlite_master")
-    except sqlite3.OperationalError as error:
+    except sqlite3.DatabaseError as error:
         return "readonly" in str(error)  # it would have to undo it first
-    except sqlite3.DatabaseError:
-        return False
     return False
 
 
-def _there(path: Path, suffix: str) -> bool:
-    return os.path.lexists(f"{path}{suffix}")
+def _journals_of(path: Path) -> list[Path]:
+    """Files beside a database in which its writer keeps what is not settled."""
+    beside = (path.with_name(path.name + suffix) for suffix in (_JOURNAL, _WAL))
+    return [each for each in beside if os.path.lexists(each)]
 
 
 def _left_aside(path: Path, finished: bool) -> str:
     """Name of a journal that is not taken for the file's own."""
-    for suffix in (_JOURNAL, _WAL):
-        if _there(path, suffix):
-            journal = path.with_name(path.name + suffix)
-            if finished or (suffix == _JOURNAL and _names_a_file(journal)):
-                return journal.name
+    for journal in _journals_of(path):
+        if finished or (journal.name.endswith(_JOURNAL) and _names_a_file(journal)):
+            return journal.name
     return ""
 
 
@@ -253,16 +251,15 @@ def _settled(path: Path, folder: Path, *, journals: bool) -> Path:
     while not complete:
         _copy(path, target)
         try:
-            for suffix in (_JOURNAL, _WAL) if journals else ():
-                if _there(path, suffix):
-                    _copy(path.with_name(path.name + suffix), folder / f"{path.name}{suffix}")
+            for journal in _journals_of(path) if journals else ():
+                _copy(journal, folder / journal.name)
             complete = True
         except FileNotFoundError:  # a living writer has ended its journal meanwhile: once more
             shutil.rmtree(folder)
             folder.mkdir()
-    journal = folder / f"{path.name}{_JOURNAL}"
-    if journal.exists() and _names_a_file(journal):
-        journal.unlink()
+    for journal in _journals_of(target):
+        if journal.name.endswith(_JOURNAL) and _names_a_file(journal):
+            journal.unlink()
     most = sum(file.stat().st_size for file in folder.iterdir())
     # What is no database is for its reader to tell.
     with (

@@ -210,19 +210,16 @@ class KillSafeSqlite(Sqlite3Writer):
 
     def flush(self) -> None:
         """Insert the pending rows and commit."""
-        self._insert()
-        self.conn.commit()
-
-    def close(self, version: int, metadata: str) -> None:
-        """Insert the pending rows, then rosbags' metadata."""
-        self._insert()
-        super().close(version, metadata)
-
-    def _insert(self) -> None:
         rows, self._rows = self._rows, []
         self.cursor.executemany(
             "INSERT INTO messages (topic_id, timestamp, data) VALUES(?, ?, ?)", rows
         )
+        self.conn.commit()
+
+    def close(self, version: int, metadata: str) -> None:
+        """Insert the pending rows, then rosbags' metadata."""
+        self.flush()
+        super().close(version, metadata)
 
 
 class KillSafeWriter(Writer):
