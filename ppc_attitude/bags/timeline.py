@@ -293,14 +293,11 @@ def _on_grid(between: Integers, rate: float, stamps: Integers) -> Integers:
 
 def _without_ragged_end(stamps: Integers, series: dict[Topic, Series], most: int) -> Integers:
     """Drop up to `most` last instants that lack messages, and what the series have of them."""
-    for _ in range(min(most, len(stamps) - 1)):
-        if all(
-            messages.stamps[-1] >= stamps[-1]
-            for topic, messages in series.items()
-            if len(messages.stamps) and not topic.late
-        ):
-            break
-        stamps = stamps[:-1]
+    ends = [
+        each.stamps[-1] for topic, each in series.items() if each.stamps.size and not topic.late
+    ]
+    complete = int(np.searchsorted(stamps, min(ends, default=stamps[-1]), side="right"))
+    stamps = stamps[: max(complete, len(stamps) - most, 1)]
     for topic, messages in series.items():
         end = int(np.searchsorted(messages.stamps, stamps[-1], side="right"))
         series[topic] = messages[:end]
