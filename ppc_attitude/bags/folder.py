@@ -75,7 +75,7 @@ class Bag:
         try:
             self._information = self._read_information()
             self.files = self._storage_files()
-            self.custom_data = self._custom_data()
+            self.custom_data = custom_data_of(self._information)
         except OSError as error:
             raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
 
@@ -139,15 +139,19 @@ class Bag:
             self.flaws.append(f"{METADATA} promises {promised} messages, {found} are there")
 
     def _read_information(self) -> dict[str, Any]:
-        """Take what ``metadata.yaml`` says; nothing where there is none or it is damaged."""
+        """Take what ``metadata.yaml`` says, or else the mark of an unfinished bag; or nothing."""
         if not self.path.exists():
             raise BagError(f"{self.path} does not exist")
         if self.path.is_file():
             return {}
-        if not os.path.lexists(self.path / METADATA):
+        found: Any = None
+        if os.path.lexists(self.path / METADATA):
+            found = self._content(METADATA, lambda text: dict(parsed(text, FAST)[_INFORMATION]))
+        else:
             self.flaws.append(f"it has no {METADATA}")
-            return {}
-        return self._content(METADATA, lambda text: dict(parsed(text, FAST)[_INFORMATION])) or {}
+        if not found and os.path.lexists(self.path / UNFINISHED):
+            found = self._content(UNFINISHED, parsed_json)
+        return found if isinstance(found, dict) else {}
 
     def _content(self, name: str, read: Callable[[str], Any]) -> Any:
         """What a file beside the messages says; None, and a flaw, if it is damaged."""
@@ -183,12 +187,6 @@ class Bag:
         for file in found:
             demand_plain(file)
         return found
-
-    def _custom_data(self) -> dict[str, str]:
-        said: Any = self._information
-        if not said and self.path.is_dir() and os.path.lexists(self.path / UNFINISHED):
-            said = self._content(UNFINISHED, parsed_json)
-        return custom_data_of(said)
 
 
 def _kind(path: Path) -> str:
