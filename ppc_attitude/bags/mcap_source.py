@@ -178,17 +178,13 @@ class McapSource:
     def _chunk_records(self, data: Bytes, *, complete: bool) -> Iterator[Block]:
         table = _table_for(data)
         count, position = _scan(data, 0, table, 0)
-        while position < len(data):
-            whole = position + _RECORD.size <= len(data)
-            if whole:
-                opcode, length = _RECORD.unpack_from(data.data, position)
-                position += _RECORD.size
-                whole = opcode != _MESSAGE and length <= len(data) - position
-            if not whole:
-                break
+        while (start := position + _RECORD.size) <= len(data):
+            opcode, length = _RECORD.unpack_from(data.data, position)
+            if opcode == _MESSAGE or length > len(data) - start:
+                break  # it is not whole
             if opcode in (_SCHEMA, _CHANNEL):
-                self._define(opcode, data[position : position + length].tobytes())
-            count, position = _scan(data, position + length, table, count)
+                self._define(opcode, data[start : start + length].tobytes())
+            count, position = _scan(data, start + length, table, count)
         if count:
             yield self._block(data, table[:, :count])
         if complete and position < len(data):
