@@ -31,18 +31,6 @@ MOST = 10_000
 """So many messages of changes are read at the most."""
 
 
-def changes_of(messages: Iterable[tuple[int, bytes]]) -> tuple[list[tuple[int, Change]], int]:
-    """Changes in the order of their arrival, with that, and how many messages are none."""
-    found: list[tuple[int, Change]] = []
-    unreadable = 0
-    for arrival, data in sorted(messages):  # a block has them by their length
-        try:
-            found += [(arrival, change) for change in _changes(data)]
-        except Exception:  # rosbags raises many types for bytes that are no message
-            unreadable += 1
-    return found, unreadable
-
-
 def encode_changes(changes: Iterable[Change]) -> Iterator[tuple[int, bytes]]:
     """Stamp [ns] and message of what was changed in flight, as the nodes tell it, one by one."""
     array, status, pair, header, time = (
@@ -62,7 +50,8 @@ def encode_changes(changes: Iterable[Change]) -> Iterator[tuple[int, bytes]]:
         yield change.stamp_ns, bytes(_TYPES.serialize_cdr(message, CHANGES_TOPIC.msgtype))
 
 
-def _changes(data: bytes) -> list[Change]:
+def decode_changes(data: bytes) -> list[Change]:
+    """Changes that a message tells; rosbags raises many types for bytes that are none."""
     message: Any = _TYPES.deserialize_cdr(data, CHANGES_TOPIC.msgtype)
     stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
     return [

@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.bags.changes import MOST, changes_of
+from ppc_attitude.bags.changes import MOST, decode_changes
 from ppc_attitude.bags.source import Block, Channel, split_rows
 from ppc_attitude.bags.timeline import Series
 from ppc_attitude.contract.carriers import carriers, decode_rows, is_stamped
@@ -136,10 +136,13 @@ class Collected:
     def changes(self, namespace: str) -> list[tuple[int, Change]]:
         """Arrival of each change in flight, and the change; messages that are none are counted."""
         name = f"{namespace}/{CHANGES_TOPIC.name}"
-        changes, unreadable = changes_of(self._changes.get(name, []))
-        if unreadable:
-            self._unreadable[name] = unreadable
-        return changes
+        found: list[tuple[int, Change]] = []
+        for arrival, data in sorted(self._changes.get(name, [])):  # a block has them by length
+            try:
+                found += [(arrival, change) for change in decode_changes(data)]
+            except Exception:  # whatever rosbags raises
+                self._unreadable[name] = self._unreadable.get(name, 0) + 1
+        return found
 
     def warnings(self, namespace: str) -> list[str]:
         """Say which topics of the run hold messages that are none, or are read otherwise."""
