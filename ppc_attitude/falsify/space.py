@@ -16,7 +16,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -87,10 +86,6 @@ class Space:
         """How many numbers a choice has."""
         return _START + 3 * self.pieces + _CRAFT
 
-    @cached_property
-    def _inertia(self) -> Vector:
-        return np.array(self.base.parameters[PLANT]["inertia"], dtype=np.float64).reshape(3, 3)
-
     def choice(self, x: Vector) -> dict[str, dict[str, Any]]:
         """Return the parameters of each node that a choice changes.
 
@@ -102,13 +97,14 @@ class Space:
         turn, rate = x[:4], x[4:_START]
         length = float(np.linalg.norm(turn))
         attitude = turn / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
+        rate = rate / max(1.0, float(np.linalg.norm(rate)))  # no longer than one
         *inertia, strength, begin, late = x[-_CRAFT:].tolist()
         strength = 1.0 - (1.0 - self.eta) * min(abs(strength), 1.0)
         changed: dict[str, dict[str, Any]] = {
             PLANT: {
                 "duration": self.duration,
                 "initial_attitude": attitude.tolist(),
-                "initial_angular_velocity": (self.rate * _in_ball(rate)).tolist(),
+                "initial_angular_velocity": (self.rate * rate).tolist(),
                 "inertia": self._changed_inertia(inertia).ravel().tolist(),
                 **weakened(self.base.parameters[PLANT], strength),
             }
@@ -134,12 +130,13 @@ class Space:
 
     def _changed_inertia(self, numbers: list[float]) -> Vector:
         """J = Ĵ^½ (I + S) Ĵ^½ with ‖S‖ ≤ e_S; less of S where no rigid body has it."""
+        nominal = np.array(self.base.parameters[PLANT]["inertia"], np.float64).reshape(3, 3)
         if self.e_S == 0.0:
-            return self._inertia
+            return nominal
         x, y, z, yz, zx, xy = numbers
         S = np.array([[x, xy, zx], [xy, y, yz], [zx, yz, z]])
         S *= self.e_S / max(1.0, float(np.abs(np.linalg.eigvalsh(S)).max()))
-        moments, axes = np.linalg.eigh(self._inertia)
+        moments, axes = np.linalg.eigh(nominal)
         root = axes * np.sqrt(moments) @ axes.T
         for _ in range(20):
             inertia = root @ (np.eye(3) + S) @ root
@@ -148,14 +145,9 @@ class Space:
                 return inertia_matrix("inertia", inertia)
             except ConfigurationError:
                 S *= 0.5
-        return self._inertia
+        return nominal
 
     def to_json(self) -> Mapping[str, Any]:
         """Say what the space is, for a file that is to be continued in the same one."""
         numbers = ("rate", "disturbance", "pieces", "e_S", "eta", "duration", "begin", "late")
         return {"parameters": self.base.parameters} | {n: getattr(self, n) for n in numbers}
-
-
-def _in_ball(x: Vector) -> Vector:
-    """Shorten a vector that is longer than one."""
-    return x / max(1.0, float(np.linalg.norm(x)))
