@@ -110,7 +110,7 @@ def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
     A node with the namespace in its name goes before one without.
     """
     found = {}
-    for node, said in sorted(nodes.items(), key=_depth):
+    for node, said in sorted(nodes.items(), key=lambda each: each[0].strip("/").count("/")):
         home, _, name = f"/{node.lstrip('/')}".rpartition("/")
         if home in ("", namespace):
             found[name] = said
@@ -125,7 +125,3 @@ def _told(custom_data: Mapping[str, str], key: str, kind: Any, flaws: list[str])
         flaws.append(f"its {key} cannot be read: {error}")
         return kind()
     return value if isinstance(value, kind) else kind()
-
-
-def _depth(item: tuple[str, Any]) -> int:
-    return item[0].strip("/").count("/")

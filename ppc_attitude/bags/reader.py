@@ -16,6 +16,7 @@
 
 from collections.abc import Collection, Iterable, Mapping
 from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,7 @@ def read_run(
     """
     names = _checked(topics or {})
     bag = Bag(path)
-    home = None if namespace is None else _tidy(namespace)
+    home = None if namespace is None else f"/{namespace.strip('/')}".rstrip("/")
     collected = _collect(bag, home, names)
     if home is None:
         home = _only_namespace(bag, names)
@@ -153,6 +154,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     end_ns = stamp_of(round(duration * rate), rate) if rate and duration else None
     timeline = align(series, rate, cut=bool(cut), end_ns=end_ns)
     parameters, in_flight = _of_last_epoch(facts.parameters, changes, timeline)
+    in_flight.sort(key=attrgetter("stamp_ns"))
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     empty = dict.fromkeys(announced, len(timeline.stamps))
     warnings = [*facts.flaws, *collected.warnings(home), *timeline.warnings]
@@ -185,7 +187,7 @@ def _of_last_epoch(
     parameters: Mapping[str, Mapping[str, Any]],
     changes: Iterable[tuple[int, Change]],
     timeline: Timeline,
-) -> tuple[Mapping[str, Mapping[str, Any]], tuple[Change, ...]]:
+) -> tuple[Mapping[str, Mapping[str, Any]], list[Change]]:
     """Parameters with which the last epoch began, and what was changed during it.
 
     When time begins again a node tells anew, at that stamp, all that it has told. Such a message
@@ -193,7 +195,7 @@ def _of_last_epoch(
     was started again with, the recorder tells only once, when it hears of it.
     """
     if timeline.begun is None:
-        return parameters, _by_stamp(change for _, change in changes)
+        return parameters, [change for _, change in changes]
     began: dict[str, dict[str, Any]] = {node: dict(own) for node, own in parameters.items()}
     first: dict[tuple[str, str], Change] = {}
     later: dict[str, list[Change]] = {}
@@ -210,11 +212,7 @@ def _of_last_epoch(
                 began[node][name] = change.value
     for node, name in first.keys() & {(node, name) for node, own in began.items() for name in own}:
         began[node][name] = first.pop((node, name)).value
-    return began, _by_stamp(chain(first.values(), *later.values()))
-
-
-def _by_stamp(changes: Iterable[Change]) -> tuple[Change, ...]:
-    return tuple(sorted(changes, key=lambda change: change.stamp_ns))
+    return began, [*first.values(), *chain(*later.values())]
 
 
 def _by_namespace(bag: Bag) -> dict[str, set[Topic]]:
@@ -293,8 +291,3 @@ def _flaws(bag: Bag) -> str:
 
 def _state(bag: Bag) -> str:
     return "recording goes on" if bag.live else "recording was cut"
-
-
-def _tidy(namespace: str) -> str:
-    bare = namespace.strip("/")
-    return f"/{bare}" if bare else ""

@@ -26,7 +26,6 @@ import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 
 from rosbags.interfaces import (
     Connection,
@@ -201,14 +200,9 @@ class BagWriter:
         """Return self; unlike rosbags' writer it keeps the bag when an exception passes."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the bag; an exception on its way keeps precedence over a failure to do so."""
-        with contextlib.suppress(BagError) if error else contextlib.nullcontext():
+        with contextlib.suppress(BagError) if kind else contextlib.nullcontext():
             self.close()
 
     def _flush_regularly(self) -> None:
