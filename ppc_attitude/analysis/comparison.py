@@ -124,8 +124,7 @@ def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str])
                 label = f"limit {limit:g} deg/s, where the run is judged" if run is runs[0] else ""
                 judged_limit(each, run.t, run.calm, limit, label=label, colour=colour)
         each.set_ylim(bottom=0.0)
-    if limit is not None:
-        legend(axes[-1][0], without=axes[0][0].get_legend_handles_labels()[1])
+    legend(axes[-1][0], beside=axes[0][0])
     return figure
 
 

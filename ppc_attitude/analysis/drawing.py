@@ -241,15 +241,18 @@ def mark_faults(axes: Axes, spans: Iterable[tuple[float, float]]) -> None:
             axes.axvspan(*span, color=RED, alpha=0.08, linewidth=0, label="fault", zorder=0.4)
 
 
-def legend(axes: Axes, without: Iterable[str] = ()) -> None:
-    """Put the legend above the panel, where it hides nothing, without the entries of others.
+def legend(axes: Axes, beside: Axes | None = None) -> None:
+    """Put the legend above the panel, where it hides nothing, if there is anything to tell.
 
-    What has the label of something before it is told by that.
+    What has the label of something before it is told by that, also in the panel beside.
     """
-    told, first = set(without), dict[str, Any]()
+    told = set(beside.get_legend_handles_labels()[1]) if beside else set()
+    first: dict[str, Any] = {}
     for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
         if label not in told:
             first.setdefault(label, handle)
+    if not first:
+        return
     labels = list(first)
     figure, grid = axes.get_figure(), axes.get_gridspec()
     assert isinstance(figure, Figure)

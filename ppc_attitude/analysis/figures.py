@@ -35,7 +35,7 @@ from ppc_attitude.analysis.drawing import (
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.filter_figures import bias_figure, innovation_figure, knowledge_figure
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
-from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.measure import Measured, known
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
 from ppc_attitude.analysis.run_panels import (
     AXES,
@@ -139,12 +139,9 @@ def angular_velocity_figure(run: Measured) -> Figure:
         raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
     figure, ((top,), (bottom,)) = panels(2, share_x=True)
     components(top, run.t, run.rate)
-    try:
-        desired = np.rad2deg(reference_rates_in_body(run.record))
-    except AnalysisError:
-        desired = None  # a run without a reference still has its rate
-    if desired is not None:
-        for axis, colour, values in zip(AXES, AXIS_COLOURS, desired.T, strict=True):
+    desired = known(reference_rates_in_body, run.record)
+    if desired is not None:  # a run without a reference still has its rate
+        for axis, colour, values in zip(AXES, AXIS_COLOURS, np.rad2deg(desired).T, strict=True):
             dots = (0, (1, 1.2))
             draw(top, run.t, values, colour=colour, style=dots, width=1.2, label=f"{axis} desired")
     draw(bottom, run.t, np.linalg.norm(run.rate, axis=1), label="norm")

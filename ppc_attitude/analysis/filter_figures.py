@@ -22,14 +22,12 @@ from ppc_attitude.analysis.drawing import (
     BLACK,
     ENVELOPE_WIDTH,
     draw,
-    legend,
     limit_lines,
     panels,
-    time_axis,
 )
 from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, sigmas_of
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.run_panels import AXES, mark, points
+from ppc_attitude.analysis.run_panels import AXES, finish, points
 from ppc_attitude.analysis.series import vectors
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import Array
@@ -86,9 +84,7 @@ def innovation_figure(run: Measured) -> Figure:
     top.set_ylabel("innovation / σ [1]")
     bottom.set_ylabel("NIS [1]")
     for axes in (top, bottom):
-        time_axis(axes, run.t)
-        mark(axes, run)
-        legend(axes)
+        finish([axes], run)
     return figure
 
 
@@ -110,7 +106,5 @@ def _in_band(
         if edges.size and (width := np.ptp(edges)) > 0.0:
             axes.set_ylim(edges.min() - 0.3 * width, edges.max() + 0.3 * width)
         axes.set_ylabel(f"{name},\n{axis} [{unit}]")
-        time_axis(axes, run.t)
-        mark(axes, run)
-        legend(axes)
+        finish([axes], run)
     return figure

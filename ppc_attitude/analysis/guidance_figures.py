@@ -102,7 +102,7 @@ def slews(run: Measured, flight: Flight) -> Figure:
         _mark_orders(axes, flight, start)
         time_axis(axes, run.t)
     legend(left)
-    legend(rate, left.get_legend_handles_labels()[1])
+    legend(rate, beside=left)
     return figure
 
 

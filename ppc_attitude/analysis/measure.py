@@ -14,11 +14,11 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,7 @@ from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
 
 Mask = NDArray[np.bool_]
+_Found = TypeVar("_Found")
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
 
@@ -72,8 +73,7 @@ class Measured:
         self.whole = (self.begin, self.end)
         self.truth = truth = truth_of(record)
         self.pointing = known(pointing_errors, record)
-        exact = truth.attitude == ATTITUDE.column
-        self.control = self.pointing if exact else known(control_errors, record)
+        self.control = known(control_errors, record)
         self.plant = record.parameters.get(PLANT, {})
         self._actuator = ACTUATORS.selected(self.plant)
         self.rate = None
@@ -277,13 +277,12 @@ class Measured:
             yield ErrorSize(name, meaning, most, rms, self.last_span)
 
 
-def known(errors_of: Any, record: RunRecord) -> Errors | None:
-    """Errors of a kind; None if the record lacks a column for them."""
+def known(of: Callable[[RunRecord], _Found], record: RunRecord) -> _Found | None:
+    """What a function finds in a record; None if the record lacks a column for it."""
     try:
-        errors: Errors = errors_of(record)
+        return of(record)
     except AnalysisError:
         return None
-    return errors
 
 
 def _since(t: Array, start: float) -> Array:

@@ -139,20 +139,12 @@ def points(axes: Axes, t: Array, values: Array) -> None:
         axes.plot(t, component, ".", color=colour, markersize=1.5, label=axis)
 
 
-def mark(axes: Axes, run: Measured) -> None:
-    """Mark what happened to the craft: sudden disturbances and faults."""
-    mark_hits(axes, [hit.start_s for hit in run.hits])
-    mark_faults(axes, [(fault.start_s, fault.end_s) for fault in faults_of(run.record)])
-
-
 def finish(shown: Sequence[Axes], run: Measured) -> None:
     """Label time and marks; a panel has a legend if it says more than the first panel's."""
     for axes in shown:
         time_axis(axes, run.t)
-        mark(axes, run)
-    _, told = shown[0].get_legend_handles_labels()
+        mark_hits(axes, [hit.start_s for hit in run.hits])
+        mark_faults(axes, [(fault.start_s, fault.end_s) for fault in faults_of(run.record)])
     legend(shown[0])
     for axes in shown[1:]:
-        _, labels = axes.get_legend_handles_labels()
-        if set(labels) - set(told):
-            legend(axes, told)
+        legend(axes, beside=shown[0])
