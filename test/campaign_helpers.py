@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, campaign
+from ppc_attitude.campaign.rows import Outcome, run_chunk
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.simulation.scenario import scenario
 
@@ -42,6 +43,12 @@ def small(duration: float = 3.0, rate: float = 50.0) -> Campaign:
     """A campaign of short runs."""
     given = {PLANT: {"duration": duration, "rate": rate}, INJECTOR: {"environment": True}}
     return campaign(VARIES, scenario(given), 1)
+
+
+def run_one(of: Campaign, index: int) -> Outcome:
+    """One run of a campaign."""
+    (outcome,) = run_chunk(of, index, index + 1)
+    return outcome
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:

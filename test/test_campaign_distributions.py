@@ -21,13 +21,14 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from campaign_helpers import run_one
 from docs_helpers import blocks
 from scipy import linalg, stats
 
 from ppc_attitude.campaign.declaration import Campaign, campaign
 from ppc_attitude.campaign.distributions import Range, number, on_sphere
 from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_of_run, stream
-from ppc_attitude.campaign.rows import rerun, run_one
+from ppc_attitude.campaign.rows import rerun
 from ppc_attitude.campaign.summary import Summary
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE, SOURCES

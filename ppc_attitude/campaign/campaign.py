@@ -23,11 +23,11 @@ from pathlib import Path
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.pools import ClusterPool, LocalPool, Pool, cores
-from ppc_attitude.campaign.quantile_bands import QuantileBands
+from ppc_attitude.campaign.quantile_bands import QuantileBands, time_bins
 from ppc_attitude.campaign.results import Results
-from ppc_attitude.campaign.rows import grid_of
 from ppc_attitude.campaign.summary import Summary
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.simulation.closed_loop import stamps_of
 
 
 @dataclass(frozen=True)
@@ -99,9 +99,9 @@ def run_campaign(
     for name, value in (("runs", runs), ("workers", workers)):
         if value is not None and value < 1:
             raise ConfigurationError(f"{name} = {value}; allowed: ≥ 1")
-    grid = grid_of(campaign.rate, campaign.duration)
+    _, ends = time_bins(stamps_of(campaign.rate, campaign.duration))
     finished = Finished(
-        folder, runs, Summary(campaign.required, campaign.variables), QuantileBands(grid.ends)
+        folder, runs, Summary(campaign.required, campaign.variables), QuantileBands(ends)
     )
     pool: Pool
     with beginning():
@@ -113,6 +113,7 @@ def run_campaign(
         for outcome in outcomes(campaign, runs, pool, stop or threading.Event()):
             results.add(outcome.row)
             finished.summary.add(outcome.row)
-            finished.bands.add(outcome.levels)
+            if outcome.levels is not None:
+                finished.bands.add(outcome.levels)
             progress(finished.summary.runs, runs)
     return finished

@@ -43,7 +43,7 @@ def time_bins(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], Array]:
     return starts, np.append(stamps_ns[starts], stamps_ns[-1]) * 1e-9
 
 
-def levels_of(record: RunRecord, errors: Array, starts: NDArray[np.intp]) -> Levels:
+def levels_of(record: RunRecord, errors: Array) -> Levels:
     """Levels of one run.
 
     Parameters
@@ -52,8 +52,6 @@ def levels_of(record: RunRecord, errors: Array, starts: NDArray[np.intp]) -> Lev
         The run.
     errors : ndarray, shape (n, 4)
         Pointing error x y z w.
-    starts : ndarray of int, shape (bins,)
-        First sample of each bin.
 
     Returns
     -------
@@ -61,6 +59,7 @@ def levels_of(record: RunRecord, errors: Array, starts: NDArray[np.intp]) -> Lev
         `UNKNOWN` in bins that hold a sample that is not finite, or for an envelope that the run
         does not have.
     """
+    starts, _ = time_bins(record.stamps_ns)
     size = np.abs(errors[:, :3]).T
     values = [size.max(axis=0)]
     if ATTITUDE_ENVELOPE.column in record:

@@ -16,11 +16,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from typing import Any, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.analysis.metrics import Judge, analyse
 from ppc_attitude.analysis.requirements import names_of
@@ -28,8 +24,8 @@ from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.analysis.verdict import Metrics, Verdict, all_met
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of_run, scenario_with
-from ppc_attitude.campaign.quantile_bands import QUANTITIES, UNKNOWN, Levels, levels_of, time_bins
-from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.campaign.quantile_bands import Levels, levels_of
+from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import Loop, simulate, stamps_of
 
@@ -65,7 +61,7 @@ def row_types(campaign: Campaign) -> dict[str, type]:
     }
 
 
-_DECISIVE = ("ppc_attitude", "numpy", "numba", "scipy")
+_DECISIVE = ("ppc_attitude", "numpy", "numba", "scipy")  # other versions give other numbers
 
 
 class CampaignError(RuntimeError):
@@ -80,60 +76,22 @@ class Outcome:
     ----------
     row : dict
         A value for every key of `row_types`.
-    levels : ndarray of uint8, shape (len(QUANTITIES), bins)
-        See `quantile_bands`.
+    levels : ndarray of uint8, shape (len(QUANTITIES), bins), or None
+        See `quantile_bands`; None of a run that broke.
     """
 
     row: Row
-    levels: Levels
+    levels: Levels | None
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Instants and time bins, which all runs of a campaign have in common."""
-
-    stamps_ns: NDArray[np.int64]
-    starts: NDArray[np.intp]
-    ends: Array
-
-
-@lru_cache(maxsize=4)
-def grid_of(rate: float, duration: float) -> Grid:
-    """Instants and time bins of runs at a rate [Hz] and of a duration [s]."""
-    stamps_ns = stamps_of(rate, duration)
-    return Grid(stamps_ns, *time_bins(stamps_ns))
-
-
-def loop_of(campaign: Campaign) -> Loop:
-    """The loop that every run of a campaign goes through."""
-    stamps_ns = grid_of(campaign.rate, campaign.duration).stamps_ns
-    return Loop(campaign.scenario, stamps_ns, campaign.timetable)
-
-
-def run_one(campaign: Campaign, index: int, loop: Loop | None = None) -> Outcome:
-    """Run one index of a campaign; a failure is an outcome as well.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        What to run.
-    index : int
-        Which run.
-    loop : Loop, optional
-        `loop_of` the campaign, to make it once for many runs.
-
-    Returns
-    -------
-    Outcome
-        The same to the last bit wherever and whenever it is run.
-    """
+def _run(campaign: Campaign, index: int, loop: Loop) -> Outcome:
+    """Run one index of a campaign in its loop; a failure is an outcome as well."""
     drawn: Mapping[str, Any] = {}
     try:
         drawn = draw(campaign, index)
-        record = (loop or loop_of(campaign)).run(scenario_with(campaign, drawn))
+        record = loop.run(scenario_with(campaign, drawn))
         judge = Judge(record, campaign.required)
-        starts = grid_of(campaign.rate, campaign.duration).starts
-        levels = levels_of(record, pointing_errors(record).quaternions, starts)
+        levels = levels_of(record, pointing_errors(record).quaternions)
         return Outcome(_row(campaign, index, drawn, judge), levels)
     except Exception as error:  # whatever it is, it must cost this run only
         return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
@@ -142,19 +100,26 @@ def run_one(campaign: Campaign, index: int, loop: Loop | None = None) -> Outcome
 def run_chunk(campaign: Campaign, start: int, stop: int) -> list[Outcome]:
     """Run the indices from start up to, not including, stop.
 
+    Each gives the same to the last bit wherever and whenever it is run.
+
     Raises
     ------
     CampaignError
         This process has other versions than the campaign's, so its numbers could differ.
     """
-    difference = _difference(versions(), campaign.made_with)
-    if difference:
+    there, here = versions(), campaign.made_with
+    different = [
+        f"{name} {there.get(name, 'absent')} there, {here.get(name, 'absent')} here"
+        for name in _DECISIVE
+        if there.get(name) != here.get(name)
+    ]
+    if different:
         raise CampaignError(
             f"a worker has other versions than this command and could give other numbers: "
-            f"{difference}"
+            f"{', '.join(different)}"
         )
-    loop = loop_of(campaign)
-    return [run_one(campaign, index, loop) for index in range(start, stop)]
+    loop = Loop(campaign.scenario, stamps_of(campaign.rate, campaign.duration), campaign.timetable)
+    return [_run(campaign, index, loop) for index in range(start, stop)]
 
 
 def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
@@ -178,8 +143,7 @@ def broken(
 ) -> Outcome:
     """Outcome of a run that gave no result."""
     row = dict.fromkeys(row_types(campaign)) | {"index": index, "error": reason, **(drawn or {})}
-    bins = grid_of(campaign.rate, campaign.duration).starts.size
-    return Outcome(row, np.full((len(QUANTITIES), bins), UNKNOWN, np.uint8))
+    return Outcome(row, None)
 
 
 def _row(campaign: Campaign, index: int, drawn: Mapping[str, Any], judge: Judge) -> Row:
@@ -193,12 +157,3 @@ def _row(campaign: Campaign, index: int, drawn: Mapping[str, Any], judge: Judge)
         told = (each.met, each.value, each.limit_text, each.note)
         row |= {f"{part}_{each.key}": it for part, it in zip(PARTS, told, strict=True)}
     return row
-
-
-def _difference(there: Mapping[str, str], here: Mapping[str, str]) -> str:
-    """Say which versions differ of those that can change a number; empty if none does."""
-    return ", ".join(
-        f"{name} {there.get(name, 'absent')} there, {here.get(name, 'absent')} here"
-        for name in _DECISIVE
-        if there.get(name) != here.get(name)
-    )
