@@ -62,7 +62,7 @@ def test_torques_are_shared_as_linear_programming_does() -> None:
         assert np.abs(axes.T @ torques - t).max() <= 1e-12 * size
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(12))
 def test_no_other_sharing_loads_the_wheels_less(seed: int) -> None:
     """Any array, any limits, some of the wheels lost: also parallel ones, several in one plane."""
     random = np.random.default_rng(seed)
@@ -120,5 +120,5 @@ def test_what_an_array_gives_in_every_direction(name: str) -> None:
     certain = certain_torque(axes, limits, 2)
     directions = np.random.default_rng(1).normal(size=(1000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    heaviest = max(least_load(certain * each, axes, -limits, limits) for each in directions)
+    heaviest = max(allocated(certain * each, axes, -limits, limits)[0] for each in directions)
     assert 0.98 < heaviest < 1.0 + 1e-9
