@@ -21,7 +21,7 @@ import pytest
 import rclpy
 from conftest import StartProcess
 from peer import Beside, peer
-from process_helpers import Node, end_all, loop_nodes
+from process_helpers import Node, end_all
 from rcl_interfaces.srv import ListParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -109,8 +109,9 @@ def test_a_recorder_asks_and_answers_in_full_flow(
 ) -> None:
     """Also by simulated time, whose clock comes as often as the states."""
     with peer() as stack:
-        nodes = [*loop_nodes(start_process, tmp_path, "free-running").values()]
-        stack.goes_on()
+        quick = "rate:=300.0"  # as many messages as those of all nodes at the default rate
+        nodes = [Node(start_process, tmp_path, *each) for each in ((PLANT, quick), (CONTROLLER,))]
+        stack.until(lambda: stack.time(ATTITUDE) > 0.5, "the flow")
         bag, sim = f"bag:={tmp_path / 'bag'}", "use_sim_time:=true"
         nodes.append(recorder := Node(start_process, tmp_path, RECORDER, bag, sim))
         for name in (CONTROLLER, PLANT):
