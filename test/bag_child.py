@@ -33,7 +33,7 @@ STEP_NS = 10_000_000
 REPORT_EVERY = 50
 PERIOD = 1e-3  # [s]
 IDLE_STEPS = 7
-DISK_BYTES = 3_000_000
+DISK_BYTES = 1_200_000
 
 
 def values(step: int, width: int) -> tuple[float, ...]:

@@ -126,7 +126,7 @@ def test_a_file_cut_anywhere_is_read_or_refused(
 ) -> None:
     size = storage_file(whole).stat().st_size
     random = Random(1)
-    sizes = {*range(80), *(random.randrange(size) for _ in range(60)), *range(size - 60, size)}
+    sizes = {*range(40), *(random.randrange(size) for _ in range(30)), *range(size - 30, size)}
     longest = 0
     for length in sorted(sizes):
         bag = cut_copy(whole, tmp_path / "cut", length, with_metadata=with_metadata)
@@ -175,7 +175,7 @@ def test_a_file_that_grows_is_read_as_far_as_it_went_when_it_was_opened(
 ) -> None:
     content = storage_file(whole).read_bytes()
     random = Random(3)
-    for length in (*range(8, 80), *(random.randrange(8, len(content)) for _ in range(150))):
+    for length in (*range(8, 60), *(random.randrange(8, len(content)) for _ in range(50))):
         bag = cut_copy(whole, tmp_path / "cut", length)
         expected = messages_of(McapSource(storage_file(bag)))
         source = McapSource(storage_file(bag))
@@ -213,7 +213,7 @@ def test_flipped_bits_raise_nothing_but_bag_errors(tmp_path: Path, whole: Path) 
     content = storage_file(whole).read_bytes()
     random = Random(2)
     bag = cut_copy(whole, tmp_path / "bag", len(content), with_metadata=True)
-    for _ in range(200):
+    for _ in range(100):
         damaged = bytearray(content)
         for _ in range(random.choice((1, 3, 30))):
             damaged[random.randrange(len(damaged))] ^= 1 << random.randrange(8)
@@ -264,7 +264,7 @@ def test_no_flipped_bit_of_the_data_goes_unnoticed(tmp_path: Path, whole: Path) 
     assert footer.summary_crc == zlib.crc32(content[footer.summary_start : -12])
     random = Random(4)
     bag = cut_copy(whole, tmp_path / "bag", len(content), with_metadata=True)
-    for place in (*range(8, 60), *(random.randrange(8, data_end) for _ in range(150))):
+    for place in (*range(8, 60, 3), *(random.randrange(8, data_end) for _ in range(60))):
         damaged = bytearray(content)
         damaged[place] ^= 1 << random.randrange(8)
         storage_file(bag).write_bytes(damaged)
