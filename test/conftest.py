@@ -158,6 +158,22 @@ def start_process() -> Iterator[StartProcess]:
         process.communicate(timeout=_PATIENCE)
 
 
+@contextlib.contextmanager
+def nothing_drawn() -> Iterator[None]:
+    """Leave the drawings empty: what a test reads is in the text, and drawing takes seconds."""
+    with mock.patch(
+        "matplotlib.figure.Figure.savefig", lambda self, file, **_: file.write(b"<svg/>")
+    ):
+        yield
+
+
+@pytest.fixture
+def undrawn() -> Iterator[None]:
+    """Let the test draw nothing."""
+    with nothing_drawn():
+        yield
+
+
 @pytest.fixture(params=["mcap", "sqlite3"])
 def storage(request: pytest.FixtureRequest) -> str:
     """Let the test have bags of either storage."""

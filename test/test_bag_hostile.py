@@ -279,6 +279,7 @@ def test_a_parameter_that_no_node_can_have_is_left_out(value: str) -> None:
 STEERING = "\x1b]0;owned\x07\x1b[2J\u202e\x9b<script>alert(1)</script>"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_steers_a_terminal_or_a_page_is_escaped(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -287,6 +287,7 @@ def hardware(tmp_path_factory: pytest.TempPathFactory) -> Path:
 TOLD = [f"--topic={ours}=/imu/data" for ours in MAPPED] + ["--topic=reference/attitude=/goal"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_commands_take_bags_of_hardware(
     hardware: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 import yaml
+from conftest import nothing_drawn
 from craft_helpers import case, configs
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,7 +29,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from synthetic import normal_run
 from test_hardware_faults import WORDS
-from test_report import nothing_drawn
 
 from ppc_attitude.analysis.comparison import comparisons_of
 from ppc_attitude.analysis.drawing import RED

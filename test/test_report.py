@@ -17,16 +17,14 @@
 import base64
 import json
 import re
-from contextlib import contextmanager
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
-from unittest import mock
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
+from conftest import nothing_drawn
 from synthetic import hit_run, normal_run, with_columns, without_columns
 
 from ppc_attitude.analysis.figures import figures_of
@@ -80,19 +78,6 @@ def report(tmp_path, *runs):
     write_report([(run, analyse(run)) for run in runs], path)
     text = path.read_text(encoding="utf-8")
     return Page(text), text
-
-
-@contextmanager
-def nothing_drawn():
-    """Leave the drawings empty: what a test reads is in the text."""
-    with mock.patch.object(Figure, "savefig", lambda self, buffer, **_: buffer.write(b"<svg/>")):
-        yield
-
-
-@pytest.fixture
-def undrawn():
-    with nothing_drawn():
-        yield
 
 
 @pytest.fixture(scope="module")
