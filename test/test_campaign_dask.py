@@ -38,7 +38,7 @@ from ppc_attitude.science.errors import ConfigurationError
 
 ROOT = Path(__file__).parent.parent
 WORKERS = 2
-RUNS = 120
+RUNS = 60
 pytestmark = pytest.mark.slow
 
 
@@ -84,7 +84,7 @@ def cluster(start_process: StartProcess, tmp_path: Path) -> Iterator[Cluster]:
 
 
 def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    of = small(duration=60.0, rate=100.0)
+    of = small(duration=30.0, rate=100.0)
     pids = cluster.client.run(os.getpid)
     killed: list[int] = []
 

@@ -178,6 +178,7 @@ def test_figures_show_what_they_are_given(finished: Finished) -> None:
         assert points == RUNS
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_report_says_how_to_run_the_worst_again(finished: Finished, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     write_campaign_report(small(), finished, ["ppc_attitude", "campaign", "--seed", "1"], path)
@@ -202,12 +203,15 @@ def written(tmp_path: Path) -> list[str]:
     return ["campaign", "--config", str(config), "--campaign", str(declared), "--seed", "1"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_command_gives_the_campaign(
     finished: Finished, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, report = tmp_path / "out", tmp_path / "report.html"
-    options = ["--runs", str(RUNS), "--out", str(out), "--json", "--report", str(report)]
-    assert main([*written(tmp_path), *options]) == 0  # runs this short show little
+    options = ["--runs", str(RUNS), "--workers", "1", "--out", str(out), "--json"]
+    assert (
+        main([*written(tmp_path), *options, "--report", str(report)]) == 0
+    )  # runs this short show little
     told = json.loads(capsys.readouterr().out)
     assert told["done"] == told["runs"] == RUNS
     assert told["requirements"] == finished.summary.to_json()["requirements"]
@@ -240,7 +244,8 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_much(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
     out = tmp_path / "out"
-    command = [*COMMAND, *written(tmp_path), "--runs", "1000000", "--out", str(out)]
+    command = [*COMMAND, *written(tmp_path), "--runs", "1000000", "--workers", "1"]
+    command += ["--out", str(out)]
     process = start_process(command, cwd=ROOT)
     assert process.stderr is not None
     seen = ""
