@@ -18,6 +18,7 @@ import ast
 import graphlib
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -96,6 +97,7 @@ def imported_names(source: str, package: str) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
+@cache
 def imports_of(path: Path) -> set[str]:
     """Collect the full names that a file of the package imports."""
     name = module_name(path)
@@ -132,6 +134,12 @@ def test_floor_imports_downward_only(floor: str) -> None:
             if not allowed:
                 wrong.append(f"{path.relative_to(ROOT)} imports {name}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_pyplot_is_never_imported() -> None:
+    """It would look for a display and keep every figure alive."""
+    for path in SOURCES:
+        assert not [name for name in imports_of(path) if name.startswith("matplotlib.pyplot")], path
 
 
 def test_no_circle_of_imports() -> None:
