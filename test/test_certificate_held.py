@@ -28,7 +28,8 @@ from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE, REFERENCE_ACCELERATION
-from ppc_attitude.science.guarantee.assumptions import assumptions_of
+from ppc_attitude.science.guarantee import design
+from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.surroundings import _rate_lag
 from ppc_attitude.simulation.closed_loop import simulate
@@ -133,12 +134,16 @@ def test_check_says_that_a_promise_needs_fixes(
 
 
 def test_a_design_knows_the_torque_noise_that_its_sensors_make(
-    designed_for_sensors: Path, capsys: pytest.CaptureFixture[str]
+    designed_for_sensors: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    files = [*configs("paper", "sensors_flagship"), designed_for_sensors]
+    law = law_of(load(files).parameters[CONTROLLER])
+    monkeypatch.setattr(design, "tuned", lambda *_: law)  # of these gains, found before
     assert main(["design", *FLAGSHIP, "--gains", *GAINS, "--torque-noise", "1e-6"]) == 1
     found = re.search(r"nearest that was found is (\S+) N·m", capsys.readouterr().out)
     assert found
-    files = [*configs("paper", "sensors_flagship"), designed_for_sensors]
     torque = simulate(load(files), 60.0)["torque_command"][-3000:]
     slow = np.apply_along_axis(np.convolve, 0, torque, np.full(101, 1 / 101), "valid")
     noise = np.sqrt(np.mean((torque[50:-50] - slow) ** 2, axis=0))

@@ -21,7 +21,9 @@ import pytest
 from craft_helpers import case
 
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.science.guarantee import design as module
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
+from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.design import (
     UnwishedError,
     Wishes,
@@ -91,8 +93,23 @@ def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds(
     assert design(uncertain, Wishes(), factor * h)
 
 
-def test_contradicting_wishes_are_refused(standard: tuple[Assumptions, Law]) -> None:
+def test_a_search_finds_gains_that_settle_sooner(
+    standard: tuple[Assumptions, Law], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On coarse cells to the end; the shipped gains are ours, and quieter."""
     assumed, law = standard
+    monkeypatch.setattr(module, "FINE", COARSE)
+    found = design(assumed, Wishes(), law.h)
+    shipped = designed(assumed, Wishes(), law.h, law.k, law.kappa, law.ell)
+    assert found.settling.time < 0.97 * shipped.settling.time
+
+
+def test_contradicting_wishes_are_refused(
+    standard: tuple[Assumptions, Law], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The law of the gains is the shipped one, whatever the wish."""
+    assumed, law = standard
+    monkeypatch.setattr(module, "tuned", lambda *_: law)
     gains = (law.h, law.k, law.kappa, law.ell)
     with pytest.raises(UnwishedError, match=r"time of 60 s cannot .* nearest .* is 91\.\d+ s"):
         designed(assumed, Wishes(time=60.0), *gains)
