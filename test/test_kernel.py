@@ -109,7 +109,6 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
         return ran.stdout
 
     before = printed()
-    assert printed() == before
     source = (copy / file).read_text(encoding="utf-8")
     assert source.count(old) == 1
     (copy / file).write_text(source.replace(old, new), encoding="utf-8")
