@@ -181,6 +181,7 @@ def test_a_hook_that_raises_is_told_with_its_component(hook: str) -> None:
         ("torque", (1.0, None), "TypeError: float.* not 'NoneType'"),
         ("faults", None, "TypeError: 'NoneType' object is not iterable"),
         ("advices", "many", "ValueError: invalid literal"),
+        ("advice", "all is well", "TypeError: 'all is well'; allowed"),
         ("motion_bounds", (0.1, 0.2), "ValueError: not enough values"),
         ("motion_bounds", (0.1, -0.2, 0.3), "ValueError: -0.2; allowed: a number ≥ 0"),
     ],
