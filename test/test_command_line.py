@@ -339,6 +339,7 @@ def test_simulate_writes_what_run_would(
         main(["simulate", "--export", str(table)])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_outputs_go_to_new_folders_and_replace_only_what_the_command_wrote(tmp_path: Path) -> None:
     table, report = tmp_path / "new" / "run.csv", tmp_path / "page" / "run.html"
     report.parent.mkdir()
