@@ -44,7 +44,6 @@ def completions(line: str, tmp_path: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("ppc_attitude sim", ["simulate"]),
         ("ppc_attitude c", ["compare", "check", "campaign"]),
         ("ppc_attitude run --real", ["--realtime"]),
         ("ppc_attitude run --controller log", ["log_barrier"]),

@@ -329,8 +329,10 @@ sys.exit(executables.{node}())
 """
 
 
-@pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("module", ["numpy", "rclpy", "ppc_attitude.nodes.base"])
+@pytest.mark.parametrize(
+    ("module", "stop"),
+    [("numpy", "SIGINT"), ("rclpy", "SIGTERM"), ("ppc_attitude.nodes.base", "SIGINT")],
+)
 def test_a_node_interrupted_while_it_is_imported_ends_in_good_order(
     module: str, stop: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
