@@ -34,7 +34,6 @@ from ppc_attitude.contract.topics import (
     CONTROLLER,
     INJECTOR,
     PLANT,
-    RECORDER,
     REFERENCE,
     TORQUE_COMMAND,
 )
@@ -117,55 +116,21 @@ REFUSED = {
 
 
 # So large that the controller is always at its limit.
-LASTING_HIT = ("pulse_times:=[0.0]", "pulse_durations:=[1e6]", "pulse_torques:=[0.3, 0.3, 0.3]")
+LASTING_HIT = """/**/disturbance_injector:
+  ros__parameters: {pulse_times: [0.0], pulse_durations: [1e6], pulse_torques: [0.3, 0.3, 0.3]}
+"""
 
 
-def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_recorded(
+def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_replayed_after_a_reset_too(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
-    recorder = Node(start_process, tmp_path, RECORDER, cwd=tmp_path)
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(1.0) + LASTING_HIT)
     with peer() as stack:
-        recorder.says("recording to")
-        waits = "wait_for_recorder:=true"  # who is not found by then gets nothing of the first
-        nodes = {
-            name: Node(start_process, tmp_path, name, waits, *options)
-            for name, options in {
-                REFERENCE: (),
-                CONTROLLER: (),
-                INJECTOR: LASTING_HIT,
-                PLANT: LOCKSTEP,
-            }.items()
-        }
         stack.goes_on()
         for case, (node, name, value, reason) in REFUSED.items():
             result = stack.set_parameter(node, name, value)
             assert not result.successful, case
             assert reason in result.reason, case
-        stack.goes_on()
-        asked_at = stack.time(TORQUE_COMMAND)
-        assert last_torque(stack) == 0.05
-        assert stack.set_parameter(CONTROLLER, "max_torque", 0.02).successful
-        stack.until(lambda: last_torque(stack) == 0.02, "the new limit")
-        stack.goes_on()
-        end_all(nodes.values(), signal.SIGTERM)
-    end_all([recorder], signal.SIGTERM)
-    (bag,) = (tmp_path / "bags").iterdir()
-    record = read_run(bag)
-    assert record.missing_messages == 0
-    largest = np.abs(record["torque_command"]).max(axis=1)
-    (changed,) = np.flatnonzero(np.diff(largest) < -0.02) + 1  # one step: before it old, then new
-    assert record.t[changed] > asked_at
-    assert (largest[changed:] == 0.02).all()
-    changed_by_user = {event for event in events(bag) if event[0] == f"/{CONTROLLER}"}
-    assert changed_by_user == {(f"/{CONTROLLER}", "max_torque", 0.02)}
-
-
-def test_what_was_set_and_switched_is_replayed_also_after_a_reset(
-    tmp_path: Path, start_process: StartProcess
-) -> None:
-    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(1.0))
-    with peer() as stack:
-        stack.goes_on()
         assert stack.set_parameter(CONTROLLER, "k", 0.9).successful
         assert stack.set_parameter(PLANT, "max_torque", 0.03).successful
         stack.until(lambda: last_torque(stack) == 0.03, "the new limit")
@@ -178,15 +143,28 @@ def test_what_was_set_and_switched_is_replayed_also_after_a_reset(
         switch(stack, True)
         stack.until(lambda: last_torque(stack) == 0.03, "torque")
         stack.goes_on()
+        asked_at = stack.time(TORQUE_COMMAND)
+        assert stack.set_parameter(CONTROLLER, "max_torque", 0.02).successful
+        stack.until(lambda: last_torque(stack) == 0.02, "the new limit")
+        stack.goes_on()
         run.send(signal.SIGINT)
         assert run.ends() == 3, run.err
     record = read_run(run.bag)
+    assert record.missing_messages == 0
     assert record.parameters[CONTROLLER]["k"] == 0.9
     assert record.parameters[PLANT]["max_torque"] == 0.03
     assert [(each.name, each.value) for each in record.changes] == [
         ("enabled", False),
         ("enabled", True),
+        ("max_torque", 0.02),
     ]
+    largest = np.abs(record["torque_command"]).max(axis=1)
+    (changed,) = np.flatnonzero(np.diff(largest) < -0.02) + 1  # one step: before it old, then new
+    assert record.t[changed] > asked_at
+    assert (largest[changed:] == 0.02).all()
+    changed_by_user = {event for event in events(run.bag) if event[0] == f"/{CONTROLLER}"}
+    told = {("k", 0.9), ("max_torque", 0.02)}
+    assert changed_by_user == {(f"/{CONTROLLER}", *each) for each in told}
     assert [each.largest for each in replay(record).found] == [0.0] * 5
 
 
