@@ -258,7 +258,7 @@ def test_craft_keeps_away_from_earth_on_the_whole_way(frame: int) -> None:
     random = np.random.default_rng(2)
     configuration = with_cones([(x, TO_EARTH, (0.0, 0.0, 0.0), 40.0 * DEGREE)])
     outcomes, stops = [], 0
-    for first, second in Rotation.random(120, random_state=9).as_quat().reshape(60, 2, 4):
+    for first, second in Rotation.random(80, random_state=9).as_quat().reshape(40, 2, 4):
         state = begun(quaternion(first))
         t = float(random.uniform(0.0, 3000.0))
         outcome = pursue(t, frame, quaternion(second), configuration, state)
@@ -267,14 +267,14 @@ def test_craft_keeps_away_from_earth_on_the_whole_way(frame: int) -> None:
         plan = active(state)
         cursor = np.zeros(1, state["look"]["now"].dtype)[0]
         inside = True  # until it has come out for the first time
-        for s in np.arange(t, plan["end"], 0.1) if outcome == ACCEPTED else []:
+        for s in np.arange(t, plan["end"], 0.2) if outcome == ACCEPTED else []:
             r = np.array(orbit_at(s, configuration["sky"]["orbit"], cursor)[0])
             b = rotate(quaternion(motion(s, configuration, state)[:4]), x)
             clear = angle_between(b, tuple(-r / np.linalg.norm(r))) >= 40.0 * DEGREE - 1e-9
             assert clear or inside
             inside = inside and not clear
         stops += outcome == ACCEPTED and plan["count"] > 2
-    assert outcomes.count(ACCEPTED) > 20
+    assert outcomes.count(ACCEPTED) > 15
     assert stops > 0
 
 
