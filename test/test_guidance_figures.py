@@ -212,7 +212,7 @@ def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRec
         "keep_out.half_angles": [0.9],
     }
     none = {"keep_out.axes": [], "keep_out.directions": ["sun"], "keep_out.half_angles": []}
-    for before, after in ((none, cones), (fewer, cones), (cones, fewer), (cones, none)):
+    for before, after in ((none, cones), (cones, fewer)):
         changes = (Change(10**10, REFERENCE, name, value) for name, value in after.items())
         parameters = {**record.parameters, REFERENCE: {**values, **before}}
         run = replace(record, parameters=parameters, changes=tuple(changes))
