@@ -57,23 +57,21 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
+from ppc_attitude.science.parameter import record_type
 from ppc_attitude.science.performance import clock_at, nominal
 from ppc_attitude.science.virtual_control import sign, virtual_control
 
-PLAN = np.dtype(
-    [
-        ("start", np.float64),  # [s] when the plan was made
-        ("hold", np.float64),  # [s] how long the attitude envelope waits before it falls
-        ("level", np.float64),  # share of the envelope that sin(φ/2) takes when the hold ends
-        ("stretch", np.float64),  # how many times slower than the table it falls
-        ("attitude_clock", np.float64),  # [s] where on its table the attitude envelope begins
-        ("rate_clock", np.float64),  # [s] where on its table the rate envelope begins
-        ("angle_deg", np.float64),  # [deg] error angle when the plan was made
-        ("feasible", np.float64),  # 1 if the model stays inside
-        ("waiting", np.float64),  # 1 until the hold has ended and the stretch is final
-        ("count", np.float64),  # plans and revisions made so far
-    ],
-    align=True,
+PLAN = record_type(
+    ("start", np.float64),  # [s] when the plan was made
+    ("hold", np.float64),  # [s] how long the attitude envelope waits before it falls
+    ("level", np.float64),  # share of the envelope that sin(φ/2) takes when the hold ends
+    ("stretch", np.float64),  # how many times slower than the table it falls
+    ("attitude_clock", np.float64),  # [s] where on its table the attitude envelope begins
+    ("rate_clock", np.float64),  # [s] where on its table the rate envelope begins
+    ("angle_deg", np.float64),  # [deg] error angle when the plan was made
+    ("feasible", np.float64),  # 1 if the model stays inside
+    ("waiting", np.float64),  # 1 until the hold has ended and the stretch is final
+    ("count", np.float64),  # plans and revisions made so far
 )
 MAX_STRETCH = 64.0
 # A plan made in flight does not begin at the table's top, so it may also be faster than the table.

@@ -40,18 +40,16 @@ from ppc_attitude.science.kernel import (
     store_quaternion,
     vector,
 )
+from ppc_attitude.science.parameter import record_type
 
 MOST_CONES = 16
 FIXED, SUN, NADIR = range(3)  # kinds of directions
-CONES = np.dtype(
-    [
-        ("count", np.int64),
-        ("body_axis", np.float64, (MOST_CONES, 3)),  # unit
-        ("kind", np.int64, (MOST_CONES,)),
-        ("direction", np.float64, (MOST_CONES, 3)),  # unit, inertial, of the fixed ones
-        ("half_angle", np.float64, (MOST_CONES,)),  # [rad]
-    ],
-    align=True,
+CONES = record_type(
+    ("count", np.int64),
+    ("body_axis", np.float64, (MOST_CONES, 3)),  # unit
+    ("kind", np.int64, (MOST_CONES,)),
+    ("direction", np.float64, (MOST_CONES, 3)),  # unit, inertial, of the fixed ones
+    ("half_angle", np.float64, (MOST_CONES,)),  # [rad]
 )
 _BITS: Any = np.array([0, -1])  # NumPy's integers, for the reason given in `frames`
 NO_CONE, EVERY_CONE = _BITS

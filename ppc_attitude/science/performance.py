@@ -28,13 +28,13 @@ import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, divide, kernel, scale
+from ppc_attitude.science.parameter import record_type
 
-SHAPE = np.dtype(
-    [
+SHAPE = record_type(
+    *(
         (name, np.float64)
         for name in ("amplitude", "asymptote", "decay", "t1", "t2", "curvature", "terminal")
-    ],
-    align=True,
+    )
 )
 R_LIMIT = math.e / 2.0  # the largest r with a real root
 # Computed tables may sit on the limit up to rounding (terminal = exponential_terminal: r = 0).

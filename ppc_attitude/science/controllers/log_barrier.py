@@ -55,7 +55,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.performance import SHAPE, nominal
 
 _OWN = (
@@ -64,20 +64,15 @@ _OWN = (
     Parameter("log_barrier.k_b", 1e-3, "barrier gain k_b", "N·m", above=0.0),
 )
 PARAMETERS = (INERTIA, MAX_TORQUE, D_M, MU, *_OWN, *ATTITUDE_PARAMETERS)
-CONFIGURATION = np.dtype(
-    [
-        ("K1", np.float64),
-        ("K2", np.float64),
-        ("k_b", np.float64),
-        ("D_m", np.float64),
-        ("mu", np.float64),
-        ("max_torque", np.float64),
-        ("inertia", np.float64, (3, 3)),
-        ("shape", SHAPE),
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    *_OWN,
+    D_M,
+    MU,
+    MAX_TORQUE,
+    ("inertia", np.float64, (3, 3)),
+    ("shape", SHAPE),
 )
-MEMORY = np.dtype([("started", np.float64), ("start", np.float64)], align=True)
+MEMORY = record_type(("started", np.float64), ("start", np.float64))
 # F_e⁻¹ is singular at q_e0 = 0; a reconstruction keeps that, but never divides by zero.
 _SMALLEST_SCALAR = 1e-6
 
@@ -90,14 +85,14 @@ def configure(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         Inertia or the envelope is impossible.
     """
-    record = np.zeros((), CONFIGURATION)[()]
-    for name in ("D_m", "mu", "max_torque"):
-        record[name] = values[name]
-    for name in ("K1", "K2", "k_b"):
-        record[name] = values[f"log_barrier.{name}"]
-    record["inertia"] = inertia_matrix("inertia", values["inertia"])
-    record["shape"] = envelope_of("attitude_envelope", values).shape()
-    return record
+    return filled(
+        CONFIGURATION,
+        values,
+        "log_barrier.",
+        **{each.name: values[each.name] for each in (D_M, MU, MAX_TORQUE)},
+        inertia=inertia_matrix("inertia", values["inertia"]),
+        shape=envelope_of("attitude_envelope", values).shape(),
+    )
 
 
 @kernel

@@ -68,7 +68,7 @@ from ppc_attitude.science.kernel import (
     tanh,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.performance import SHAPE, widened_attitude_envelope, widened_rate_envelope
 from ppc_attitude.science.virtual_control import virtual_control
 
@@ -114,34 +114,28 @@ PARAMETERS = (
     *ATTITUDE_PARAMETERS,
     *RATE_PARAMETERS,
 )
-_SYMBOLS = tuple(parameter.name for parameter in (*GAINS, D_M, MU))
-
-CONFIGURATION = np.dtype(
-    [
-        *((name, np.float64) for name in _SYMBOLS),
-        ("inertia", np.float64, (3, 3)),
-        ("inertia_inverse", np.float64, (3, 3)),
-        ("max_torque", np.float64),
-        ("coupling", np.float64, (3, 3)),  # rows of J⁻¹ by their diagonal, which is left out
-        ("adaptive", np.float64),
-        ("auto", np.float64),
-        ("norm_form", np.float64),
-        ("attitude_shape", SHAPE),
-        ("rate_shape", SHAPE),
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    *GAINS,
+    D_M,
+    MU,
+    MAX_TORQUE,
+    ("inertia", np.float64, (3, 3)),
+    ("inertia_inverse", np.float64, (3, 3)),
+    ("coupling", np.float64, (3, 3)),  # rows of J⁻¹ by their diagonal, which is left out
+    ("adaptive", np.float64),
+    ("auto", np.float64),
+    ("norm_form", np.float64),
+    ("attitude_shape", SHAPE),
+    ("rate_shape", SHAPE),
 )
-MEMORY = np.dtype(
-    [
-        ("started", np.float64),
-        ("t", np.float64),  # [s] of the last sample
-        ("delta_tau", np.float64, (3,)),  # Δτ = sat(u) − u of the last sample [N·m]
-        ("delta_rho_q", np.float64, (3,)),  # Δρ_q
-        ("delta_rho_omega", np.float64, (3,)),  # Δρ_ω [rad/s]
-        ("theta", np.float64, (3,)),  # θ
-        ("plan", PLAN),
-    ],
-    align=True,
+MEMORY = record_type(
+    ("started", np.float64),
+    ("t", np.float64),  # [s] of the last sample
+    ("delta_tau", np.float64, (3,)),  # Δτ = sat(u) − u of the last sample [N·m]
+    ("delta_rho_q", np.float64, (3,)),  # Δρ_q
+    ("delta_rho_omega", np.float64, (3,)),  # Δρ_ω [rad/s]
+    ("theta", np.float64, (3,)),  # θ
+    ("plan", PLAN),
 )
 AUXILIARY_STATE = of_law("auxiliary_state", VECTOR, BODY, "1", "anti-saturation state θ")
 # δ of the auxiliary system: the smallest |θ| that divides; the paper divides by zero at θ = 0.
@@ -156,20 +150,20 @@ def configure(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         Inertia or an envelope is impossible.
     """
-    record = np.zeros((), CONFIGURATION)[()]
-    for name in (*_SYMBOLS, "max_torque"):
-        record[name] = values[name]
     inertia = inertia_matrix("inertia", values["inertia"])
-    record["inertia"] = inertia
     inverse = np.linalg.inv(inertia)
-    record["inertia_inverse"] = inverse
-    record["coupling"] = inverse / np.diagonal(inverse)[:, None] - np.eye(3)
-    record["adaptive"] = values["adaptive_envelope"]
-    record["auto"] = values["envelope"] == "auto"
-    record["norm_form"] = values["virtual_control"] == "norm"
-    record["attitude_shape"] = envelope_of("attitude_envelope", values).shape()
-    record["rate_shape"] = envelope_of("rate_envelope", values).shape()
-    return record
+    return filled(
+        CONFIGURATION,
+        values,
+        inertia=inertia,
+        inertia_inverse=inverse,
+        coupling=inverse / np.diagonal(inverse)[:, None] - np.eye(3),
+        adaptive=values["adaptive_envelope"],
+        auto=values["envelope"] == "auto",
+        norm_form=values["virtual_control"] == "norm",
+        attitude_shape=envelope_of("attitude_envelope", values).shape(),
+        rate_shape=envelope_of("rate_envelope", values).shape(),
+    )
 
 
 @kernel

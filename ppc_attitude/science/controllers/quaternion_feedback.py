@@ -42,7 +42,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.virtual_control import sign
 
 _OWN = (
@@ -63,24 +63,17 @@ _OWN = (
     ),
 )
 PARAMETERS = (INERTIA, MAX_TORQUE, *_OWN)
-CONFIGURATION = np.dtype(
-    [
-        ("stiffness", np.float64),  # 2k [1/s²] on q_ev
-        ("damping", np.float64),  # c [1/s]
-        ("integral_time", np.float64),  # T [s]
-        ("max_rate", np.float64),  # [rad/s]
-        ("max_torque", np.float64),  # [N·m]
-        ("inertia", np.float64, (3, 3)),
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    ("stiffness", np.float64),  # 2k [1/s²] on q_ev
+    ("damping", np.float64),  # c [1/s]
+    *_OWN[2:],
+    MAX_TORQUE,
+    ("inertia", np.float64, (3, 3)),
 )
-MEMORY = np.dtype(
-    [
-        ("started", np.float64),
-        ("t", np.float64),  # [s] of the last sample
-        ("integral", np.float64, (3,)),  # ∫ q_ev dt [s]
-    ],
-    align=True,
+MEMORY = record_type(
+    ("started", np.float64),
+    ("t", np.float64),  # [s] of the last sample
+    ("integral", np.float64, (3,)),  # ∫ q_ev dt [s]
 )
 
 
@@ -92,16 +85,17 @@ def configure(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The inertia is impossible.
     """
-    record = np.zeros((), CONFIGURATION)[()]
     frequency = values["quaternion_feedback.natural_frequency"]
-    # A small error has q_ev = φ/2: stiffness 2 ω_n² gives φ'' = −ω_n² φ.
-    record["stiffness"] = 2.0 * frequency**2
-    record["damping"] = 2.0 * values["quaternion_feedback.damping"] * frequency
-    record["integral_time"] = values["quaternion_feedback.integral_time"]
-    record["max_rate"] = values["quaternion_feedback.max_rate"]
-    record["max_torque"] = values["max_torque"]
-    record["inertia"] = inertia_matrix("inertia", values["inertia"])
-    return record
+    return filled(
+        CONFIGURATION,
+        values,
+        "quaternion_feedback.",
+        # A small error has q_ev = φ/2: stiffness 2 ω_n² gives φ'' = −ω_n² φ.
+        stiffness=2.0 * frequency**2,
+        damping=2.0 * values["quaternion_feedback.damping"] * frequency,
+        max_torque=values["max_torque"],
+        inertia=inertia_matrix("inertia", values["inertia"]),
+    )
 
 
 @kernel

@@ -25,7 +25,7 @@ import numpy as np
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, record_type
 
 PREFIX = "momentum_tube."
 LAW, LAW_AHEAD = "momentum_tube", "momentum_tube_ahead"
@@ -131,19 +131,13 @@ PARAMETERS = (
     *(replace(each, name=PREFIX + each.name) for each in _OWN),
     *(replace(each, name=f"{PREFIX}assumed.{each.name}") for each in _ASSUMPTIONS),
 )
-CONFIGURATION = np.dtype(
-    [
-        *(
-            (each.name, np.float64, (3,)) if each.is_list else (each.name, np.float64)
-            for each in _OWN
-        ),
-        ("inertia", np.float64, (3, 3)),
-        ("max_torque", np.float64),
-        ("admitted", np.float64, (3,)),  # [N·m] unexplained torque that the assumptions admit
-        ("certified", np.float64),  # 1 if the certificate is for these numbers, −1 if for others
-        ("tumbling_momentum", np.float64),  # [N·m·s] full torque from this component on
-    ],
-    align=True,
+CONFIGURATION = record_type(
+    *((each.name, np.float64, (3,)) if each.is_list else (each.name, np.float64) for each in _OWN),
+    ("inertia", np.float64, (3, 3)),
+    ("max_torque", np.float64),
+    ("admitted", np.float64, (3,)),  # [N·m] unexplained torque that the assumptions admit
+    ("certified", np.float64),  # 1 if the certificate is for these numbers, −1 if for others
+    ("tumbling_momentum", np.float64),  # [N·m·s] full torque from this component on
 )
 _TUMBLING_BAND = 0.1  # of the least momentum at omega0: where the stopping torque is linear
 

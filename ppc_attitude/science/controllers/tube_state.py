@@ -25,47 +25,45 @@ import numpy as np
 from ppc_attitude.science.component import BODY, VECTOR, Advice
 from ppc_attitude.science.controllers.common import of_law
 from ppc_attitude.science.kernel import Vector, kernel, largest, subtract, vector
+from ppc_attitude.science.parameter import record_type
 
-MEMORY = np.dtype(
-    [
-        ("started", np.float64),
-        ("t", np.float64),  # [s] of the last sample
-        ("tumbling", np.float64),
-        ("error", np.float64, (4,)),  # q_e of the last sample, whose sign goes on
-        ("way", np.float64),  # s = ±1: the way round, kept between events
-        ("ahead", np.float64, (3,)),  # Θ [rad]: how far the desired frame will turn, if told
-        ("p", np.float64),  # share of ω_res that is left, 1 to 0
-        ("r", np.float64),  # share of the brake that acts, 0 to 1
-        ("sigma", np.float64),  # σ [rad/s]: speed while it rises to V
-        ("done", np.float64),  # 1 if the cap is V itself
-        ("p_rate", np.float64),  # [1/s] of the last sample, as the next two
-        ("r_rate", np.float64),
-        ("sigma_rate", np.float64),
-        ("cap", np.float64),  # V_e [rad/s] of the last sample
-        ("a", np.float64),  # [rad/s²] of the brake in the last sample
-        ("residual", np.float64, (3,)),  # ω_res [rad/s]
-        ("y_hat", np.float64, (3,)),  # [N·m·s]
-        ("d_hat", np.float64, (3,)),  # [N·m]
-        ("y", np.float64, (3,)),  # of the last sample, as the next two
-        ("feedforward", np.float64, (3,)),  # F = M0 − J v' [N·m]
-        ("torque", np.float64, (3,)),
-        ("phi", np.float64),  # φ [rad]
-        ("envelope", np.float64),  # Φ [rad]
-        ("events", np.float64),  # how many so far
-        ("slips", np.float64),  # events that a weak actuator explains
-        ("slipped_at", np.float64),  # [s] the last of them
-        ("loss", np.float64),  # share of the torque that is no longer counted on
-        ("unexplained", np.float64, (3,)),  # [N·m] of the last sample
-        ("noise", np.float64),  # [N·m] of what is unexplained, beyond what the assumptions admit
-        ("torque_before", np.float64, (3,)),  # [N·m] of the sample before the last
-        ("at_limit", np.float64),  # [s] for which the disturbance estimate has been at its limit
-        ("doubt", np.float64),  # which assumption was seen broken, as `DOUBTS` says
-        ("doubted_at", np.float64),  # [s]
-        ("told", np.float64),  # how many of them the user hears of: one a second
-        ("told_at", np.float64),  # [s]
-        ("certified", np.float64),  # as in the configuration
-    ],
-    align=True,
+MEMORY = record_type(
+    ("started", np.float64),
+    ("t", np.float64),  # [s] of the last sample
+    ("tumbling", np.float64),
+    ("error", np.float64, (4,)),  # q_e of the last sample, whose sign goes on
+    ("way", np.float64),  # s = ±1: the way round, kept between events
+    ("ahead", np.float64, (3,)),  # Θ [rad]: how far the desired frame will turn, if told
+    ("p", np.float64),  # share of ω_res that is left, 1 to 0
+    ("r", np.float64),  # share of the brake that acts, 0 to 1
+    ("sigma", np.float64),  # σ [rad/s]: speed while it rises to V
+    ("done", np.float64),  # 1 if the cap is V itself
+    ("p_rate", np.float64),  # [1/s] of the last sample, as the next two
+    ("r_rate", np.float64),
+    ("sigma_rate", np.float64),
+    ("cap", np.float64),  # V_e [rad/s] of the last sample
+    ("a", np.float64),  # [rad/s²] of the brake in the last sample
+    ("residual", np.float64, (3,)),  # ω_res [rad/s]
+    ("y_hat", np.float64, (3,)),  # [N·m·s]
+    ("d_hat", np.float64, (3,)),  # [N·m]
+    ("y", np.float64, (3,)),  # of the last sample, as the next two
+    ("feedforward", np.float64, (3,)),  # F = M0 − J v' [N·m]
+    ("torque", np.float64, (3,)),
+    ("phi", np.float64),  # φ [rad]
+    ("envelope", np.float64),  # Φ [rad]
+    ("events", np.float64),  # how many so far
+    ("slips", np.float64),  # events that a weak actuator explains
+    ("slipped_at", np.float64),  # [s] the last of them
+    ("loss", np.float64),  # share of the torque that is no longer counted on
+    ("unexplained", np.float64, (3,)),  # [N·m] of the last sample
+    ("noise", np.float64),  # [N·m] of what is unexplained, beyond what the assumptions admit
+    ("torque_before", np.float64, (3,)),  # [N·m] of the sample before the last
+    ("at_limit", np.float64),  # [s] for which the disturbance estimate has been at its limit
+    ("doubt", np.float64),  # which assumption was seen broken, as `DOUBTS` says
+    ("doubted_at", np.float64),  # [s]
+    ("told", np.float64),  # how many of them the user hears of: one a second
+    ("told_at", np.float64),  # [s]
+    ("certified", np.float64),  # as in the configuration
 )
 MOMENTUM_ERROR = of_law(
     "momentum_error", VECTOR, BODY, "N·m·s", "momentum error y = J (ω_e − v)", bound="momentum_tube"

@@ -36,6 +36,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.orbit import EARTH_RADIUS, ORBIT, gravity, gravity_rate, orbit_at
+from ppc_attitude.science.parameter import record_type
 from ppc_attitude.science.sky import DAY, EARTH_RATE, sun_direction
 
 # NumPy's integers: Numba compiles a function anew for every Python constant it is called with.
@@ -43,23 +44,17 @@ _NUMBERS: Any = np.arange(5)
 INERTIAL, NADIR, GROUND, SUN, SPIN = _NUMBERS
 FRAME_NAMES = ("inertial", "nadir", "ground", "sun", "spin")
 
-SKY = np.dtype(
-    [
-        ("orbit", ORBIT),
-        ("days", np.float64),  # from J2000 to t = 0
-        ("earth_angle", np.float64),  # Greenwich at t = 0 [rad]
-        ("target", np.float64, (3,)),  # [m], fixed to Earth: z the pole, x Greenwich
-    ],
-    align=True,
+SKY = record_type(
+    ("orbit", ORBIT),
+    ("days", np.float64),  # from J2000 to t = 0
+    ("earth_angle", np.float64),  # Greenwich at t = 0 [rad]
+    ("target", np.float64, (3,)),  # [m], fixed to Earth: z the pole, x Greenwich
 )
-SPINNING = np.dtype(
-    [
-        ("attitude", np.float64, (4,)),  # x y z w, at the begin
-        ("axis", np.float64, (3,)),  # unit, body
-        ("rate", np.float64),  # [rad/s]
-        ("begin", np.float64),  # [s]
-    ],
-    align=True,
+SPINNING = record_type(
+    ("attitude", np.float64, (4,)),  # x y z w, at the begin
+    ("axis", np.float64, (3,)),  # unit, body
+    ("rate", np.float64),  # [rad/s]
+    ("begin", np.float64),  # [s]
 )
 # |z × s|/|s| of the two directions below which a frame's y axis is ill defined.
 LEAST_SINE = 0.1

@@ -60,41 +60,36 @@ from ppc_attitude.science.kernel import (
     store_quaternion,
     vector,
 )
+from ppc_attitude.science.parameter import record_type
 
-GUIDANCE = np.dtype(
-    [
-        ("limits", LIMITS),
-        ("sky", SKY),
-        ("spin_axis", np.float64, (3,)),  # unit, body
-        ("spin_rate", np.float64),  # [rad/s]
-        ("cones", CONES),
-        ("orders", np.int64),  # how many
-        ("address", np.uint64),  # of the orders, dtype `ORDER`
-        ("profiles", np.int64),  # how many
-        ("profiles_address", np.uint64),  # of the timed profiles, dtype `POINTS`
-    ],
-    align=True,
+GUIDANCE = record_type(
+    ("limits", LIMITS),
+    ("sky", SKY),
+    ("spin_axis", np.float64, (3,)),  # unit, body
+    ("spin_rate", np.float64),  # [rad/s]
+    ("cones", CONES),
+    ("orders", np.int64),  # how many
+    ("address", np.uint64),  # of the orders, dtype `ORDER`
+    ("profiles", np.int64),  # how many
+    ("profiles_address", np.uint64),  # of the timed profiles, dtype `POINTS`
 )
-STATE = np.dtype(
-    [
-        ("begun", np.bool_),
-        ("begin", np.float64),  # [s]
-        ("active", np.int64),  # which of the plans is followed
-        ("plans", PLAN, (2,)),
-        ("look", LOOK),
-        ("obeyed", np.int64),  # orders so far
-        ("refused", np.int64),  # of these
-        ("open_ns", np.int64),  # orders before this instant have been obeyed
-        ("outcome", np.int64),  # of the last one
-        ("measured", np.float64),  # what it was refused for, and what is allowed, each in the
-        ("allowed", np.float64),  # unit of its reason
-        ("inside", np.int64),  # bits of the cones that it began in
-        ("barred", np.int64),  # bits of the cones that the direct way to it crosses
-        ("cone", np.int64),  # that the last goal was refused for; −1: none
-        ("watch", WATCH),
-        ("attitude", np.float64, (4,)),  # the last answer, whose sign the next one continues
-    ],
-    align=True,
+STATE = record_type(
+    ("begun", np.bool_),
+    ("begin", np.float64),  # [s]
+    ("active", np.int64),  # which of the plans is followed
+    ("plans", PLAN, (2,)),
+    ("look", LOOK),
+    ("obeyed", np.int64),  # orders so far
+    ("refused", np.int64),  # of these
+    ("open_ns", np.int64),  # orders before this instant have been obeyed
+    ("outcome", np.int64),  # of the last one
+    ("measured", np.float64),  # what it was refused for, and what is allowed, each in the
+    ("allowed", np.float64),  # unit of its reason
+    ("inside", np.int64),  # bits of the cones that it began in
+    ("barred", np.int64),  # bits of the cones that the direct way to it crosses
+    ("cone", np.int64),  # that the last goal was refused for; −1: none
+    ("watch", WATCH),
+    ("attitude", np.float64, (4,)),  # the last answer, whose sign the next one continues
 )
 (
     ACCEPTED,

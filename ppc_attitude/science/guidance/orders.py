@@ -31,7 +31,7 @@ from ppc_attitude.science.guidance.cones import one_for_each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
 from ppc_attitude.science.guidance.trajectory import OWN_TOLERANCE, POINTS, points
 from ppc_attitude.science.kernel import STRAIGHT
-from ppc_attitude.science.parameter import at_start
+from ppc_attitude.science.parameter import at_start, record_type
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
 
 HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
@@ -64,14 +64,11 @@ _MOST = 10_000  # orders that wait, or are kept for a reference that begins anew
 GOAL_PARAMETERS = (GOAL_TIMES, GOAL_FRAMES, GOAL_ATTITUDES, GOAL_POINTS)
 
 HOLD, PROFILE = -1, -2  # in place of an order's frame
-ORDER = np.dtype(
-    [
-        ("stamp_ns", np.int64),  # from when it holds; they come in this order
-        ("frame", np.int64),  # of the goal; `HOLD`; or `PROFILE`, a timed profile
-        ("attitude", np.float64, (4,)),  # of the goal, x y z w
-        ("profile", np.int64),  # number of the timed profile
-    ],
-    align=True,
+ORDER = record_type(
+    ("stamp_ns", np.int64),  # from when it holds; they come in this order
+    ("frame", np.int64),  # of the goal; `HOLD`; or `PROFILE`, a timed profile
+    ("attitude", np.float64, (4,)),  # of the goal, x y z w
+    ("profile", np.int64),  # number of the timed profile
 )
 
 

@@ -41,43 +41,35 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.orbit import CURSOR
+from ppc_attitude.science.parameter import record_type
 
 MOST_LEGS = 64
-LIMITS = np.dtype(
-    [
-        ("max_rate", np.float64),  # V [rad/s]
-        ("max_acceleration", np.float64),  # A [rad/s²]
-        ("max_jerk", np.float64),  # K [rad/s³]
-    ],
-    align=True,
+LIMITS = record_type(
+    ("max_rate", np.float64),  # V [rad/s]
+    ("max_acceleration", np.float64),  # A [rad/s²]
+    ("max_jerk", np.float64),  # K [rad/s³]
 )
-LEG = np.dtype(
-    [
-        ("frame", np.int64),
-        ("begin", np.float64),  # [s]
-        ("duration", np.float64),  # [s]
-        ("attitude", np.float64, (4,)),  # x y z w, relative to the frame, at the begin
-        # A turn about an eigenaxis, or else φ(t) = c1 t + … + c5 t⁵.
-        ("axis", np.float64, (3,)),  # unit; zero: the polynomial
-        ("profile", np.float64, (4,)),
-        ("jerk", np.float64),  # of the profile [rad/s³]
-        ("coefficients", np.float64, (5, 3)),  # [rad/s] … [rad/s⁵]
-    ],
-    align=True,
+LEG = record_type(
+    ("frame", np.int64),
+    ("begin", np.float64),  # [s]
+    ("duration", np.float64),  # [s]
+    ("attitude", np.float64, (4,)),  # x y z w, relative to the frame, at the begin
+    # A turn about an eigenaxis, or else φ(t) = c1 t + … + c5 t⁵.
+    ("axis", np.float64, (3,)),  # unit; zero: the polynomial
+    ("profile", np.float64, (4,)),
+    ("jerk", np.float64),  # of the profile [rad/s³]
+    ("coefficients", np.float64, (5, 3)),  # [rad/s] … [rad/s⁵]
 )
-PLAN = np.dtype(
-    [
-        ("frame", np.int64),  # of the goal
-        ("attitude", np.float64, (4,)),  # of the goal, x y z w, relative to the frame
-        ("spinning", SPINNING),
-        ("end", np.float64),  # [s] from here on at the goal
-        ("count", np.int64),
-        ("legs", LEG, (MOST_LEGS,)),
-    ],
-    align=True,
+PLAN = record_type(
+    ("frame", np.int64),  # of the goal
+    ("attitude", np.float64, (4,)),  # of the goal, x y z w, relative to the frame
+    ("spinning", SPINNING),
+    ("end", np.float64),  # [s] from here on at the goal
+    ("count", np.int64),
+    ("legs", LEG, (MOST_LEGS,)),
 )
 # Where plans are made: the sky, and two cursors of the orbit, for now and for looking ahead.
-LOOK = np.dtype([("now", CURSOR), ("ahead", CURSOR)], align=True)
+LOOK = record_type(("now", CURSOR), ("ahead", CURSOR))
 
 
 @kernel

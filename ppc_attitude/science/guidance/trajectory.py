@@ -46,17 +46,15 @@ from ppc_attitude.science.kernel import (
     store_quaternion,
     vector,
 )
+from ppc_attitude.science.parameter import record_type
 
 MOST_POINTS = 40  # the way to the first point needs legs too
-POINTS = np.dtype(
-    [
-        ("count", np.int64),
-        ("time", np.float64, (MOST_POINTS,)),  # [s], increasing
-        ("attitude", np.float64, (MOST_POINTS, 4)),  # x y z w, inertial
-        ("rate", np.float64, (MOST_POINTS, 3)),  # [rad/s] desired frame
-        ("acceleration", np.float64, (MOST_POINTS, 3)),  # [rad/s²] desired frame
-    ],
-    align=True,
+POINTS = record_type(
+    ("count", np.int64),
+    ("time", np.float64, (MOST_POINTS,)),  # [s], increasing
+    ("attitude", np.float64, (MOST_POINTS, 4)),  # x y z w, inertial
+    ("rate", np.float64, (MOST_POINTS, 3)),  # [rad/s] desired frame
+    ("acceleration", np.float64, (MOST_POINTS, 3)),  # [rad/s²] desired frame
 )
 OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
 

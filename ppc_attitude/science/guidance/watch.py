@@ -24,22 +24,20 @@ from ppc_attitude.science.guidance.plan import plan_motion
 from ppc_attitude.science.guidance.sight import crossing, directions_at
 from ppc_attitude.science.keep_out import CONES, MOST_CONES, cones_around
 from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.parameter import record_type
 
 HORIZON = 60.0  # [s] a cone is warned of so long before it is entered
 _PERIOD = 1.0  # [s]
 _BELOW, _SKEWED = 1 << MOST_CONES, 2 << MOST_CONES  # bits beyond those of the cones
-WATCH = np.dtype(
-    [
-        ("time", np.float64),  # [s] of the last look
-        ("next", np.float64),  # [s] of the next one
-        ("seen", np.float64),  # [s] until here no other cone is entered
-        ("bits", np.int64),  # what is warned of now
-        ("when", np.float64, (MOST_CONES,)),  # [s] when a cone that is warned of is entered
-        ("changes", np.int64),  # of `bits` so far
-        ("said", np.int64),  # of these, those that are told with the last order
-        ("cones", CONES),  # that were looked for
-    ],
-    align=True,
+WATCH = record_type(
+    ("time", np.float64),  # [s] of the last look
+    ("next", np.float64),  # [s] of the next one
+    ("seen", np.float64),  # [s] until here no other cone is entered
+    ("bits", np.int64),  # what is warned of now
+    ("when", np.float64, (MOST_CONES,)),  # [s] when a cone that is warned of is entered
+    ("changes", np.int64),  # of `bits` so far
+    ("said", np.int64),  # of these, those that are told with the last order
+    ("cones", CONES),  # that were looked for
 )
 
 

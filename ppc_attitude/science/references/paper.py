@@ -29,6 +29,7 @@ from ppc_attitude.science.attitude import (
 )
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import (
+    STRAIGHT,
     Quaternion,
     Vector,
     kernel,
@@ -37,7 +38,7 @@ from ppc_attitude.science.kernel import (
     store,
     store_quaternion,
 )
-from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.parameter import Parameter, at_start, filled, record_type
 from ppc_attitude.science.signals import DESIRED_MOTION
 
 HALF_DEGREE = 0.008726646259971648  # 0.5°/s in rad/s
@@ -61,16 +62,13 @@ PERIOD_CONSTANT = Parameter(
     "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, low=1e-6
 )
 BEGIN = Parameter("begin", 0.0, "instant of ω_d at which a run begins", "s", low=0.0, high=1e9)
-REFERENCE = np.dtype(
-    [
-        ("initial_attitude", np.float64, (4,)),  # x y z w, desired frame to inertial at t = 0
-        ("amplitude", np.float64, (3,)),  # [rad/s]
-        ("period_constant", np.float64, (3,)),  # [s]
-        ("begin", np.float64),  # [s]
-    ],
-    align=True,
+REFERENCE = record_type(
+    ("initial_attitude", np.float64, (4,)),  # x y z w, desired frame to inertial at t = 0
+    ("amplitude", np.float64, (3,)),  # [rad/s]
+    ("period_constant", np.float64, (3,)),  # [s]
+    ("begin", np.float64),  # [s]
 )
-CURSOR = np.dtype([("steps", np.int64), ("attitude", np.float64, (4,))], align=True)
+CURSOR = record_type(("steps", np.int64), ("attitude", np.float64, (4,)))
 # The attitude is integrated on this grid whatever the sample rate is, so that it is a function of
 # time alone: a generator that joins late or restarts gives the same numbers.
 GRID = 0.01  # [s]
@@ -120,12 +118,8 @@ def configure(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The initial attitude is not a unit quaternion.
     """
-    record = np.zeros((), REFERENCE)[()]
-    record["initial_attitude"] = unit_quaternion("initial_attitude", values["initial_attitude"])
-    record["amplitude"] = values["amplitude"]
-    record["period_constant"] = values["period_constant"]
-    record["begin"] = values["begin"]
-    return record
+    first = unit_quaternion("initial_attitude", values["initial_attitude"])
+    return filled(REFERENCE, values, initial_attitude=first)
 
 
 @kernel
@@ -171,9 +165,7 @@ def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, fl
 
     The first two are searched on a grid; what they may gain between two points is added.
     """
-    record = np.zeros((), REFERENCE)[()]
-    for each in (AMPLITUDE, PERIOD_CONSTANT, BEGIN):
-        record[each.name] = values[each.name]
+    record = filled(REFERENCE, values, initial_attitude=STRAIGHT)
     first = float(np.linalg.norm(record["amplitude"] / record["period_constant"]))
     second = float(np.linalg.norm(record["amplitude"] / record["period_constant"] ** 2))
     rate, acceleration = _largest_on_grid(math.ceil(duration / _SEARCHED) + 1, record)

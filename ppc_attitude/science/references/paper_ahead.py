@@ -21,11 +21,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import Vector, kernel, store
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.signals import TURN_AHEAD
 
@@ -37,7 +35,7 @@ AHEAD = Parameter(
     above=0.0,
     high=1e6,
 )
-REFERENCE = np.dtype([*paper.REFERENCE.descr, ("ahead", np.float64)], align=True)
+REFERENCE = record_type(paper.REFERENCE, AHEAD)
 
 
 @kernel
@@ -61,11 +59,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The initial attitude has no direction.
     """
-    record, known = np.zeros((), REFERENCE)[()], paper.configure(values)
-    for name in paper.REFERENCE.names or ():
-        record[name] = known[name]
-    record["ahead"] = values[AHEAD.name]
-    return record
+    return filled(REFERENCE, paper.configure(values), ahead=values[AHEAD.name])
 
 
 @kernel
