@@ -14,6 +14,7 @@
 
 """Install ppc_attitude: with colcon as an ament_python package, or with pip."""
 
+import re
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -30,6 +31,15 @@ NODES = (
     "attitude_markers",
 )
 SHARED_FOLDERS = ("config", "launch")
+
+
+def version() -> str:
+    """Return the version, whose one source is the package itself."""
+    text = Path(NAME, "__init__.py").read_text(encoding="utf-8")
+    match = re.search(r'^__version__ = "(.+)"$', text, re.MULTILINE)
+    if match is None:
+        raise RuntimeError(f"{NAME}/__init__.py does not state __version__")
+    return match[1]
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -49,6 +59,7 @@ def shared_files() -> list[tuple[str, list[str]]]:
 
 setup(
     name=NAME,
+    version=version(),
     description="Prescribed-performance attitude control for ROS 2",
     maintainer="ppc_attitude maintainers",
     maintainer_email="maintainers@users.noreply.h-seed-b2b12a59.example",

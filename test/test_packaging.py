@@ -16,7 +16,6 @@
 
 import runpy
 import sys
-from configparser import ConfigParser
 from importlib import import_module
 from typing import Any
 from unittest import mock
@@ -97,10 +96,8 @@ def names(requirements: list[str]) -> set[str]:
     return {Requirement(each).name for each in requirements}
 
 
-def test_one_version_everywhere(manifest: Package) -> None:
-    configuration = ConfigParser()
-    configuration.read(ROOT / "setup.cfg")
-    assert configuration["metadata"]["version"] == f"attr: {PACKAGE}.__version__"
+def test_one_version_everywhere(setup_arguments: dict[str, Any], manifest: Package) -> None:
+    assert setup_arguments["version"] == ppc_attitude.__version__
     assert manifest.version == ppc_attitude.__version__
 
 
