@@ -83,8 +83,7 @@ def test_what_is_kept(n, seed, holes):
     ],
 )
 def test_a_legend_stays_in_its_figure_and_off_the_factor_of_the_numbers(labels, scale):
-    figure, rows = panels(1)
-    (axes,) = rows[0]
+    figure, (axes,) = panels(1)
     t = 200.0 * np.arange(3)
     for k, label in enumerate(labels):
         draw(axes, t, scale * np.arange(3.0) / (k + 1), label=label)
@@ -100,8 +99,7 @@ def test_a_legend_stays_in_its_figure_and_off_the_factor_of_the_numbers(labels, 
 
 
 def test_a_close_look_is_as_fine_as_the_record():
-    _, rows = panels(1)
-    (axes,) = rows[0]
+    _, (axes,) = panels(1)
     axes.set_xlim(1000.0, 1010.0)
     t = np.arange(360_001) / 100
     draw(axes, t, t)
@@ -112,8 +110,7 @@ def test_a_close_look_is_as_fine_as_the_record():
 def test_a_noisy_line_becomes_a_band_and_a_smooth_one_does_not():
     t = np.arange(20_000) / 100
     noise = np.random.default_rng(1).normal(size=t.size)
-    _, rows = panels(1)
-    (axes,) = rows[0]
+    _, (axes,) = panels(1)
     draw(axes, t, np.sin(t) + noise)
     (low, high, line), (filled,) = axes.get_lines(), axes.collections
     assert (low.get_ydata() < line.get_ydata()).all() and (

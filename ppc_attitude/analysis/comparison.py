@@ -228,7 +228,7 @@ def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Fi
         Whose limits are drawn.
     """
     durations = [hit.duration_s for hit in hits]
-    figure, ((top,), (bottom,)) = panels(2, share_x=True)
+    figure, (top, bottom) = panels(2, share_x=True)
     # A hit that is not recovered breaks the line: nothing is known between its neighbours.
     known = [np.nan if hit.recovery_time_s is None else hit.recovery_time_s for hit in hits]
     lost = [hit.duration_s for hit in hits if hit.recovery_time_s is None]
@@ -277,9 +277,9 @@ def _side_by_side(
     faults = sorted({(each.start_s, each.end_s) for run in runs for each in faults_of(run.record)})
     longest = max((t for t, _, _ in series), key=lambda t: float(t[-1]))
     window = zoom_window(longest, hits, runs[0].required.settling_deadline)
-    figure, rows = panels(
-        len(names), 1 if window is None else 2, width=PAGE_WIDTH, row_height=1.4, share_x=True
-    )
+    columns = 1 if window is None else 2
+    figure, shown = panels(len(names), columns, width=PAGE_WIDTH, row_height=1.4, share_x=True)
+    rows = [shown[k : k + columns] for k in range(0, len(shown), columns)]
     for k, row in enumerate(rows):
         row[0].set_ylabel(names[k])
         if window is not None:  # before anything is drawn
@@ -287,9 +287,9 @@ def _side_by_side(
         for axes in row:
             _draw_row(axes, k, labels, series, mirrored=floor is None)
         if floor is None and window is not None:
-            shown = [(t, values[:, k]) for t, values, _ in series]
-            shown += [(t, bound[:, k]) for t, _, bound in series if bound is not None]
-            fit(row[1], window, shown)
+            curves = [(t, values[:, k]) for t, values, _ in series]
+            curves += [(t, bound[:, k]) for t, _, bound in series if bound is not None]
+            fit(row[1], window, curves)
         for axes in row:
             if floor is not None:
                 log_axis(axes, floor)

@@ -81,7 +81,7 @@ def panels(
     width: float = COLUMN_WIDTH,
     row_height: float = 1.75,
     share_x: bool = False,
-) -> tuple[Figure, list[list[Axes]]]:
+) -> tuple[Figure, list[Axes]]:
     """Make a figure of panels in the common style, without pyplot's global state.
 
     Parameters
@@ -95,15 +95,16 @@ def panels(
 
     Returns
     -------
-    Figure, list of rows of Axes
+    Figure, list of Axes
+        The panels are told row by row.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, row_height * rows + 0.3), layout="constrained")
         sharing: Literal["col", "none"] = "col" if share_x else "none"
-        axes = figure.subplots(rows, columns, squeeze=False, sharex=sharing)
-        for axis in axes.flat:
-            axis.yaxis.set_offset_position("right")  # the legend is on the left
-    return figure, [list(row) for row in axes]
+        figure.subplots(rows, columns, sharex=sharing)
+        for axes in figure.axes:
+            axes.yaxis.set_offset_position("right")  # the legend is on the left
+    return figure, figure.axes
 
 
 def decimated(t: Array, values: Array) -> tuple[Array, Array]:

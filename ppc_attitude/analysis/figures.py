@@ -137,7 +137,7 @@ def angular_velocity_figure(run: Measured) -> Figure:
     """Draw ω_s over the desired ω_d (dotted, body axes), and its norm under the limit."""
     if run.rate is None:
         raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
-    figure, ((top,), (bottom,)) = panels(2, share_x=True)
+    figure, (top, bottom) = panels(2, share_x=True)
     components(top, run.t, run.rate)
     desired = known(reference_rates_in_body, run.record)
     if desired is not None:  # a run without a reference still has its rate
@@ -159,8 +159,7 @@ def angular_velocity_figure(run: Measured) -> Figure:
 def disturbance_figure(run: Measured) -> Figure:
     """Draw the external torque; with hits, the environment once more at its own scale."""
     torque = vectors(run.record, DISTURBANCE.column)
-    figure, rows = panels(2 if run.hits else 1, row_height=1.9, share_x=True)
-    shown = [row[0] for row in rows]
+    figure, shown = panels(2 if run.hits else 1, row_height=1.9, share_x=True)
     for axes in shown:
         components(axes, run.t, torque)
         axes.set_ylabel("external torque [N·m]")
@@ -180,8 +179,7 @@ def transformed_errors_figure(run: Measured) -> Figure:
     pairs = envelopes_of(run.record)
     if not pairs:
         raise AnalysisError(f"{run.record.source}: the record has no envelope")
-    figure, rows = panels(len(pairs), share_x=True)
-    shown = [row[0] for row in rows]
+    figure, shown = panels(len(pairs), share_x=True)
     for axes, envelope in zip(shown, pairs, strict=True):
         bound = vectors(run.record, envelope.bound)
         values = vectors(run.record, envelope.error)[:, : bound.shape[1]]
@@ -203,7 +201,7 @@ def column_figure(run: Measured, column: str) -> Figure:
     topic = BY_COLUMN[column]
     factor, unit = (1.0, topic.unit) if topic.form in JOINTS else in_degrees(topic.unit)
     values = factor * samples(run.record, column)
-    figure, ((axes,),) = panels(1, row_height=2.0)
+    figure, (axes,) = panels(1, row_height=2.0)
     if topic.late:
         points(axes, run.t, values)
     elif topic.form in JOINTS:

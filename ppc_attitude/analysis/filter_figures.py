@@ -73,7 +73,7 @@ def innovation_figure(run: Measured) -> Figure:
         If the record has no innovation.
     """
     values = vectors(run.record, "innovation")
-    figure, ((top,), (bottom,)) = panels(2, share_x=True)
+    figure, (top, bottom) = panels(2, share_x=True)
     points(top, run.t, values)
     limit_lines(top, BAND, -BAND, label="3σ")
     bottom.plot(run.t, np.square(values).sum(axis=1), ".", color=BLACK, markersize=1.5, label="NIS")
@@ -92,10 +92,9 @@ def _in_band(
     run: Measured, values: Array, middle: Array | float, sigmas: Array, name: str, unit: str
 ) -> Figure:
     """Draw values, shape (n, 3), an axis a panel, and 3σ on either side of their middle."""
-    figure, rows = panels(3, share_x=True, row_height=1.6)
+    figure, shown = panels(3, share_x=True, row_height=1.6)
     low, high = middle - BAND * sigmas, middle + BAND * sigmas
-    for k, axis in enumerate(AXES):
-        axes = rows[k][0]
+    for k, (axis, axes) in enumerate(zip(AXES, shown, strict=True)):
         draw(axes, run.t, values[:, k], colour=AXIS_COLOURS[k], label=axis)
         for edge, label in ((low, "3σ"), (high, "")):
             draw(axes, run.t, edge[:, k], width=ENVELOPE_WIDTH, style="--", label=label)

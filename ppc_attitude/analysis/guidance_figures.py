@@ -80,7 +80,7 @@ def slews(run: Measured, flight: Flight) -> Figure:
     """
     wanted = samples(run.record, REFERENCE_ATTITUDE.column)[flight.picked]
     craft = samples(run.record, run.truth.attitude)[flight.picked]
-    figure, ((left,), (rate,), (acceleration,)) = panels(3, share_x=True, row_height=1.5)
+    figure, (left, rate, acceleration) = panels(3, share_x=True, row_height=1.5)
     t = run.t[flight.picked]
     for label, attitudes, colour in (("craft", craft, BLUE), ("desired", wanted, BLACK)):
         angles = np.rad2deg(errors_of(attitudes, flight.goals).angles)
@@ -131,7 +131,7 @@ def sky_map(run: Measured, flight: Flight) -> Figure:
     AnalysisError
         If the record has no reference or no attitude.
     """
-    figure, ((axes,),) = panels(1, row_height=2.4)
+    figure, (axes,) = panels(1, row_height=2.4)
     axes_of_cones = (cone.axis for cones in flight.cones for cone in cones)
     bodies = list(dict.fromkeys(axes_of_cones)) or [Z_AXIS]
     wanted = samples(run.record, REFERENCE_ATTITUDE.column)[flight.picked]
@@ -183,7 +183,7 @@ def cone_angles(run: Measured) -> Figure:
     if values is None or not values[HALF_ANGLES.name]:
         raise AnalysisError(f"{run.record.source}: no keep-out cones")
     names, allowed = cone_names(values), np.rad2deg(values[HALF_ANGLES.name])
-    figure, ((axes,),) = panels(1, row_height=2.2)
+    figure, (axes,) = panels(1, row_height=2.2)
     for column, style, who in (
         (REFERENCE_ATTITUDE.column, _SHORT, "desired"),
         (run.truth.attitude, "-", "craft"),

@@ -67,8 +67,7 @@ def panels_of(
 ) -> tuple[Figure, list[Axes], tuple[float, float] | None]:
     """Make panels one below the other, and one more for the time to look at closely, if any [s]."""
     window = zoom_window(run.t, [hit.start_s for hit in run.hits], run.required.settling_deadline)
-    figure, rows = panels(count if window is None else count + 1, row_height=row_height)
-    shown = [row[0] for row in rows]
+    figure, shown = panels(count if window is None else count + 1, row_height=row_height)
     if window is not None:  # before anything is drawn
         shown[-1].set_xlim(*window)
     return figure, shown, window

@@ -46,7 +46,7 @@ _SHOWN = 3  # variables that are drawn against each other
 
 def bands_figure(bands: QuantileBands, required: Requirements = PAPER) -> Figure:
     """Draw the attitude error of all runs over time against the envelope, and the part it fills."""
-    figure, ((top,), (bottom,)) = panels(2, width=PAGE_WIDTH, row_height=2.6, share_x=True)
+    figure, (top, bottom) = panels(2, width=PAGE_WIDTH, row_height=2.6, share_x=True)
     t = 0.5 * (bands.ends[:-1] + bands.ends[1:])
     _bands(top, t, bands, "attitude_error")
     envelope = [bands.quantiles("attitude_envelope", share) for share in (0.05, 0.5, 0.95)]
@@ -101,7 +101,7 @@ def failing_figure(passing: Sample, failing: Sample, units: Mapping[str, str]) -
     if len(names) < 2:
         return None
     couples = list(combinations(names, 2))
-    figure, (row,) = panels(1, len(couples), width=PAGE_WIDTH, row_height=2.7)
+    figure, row = panels(1, len(couples), width=PAGE_WIDTH, row_height=2.7)
     figure.set_dpi(200)  # of the points, which are pixels in the page: there may be thousands
     for axes, (x, y) in zip(row, couples, strict=True):
         for runs, colour, label, size in ((passing, GREY, "all met", 4), (failing, RED, "not", 6)):
