@@ -277,55 +277,42 @@ def test_param_load_gives_no_node_the_value_of_another(asker: Node, tmp_path: Pa
 
 @pytest.mark.ros
 def test_param_load_takes_what_yaml_takes_for_text(asker: Node, tmp_path: Path) -> None:
-    """`ros2 param load` reads 3e-05 as text."""
-    file = tmp_path / "load.yaml"
-    file.write_text(f"/{INJECTOR}:\n  ros__parameters: {{injection_duration: 3e-05}}\n")
-    with serving(INJECTOR):
-        assert loaded(asker, INJECTOR, file) == {}
-        content = dumped(asker, f"/{INJECTOR}")[f"/{INJECTOR}"]["ros__parameters"]
-    assert content["injection_duration"] == 3e-5
-
-
-@pytest.mark.ros
-def test_param_load_takes_lists_with_what_yaml_takes_for_text(asker: Node, tmp_path: Path) -> None:
-    """It sends texts for [3e-06], and one text for [2.8, 3e-05]: both stand in a dump."""
+    """It sends texts for 3e-05 and [3e-06], and one text for [2.8, 3e-05]: all stand in a dump."""
     file = tmp_path / "load.yaml"
     inertia = [2.8, 3e-05, 0.0, 3e-05, 2.5, 0.0, 0.0, 0.0, 1.9]
     chosen = {"inertia": inertia, "wheels": {"viscous": [4e-06]}, "faults": ["axis/x weak 1e-1"]}
+    chosen["min_torque"] = 3e-05
     file.write_text(yaml.safe_dump({f"/{PLANT}": {"ros__parameters": chosen}}))
     with serving(PLANT):
         assert set(loaded(asker, PLANT, file)) == {"faults"}  # there is no such kind
         content = dumped(asker, f"/{PLANT}")[f"/{PLANT}"]["ros__parameters"]
+    assert content["min_torque"] == 3e-5
     assert content["inertia"] == inertia
     assert content["wheels"]["viscous"] == [4e-06]
 
 
 @pytest.mark.ros
-def test_a_value_of_a_type_that_ros_does_not_have_is_refused_by_name(asker: Node) -> None:
-    """rclpy raises for it, which would end the node."""
-    for reason in refusals(asker, Parameter(name="rate", value=ParameterValue(type=77))):
-        assert reason.startswith("rate is of type 77; allowed: 0 (NOT_SET), 1 (BOOL), ")
-
-
-@pytest.mark.ros
-def test_a_name_that_a_node_does_not_know_is_refused_by_name(asker: Node) -> None:
-    """rclpy refuses `undeclared parameter(s): []`."""
-    value = ParameterValue(type=3, double_value=1.0)
-    for reason in refusals(asker, Parameter(name="max_torqe", value=value)):
-        assert reason == f"{PLANT} has no parameter max_torqe; did you mean max_torque?"
-
-
-def refusals(asker: Node, strange: Parameter) -> list[str]:
-    """Why the plant refuses a parameter, set by itself and set atomically."""
+def test_a_type_that_ros_does_not_have_and_an_unknown_name_are_refused_by_name(
+    asker: Node,
+) -> None:
+    """For the type rclpy raises, which would end the node; of the name it tells nothing."""
+    unknown = ParameterValue(type=3, double_value=1.0)
+    allowed = "rate is of type 77; allowed: 0 (NOT_SET), 1 (BOOL), "
+    meant = f"{PLANT} has no parameter max_torqe; did you mean max_torque?"
     with serving(PLANT):
-        one_by_one = SetParameters.Request(parameters=[strange])
-        (each,) = call(asker, f"/{PLANT}", SetParameters, "set_parameters", one_by_one).results
-        at_once = SetParametersAtomically.Request(parameters=[strange])
-        name = "set_parameters_atomically"
-        whole = call(asker, f"/{PLANT}", SetParametersAtomically, name, at_once).result
-    assert not each.successful
-    assert not whole.successful
-    return [each.reason, whole.reason]
+        for name, value, reason in (
+            ("rate", ParameterValue(type=77), allowed),
+            ("max_torqe", unknown, meant),
+        ):
+            strange = [Parameter(name=name, value=value)]
+            for kind, service in (
+                (SetParameters, "set_parameters"),
+                (SetParametersAtomically, "set_parameters_atomically"),
+            ):
+                answer = call(asker, f"/{PLANT}", kind, service, kind.Request(parameters=strange))
+                (each,) = answer.results if kind is SetParameters else [answer.result]
+                assert not each.successful
+                assert each.reason.startswith(reason)
 
 
 @pytest.mark.parametrize("node", [INJECTOR, PLANT])
