@@ -122,7 +122,8 @@ def test_a_search_over_runs_that_begin_settled_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     craft = tmp_path / "craft.yaml"
-    craft.write_text("reference_generator: {ros__parameters: {mode: goal}}")
+    given = {"reference_generator": {"mode": "goal"}, "spacecraft_plant": {"rate": 5.0}}
+    craft.write_text(yaml.safe_dump({node: {"ros__parameters": v} for node, v in given.items()}))
     law = ["--controller", "quaternion_feedback", "--seconds", "0.01", "--rate", "0.01"]
     main(["design", "--config", str(craft), *law, "--duration", "60"])
     assert "settled: all from the start on, so that no run shows how" in capsys.readouterr().out
