@@ -14,6 +14,7 @@
 
 """The drive of the wheels as flight software, and the motors that take what it sends."""
 
+import math
 import re
 import sys
 from pathlib import Path
@@ -23,7 +24,7 @@ import pytest
 from bag_helpers import assert_flown
 from conftest import StartProcess
 from craft_helpers import ROOT, case, configs, part_of
-from estimation_helpers import STEP_NS, Array
+from estimation_helpers import STEP_NS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
@@ -31,13 +32,12 @@ from peer import peer
 from process_helpers import PAPER, Run
 
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import (
     ALLOCATOR,
-    CONTROLLER,
-    INJECTOR,
+    ATTITUDE,
     PLANT,
-    REFERENCE,
     TORQUE_COMMAND,
 )
 from ppc_attitude.science import magnetorquers, wheels
@@ -160,26 +160,29 @@ def test_the_allocators_node_gives_the_bits_of_the_loop(
 
 @pytest.mark.ros
 def test_an_allocator_of_the_users_takes_its_place(start_process: StartProcess) -> None:
-    """The example of the pages, beside nodes that are started by hand."""
+    """The example of the pages, between a plant that is started by hand and whoever commands it."""
     given = [f"--params-file={path}" for path in (PAPER, *configs("wheels", "allocator"))]
     words = ["--ros-args", *(word for each in given for word in each.split("="))]
-    nodes = [[f"ppc_attitude.nodes.{name}", *words] for name in (REFERENCE, CONTROLLER, INJECTOR)]
-    with peer() as stack:
+    words += ["-p", "lockstep:=true", "-p", f"wait_for:=[{TORQUE_COMMAND.name}]"]
+    with peer(TORQUE_COMMAND) as stack:
         stack.listen(BY_COLUMN[wheels.TORQUE.name])
-        for node in nodes:
-            start_process([sys.executable, "-m", *node])
         start_process([sys.executable, str(ROOT / "docs/examples/own_allocator.py")])
-        # Paced, so that there are commands when all are heard; where that begins does not matter.
-        paced = ["-p", "lockstep:=true", "-p", "real_time_factor:=2.0"]
-        start_process([sys.executable, "-m", f"ppc_attitude.nodes.{PLANT}", *words, *paced])
+        start_process([sys.executable, "-m", f"ppc_attitude.nodes.{PLANT}", *words])
+        states, motors = stack.heard[ATTITUDE.name], stack.heard[wheels.TORQUE.topic]
+        codec, told = Codec(TORQUE_COMMAND), 0
 
-        def answered() -> list[tuple[Array, Array]]:
-            commands = {each.stamp_ns: each.values for each in stack.heard[TORQUE_COMMAND.name]}
-            motors = {each.stamp_ns: each.values for each in stack.heard[wheels.TORQUE.topic]}
-            both = commands.keys() & motors.keys()
-            return [(np.array(commands[each]), np.array(motors[each])) for each in both]
+        def command(stamp_ns: int) -> list[float]:
+            return [0.05 * math.cos(rate * 1e-9 * stamp_ns) for rate in (3.0, 5.0, 7.0)]
 
-        found = stack.until(lambda: len(both := answered()) > 40 and both, "torques of commands")
+        def answered() -> bool:
+            nonlocal told
+            for state in states[told:]:  # one that nobody answers in time comes again
+                stack.send(TORQUE_COMMAND, codec.encode(state.stamp_ns, command(state.stamp_ns)))
+            told = len(states)
+            return len(motors) > 40
+
+        stack.until(answered, "torques of commands")
     shares = -np.linalg.pinv(np.reshape(wheels.AXES.default, (4, 3)).T)
-    for command, given_ in found:  # the pseudo-inverse asks for 0.065 N·m, the drive for 0.043
-        assert given_[:4] == pytest.approx(np.clip(shares @ command, -0.05, 0.05), abs=1e-10)
+    for each in motors:  # the pseudo-inverse asks for 0.065 N·m, the drive for 0.043
+        asked = np.clip(shares @ command(each.stamp_ns), -0.05, 0.05)
+        assert each.values[:4] == pytest.approx(asked, abs=1e-10)
