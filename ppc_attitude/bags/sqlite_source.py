@@ -142,10 +142,10 @@ class SqliteSource:
             if torn or (not immutable and _is_half_done(path)):
                 folder = Path(stack.enter_context(TemporaryDirectory()))
                 path, immutable = _settled(path, folder, journals=not self._finished), True
-            if torn:
-                self.cut = f"{self.path.name} ends within a page"
+            flaws = [f"{self.path.name} ends within a page"] if torn else []
             if left := _left_aside(self.path, self._finished):
-                self.cut = f"the unfinished transaction in {left} was left aside"
+                flaws.append(f"the unfinished transaction in {left} was left aside")
+            self.cut = "; ".join(flaws)
             database = stack.enter_context(contextlib.closing(_connect(path, immutable)))
             self._opened, self._held = path, 0
             database.set_authorizer(_only_reading_of_tables)

@@ -22,7 +22,6 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Any
 
 from numpy.random import Generator
@@ -33,7 +32,7 @@ from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import PLANT, SOURCES
 from ppc_attitude.science.attitude import normalised
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, nearest
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -130,8 +129,7 @@ def _read(
     if match := _NAME.fullmatch(target):
         node, parameter, place = match.groups()
     if parameter not in numbers:
-        close = get_close_matches(target, [f"{node}.{each}" for each in numbers], n=1)
-        hint = f"; did you mean {close[0]}?" if close else ""
+        hint = nearest(target, [f"{node}.{each}" for each in numbers])
         raise ConfigurationError(
             f"parameters has {name}, which is no real number of a component that runs{hint}"
         )

@@ -113,9 +113,9 @@ def _decode_others(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
     values = np.full((len(rows), topic.width), np.nan)
     readable = np.zeros(len(rows), np.bool_)
     heads = rows[:, [0, 1, 12, 13, 14, 15] if stamped and rows.shape[1] > 15 else [0, 1]]
-    _, kinds = np.unique(heads, axis=0, return_inverse=True)
-    for kind in range(int(kinds.max(initial=-1)) + 1):
-        alike = np.flatnonzero(kinds.ravel() == kind)
+    order_of_heads = np.lexsort(heads.T)
+    borders = np.flatnonzero(np.diff(heads[order_of_heads], axis=0).any(axis=1)) + 1
+    for alike in np.split(order_of_heads, borders) if len(rows) else ():
         part = rows[alike]
         try:
             order, start = _start(part[0].tobytes(), msgtype, layout.size, stamped)

@@ -59,63 +59,55 @@ from ppc_attitude.science.kernel import (
     store_quaternion,
     vector,
 )
+from ppc_attitude.science.parameter import record_type
 from ppc_attitude.science.sensors.arrivals import TOLERANCE
 from ppc_attitude.science.sensors.star_tracker import MAX_DELAY
 from ppc_attitude.science.symmetric import Symmetric
 
-FILTER = np.dtype(
-    [
-        ("white", np.float64),  # σ_v² [rad²/s]
-        ("rounding", np.float64),  # LSB²/12 [rad²/s²]: σ_v,eff² = σ_v² + Δt LSB²/12
-        ("walk", np.float64),  # σ_u² [rad²/s³]
-        ("bias_variance", np.float64),  # [rad²/s²] of each axis at the start
-        ("fix_covariance", np.float64, (6,)),  # R [rad²] in body axes, upper triangle
-        ("fix_variance", np.float64),  # largest eigenvalue of R [rad²]
-        ("unmounting", np.float64, (4,)),  # body to tracker, x y z w
-        ("gate", np.float64),
-        ("lost_sigma", np.float64),  # [rad] of 3σ
-        ("stale", np.float64),  # [s] since the last fix's validity that the user hears of
-    ],
-    align=True,
+FILTER = record_type(
+    ("white", np.float64),  # σ_v² [rad²/s]
+    ("rounding", np.float64),  # LSB²/12 [rad²/s²]: σ_v,eff² = σ_v² + Δt LSB²/12
+    ("walk", np.float64),  # σ_u² [rad²/s³]
+    ("bias_variance", np.float64),  # [rad²/s²] of each axis at the start
+    ("fix_covariance", np.float64, (6,)),  # R [rad²] in body axes, upper triangle
+    ("fix_variance", np.float64),  # largest eigenvalue of R [rad²]
+    ("unmounting", np.float64, (4,)),  # body to tracker, x y z w
+    ("gate", np.float64),
+    ("lost_sigma", np.float64),  # [rad] of 3σ
+    ("stale", np.float64),  # [s] since the last fix's validity that the user hears of
 )
-_STEP = np.dtype(
-    [
-        ("rate", np.float64, (3,)),  # [rad/s] sample of the gyro
-        ("interval", np.float64),  # [s] of the sample; 0 of the first one: nobody knows it
-        # What was known at its end, as `Knowledge` has it.
-        ("attitude", np.float64, (4,)),
-        ("bias", np.float64, (3,)),
-        ("theta", np.float64, (6,)),
-        ("cross", np.float64, (3, 3)),
-        ("bias_covariance", np.float64, (6,)),
-    ],
-    align=True,
+_STEP = record_type(
+    ("rate", np.float64, (3,)),  # [rad/s] sample of the gyro
+    ("interval", np.float64),  # [s] of the sample; 0 of the first one: nobody knows it
+    # What was known at its end, as `Knowledge` has it.
+    ("attitude", np.float64, (4,)),
+    ("bias", np.float64, (3,)),
+    ("theta", np.float64, (6,)),
+    ("cross", np.float64, (3, 3)),
+    ("bias_covariance", np.float64, (6,)),
 )
 STEPS = 1024  # a power of two above MAX_DELAY
 assert MAX_DELAY < STEPS
 INNOVATIONS = 100
-MEMORY = np.dtype(
-    [
-        ("knows", np.float64),  # 1 from the first estimate on
-        ("count", np.int64),  # gyro samples so far
-        ("stamps_ns", np.int64, (STEPS,)),  # of the remembered steps
-        ("steps", _STEP, (STEPS,)),
-        ("accepted", np.int64),  # fixes since the filter began (anew)
-        ("refusals", REFUSALS),
-        ("fix_ns", np.int64),  # validity [ns] of the last accepted fix; before it, the first sample
-        ("fixes", np.int64),  # in all, also refused ones
-        ("refused", np.int64),  # by the gate
-        ("unmatched", np.int64),  # of no remembered stamp, or not newer than the last used one
-        ("begun_anew", np.int64),
-        ("doubtful", np.float64),  # 1 while the last fix was refused
-        ("verdict", np.int64),  # on itself: `mekf`
-        ("verdicts", np.int64),  # how often it changed
-        ("age", np.float64),  # [s] since `fix_ns`
-        ("sigma", np.float64),  # [rad] largest of the attitude's three
-        ("nis", np.float64, (INNOVATIONS,)),  # of the last fixes that were used
-        ("used", np.int64),  # how many there were
-    ],
-    align=True,
+MEMORY = record_type(
+    ("knows", np.float64),  # 1 from the first estimate on
+    ("count", np.int64),  # gyro samples so far
+    ("stamps_ns", np.int64, (STEPS,)),  # of the remembered steps
+    ("steps", _STEP, (STEPS,)),
+    ("accepted", np.int64),  # fixes since the filter began (anew)
+    ("refusals", REFUSALS),
+    ("fix_ns", np.int64),  # validity [ns] of the last accepted fix; before it, the first sample
+    ("fixes", np.int64),  # in all, also refused ones
+    ("refused", np.int64),  # by the gate
+    ("unmatched", np.int64),  # of no remembered stamp, or not newer than the last used one
+    ("begun_anew", np.int64),
+    ("doubtful", np.float64),  # 1 while the last fix was refused
+    ("verdict", np.int64),  # on itself: `mekf`
+    ("verdicts", np.int64),  # how often it changed
+    ("age", np.float64),  # [s] since `fix_ns`
+    ("sigma", np.float64),  # [rad] largest of the attitude's three
+    ("nis", np.float64, (INNOVATIONS,)),  # of the last fixes that were used
+    ("used", np.int64),  # how many there were
 )
 
 

@@ -44,19 +44,17 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
+from ppc_attitude.science.parameter import record_type
 
-REFUSALS = np.dtype(
-    [
-        ("agreeing", np.int64),  # refused fixes in a row of one error in inertial axes
-        ("error", np.float64, (4,)),  # of the last refused fix, inertial axes
-        ("body_error", np.float64, (4,)),  # the same in body axes
-        ("valid_ns", np.int64),  # its validity [ns]
-        ("drifting", np.int64),  # refused fixes in a row whose error grows at one rate
-        ("first_error", np.float64, (4,)),  # of the first of these, body axes
-        ("first_ns", np.int64),  # its validity [ns]
-        ("drift", np.float64, (3,)),  # [rad] by how much the error has grown since, body axes
-    ],
-    align=True,
+REFUSALS = record_type(
+    ("agreeing", np.int64),  # refused fixes in a row of one error in inertial axes
+    ("error", np.float64, (4,)),  # of the last refused fix, inertial axes
+    ("body_error", np.float64, (4,)),  # the same in body axes
+    ("valid_ns", np.int64),  # its validity [ns]
+    ("drifting", np.int64),  # refused fixes in a row whose error grows at one rate
+    ("first_error", np.float64, (4,)),  # of the first of these, body axes
+    ("first_ns", np.int64),  # its validity [ns]
+    ("drift", np.float64, (3,)),  # [rad] by how much the error has grown since, body axes
 )
 NOTHING_YET, START_WAS_FALSE, BIAS_IS_WRONG = range(3)
 _PATIENCE, _EARLY_PATIENCE = 10, 2
