@@ -26,6 +26,7 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.nodes.executors import new_executor
@@ -42,23 +43,18 @@ _NO_ANSWER = 3  # exit code of a command that got none
 def visiting(name: str, namespace: str) -> Iterator[Node]:
     """Give a node of this name in the namespace of a stack, for as long as it is needed.
 
-    The namespace is given with or without its slashes.
-
     Raises
     ------
     ConfigurationError
         The namespace is none, or the environment lets no node be, or none find another.
     """
+    home = absolute_namespace(namespace)
     check_discovery(os.environ)
     node = None
     try:
         with refusals_of_ros():
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            try:
-                node = Node(name, namespace=namespace.strip("/"))
-            except InvalidNamespaceException as error:
-                reason = str(error).partition("\n")[0].rstrip(":")
-                raise ConfigurationError(f"namespace {namespace!r}: {reason}") from None
+            node = Node(name, namespace=home)
         yield node
     finally:
         with leaving(_NO_ANSWER):
@@ -76,6 +72,23 @@ def listening(node: Node) -> Iterator[Callable[[float], None]]:
         yield partial(executor.spin_until_future_complete, Future())  # which nothing completes
     finally:
         executor.shutdown()  # or it keeps the node in the graph
+
+
+def absolute_namespace(text: str) -> str:
+    """Return a namespace, given with or without its slashes, as ROS takes it.
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be one.
+    """
+    result = f"/{text.strip('/')}"
+    try:
+        validate_namespace(result)
+    except InvalidNamespaceException as error:
+        reason = str(error).partition("\n")[0].rstrip(":")
+        raise ConfigurationError(f"namespace {text!r}: {reason}") from None
+    return result
 
 
 def await_answer(node: Node, condition: Callable[[], bool], complaint: str) -> None:
