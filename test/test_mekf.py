@@ -143,7 +143,7 @@ SLOTS = {"smallsat": 10, "cubesat": 20}
 def noisy(name: str, seconds: float, seed: int) -> tuple[Any, Array, Array, Any, Any, Array]:
     """`turning` as the sensors of a suite see it; noise of NumPy's generator, bias as drawn."""
     values, rng = suite(name), np.random.default_rng(seed)
-    every = SLOTS[name]
+    every = SLOTS.get(name, 10)
     rates, truth = turning(seconds)
     n, h = len(rates), 0.01
     white = np.hypot(
@@ -240,6 +240,20 @@ def test_a_first_bias_far_beyond_what_was_expected_is_found(size: float) -> None
     memory, rows = run(settings, rates + size * np.array([0.6, -0.64, 0.48]), valid, arrival, fixes)
     assert memory["refused"] + memory["begun_anew"] <= 13
     assert angles_between(rows[400:, :4], truth[400:]).max() < 3e-4
+
+
+@pytest.mark.parametrize("size", [2e-5, 1e-4])
+def test_a_jump_that_ten_fixes_do_not_tell_from_noise_is_found_after_some_tries(
+    size: float,
+) -> None:
+    jump = size * np.array([0.6, -0.64, 0.48])
+    settings, rates, truth, valid, arrival, fixes = noisy("flagship", 60.0, 8)
+    memory, rows = run(settings, rates + jump, valid, arrival, fixes)
+    assert 1 < memory["begun_anew"] < 10
+    assert memory["distrust"] == 4.0 ** (memory["begun_anew"] - 1)
+    late = slice(4000, None)
+    assert angles_between(rows[late, :4], truth[late]).max() < 2e-5
+    assert np.abs(rows[late, 4:7] - jump).max() < 3e-6
 
 
 def test_a_tracker_that_turns_in_its_mounting_is_not_believed() -> None:

@@ -89,6 +89,7 @@ _STEP = record_type(
 STEPS = 1024  # a power of two above MAX_DELAY
 assert MAX_DELAY < STEPS
 INNOVATIONS = 100
+_CALM = 100  # accepted fixes after which the filter is not wrong again, but anew
 MEMORY = record_type(
     ("knows", np.float64),  # 1 from the first estimate on
     ("count", np.int64),  # gyro samples so far
@@ -96,6 +97,7 @@ MEMORY = record_type(
     ("steps", _STEP, (STEPS,)),
     ("accepted", np.int64),  # fixes since the filter began (anew)
     ("refusals", REFUSALS),
+    ("distrust", np.float64),  # factor on the bias's variance when it began anew
     ("fix_ns", np.int64),  # validity [ns] of the last accepted fix; before it, the first sample
     ("fixes", np.int64),  # in all, also refused ones
     ("refused", np.int64),  # by the gate
@@ -238,6 +240,12 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
                 jump, variance = bias_error(refusals, settings, white)
                 bias = add(before[1], jump)
                 known = begun(attitude, covariance, bias, settings.bias_variance + variance)
+            else:
+                # Wrong again so soon, it must know less of the bias than it is told.
+                again = memory.begun_anew > 0 and memory.accepted < _CALM
+                memory.distrust = 4.0 * memory.distrust if again else 1.0
+                variance = settings.bias_variance * memory.distrust
+                known = begun(attitude, covariance, ZERO, variance)
             begins, told = True, False
             memory.begun_anew += 1
     if begins:
