@@ -14,12 +14,14 @@
 
 """Sensor suites as shipped, and compiled loops around the filter's kernels."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import yaml
 from craft_helpers import ROOT, dotted
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.late_fixes import (
@@ -29,6 +31,7 @@ from ppc_attitude.science.estimators.late_fixes import (
     take_fix,
     take_sample,
 )
+from ppc_attitude.science.estimators.mekf import filter_record
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.sensors import gyro, star_tracker
@@ -104,3 +107,53 @@ def angles_between(q: Array, p: Array) -> Array:
     """Angles [rad] between attitudes, exact where the arc cosine is not."""
     chord = np.minimum(np.linalg.norm(q - p, axis=-1), np.linalg.norm(q + p, axis=-1))
     return np.asarray(4.0 * np.arcsin(0.5 * chord))
+
+
+def run(settings: Any, rates: Array, valid: Any, arrival: Any, fixes: Array) -> tuple[Any, Array]:
+    memory, rows = new_memory(), np.full((len(rates), 13), np.nan)
+    filtered(memory, settings, rates, valid, arrival, fixes, rows)
+    return memory, rows
+
+
+@cache
+def turning(seconds: float) -> tuple[Array, Array]:
+    """Rates [rad/s] held over each step of 0.01 s (row k ends at step k) and exact attitudes."""
+    t = 0.01 * np.arange(round(100 * seconds) + 1)
+    rates = 0.02 * np.stack([np.cos(t / 3), np.sin(t / 2), -np.cos(t / 4)], axis=1)
+    q = [Rotation.from_quat([0.1554, 0.4271, 0.4792, 0.7509])]
+    for turn in Rotation.from_rotvec(0.01 * rates[1:]):
+        q.append(q[-1] * turn)
+    return rates, Rotation.concatenate(q).as_quat()
+
+
+SLOTS = {"smallsat": 10, "cubesat": 20}
+
+
+def noisy(name: str, seconds: float, seed: int) -> tuple[Any, Array, Array, Any, Any, Array]:
+    """`turning` as the sensors of a suite see it; noise of NumPy's generator, bias as drawn."""
+    values, rng = suite(name), np.random.default_rng(seed)
+    every = SLOTS.get(name, 10)
+    rates, truth = turning(seconds)
+    n, h = len(rates), 0.01
+    white = np.hypot(
+        values["gyro.angular_random_walk"], values["gyro.resolution"] * np.sqrt(h / 12.0)
+    )
+    walk = values["gyro.rate_random_walk"] * np.sqrt(h) * rng.normal(size=(n, 3))
+    bias = values["gyro.initial_bias_sigma"] * rng.normal(size=3) + walk.cumsum(axis=0)
+    measured = rates + bias + white / np.sqrt(h) * rng.normal(size=(n, 3))
+    valid = np.arange(0, n, every)
+    sigma = [values["star_tracker.cross_noise"]] * 2 + [values["star_tracker.boresight_noise"]]
+    noise = Rotation.from_rotvec(rng.normal(size=(valid.size, 3)) * sigma)
+    fixes = (Rotation.from_quat(truth[valid]) * noise).as_quat()
+    return filter_record(values), measured, truth, valid, valid + every, fixes
+
+
+def begun(steps: int, at: int = 0, valid: int = 0) -> tuple[Any, Array, Any]:
+    """Settings, truth and memory after so many steps, at one of which the first fix came."""
+    settings, rates, truth, *_ = noisy("smallsat", 12.0, 3)
+    memory = new_memory()
+    for k, rate in enumerate(rates[:steps].tolist()):
+        take_sample(memory, settings, k * STEP_NS, tuple(rate))
+        if k == at:
+            take_fix(memory, settings, valid * STEP_NS, tuple(truth[valid]))
+    return settings, truth, memory

@@ -15,7 +15,6 @@
 import gzip
 import math
 import runpy
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,18 +27,18 @@ from estimation_helpers import (
     STEP_NS,
     Array,
     angles_between,
-    filtered,
+    begun,
     known_now,
-    new_memory,
+    run,
     suite,
+    turning,
 )
-from scipy.spatial.transform import Rotation
 from truth_tables import numbers
 
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
-from ppc_attitude.science.estimators.late_fixes import take_fix, take_sample
+from ppc_attitude.science.estimators.late_fixes import take_fix
 from ppc_attitude.science.estimators.mekf import filter_record
 from ppc_attitude.science.part import Part
 
@@ -57,12 +56,6 @@ def recording(case: str) -> tuple[Any, Array, Any, Any, Array]:
     star = numbers(f"{case}_star")
     valid, arrival = (star[:, i].astype(np.int64) for i in (0, 1))
     return settings, rates, valid, arrival, np.ascontiguousarray(star[:, 2:])
-
-
-def run(settings: Any, rates: Array, valid: Any, arrival: Any, fixes: Array) -> tuple[Any, Array]:
-    memory, rows = new_memory(), np.full((len(rates), 13), np.nan)
-    filtered(memory, settings, rates, valid, arrival, fixes, rows)
-    return memory, rows
 
 
 @pytest.mark.parametrize("case", MOUNTINGS)
@@ -117,17 +110,6 @@ def test_a_late_filter_is_a_prompt_one_without_the_later_fixes(case: str) -> Non
         assert known_now(late_memory) == known_now(prompt_memory)
 
 
-@cache
-def turning(seconds: float) -> tuple[Array, Array]:
-    """Rates [rad/s] held over each step of 0.01 s (row k ends at step k) and exact attitudes."""
-    t = 0.01 * np.arange(round(100 * seconds) + 1)
-    rates = 0.02 * np.stack([np.cos(t / 3), np.sin(t / 2), -np.cos(t / 4)], axis=1)
-    q = [Rotation.from_quat([0.1554, 0.4271, 0.4792, 0.7509])]
-    for turn in Rotation.from_rotvec(0.01 * rates[1:]):
-        q.append(q[-1] * turn)
-    return rates, Rotation.concatenate(q).as_quat()
-
-
 def test_without_noise_one_fix_is_enough() -> None:
     rates, truth = turning(100.0)
     settings = filter_record(suite("flagship"))
@@ -135,154 +117,6 @@ def test_without_noise_one_fix_is_enough() -> None:
     _, rows = run(settings, rates, steps, steps, truth[:1])
     assert angles_between(rows[:, :4], truth).max() <= 1e-12
     assert np.array_equal(rows[:, 4:7], np.zeros_like(rates))
-
-
-SLOTS = {"smallsat": 10, "cubesat": 20}
-
-
-def noisy(name: str, seconds: float, seed: int) -> tuple[Any, Array, Array, Any, Any, Array]:
-    """`turning` as the sensors of a suite see it; noise of NumPy's generator, bias as drawn."""
-    values, rng = suite(name), np.random.default_rng(seed)
-    every = SLOTS.get(name, 10)
-    rates, truth = turning(seconds)
-    n, h = len(rates), 0.01
-    white = np.hypot(
-        values["gyro.angular_random_walk"], values["gyro.resolution"] * np.sqrt(h / 12.0)
-    )
-    walk = values["gyro.rate_random_walk"] * np.sqrt(h) * rng.normal(size=(n, 3))
-    bias = values["gyro.initial_bias_sigma"] * rng.normal(size=3) + walk.cumsum(axis=0)
-    measured = rates + bias + white / np.sqrt(h) * rng.normal(size=(n, 3))
-    valid = np.arange(0, n, every)
-    sigma = [values["star_tracker.cross_noise"]] * 2 + [values["star_tracker.boresight_noise"]]
-    noise = Rotation.from_rotvec(rng.normal(size=(valid.size, 3)) * sigma)
-    fixes = (Rotation.from_quat(truth[valid]) * noise).as_quat()
-    return filter_record(values), measured, truth, valid, valid + every, fixes
-
-
-@pytest.mark.parametrize("name", SLOTS)
-def test_false_fixes_are_refused_and_good_ones_are_not(name: str) -> None:
-    for seed in range(100, 120):  # by chance the gate refuses one good fix in 65 000
-        settings, rates, _, valid, arrival, fixes = noisy(name, 20.0, seed)
-        rng = np.random.default_rng(1000 + seed)
-        false = rng.random(valid.size) < 0.05
-        false[:6] = False  # a first fix that is false is another test's
-        axis = rng.normal(size=(valid.size, 3))
-        size = rng.uniform(3e-3, 0.1, valid.size) * false
-        turns = axis * (size / np.linalg.norm(axis, axis=1))[:, None]
-        fixes = (Rotation.from_quat(fixes) * Rotation.from_rotvec(turns)).as_quat()
-        memory, _ = run(settings, rates, valid, arrival, fixes)
-        arrived = arrival < len(rates)
-        assert memory["fixes"] == arrived.sum()
-        assert memory["refused"] == (false & arrived).sum()
-        assert memory["begun_anew"] == 0
-
-
-TURN = Rotation.from_rotvec([0.2, -0.25, 0.18])  # 21°
-
-
-@pytest.mark.parametrize(("name", "right_at"), [("smallsat", 30), ("cubesat", 60)])
-def test_a_false_first_fix_is_soon_forgotten(name: str, right_at: int) -> None:
-    settings, rates, truth, valid, arrival, fixes = noisy(name, 2.0, 7)
-    fixes[0] = (TURN * Rotation.from_quat(fixes[0])).as_quat()
-    memory, rows = run(settings, rates, valid, arrival, fixes)
-    error = angles_between(rows[:, :4], truth)
-    assert error[right_at - 1] > 0.3
-    assert error[right_at:].max() < 0.01
-    assert memory["begun_anew"] == 1
-    assert memory["refused"] == 1  # the one that the filter begins anew from is used
-
-
-@pytest.mark.parametrize(("name", "followed_after"), [("smallsat", 100), ("cubesat", 200)])
-def test_a_turn_of_all_fixes_in_inertial_axes_is_followed(name: str, followed_after: int) -> None:
-    settings, rates, _, valid, arrival, fixes = noisy(name, 14.0, 7)
-    turned = valid >= 1000
-    fixes[turned] = (TURN * Rotation.from_quat(fixes[turned])).as_quat()
-    memory, rows = run(settings, rates, valid, arrival, fixes)
-    at = 1000 + followed_after
-    error = angles_between(rows[valid, :4], fixes)
-    assert memory["begun_anew"] == 1
-    assert error[(valid > 1000) & (valid < at)].min() > 0.3
-    assert error[valid >= at].max() < 0.01
-
-
-def test_fixes_that_disagree_are_never_believed() -> None:
-    settings, rates, truth, valid, arrival, fixes = noisy("smallsat", 14.0, 3)
-    count = (valid >= 500).sum()
-    random = Rotation.random(count, random_state=3)
-    fixes[valid >= 500] = random.as_quat()
-    memory, rows = run(settings, rates, valid, arrival, fixes)
-    assert memory["refused"] == (arrival[valid >= 500] < len(rates)).sum() > 80
-    assert memory["begun_anew"] == 0
-    assert angles_between(rows[-1, :4], truth[-1]) < 1e-3
-
-
-@pytest.mark.parametrize("size", [2e-3, 1e-2, 0.1, 0.5])
-@pytest.mark.parametrize(("name", "right"), [("smallsat", 3e-4), ("cubesat", 3e-3)])
-def test_a_bias_that_jumps_is_found(name: str, right: float, size: float) -> None:
-    jump = size * np.array([0.6, -0.64, 0.48])
-    beside = []
-    for seed in range(30, 34):
-        settings, rates, truth, valid, arrival, fixes = noisy(name, 20.0, seed)
-        _, calm = run(settings, rates, valid, arrival, fixes)
-        rates[1000:] += jump
-        memory, rows = run(settings, rates, valid, arrival, fixes)
-        assert memory["begun_anew"] in (1, 2)
-        assert memory["refused"] <= 9 * memory["begun_anew"] + 2
-        late = slice(1000 + 22 * SLOTS[name], None)  # after ten slots, where need be twice
-        assert angles_between(rows[late, :4], truth[late]).max() < right
-        beside.append((rows[-1, 4:7] - jump - calm[-1, 4:7]) / rows[-1, 10:13])
-    assert np.mean(np.square(beside)) < 1.5  # as well as it says
-
-
-@pytest.mark.parametrize("size", [2e-3, 1e-2, 0.1])
-def test_a_first_bias_far_beyond_what_was_expected_is_found(size: float) -> None:
-    settings, rates, truth, valid, arrival, fixes = noisy("smallsat", 10.0, 5)
-    memory, rows = run(settings, rates + size * np.array([0.6, -0.64, 0.48]), valid, arrival, fixes)
-    assert memory["refused"] + memory["begun_anew"] <= 13
-    assert angles_between(rows[400:, :4], truth[400:]).max() < 3e-4
-
-
-@pytest.mark.parametrize("size", [2e-5, 1e-4])
-def test_a_jump_that_ten_fixes_do_not_tell_from_noise_is_found_after_some_tries(
-    size: float,
-) -> None:
-    jump = size * np.array([0.6, -0.64, 0.48])
-    settings, rates, truth, valid, arrival, fixes = noisy("flagship", 60.0, 8)
-    memory, rows = run(settings, rates + jump, valid, arrival, fixes)
-    assert 1 < memory["begun_anew"] < 10
-    assert memory["distrust"] == 4.0 ** (memory["begun_anew"] - 1)
-    late = slice(4000, None)
-    assert angles_between(rows[late, :4], truth[late]).max() < 2e-5
-    assert np.abs(rows[late, 4:7] - jump).max() < 3e-6
-
-
-def test_a_tracker_that_turns_in_its_mounting_is_not_believed() -> None:
-    """In a steady slew its inertial error grows at one rate, as it does after a bias has jumped."""
-    settings, rates, truth, valid, arrival, fixes = noisy("smallsat", 14.0, 7)
-    steady = np.broadcast_to([0.04, 0.03, 0.0], rates.shape)
-    attitudes = Rotation.from_quat(truth[0]) * Rotation.from_rotvec(
-        0.01 * np.arange(len(rates))[:, None] * steady[0]
-    )
-    noise = Rotation.from_quat(truth[valid]).inv() * Rotation.from_quat(fixes)
-    fixes = (attitudes[valid] * noise).as_quat()
-    rates = rates - turning(14.0)[0] + steady
-    turned = valid >= 700
-    fixes[turned] = (Rotation.from_quat(fixes[turned]) * TURN).as_quat()
-    memory, rows = run(settings, rates, valid, arrival, fixes)
-    assert memory["refused"] == (turned & (arrival < len(rates))).sum() > 30
-    assert memory["begun_anew"] == 0
-    assert angles_between(rows[-1, :4], attitudes[-1].as_quat()) < 0.02
-
-
-def begun(steps: int, at: int = 0, valid: int = 0) -> tuple[Any, Array, Any]:
-    """Settings, truth and memory after so many steps, at one of which the first fix came."""
-    settings, rates, truth, *_ = noisy("smallsat", 12.0, 3)
-    memory = new_memory()
-    for k, rate in enumerate(rates[:steps].tolist()):
-        take_sample(memory, settings, k * STEP_NS, tuple(rate))
-        if k == at:
-            take_fix(memory, settings, valid * STEP_NS, tuple(truth[valid]))
-    return settings, truth, memory
 
 
 @pytest.mark.parametrize(
@@ -313,16 +147,6 @@ def test_a_fix_is_of_its_step_whatever_its_stamp_was_rounded_to(off: int, accept
         take_fix(memory, settings, 50 * STEP_NS + off, tuple(truth[50]))
     assert memory["accepted"] == accepted
     assert memory["unmatched"] == 3 - accepted
-
-
-def test_a_refused_fix_that_comes_again_does_not_agree_with_itself() -> None:
-    settings, truth, memory = begun(100)
-    before = known_now(memory)
-    false = Rotation.from_quat(truth[50]) * Rotation.from_rotvec([1.0, 0.0, 0.0])
-    for _ in range(12):
-        take_fix(memory, settings, 50 * STEP_NS, tuple(false.as_quat()))
-    assert (memory["refused"], memory["unmatched"], memory["begun_anew"]) == (1, 11, 0)
-    assert known_now(memory) == before
 
 
 def test_the_rate_has_the_variance_of_a_sample_by_the_filters_own_numbers() -> None:

@@ -90,6 +90,7 @@ STEPS = 1024  # a power of two above MAX_DELAY
 assert MAX_DELAY < STEPS
 INNOVATIONS = 100
 _CALM = 100  # accepted fixes after which the filter is not wrong again, but anew
+_WIDEST = 1e-2  # [rad²/s²] largest variance of a bias that it comes to by being wrong again
 MEMORY = record_type(
     ("knows", np.float64),  # 1 from the first estimate on
     ("count", np.int64),  # gyro samples so far
@@ -97,7 +98,7 @@ MEMORY = record_type(
     ("steps", _STEP, (STEPS,)),
     ("accepted", np.int64),  # fixes since the filter began (anew)
     ("refusals", REFUSALS),
-    ("distrust", np.float64),  # factor on the bias's variance when it began anew
+    ("bias_variance", np.float64),  # [rad²/s²] with which it last began anew without a bias
     ("fix_ns", np.int64),  # validity [ns] of the last accepted fix; before it, the first sample
     ("fixes", np.int64),  # in all, also refused ones
     ("refused", np.int64),  # by the gate
@@ -242,9 +243,10 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
                 known = begun(attitude, covariance, bias, settings.bias_variance + variance)
             else:
                 # Wrong again so soon, it must know less of the bias than it is told.
-                again = memory.begun_anew > 0 and memory.accepted < _CALM
-                memory.distrust = 4.0 * memory.distrust if again else 1.0
-                variance = settings.bias_variance * memory.distrust
+                variance = settings.bias_variance
+                if memory.accepted < _CALM:
+                    variance = max(variance, min(4.0 * memory.bias_variance, _WIDEST))
+                memory.bias_variance = variance
                 known = begun(attitude, covariance, ZERO, variance)
             begins, told = True, False
             memory.begun_anew += 1

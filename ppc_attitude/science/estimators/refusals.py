@@ -63,10 +63,16 @@ EARLY = 5
 
 
 @kernel
-def _agrees(refusals: Any, settings: Any, white: float, error: Quaternion, t: float) -> bool:
-    """Whether the error is that of the refused fix t [s] before."""
-    turn = logarithm(product(error, conjugate(quaternion(refusals.error))))
-    spread = 2.0 * settings.fix_variance + white * t + settings.bias_variance * t * t
+def _spread(settings: Any, white: float, t: float) -> float:
+    """Variance [rad²] of how far two fixes t [s] apart disagree: their own noise and the gyro's."""
+    return float(2.0 * settings.fix_variance + white * t)
+
+
+@kernel
+def _stays(settings: Any, white: float, before: Quaternion, now: Quaternion, t: float) -> bool:
+    """Whether an error is, t [s] later, what it was, but for noise and a bias that is expected."""
+    turn = logarithm(product(now, conjugate(before)))
+    spread = _spread(settings, white, t) + settings.bias_variance * t * t
     return bool(dot(turn, turn) <= settings.gate * spread)
 
 
@@ -86,10 +92,8 @@ def _is_of_bias(refusals: Any, settings: Any, white: float, body_error: Quaterni
     """Whether the error's growth is more than noise, and none that a body-fixed error makes."""
     t = seconds(refusals.valid_ns - refusals.first_ns)
     drift = vector(refusals.drift)
-    moved = logarithm(product(conjugate(quaternion(refusals.first_error)), body_error))
-    noise = settings.gate * (2.0 * settings.fix_variance + white * t)
-    known = settings.gate * settings.bias_variance * t * t
-    return bool(dot(drift, drift) > noise and dot(moved, moved) > noise + known)
+    grows = dot(drift, drift) > settings.gate * _spread(settings, white, t)
+    return grows and not _stays(settings, white, quaternion(refusals.first_error), body_error, t)
 
 
 @kernel
@@ -131,10 +135,12 @@ def heard(
     else:
         last = quaternion(refusals.error)
         t = seconds(valid_ns - refusals.valid_ns)
-        agrees = _agrees(refusals, settings, white, error, t)
+        agrees = _stays(settings, white, last, error, t)
         refusals.agreeing = refusals.agreeing + 1 if agrees else 1
         turn = logarithm(product(conjugate(estimate), product(conjugate(last), attitude)))
-        if refusals.drifting > 1 and _drifts(refusals, settings, white, turn, t):
+        if t <= 0.0:
+            refusals.drifting = 1  # an older one begins a row of its own
+        elif refusals.drifting > 1 and _drifts(refusals, settings, white, turn, t):
             store(refusals.drift, add(vector(refusals.drift), turn))
             refusals.drifting += 1
         else:
@@ -155,5 +161,4 @@ def heard(
 def bias_error(refusals: Any, settings: Any, white: float) -> tuple[Vector, float]:
     """What to add to the estimated bias [rad/s], and the variance of that [rad²/s²]."""
     t = seconds(refusals.valid_ns - refusals.first_ns)
-    variance = (2.0 * settings.fix_variance + white * t) / (t * t)
-    return scale(-1.0 / t, vector(refusals.drift)), variance
+    return scale(-1.0 / t, vector(refusals.drift)), _spread(settings, white, t) / (t * t)
