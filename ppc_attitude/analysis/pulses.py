@@ -83,10 +83,8 @@ def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
         By start, then by end.
     """
     rows = finite(torque)
-    last = t.size - 1
     if np.count_nonzero(rows) < 2:
         return ()
-    ends = np.append(t, t[last] + step(t))
     where = np.flatnonzero(rows)
     known = torque if rows.all() else torque[where]
     at, heights = _steps(t[where], known)
@@ -94,11 +92,11 @@ def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
         return ()
     first = _extra_at_start(at, heights, known)
     # The record's own edges are steps as well: from rest to the first level, and back to rest.
-    places = np.concatenate([[0], where[at], [last + 1]])
     rises = np.vstack([first, heights, -(first + heights.sum(axis=0))])
+    times = np.concatenate([t[:1], t[where[at]], t[-1:] + step(t)])
     return tuple(
-        Pulse(float(ends[start]), float(round(ends[stop] - ends[start], 9)), torque)
-        for start, stop, torque in sorted(_paired(places, rises))
+        Pulse(float(times[start]), float(round(times[stop] - times[start], 9)), torque)
+        for start, stop, torque in sorted(_paired(rises))
     )
 
 
@@ -123,14 +121,14 @@ def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Arra
     Rest is the first level if it is small enough for an environment, else the one of those that is
     held longest.
     """
-    levels = np.vstack([np.zeros(3), np.cumsum(heights, axis=0)])
     stretches = np.split(torque, at)
+    if _is_quiet(stretches[0]):
+        return np.zeros(3)
+    levels = np.vstack([np.zeros(3), np.cumsum(heights, axis=0)])
     held = np.array([len(stretch) for stretch in stretches])
     quiet = np.flatnonzero([_is_quiet(stretch) for stretch in stretches])
     if quiet.size == 0:
         return np.asarray(np.median(stretches[0], axis=0), dtype=np.float64)
-    if quiet[0] == 0:
-        return np.zeros(3)
     together = [held[quiet][_same(levels[quiet], levels[k])].sum() for k in quiet]
     return np.asarray(-levels[quiet[int(np.argmax(together))]], dtype=np.float64)
 
@@ -141,8 +139,8 @@ def _is_quiet(stretch: Array) -> bool:
     return bool(small or np.abs(np.median(stretch, axis=0)).max() <= LARGEST_ENVIRONMENT)
 
 
-def _paired(places: NDArray[np.intp], rises: Array) -> list[_Found]:
-    """Pulses as (first sample, first sample after, torque), from the steps and their places."""
+def _paired(rises: Array) -> list[_Found]:
+    """Pulses as (first step, last step, torque), from the steps."""
     pulses: list[_Found] = []
     left = np.abs(rises).max(axis=1) > SAME_TORQUE
     unpaired = []
@@ -156,12 +154,12 @@ def _paired(places: NDArray[np.intp], rises: Array) -> list[_Found]:
             continue
         end = int(undoing[0])
         left[end] = False
-        pulses.append((int(places[k]), int(places[end]), _triple((rises[k] - rises[end]) / 2.0)))
+        pulses.append((k, end, _triple((rises[k] - rises[end]) / 2.0)))
     level = np.zeros(3)
     for k, after in pairwise(unpaired):
         level = level + rises[k]
         if np.abs(level).max() > SAME_TORQUE:
-            pulses.append((int(places[k]), int(places[after]), _triple(level)))
+            pulses.append((k, after, _triple(level)))
     return pulses
 
 

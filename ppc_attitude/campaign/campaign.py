@@ -27,7 +27,6 @@ from ppc_attitude.campaign.quantile_bands import QuantileBands, time_bins
 from ppc_attitude.campaign.results import Results
 from ppc_attitude.campaign.summary import Summary
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.simulation.closed_loop import stamps_of
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ def run_campaign(
     for name, value in (("runs", runs), ("workers", workers)):
         if value is not None and value < 1:
             raise ConfigurationError(f"{name} = {value}; allowed: ≥ 1")
-    _, ends = time_bins(stamps_of(campaign.rate, campaign.duration))
+    _, ends = time_bins(campaign.stamps_ns)
     finished = Finished(
         folder, runs, Summary(campaign.required, campaign.variables), QuantileBands(ends)
     )

@@ -20,7 +20,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.distributions import (
@@ -166,6 +168,11 @@ class Campaign:
         return self.scenario.number(PLANT, "rate")
 
     @cached_property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Instants [ns] of every run."""
+        return stamps_of(self.rate, self.duration)
+
+    @cached_property
     def timetable(self) -> Array | None:
         """The `timetable_of` all runs; None if what is drawn changes it."""
         for each in self.variables.parameters.values():
@@ -173,7 +180,7 @@ class Campaign:
                 names = [parameter.name for parameter in component.parameters]
                 if not component.inputs and each.parameter in names:
                     return None
-        return timetable_of(self.scenario, stamps_of(self.rate, self.duration))
+        return timetable_of(self.scenario, self.stamps_ns)
 
 
 def load_campaign(path: Path, base: Scenario, seed: int) -> Campaign:

@@ -27,7 +27,7 @@ from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of_run, sce
 from ppc_attitude.campaign.quantile_bands import Levels, levels_of
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.versions import versions
-from ppc_attitude.simulation.closed_loop import Loop, simulate, stamps_of
+from ppc_attitude.simulation.closed_loop import Loop, simulate
 
 Row: TypeAlias = dict[str, Any]
 
@@ -84,7 +84,7 @@ class Outcome:
     levels: Levels | None
 
 
-def _run(campaign: Campaign, index: int, loop: Loop) -> Outcome:
+def _run(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Outcome:
     """Run one index of a campaign in its loop; a failure is an outcome as well."""
     drawn: Mapping[str, Any] = {}
     try:
@@ -92,15 +92,21 @@ def _run(campaign: Campaign, index: int, loop: Loop) -> Outcome:
         record = loop.run(scenario_with(campaign, drawn))
         judge = Judge(record, campaign.required)
         levels = levels_of(record, pointing_errors(record).quaternions)
-        return Outcome(_row(campaign, index, drawn, judge), levels)
+        return Outcome(empty | {"index": index, **drawn} | _judged(judge), levels)
     except Exception as error:  # whatever it is, it must cost this run only
         return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
 
 
-def run_chunk(campaign: Campaign, start: int, stop: int) -> list[Outcome]:
+def loop_of(campaign: Campaign) -> Loop:
+    """Build the loop of all runs of a campaign, for one thread."""
+    return Loop(campaign.scenario, campaign.stamps_ns, campaign.timetable)
+
+
+def run_chunk(campaign: Campaign, start: int, stop: int, loop: Loop | None = None) -> list[Outcome]:
     """Run the indices from start up to, not including, stop.
 
-    Each gives the same to the last bit wherever and whenever it is run.
+    Each gives the same to the last bit wherever and whenever it is run. Who runs many chunks keeps
+    the `loop_of` the campaign.
 
     Raises
     ------
@@ -118,8 +124,8 @@ def run_chunk(campaign: Campaign, start: int, stop: int) -> list[Outcome]:
             f"a worker has other versions than this command and could give other numbers: "
             f"{', '.join(different)}"
         )
-    loop = Loop(campaign.scenario, stamps_of(campaign.rate, campaign.duration), campaign.timetable)
-    return [_run(campaign, index, loop) for index in range(start, stop)]
+    loop, empty = loop or loop_of(campaign), dict.fromkeys(row_types(campaign))
+    return [_run(campaign, index, loop, empty) for index in range(start, stop)]
 
 
 def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
@@ -146,10 +152,9 @@ def broken(
     return Outcome(row, None)
 
 
-def _row(campaign: Campaign, index: int, drawn: Mapping[str, Any], judge: Judge) -> Row:
+def _judged(judge: Judge) -> Row:
     metrics = judge.metrics
-    row = dict.fromkeys(row_types(campaign)) | {"index": index, **drawn}
-    row |= {name: getattr(metrics, name) for name in METRICS}
+    row: Row = {name: getattr(metrics, name) for name in METRICS}
     if metrics.disturbances:
         row["recovery_time_s"] = metrics.disturbances[-1].recovery_time_s
     row["converged"], row["all_met"] = metrics.converged, all_met(judge.requirements)

@@ -19,24 +19,26 @@ import gc
 import sys
 from multiprocessing.connection import Connection
 
-from ppc_attitude.campaign.rows import Outcome, run_chunk
+from ppc_attitude.campaign.rows import Outcome, loop_of, run_chunk
 
 
 def main() -> int:
     """Take the campaign, then compute chunks, until the pipe of a descriptor is closed."""
     connection = Connection(int(sys.argv[1]))
     gc.freeze()  # what has been imported stays
-    gc.enable()
+    gc.disable()  # what runs leave behind is collected between chunks
     with contextlib.suppress(EOFError, OSError):
-        campaign = connection.recv()
+        campaign, loop = connection.recv(), None
         while True:
             start, stop = connection.recv()
             answer: list[Outcome] | Exception
             try:
-                answer = run_chunk(campaign, start, stop)
+                loop = loop or loop_of(campaign)
+                answer = run_chunk(campaign, start, stop, loop)
             except Exception as error:
                 answer = error
             connection.send(answer)
+            gc.collect()
     return 0
 
 

@@ -37,7 +37,7 @@ from ppc_attitude.science.kernel import call_step, kernel
 from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, to_select
 from ppc_attitude.science.part import Part, signals_of
 
-_BLOCK = 64  # [instants] whose signals a core's own cache holds
+_BLOCK = 256  # [instants] whose samples a core's own cache holds
 _INSTANT = 2  # numbers before the columns in a component's record of inputs
 
 Parameters = Mapping[str, Mapping[str, Any]]
@@ -52,6 +52,7 @@ def run_parts(
     played: Any,
     timetable: Any,
     recorded: Any,
+    rows: Any,
     stamps_ns: Any,
     signals: Any,
     samples: Any,
@@ -72,21 +73,21 @@ def run_parts(
         Places that are filled from the rows of the timetable.
     timetable : ndarray, shape (m, n)
         What was computed or recorded before.
-    recorded : ndarray of uint64, shape (r,)
-        Places whose numbers are written to the rows of `samples`.
+    recorded, rows : ndarray of uint64, shape (r,)
+        Places whose numbers are written to `samples`, and to which of its rows.
     stamps_ns : ndarray of int64, shape (n,)
         Instants [ns].
     signals : ndarray
         The records of all parts.
-    samples : ndarray, shape (≥ r, n)
+    samples : ndarray, shape (m, n)
         Where to write.
     """
     # Places are unsigned: Numba would look at each signed one whether it counts from the end.
-    # The signals of some instants go to `samples` together: one by one, each number would touch
+    # The numbers of some instants go to `samples` together: one by one, each number would touch
     # another page of memory at every instant.
     stamps = signals.view(np.int64)  # the same memory
-    block = np.empty((min(stamps_ns.size, _BLOCK), signals.size))
-    first = 0  # instant whose signals are the block's first
+    block = np.empty((min(stamps_ns.size, _BLOCK), recorded.size))
+    first = 0  # instant whose numbers are the block's first
     for k in range(stamps_ns.size):
         t = seconds(stamps_ns[k])
         for row in range(played.size):
@@ -101,12 +102,12 @@ def run_parts(
                 place += np.uint64(1)
             call_step(parts[p, 0], parts[p, 1], parts[p, 2], parts[p, 3], parts[p, 4])
         now = block[k - first]
-        for each in range(signals.size):
-            now[each] = signals[each]
+        for each in range(recorded.size):
+            now[each] = signals[recorded[each]]
         if k + 1 - first == block.shape[0] or k + 1 == stamps_ns.size:
-            for row in range(recorded.size):
+            for each in range(recorded.size):
                 for late in range(k + 1 - first):
-                    samples[row, first + late] = block[late, recorded[row]]
+                    samples[rows[each], first + late] = block[late, each]
             first = k + 1
 
 
@@ -239,9 +240,13 @@ class Diagram:
             A row for each number of `columns`. So the instants of a number lie side by side, and
             who reads one column need not pass the others.
         """
-        recorded = np.array(self._places_of(self.columns), np.uint64)
+        places = np.array(self._places_of(self.columns), np.uint64)
         if samples is None:
-            samples = np.zeros((recorded.size, stamps_ns.size))
+            samples = np.zeros((places.size, stamps_ns.size))
+        is_played = np.isin(places, self._played)
+        for row in np.flatnonzero(is_played):
+            samples[row] = self._timetable[self._played == places[row]]
+        rows = np.flatnonzero(~is_played).astype(np.uint64)
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
             self._instants,
@@ -249,7 +254,8 @@ class Diagram:
             self._sources,
             self._played,
             self._timetable,
-            recorded,
+            places[rows],
+            rows,
             stamps_ns,
             self._signals,
             samples,
@@ -298,6 +304,7 @@ def play(
         np.arange(_INSTANT, _INSTANT + len(inputs), dtype=np.uint64),
         np.ascontiguousarray(inputs),
         np.array(recorded, np.uint64),
+        np.arange(len(recorded), dtype=np.uint64),
         stamps_ns,
         part.signals,
         samples,
