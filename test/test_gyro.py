@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.sensors.gyro import (
     effective_white_noise,
+    gyro_noise,
     gyro_record,
     gyro_sample,
     mean_rate,
@@ -34,14 +35,16 @@ from ppc_attitude.science.sensors.gyro import (
 @kernel
 def at_rest(gyro: Any, h: float, samples: Any) -> None:
     bias = (0.0, 0.0, 0.0)
+    pairs = np.zeros((2, 4))
     for k in range(samples.shape[0]):
-        after = walked_bias(gyro, bias, k + 1, h)
+        white, walk = gyro_noise(gyro, k + 1, pairs)
+        after = walked_bias(gyro, bias, walk, h)
         middle = (
             0.5 * (bias[0] + after[0]),
             0.5 * (bias[1] + after[1]),
             0.5 * (bias[2] + after[2]),
         )
-        sample = gyro_sample(gyro, (0.0, 0.0, 0.0), middle, k + 1, h)
+        sample = gyro_sample(gyro, (0.0, 0.0, 0.0), middle, white, h)
         samples[k, 0], samples[k, 1], samples[k, 2] = sample
         bias = after
 
@@ -89,7 +92,8 @@ def read(rate: tuple[float, float, float], **given: Any) -> tuple[float, ...]:
     noiseless = suite(
         "flagship", gyro__angular_random_walk=0.0, gyro__rate_random_walk=0.0, **given
     )
-    return tuple(gyro_sample(gyro_record({**noiseless, "seed": 0}), rate, (0.0, 0.0, 0.0), 5, 0.01))
+    zero = (0.0, 0.0, 0.0)
+    return tuple(gyro_sample(gyro_record({**noiseless, "seed": 0}), rate, zero, zero, 0.01))
 
 
 def test_clipping_then_rounding() -> None:

@@ -36,6 +36,7 @@ from ppc_attitude.science.kernel import (
 )
 
 UNIT_TOLERANCE = 1e-3
+_SMALL = 1e-4  # [rad²] below which a series of four terms is exact to rounding
 
 
 def unit_quaternion(name: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -187,10 +188,10 @@ def rotation_angle(q: Quaternion) -> float:
 def exponential(phi: Vector) -> Quaternion:
     """Quaternion of a rotation vector φ [rad]: exp(φ) = [φ sin(|φ|/2)/|φ|, cos(|φ|/2)]."""
     square = dot(phi, phi)
-    if square < 1e-8:
-        # The series is exact to rounding here, and it has no 0/0.
-        s = 0.5 - square / 48.0
-        return (s * phi[0], s * phi[1], s * phi[2], 1.0 - square / 8.0)
+    if square < _SMALL:  # the series is exact to rounding here, and it has no 0/0
+        s = 0.5 - square * (1.0 / 48.0 - square * (1.0 / 3840.0 - square / 645120.0))
+        c = 1.0 - square * (1.0 / 8.0 - square * (1.0 / 384.0 - square / 46080.0))
+        return (s * phi[0], s * phi[1], s * phi[2], c)
     angle = math.sqrt(square)
     s = math.sin(0.5 * angle) / angle
     return (s * phi[0], s * phi[1], s * phi[2], math.cos(0.5 * angle))
@@ -199,11 +200,14 @@ def exponential(phi: Vector) -> Quaternion:
 @kernel
 def logarithm(q: Quaternion) -> Vector:
     """Rotation vector [rad] of a unit quaternion, the short way: the inverse of `exponential`."""
-    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
-    w = abs(q[3])
-    s = 2.0 * math.atan2(length, w) / length if length > 0.0 else 2.0
-    if q[3] < 0.0:
-        s = -s
+    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
+    w = q[3]
+    if square < _SMALL * (w * w):  # 2 arctan(x)/x, x = |q_v|/w
+        z = square / (w * w)
+        s = 2.0 / w * (1.0 - z * (1.0 / 3.0 - z * (1.0 / 5.0 - z * (1.0 / 7.0 - z / 9.0))))
+    else:
+        length = math.sqrt(square)
+        s = math.copysign(2.0 * math.atan2(length, abs(w)) / length, w) if length > 0.0 else 2.0
     return (s * q[0], s * q[1], s * q[2])
 
 

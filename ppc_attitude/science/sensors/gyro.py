@@ -36,7 +36,7 @@ from ppc_attitude.science.kernel import (
     matrix,
     scale,
 )
-from ppc_attitude.science.noise import normal_pair, normal_vector
+from ppc_attitude.science.noise import normal_pair, normal_pairs, normal_vector
 from ppc_attitude.science.parameter import Parameter, record_type
 
 _size = partial(Parameter, low=0.0, high=1.0)
@@ -108,8 +108,9 @@ GYRO = record_type(
     ("resolution", np.float64),  # LSB [rad/s]; 0: none
     ("full_scale", np.float64),  # [rad/s]
     ("seed", np.int64),
+    ("pairs", np.int64),  # of normal numbers that a step takes
 )
-# Channels of the noise (`noise.normal_pair`); a vector takes two.
+# Channels of the noise (`noise.normal_pair`); a vector takes two, and those of a step are in a row.
 _WHITE, _WALK, _INITIAL_BIAS, _SCALE, _MISALIGNMENT = 8, 10, 16, 18, 20
 
 
@@ -124,6 +125,7 @@ def gyro_record(values: Mapping[str, Any]) -> Any:
     record["resolution"] = values["gyro.resolution"]
     record["full_scale"] = values["gyro.full_scale"]
     record["seed"] = seed = values["seed"]
+    record["pairs"] = 4 if record["walk"] else 2
 
     def with_drawn(name: str, drawn: Any) -> Any:
         return np.asarray(values[name]) + values[f"{name}_sigma"] * np.ravel(drawn)
@@ -168,10 +170,21 @@ def mean_rate(q_before: Quaternion, q_now: Quaternion, h: float) -> Vector:
     return scale(1.0 / h, logarithm(product(conjugate(q_before), q_now)))
 
 
+@inlined
+def gyro_noise(gyro: Any, step: int, pairs: Any) -> tuple[Vector, Vector]:
+    """Standard normal numbers of a sample and of the walk of its bias, zero where it does not walk.
+
+    `pairs`, shape (2, 4), is where they are computed; it is zero at first.
+    """
+    normal_pairs(gyro.seed, step, _WHITE, gyro.pairs, pairs)
+    x, y = pairs[0], pairs[1]
+    return (x[0], y[0], x[1]), (x[2], y[2], x[3])
+
+
 @kernel
-def walked_bias(gyro: Any, bias: Vector, step: int, h: float) -> Vector:
-    """Bias [rad/s] at a step, h [s] after the given one."""
-    return add(bias, scale(gyro.walk * math.sqrt(h), normal_vector(gyro.seed, step, _WALK)))
+def walked_bias(gyro: Any, bias: Vector, noise: Vector, h: float) -> Vector:
+    """Bias [rad/s] h [s] after the given one."""
+    return add(bias, scale(gyro.walk * math.sqrt(h), noise))
 
 
 @kernel
@@ -193,20 +206,20 @@ def sample_variance(white: float, rounding: float, walk: float, h: float) -> flo
 
 @inlined
 def gyro_sample(
-    gyro: Any, rate: Vector, bias: Vector, step: int, h: float, louder: float = 1.0
+    gyro: Any, rate: Vector, bias: Vector, noise: Vector, h: float, louder: float = 1.0
 ) -> Vector:
-    """Measured mean rate [rad/s] of an interval of h [s] that ends at a step.
+    """Measured mean rate [rad/s] of an interval of h [s].
 
     ω_k = (I + M) ω̄ + b + √(σ_v²/h + σ_u² h/12) n, clipped to the full scale, rounded to the LSB;
     `rate` is the true mean rate ω̄, `bias` the mean of the interval's first and last bias, and
     `louder` a factor on the noise n.
     """
-    noise = louder * math.sqrt(
+    sigma = louder * math.sqrt(
         sample_variance(gyro.white * gyro.white, 0.0, gyro.walk * gyro.walk, h)
     )
     measured = add(
         add(apply(matrix(gyro.response), rate), bias),
-        scale(noise, normal_vector(gyro.seed, step, _WHITE)),
+        scale(sigma, noise),
     )
     return (
         _read_axis(measured[0], gyro.resolution, gyro.full_scale),

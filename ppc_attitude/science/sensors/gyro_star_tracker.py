@@ -42,7 +42,13 @@ from ppc_attitude.science.kernel import (
 from ppc_attitude.science.parameter import RATE, at_start, filled, record_type
 from ppc_attitude.science.sensors import gyro, star_tracker
 from ppc_attitude.science.sensors.direct import SEED
-from ppc_attitude.science.sensors.gyro import gyro_record, gyro_sample, mean_rate, walked_bias
+from ppc_attitude.science.sensors.gyro import (
+    gyro_noise,
+    gyro_record,
+    gyro_sample,
+    mean_rate,
+    walked_bias,
+)
 from ppc_attitude.science.sensors.star_tracker import (
     MAX_DELAY,
     NO_FIX,
@@ -120,6 +126,7 @@ STATE = record_type(
     ("attitude", np.float64, (4,)),  # true attitude at it
     ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
     ("told", np.float64, (3,)),  # [rad/s] by the gyro, at it
+    ("noise", np.float64, (2, 4)),  # as `gyro_noise` computes it
     ("fixes", np.float64, (_SLOTS, 4)),  # of the recent slots, some still on their way
 )
 
@@ -143,6 +150,7 @@ def _failed_gyro(sample: Vector, state: Any, configuration: Any, stamp_ns: int) 
 def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step: int) -> None:
     settings = configuration.gyro
     q = quaternion(inputs.truth_attitude)
+    white, walk = gyro_noise(settings, step, state.noise)
     if state.started == 0.0:
         # Nothing to average over yet: the sample is the rate of the instant.
         h = 1.0 / configuration.rate
@@ -156,19 +164,21 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         h = seconds(inputs.stamp_ns - state.stamp_ns)
         rate = mean_rate(quaternion(state.attitude), q, h)
         before = vector(state.bias)
-        bias = walked_bias(settings, before, step, h)
+        bias = walked_bias(settings, before, walk, h)
         middle = scale(0.5, add(before, bias))
     faults, stamp_ns = configuration.faults, inputs.stamp_ns
     louder = number_of(faults, _GYRO, How.NOISE, stamp_ns, 1.0)
     i = acting(faults, _GYRO, How.BIAS, stamp_ns)
     if i >= 0:
         middle = add(middle, vector(faults.fault[i].value))
-    sample = gyro_sample(settings, rate, middle, step, h, louder)
+    sample = gyro_sample(settings, rate, middle, white, h, louder)
     sample = _failed_gyro(sample, state, configuration, stamp_ns)
     store(state.told, sample)
     store(outputs.gyro, sample)
-    white, lsb, walk = settings.white, settings.resolution, settings.walk
-    outputs.gyro[3] = gyro.sample_variance(white * white, lsb * lsb / 12.0, walk * walk, h)
+    sigma_v, lsb, sigma_u = settings.white, settings.resolution, settings.walk
+    outputs.gyro[3] = gyro.sample_variance(
+        sigma_v * sigma_v, lsb * lsb / 12.0, sigma_u * sigma_u, h
+    )
     if acting(faults, _GYRO, How.DEAD, stamp_ns) >= 0:
         store(outputs.gyro, ZERO)
         outputs.gyro[3] = -1.0  # REP 145: there is no such quantity
