@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.series import finite, has, once
+from ppc_attitude.analysis.series import finite, has, is_finite, once
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR, BOUNDS, BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
 
@@ -61,14 +61,18 @@ class Envelope:
 @once
 def outside(record: RunRecord, envelope: Envelope) -> NDArray[np.bool_]:
     """Instants, finite in both, with a component of the error beyond its bound, shape (n,)."""
-    bounds = record[envelope.bound]
-    return beyond(record[envelope.error][:, : bounds.shape[1]], bounds)
+    error, bound = record[envelope.error], record[envelope.bound]
+    known = is_finite(record, envelope.error) & is_finite(record, envelope.bound)
+    return known & _larger(error[:, : bound.shape[1]], bound)
 
 
 def beyond(error: Array, bound: Array) -> NDArray[np.bool_]:
     """Rows, finite in both, with a component beyond its bound, shape (n,)."""
-    larger = np.logical_or.reduce(np.abs(error).T > bound.T)
-    return np.asarray(larger & finite(error) & finite(bound))
+    return _larger(error, bound) & finite(error) & finite(bound)
+
+
+def _larger(error: Array, bound: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.logical_or.reduce(np.abs(error).T > bound.T))
 
 
 ATTITUDE = Envelope(ATTITUDE_ERROR.column, ATTITUDE_ENVELOPE.column)

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.analysis.series import elapsed, finite, has, is_finite, samples
+from ppc_attitude.analysis.series import elapsed, has, is_finite, samples
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ESTIMATOR, TRUE_ATTITUDE
@@ -115,13 +115,18 @@ def _outside(record: RunRecord) -> float | None:
     if first == t.size or not has(record, TRUE_ATTITUDE.column) or not has(record, ATTITUDE.column):
         return None
     # A rotation vector of a small angle is twice the vector part of its quaternion.
-    errors = 2.0 * np.abs(knowledge_errors(record).quaternions[first:, :3])
-    limits = 3.0 * sigmas_of(record, ATTITUDE_VARIANCES)[first:]
-    count = np.count_nonzero(finite(errors) & finite(limits))
+    halves = knowledge_errors(record).quaternions[first:].T[:3]
+    variances = [record[_ESTIMATE][first:, place] for place in ATTITUDE_VARIANCES]
+    known = np.isfinite(halves).all(axis=0) & is_finite(record, _ESTIMATE)[first:]
+    known &= np.logical_and.reduce([each > 0.0 for each in variances])
+    count = np.count_nonzero(known)
     if not count:
         return None
-    outside = errors > limits  # what is not known is not beyond
-    return float(np.count_nonzero(outside, axis=0).max() / count)
+    outside = (
+        np.count_nonzero(known & (4.0 * half * half > 9.0 * variance))
+        for half, variance in zip(halves, variances, strict=True)
+    )
+    return float(max(outside) / count)
 
 
 def _is_good(record: RunRecord, settings: Any, row: int) -> bool:

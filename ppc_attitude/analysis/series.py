@@ -14,9 +14,9 @@
 
 """The series of a `RunRecord` as the analysis reads them: time of the run, vectors, gaps."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,13 +40,17 @@ def once(function: _OfRecord[_Names, _Found]) -> _OfRecord[_Names, _Found]:
 
     @wraps(function)
     def kept(record: RunRecord, /, *names: _Names.args, **others: _Names.kwargs) -> _Found:
-        key = (function.__module__, function.__qualname__, names, tuple(others.items()))
+        key = _key(function, *names, **others)
         if key not in record.derived:
             record.derived[key] = function(record, *names, **others)
         found: _Found = record.derived[key]
         return found
 
     return kept
+
+
+def _key(function: Callable[..., Any], *names: Any, **others: Any) -> Any:
+    return (function.__module__, function.__qualname__, names, tuple(others.items()))
 
 
 def zero_ns(record: RunRecord) -> int:
@@ -153,6 +157,13 @@ def has(record: RunRecord, column: str) -> bool:
 def is_finite(record: RunRecord, column: str) -> NDArray[np.bool_]:
     """At which instants a column is finite throughout, shape (n,)."""
     return finite(record[column])
+
+
+def take_for_finite(record: RunRecord, columns: Iterable[str]) -> None:
+    """Have columns taken for finite throughout, by who saw their numbers when they were written."""
+    always = np.ones(record.stamps_ns.size, np.bool_)
+    for column in columns:
+        record.derived[_key(is_finite, column)] = always
 
 
 def finite(rows: Array) -> NDArray[np.bool_]:

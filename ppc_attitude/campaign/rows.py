@@ -20,6 +20,7 @@ from typing import Any, TypeAlias
 
 from ppc_attitude.analysis.metrics import Judge, analyse
 from ppc_attitude.analysis.requirements import names_of
+from ppc_attitude.analysis.series import take_for_finite
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.analysis.verdict import Metrics, Verdict, all_met
 from ppc_attitude.campaign.declaration import Campaign
@@ -90,6 +91,7 @@ def _run(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Outcome:
     try:
         drawn = draw(campaign, index)
         record = loop.run(scenario_with(campaign, drawn))
+        take_for_finite(record, loop.whole)
         judge = Judge(record, campaign.required)
         levels = levels_of(record, pointing_errors(record).quaternions)
         return Outcome(empty | {"index": index, **drawn} | _judged(judge), levels)

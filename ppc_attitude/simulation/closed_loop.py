@@ -95,6 +95,12 @@ class Loop:
             },
         )
 
+    @property
+    def whole(self) -> frozenset[str]:
+        """Columns of the last run that are finite throughout."""
+        late = {column.name for column in self._diagram.columns if column.late}
+        return self._diagram.whole - late
+
 
 def by_column(
     columns: Sequence[Column], stamps_ns: NDArray[np.int64], samples: Array

@@ -56,6 +56,7 @@ def run_parts(
     stamps_ns: Any,
     signals: Any,
     samples: Any,
+    whole: Any,
 ) -> None:
     """Run the parts over the stamps [ns] and write a sample of every recorded number.
 
@@ -81,6 +82,8 @@ def run_parts(
         The records of all parts.
     samples : ndarray, shape (m, n)
         Where to write.
+    whole : ndarray of bool, shape (m,)
+        Becomes False for a row that gets a number that is not finite.
     """
     # Places are unsigned: Numba would look at each signed one whether it counts from the end.
     # The numbers of some instants go to `samples` together: one by one, each number would touch
@@ -106,8 +109,13 @@ def run_parts(
             now[each] = signals[recorded[each]]
         if k + 1 - first == block.shape[0] or k + 1 == stamps_ns.size:
             for each in range(recorded.size):
-                for late in range(k + 1 - first):
-                    samples[rows[each], first + late] = block[late, each]
+                row = samples[rows[each], first : k + 1]
+                finite = True
+                for late in range(row.size):
+                    row[late] = block[late, each]
+                for number in row:
+                    finite &= abs(number) < np.inf
+                whole[rows[each]] &= finite
             first = k + 1
 
 
@@ -199,6 +207,9 @@ class Diagram:
                 self._values[kind] = values
         self.columns = recorded_columns(parameters)
 
+    whole: frozenset[str] = frozenset()
+    """Columns that were finite throughout in the last run."""
+
     @property
     def memory(self) -> list[NDArray[Any]]:
         """All that a run changes: who puts it back may run from there again."""
@@ -247,6 +258,7 @@ class Diagram:
         for row in np.flatnonzero(is_played):
             samples[row] = self._timetable[self._played == places[row]]
         rows = np.flatnonzero(~is_played).astype(np.uint64)
+        whole = np.isfinite(self._timetable).all() | ~is_played
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
             self._instants,
@@ -259,6 +271,13 @@ class Diagram:
             stamps_ns,
             self._signals,
             samples,
+            whole,
+        )
+        ends = np.cumsum([column.width for column in self.columns])
+        self.whole = frozenset(
+            column.name
+            for column, end in zip(self.columns, ends, strict=True)
+            if whole[end - column.width : end].all()
         )
         return samples
 
@@ -308,6 +327,7 @@ def play(
         stamps_ns,
         part.signals,
         samples,
+        np.ones(len(recorded), np.bool_),
     )
     return samples
 

@@ -51,6 +51,7 @@ from ppc_attitude.science.envelope_plan import (
 )
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
+    ZERO,
     Matrix,
     Vector,
     add,
@@ -178,6 +179,8 @@ def barrier_gain(epsilon: Vector, k: float, F: float) -> float:
 @kernel
 def saturation_drive(delta_tau: Vector, inertia_inverse: Matrix) -> Vector:
     """|J⁻¹| |tanh Δτ|, elementwise magnitudes: what opens the envelopes."""
+    if delta_tau == ZERO:
+        return ZERO
     x, y, z = inertia_inverse
     return apply((magnitudes(x), magnitudes(y), magnitudes(z)), tanh(magnitudes(delta_tau)))
 
@@ -187,8 +190,10 @@ def auxiliary_step(
     theta: Vector, delta_tau: Vector, xi: Vector, inertia_inverse: Matrix, gains: Any, h: float
 ) -> Vector:
     """θ after h [s]: θ' = −[K_a + K_b |ξJ⁻¹Δτ|²/(|θ|²+δ²)] θ + ξJ⁻¹ tanh Δτ (eq. 23), implicit."""
-    pull = multiply(xi, apply(inertia_inverse, delta_tau))
-    push = multiply(xi, apply(inertia_inverse, tanh(delta_tau)))
+    pull = push = ZERO
+    if delta_tau != ZERO:
+        pull = multiply(xi, apply(inertia_inverse, delta_tau))
+        push = multiply(xi, apply(inertia_inverse, tanh(delta_tau)))
     decay = gains.K_a + gains.K_b * dot(pull, pull) / (dot(theta, theta) + _DELTA * _DELTA)
     return scale(1.0 / (1.0 + h * decay), add(theta, scale(h, push)))
 
