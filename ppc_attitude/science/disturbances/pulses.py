@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import Vector, add, array_at, kernel, store, vector
+from ppc_attitude.science.kernel import Vector, add, array_at, inlined, kernel, store, vector
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.signals import DISTURBANCE, ENVIRONMENT_TORQUE
 from ppc_attitude.science.stamps import LATEST, nanoseconds
@@ -78,7 +78,7 @@ def configuration_of(pulses: NDArray[Any]) -> tuple[Any, NDArray[Any]]:
     return record, pulses
 
 
-@kernel
+@inlined
 def with_pulses(stamp_ns: int, total: Vector, pulses: Any) -> Vector:
     """Return a torque [N·m] and the pulses that act from an instant [ns] on."""
     for i in range(pulses.size):
