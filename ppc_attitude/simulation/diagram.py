@@ -165,6 +165,7 @@ class Diagram:
         self._signals = np.zeros(starts[-1])
         self._places = _places([component for _, component in chosen], starts)
         self._timetable = np.zeros((0, 0)) if timetable is None else timetable
+        self._played_whole = bool(np.isfinite(self._timetable).all())
         played: list[int] = []
         instants, first_source, sources = [], [0], []
         self.parts: dict[str, Part] = {}
@@ -258,7 +259,7 @@ class Diagram:
         for row in np.flatnonzero(is_played):
             samples[row] = self._timetable[self._played == places[row]]
         rows = np.flatnonzero(~is_played).astype(np.uint64)
-        whole = np.isfinite(self._timetable).all() | ~is_played
+        whole = self._played_whole | ~is_played
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
             self._instants,
