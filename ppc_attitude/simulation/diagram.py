@@ -252,14 +252,17 @@ class Diagram:
             A row for each number of `columns`. So the instants of a number lie side by side, and
             who reads one column need not pass the others.
         """
-        places = np.array(self._places_of(self.columns), np.uint64)
+        places = self._places_of(self.columns)
         if samples is None:
-            samples = np.zeros((places.size, stamps_ns.size))
-        is_played = np.isin(places, self._played)
-        for row in np.flatnonzero(is_played):
-            samples[row] = self._timetable[self._played == places[row]]
-        rows = np.flatnonzero(~is_played).astype(np.uint64)
-        whole = self._played_whole | ~is_played
+            samples = np.zeros((len(places), stamps_ns.size))
+        whole = np.ones(len(places), np.bool_)
+        played = {place: row for row, place in enumerate(self._played.tolist())}
+        rows = []
+        for row, place in enumerate(places):
+            if place in played:
+                samples[row], whole[row] = self._timetable[played[place]], self._played_whole
+            else:
+                rows.append(row)
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
             self._instants,
@@ -267,8 +270,8 @@ class Diagram:
             self._sources,
             self._played,
             self._timetable,
-            places[rows],
-            rows,
+            np.array(places, np.uint64)[rows],
+            np.array(rows, np.uint64),
             stamps_ns,
             self._signals,
             samples,

@@ -192,7 +192,7 @@ def _read_axis(rate: float, resolution: float, full_scale: float) -> float:
     limited = min(max(rate, -full_scale), full_scale)
     if resolution == 0.0:
         return limited
-    return resolution * np.floor(limited / resolution + 0.5)
+    return float(resolution * np.floor(limited / resolution + 0.5))
 
 
 @kernel
