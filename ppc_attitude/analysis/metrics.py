@@ -369,8 +369,9 @@ class Judge(Measured):
         if told is None or not has(self.record, ATTITUDE_ERROR.column):
             return
         reported, computed = self.record[ATTITUDE_ERROR.column], told.quaternions
-        both = (reported - computed, reported + computed)
-        apart = np.minimum(*(np.maximum.reduce(np.abs(each).T) for each in both))
+        apart = np.maximum.reduce(np.abs(reported - computed).T)
+        if not (apart < 0.5).all():  # else the opposite of a unit quaternion is farther away
+            apart = np.minimum(apart, np.maximum.reduce(np.abs(reported + computed).T))
         yield self._row("reported_error", largest(apart), ROUNDING)
 
     def _knowledge(self) -> Iterator[Requirement]:

@@ -85,34 +85,35 @@ def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
     rows = finite(torque)
     if np.count_nonzero(rows) < 2:
         return ()
-    where = np.flatnonzero(rows)
-    known = torque if rows.all() else torque[where]
-    at, heights = _steps(t[where], known)
+    edges = float(t[0]), float(t[-1] + step(t))
+    if not rows.all():
+        t, torque = t[rows], torque[rows]
+    at, heights = _steps(t, torque)
     if not 0 < at.size <= MOST_STEPS:
         return ()
-    first = _extra_at_start(at, heights, known)
+    first = _extra_at_start(at, heights, torque)
     # The record's own edges are steps as well: from rest to the first level, and back to rest.
     rises = np.vstack([first, heights, -(first + heights.sum(axis=0))])
-    times = np.concatenate([t[:1], t[where[at]], t[-1:] + step(t)])
+    times = [edges[0], *t[at].tolist(), edges[1]]
     return tuple(
-        Pulse(float(times[start]), float(round(times[stop] - times[start], 9)), torque)
-        for start, stop, torque in sorted(_paired(rises))
+        Pulse(times[start], round(times[stop] - times[start], 9), extra)
+        for start, stop, extra in sorted(_paired(rises))
     )
 
 
 def _steps(t: Array, torque: Array) -> tuple[NDArray[np.intp], Array]:
     """First sample of each new level, and the height of the step without the smooth part."""
-    change = np.diff(torque, axis=0)
-    interval = np.diff(t)
-    is_step = np.logical_or.reduce(np.abs(change).T > SMALLEST_STEP)
+    change = np.diff(torque.T)  # by component, as the loop gives them
+    is_step = np.logical_or.reduce(np.abs(change) > SMALLEST_STEP)
     at = np.flatnonzero(is_step)
     # The smooth part goes on at the mean slope of the intervals beside, unless they are steps.
     beside = np.stack([at - 1, at + 1])
     inside = np.clip(beside, 0, is_step.size - 1)
     known = ((beside == inside) & ~is_step[inside])[..., None]
-    slopes = np.where(known, change[inside] / interval[inside, None], 0.0)
+    interval = (t[inside + 1] - t[inside])[..., None]
+    slopes = np.where(known, change.T[inside] / interval, 0.0)
     smooth = slopes.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return at + 1, change[at] - smooth * interval[at, None]
+    return at + 1, change.T[at] - smooth * (t[at + 1] - t[at])[:, None]
 
 
 def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Array:

@@ -137,7 +137,7 @@ def knowledge_errors(record: RunRecord) -> Errors:
     truth, told = samples(record, TRUE_ATTITUDE.column), samples(record, ATTITUDE.column)
     # An attitude times its own inverse is off by its rounding: who is told the truth knows it.
     exact = (truth == told).all(axis=1)
-    return Errors(np.where(exact[:, None], STRAIGHT, errors.quaternions))
+    return Errors(np.where(exact[:, None], STRAIGHT, errors.quaternions)) if exact.any() else errors
 
 
 @once

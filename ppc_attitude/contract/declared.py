@@ -114,11 +114,11 @@ def nodes_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
 def columns_of(node: str, values: Mapping[str, Any]) -> tuple[Column, ...]:
     """Columns that a node puts on record at each instant."""
     columns = [column for each in components_of(node, values) for column in each.outputs]
-    hidden = {ENVIRONMENT_TORQUE}
+    hidden = [ENVIRONMENT_TORQUE.name]
     unasked = not values.get(SEND_TRUTH.name, False)
     if SENSORS in HOSTED.get(node, ()) and unasked and is_told_the_truth(values):
-        hidden.update(TRUTH)
-    return tuple(column for column in columns if column not in hidden)
+        hidden += (column.name for column in TRUTH)
+    return tuple(column for column in columns if column.name not in hidden)
 
 
 def samples_of(node: str, values: Mapping[str, Any]) -> list[Topic]:

@@ -262,7 +262,7 @@ class Part:
 
     def forget(self) -> None:
         """Begin anew, as at the first step."""
-        self.state[:] = np.zeros((), self.component.state)
+        self.state.view(np.uint8).fill(0)
         self.told = 0
 
     def step(self, stamp_ns: int, values: Iterable[float] = ()) -> Row:

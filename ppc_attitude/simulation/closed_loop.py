@@ -116,11 +116,12 @@ def by_column(
 
 def _where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> Array:
     """Put each sample of a late column at the instant of its validity; NaN where there is none."""
-    came = np.flatnonzero(np.logical_or.reduce(rows))
+    came = np.flatnonzero((rows != 0.0).any(axis=0))
     ages = np.rint(rows[-1, came] * NANOSECONDS).astype(np.int64)
     valid = np.searchsorted(stamps_ns, stamps_ns[came] - ages)
     found = np.full((len(rows) - 1, stamps_ns.size), np.nan)
-    found[:, valid] = rows[:-1, came]
+    for number, row in zip(found, rows[:-1], strict=True):
+        number[valid] = row[came]
     return found
 
 
