@@ -16,7 +16,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -92,7 +91,7 @@ class Measured:
             early = "the envelope"
         self.hits = tuple(
             Disturbance(
-                **asdict(pulse),
+                **vars(pulse),
                 recovery_time_s=self._recovery(pulse, pulses),
                 judged_by="recovery" if pulse.start_s >= required.settling_deadline else early,
             )
@@ -183,7 +182,7 @@ class Measured:
             settling = float(self.t[unsettled[-1]])
         elif not self.begin and np.isfinite(size[self.calm]).any():
             settling = 0.0
-        norm = None if self.rate is None else np.linalg.norm(self.rate, axis=1)
+        norm = None if self.rate is None else np.sqrt(np.square(self.rate).T.sum(axis=0))
         axis = None if self.rate is None else component_size(self.rate)
         measured: dict[str, tuple[float | None, Span]] = {
             "settling_time_s": (settling, self.calm_span),

@@ -94,6 +94,8 @@ MEMORY = record_type(
     ("rate", np.float64, (3,)),  # ω̂ [rad/s] at the stamp
     ("disturbance", np.float64, (3,)),  # d̂ [N·m]
     ("torque", np.float64, (3,)),  # command [N·m] since the stamp
+    ("exponent", np.float64),  # ω_n Δt of the last correction
+    ("decay", np.float64),  # p of it
     ("surprised", np.float64),  # 1 if the last residual was beyond its bound
     ("blind", np.float64),  # 1 where there is no attitude
     ("gaps", np.int64),  # how many of them are over
@@ -172,7 +174,10 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
     if surprised and memory.surprised != 0.0:
         rate = add(measured, scale(0.5 * h, acceleration))
     else:
-        p = math.exp(-observer.frequency * h)
+        if observer.frequency * h != memory.exponent:
+            memory.exponent = observer.frequency * h
+            memory.decay = math.exp(-memory.exponent)
+        p = memory.decay
         rate = add(predicted, scale(1.0 - p * p, r))
         s = (1.0 - p) * (1.0 - p) / h
         d = add(d, multiply(scale(s, moments), bounded(r, g)))

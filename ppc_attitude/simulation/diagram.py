@@ -184,7 +184,8 @@ class Diagram:
         self._instants, self._first_source, self._sources, self._played = (
             np.array(each, np.uint64) for each in (instants, first_source, sources, played)
         )
-        self.columns = (
+        self.columns: tuple[Column, ...] = ()
+        self._record(
             tuple(column for _, component in chosen for column in component.outputs)
             if ahead
             else recorded_columns(parameters)
@@ -206,7 +207,21 @@ class Diagram:
                 with _naming(kind):
                     part.configure(values)
                 self._values[kind] = values
-        self.columns = recorded_columns(parameters)
+        self._record(recorded_columns(parameters))
+
+    def _record(self, columns: tuple[Column, ...]) -> None:
+        """Arrange what goes on record: the rows of the table, and which places to which rows."""
+        if columns == self.columns:
+            return
+        self.columns, self._first_rows = columns, np.zeros(len(columns), np.int64)
+        np.cumsum([column.width for column in columns[:-1]], out=self._first_rows[1:])
+        places, played = self._places_of(columns), self._played.tolist()
+        self._rows_played = {
+            row: played.index(place) for row, place in enumerate(places) if place in played
+        }
+        rows = [row for row in range(len(places)) if row not in self._rows_played]
+        self._recorded = np.array([places[row] for row in rows], np.uint64)
+        self._rows = np.array(rows, np.uint64)
 
     whole: frozenset[str] = frozenset()
     """Columns that were finite throughout in the last run."""
@@ -252,17 +267,12 @@ class Diagram:
             A row for each number of `columns`. So the instants of a number lie side by side, and
             who reads one column need not pass the others.
         """
-        places = self._places_of(self.columns)
+        numbers = self._rows.size + len(self._rows_played)
         if samples is None:
-            samples = np.zeros((len(places), stamps_ns.size))
-        whole = np.ones(len(places), np.bool_)
-        played = {place: row for row, place in enumerate(self._played.tolist())}
-        rows = []
-        for row, place in enumerate(places):
-            if place in played:
-                samples[row], whole[row] = self._timetable[played[place]], self._played_whole
-            else:
-                rows.append(row)
+            samples = np.zeros((numbers, stamps_ns.size))
+        whole = np.ones(numbers, np.bool_)
+        for row, played in self._rows_played.items():
+            samples[row], whole[row] = self._timetable[played], self._played_whole
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
             self._instants,
@@ -270,18 +280,16 @@ class Diagram:
             self._sources,
             self._played,
             self._timetable,
-            np.array(places, np.uint64)[rows],
-            np.array(rows, np.uint64),
+            self._recorded,
+            self._rows,
             stamps_ns,
             self._signals,
             samples,
             whole,
         )
-        ends = np.cumsum([column.width for column in self.columns])
+        known = np.logical_and.reduceat(whole, self._first_rows) if numbers else ()
         self.whole = frozenset(
-            column.name
-            for column, end in zip(self.columns, ends, strict=True)
-            if whole[end - column.width : end].all()
+            column.name for column, each in zip(self.columns, known, strict=True) if each
         )
         return samples
 
