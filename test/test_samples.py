@@ -25,6 +25,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import (
+    Loop,
     by_column,
     stamps_of,
     timetable_of,
@@ -33,6 +34,7 @@ from ppc_attitude.simulation.diagram import Diagram, recorded_columns
 from ppc_attitude.simulation.scenario import scenario
 
 STEPS = 12_000
+PAPER = scenario({})
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
@@ -124,3 +126,28 @@ def test_a_step_allocates_nothing(name: str, counted: Callable[..., int]) -> Non
     many_blocks, many_bytes = costs(STEPS)
     assert many_blocks == few_blocks
     assert many_bytes - few_bytes < 8 * STEPS  # less than one number a step
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("first", [0, 255, 256, 600])
+def test_a_loop_knows_which_columns_are_finite(number: float, first: int) -> None:
+    """From an instant on the environment's torque is no number, and what follows from it is none.
+
+    Samples go to their rows 256 at a time, and the last ones are fewer.
+    """
+    stamps = stamps_of(100.0, 6.0)
+    table = timetable_of(PAPER, stamps)
+    torque = slice(-3, None)  # what the environment gives comes last
+    assert Diagram(PAPER.parameters, ahead=True).columns[-1].name == "environment_torque"
+    table[torque, first:] = number
+    sound = Loop(PAPER, stamps, timetable_of(PAPER, stamps))
+    assert sound.run(PAPER).columns.keys() == sound.whole
+    loop = Loop(PAPER, stamps, table)
+    record = loop.run(PAPER)
+    finite = {name for name, rows in record.columns.items() if np.isfinite(rows).all()}
+    assert loop.whole <= finite
+    assert "disturbance_torque" not in finite
+    if first < 600:  # it acts from the next instant on
+        assert not finite & {"attitude", "angular_velocity", "torque_command"}
+    # What is played is known together: the reference is as little known as the torque.
+    assert finite - loop.whole <= {column for column in finite if column.startswith("reference_")}
