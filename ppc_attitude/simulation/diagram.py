@@ -22,6 +22,7 @@ from stamp to stamp.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -184,7 +185,6 @@ class Diagram:
         self._instants, self._first_source, self._sources, self._played = (
             np.array(each, np.uint64) for each in (instants, first_source, sources, played)
         )
-        self.columns: tuple[Column, ...] = ()
         self._record(
             tuple(column for _, component in chosen for column in component.outputs)
             if ahead
@@ -207,14 +207,14 @@ class Diagram:
                 with _naming(kind):
                     part.configure(values)
                 self._values[kind] = values
-        self._record(recorded_columns(parameters))
+        columns = recorded_columns(parameters)
+        if columns != self.columns:
+            self._record(columns)
 
     def _record(self, columns: tuple[Column, ...]) -> None:
         """Arrange what goes on record: the rows of the table, and which places to which rows."""
-        if columns == self.columns:
-            return
-        self.columns, self._first_rows = columns, np.zeros(len(columns), np.int64)
-        np.cumsum([column.width for column in columns[:-1]], out=self._first_rows[1:])
+        self.columns = columns
+        self._first_rows = list(accumulate((each.width for each in columns[:-1]), initial=0))
         places, played = self._places_of(columns), self._played.tolist()
         self._rows_played = {
             row: played.index(place) for row, place in enumerate(places) if place in played
