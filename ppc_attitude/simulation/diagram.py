@@ -114,8 +114,8 @@ def run_parts(
                 finite = True
                 for late in range(row.size):
                     row[late] = block[late, each]
-                for number in row:
-                    finite &= abs(number) < np.inf
+                for late in range(row.size):
+                    finite &= abs(row[late]) < np.inf
                 whole[rows[each]] &= finite
             first = k + 1
 
