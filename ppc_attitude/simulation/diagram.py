@@ -90,7 +90,7 @@ def run_parts(
     # The numbers of some instants go to `samples` together: one by one, each number would touch
     # another page of memory at every instant.
     stamps = signals.view(np.int64)  # the same memory
-    block = np.empty((min(stamps_ns.size, _BLOCK), recorded.size))
+    block = np.empty((recorded.size, _BLOCK + 8))
     first = 0  # instant whose numbers are the block's first
     for k in range(stamps_ns.size):
         t = seconds(stamps_ns[k])
@@ -105,17 +105,17 @@ def run_parts(
                 signals[place] = signals[sources[source]]
                 place += np.uint64(1)
             call_step(parts[p, 0], parts[p, 1], parts[p, 2], parts[p, 3], parts[p, 4])
-        now = block[k - first]
+        place = np.uint64(k - first)
         for each in range(recorded.size):
-            now[each] = signals[recorded[each]]
-        if k + 1 - first == block.shape[0] or k + 1 == stamps_ns.size:
+            block[each, place] = signals[recorded[each]]
+        if k + 1 - first == _BLOCK or k + 1 == stamps_ns.size:
             for each in range(recorded.size):
                 row = samples[rows[each], first : k + 1]
+                last = block[each]
                 finite = True
                 for late in range(row.size):
-                    row[late] = block[late, each]
-                for late in range(row.size):
-                    finite &= abs(row[late]) < np.inf
+                    row[late] = last[late]
+                    finite &= abs(last[late]) < np.inf
                 whole[rows[each]] &= finite
             first = k + 1
 
