@@ -72,9 +72,9 @@ def run_parts(
     sources : ndarray of uint64, shape (w,)
         From which place in `signals` each number comes that a part reads.
     played : ndarray of uint64, shape (m,)
-        Places that are filled from the rows of the timetable.
-    timetable : ndarray, shape (m, n)
-        What was computed or recorded before.
+        Places that are filled from the timetable.
+    timetable : ndarray, shape (n, m)
+        What was computed or recorded before, the numbers of an instant side by side.
     recorded, rows : ndarray of uint64, shape (r,)
         Places whose numbers are written to `samples`, and to which of its rows.
     stamps_ns : ndarray of int64, shape (n,)
@@ -94,8 +94,8 @@ def run_parts(
     first = 0  # instant whose numbers are the block's first
     for k in range(stamps_ns.size):
         t = seconds(stamps_ns[k])
-        for row in range(played.size):
-            signals[played[row]] = timetable[row, k]
+        for each in range(played.size):
+            signals[played[each]] = timetable[k, each]
         for p in range(parts.shape[0]):
             place = instants[p]
             stamps[place] = stamps_ns[k]
@@ -166,6 +166,7 @@ class Diagram:
         self._signals = np.zeros(starts[-1])
         self._places = _places([component for _, component in chosen], starts)
         self._timetable = np.zeros((0, 0)) if timetable is None else timetable
+        self._instants_played = np.ascontiguousarray(self._timetable.T)
         self._played_whole = bool(np.isfinite(self._timetable).all())
         played: list[int] = []
         instants, first_source, sources = [], [0], []
@@ -279,7 +280,7 @@ class Diagram:
             self._first_source,
             self._sources,
             self._played,
-            self._timetable,
+            self._instants_played,
             self._recorded,
             self._rows,
             stamps_ns,
@@ -333,7 +334,7 @@ def play(
         np.zeros(2, np.uint64),
         np.zeros(0, np.uint64),
         np.arange(_INSTANT, _INSTANT + len(inputs), dtype=np.uint64),
-        np.ascontiguousarray(inputs),
+        np.ascontiguousarray(inputs.T),
         np.array(recorded, np.uint64),
         np.arange(len(recorded), dtype=np.uint64),
         stamps_ns,
