@@ -68,7 +68,8 @@ def outside(record: RunRecord, envelope: Envelope) -> NDArray[np.bool_]:
 
 def beyond(error: Array, bound: Array) -> NDArray[np.bool_]:
     """Rows, finite in both, with a component beyond its bound, shape (n,)."""
-    return _larger(error, bound) & finite(error) & finite(bound)
+    larger = _larger(error, bound)
+    return larger & finite(error) & finite(bound) if larger.any() else larger
 
 
 def _larger(error: Array, bound: Array) -> NDArray[np.bool_]:

@@ -169,7 +169,8 @@ def take_for_finite(record: RunRecord, columns: Iterable[str]) -> None:
 def finite(rows: Array) -> NDArray[np.bool_]:
     """Which rows, of shape (n, width), are finite throughout; shape (n,)."""
     # No product of vectors instead: BLAS starts threads for it, which fight those of other workers.
-    if np.isfinite(rows.ravel(order="K")).all():
+    known = np.isfinite(rows.T)
+    if known.all():
         return np.ones(len(rows), np.bool_)
     # Column by column: a reduction along so short an axis costs six times as much.
-    return np.asarray(np.logical_and.reduce([np.isfinite(column) for column in rows.T]))
+    return np.asarray(np.logical_and.reduce(list(known)))

@@ -179,7 +179,8 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     for node in SOURCES:
         names = [name for name in agreed(node, values[node]) if name in changed[PLANT]]
         told = {name: changed[PLANT][name] for name in names}
-        changed[node] = {**told, **changed.get(node, {})}  # unless it was drawn by itself
+        if told:
+            changed[node] = {**told, **changed.get(node, {})}  # unless it was drawn by itself
     if drawn["pulse_torque"]:
         pulses, torque = values[INJECTOR], [drawn[f"pulse_torque_{axis}"] for axis in "xyz"]
         changed[INJECTOR] = {

@@ -28,10 +28,10 @@ from ppc_attitude.science.kernel import (
     add,
     cross,
     dot,
+    inlined,
     kernel,
     quaternion,
     scale,
-    store_quaternion,
     subtract,
 )
 
@@ -222,16 +222,29 @@ def rotation_matrix(q: Quaternion) -> Matrix:
     )
 
 
+@inlined
+def _part_of_products(part: int, attitudes: Any, references: Any, numbers: Any) -> None:
+    """One of the four numbers of each q_d⁻¹ ⊗ q_s."""
+    for k in range(numbers.size):
+        q_s, q_d = quaternion(attitudes[:, k]), quaternion(references[:, k])
+        numbers[k] = product(conjugate(q_d), q_s)[part]
+
+
 @kernel
 def attitude_errors(attitudes: Any, references: Any, errors: Any) -> None:
-    """Errors of attitudes against references, all of shape (4, n).
+    """`attitude_error` of attitudes against references, all of shape (4, n).
 
     Where one of two attitudes is not finite or all zero, the error is NaN.
     """
-    for k in range(errors.shape[1]):
-        q_s, q_d = quaternion(attitudes[:, k]), quaternion(references[:, k])
+    # Row by row: of loops that write a single row, the processor takes eight instants at once.
+    x, y, z, w = errors[0], errors[1], errors[2], errors[3]
+    _part_of_products(0, attitudes, references, x)
+    _part_of_products(1, attitudes, references, y)
+    _part_of_products(2, attitudes, references, z)
+    _part_of_products(3, attitudes, references, w)
+    for k in range(w.size):
         # NaN from 0/0: kernels follow NumPy's error model.
-        store_quaternion(errors[:, k], attitude_error(q_s, q_d))
+        x[k], y[k], z[k], w[k] = normalised((x[k], y[k], z[k], w[k]))
 
 
 @kernel
