@@ -21,7 +21,9 @@ from estimation_helpers import Array, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.noise import normal_pair
 from ppc_attitude.science.sensors.gyro import (
+    NOISE,
     effective_white_noise,
     gyro_noise,
     gyro_record,
@@ -35,9 +37,9 @@ from ppc_attitude.science.sensors.gyro import (
 @kernel
 def at_rest(gyro: Any, h: float, samples: Any) -> None:
     bias = (0.0, 0.0, 0.0)
-    pairs = np.zeros((2, 4))
+    noise = np.zeros(1, NOISE)[0]
     for k in range(samples.shape[0]):
-        white, walk = gyro_noise(gyro, k + 1, pairs)
+        white, walk = gyro_noise(gyro, k + 1, noise)
         after = walked_bias(gyro, bias, walk, h)
         middle = (
             0.5 * (bias[0] + after[0]),
@@ -140,3 +142,22 @@ def test_rounding_acts_as_white_noise() -> None:
     assert white == pytest.approx(1.70872639588e-4, rel=1e-9)
     assert samples.std() == pytest.approx(white / 0.1, rel=5e-3)
     assert widest_resolution(1.6968e-4, 0.01) == pytest.approx(1.6968e-3)
+
+
+@kernel
+def noise_of(gyro: Any, step: int, noise: Any, numbers: Any) -> None:
+    white, walk = gyro_noise(gyro, step, noise)
+    for i in range(3):
+        numbers[i], numbers[3 + i] = white[i], walk[i]
+
+
+def test_the_noise_of_a_step_is_the_same_whatever_steps_came_before() -> None:
+    gyro = gyro_record({**suite("smallsat"), "seed": 11})
+    kept, found, alone = np.zeros(1, NOISE)[0], np.zeros(6), np.zeros(6)
+    for step in (0, 1, 2, 5, 6, 8, 7, 8, 9, 3, 0):
+        noise_of(gyro, step, kept, found)
+        noise_of(gyro, step, np.zeros(1, NOISE)[0], alone)
+        assert np.array_equal(found, alone)
+        pairs = [normal_pair(11, step, channel) for channel in (8, 9, 10, 11)]
+        expected = [*pairs[0], pairs[1][0], *pairs[2], pairs[3][0]]
+        assert np.array_equal(found, expected)

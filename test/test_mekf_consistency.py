@@ -25,7 +25,13 @@ from ppc_attitude.science.attitude import conjugate, exponential, logarithm, nor
 from ppc_attitude.science.estimators.late_fixes import take_fix, take_sample
 from ppc_attitude.science.estimators.mekf import filter_record
 from ppc_attitude.science.kernel import add, kernel, scale, store
-from ppc_attitude.science.sensors.gyro import gyro_noise, gyro_record, gyro_sample, walked_bias
+from ppc_attitude.science.sensors.gyro import (
+    NOISE,
+    gyro_noise,
+    gyro_record,
+    gyro_sample,
+    walked_bias,
+)
 from ppc_attitude.science.sensors.star_tracker import is_slot, star_fix, star_tracker_record
 
 RUNS, SECONDS = 200, 100
@@ -41,12 +47,12 @@ def run(gyro: Any, tracker: Any, settings: Any, memory: Any, pending: Any, rows:
     q = normalised((0.1554, 0.4271, 0.4792, 0.7509))
     bias = (gyro.initial_bias[0], gyro.initial_bias[1], gyro.initial_bias[2])
     nis, count = 0.0, 0
-    pairs = np.zeros((2, 4))
+    noise = np.zeros(1, NOISE)[0]
     for k in range(100 * (rows.shape[0] - 1) + 1):
         t = k * h
         rate = (0.02 * math.cos(t / 3), 0.02 * math.sin(t / 2), -0.02 * math.cos(t / 4))
         middle = bias
-        white, walk = gyro_noise(gyro, k, pairs)
+        white, walk = gyro_noise(gyro, k, noise)
         if k > 0:
             q = normalised(product(q, exponential(scale(h, rate))))
             after = walked_bias(gyro, bias, walk, h)

@@ -29,12 +29,12 @@ DRAWN = 20_000
 def drawn_one_by_one(seed: int, step: int, pairs: np.ndarray) -> None:
     """Write as many pairs as there is room for."""
     for i in range(pairs.shape[1]):
-        pairs[0, i], pairs[1, i] = normal_pair(seed, step, i)
+        pairs[0, i], pairs[1, i] = normal_pair(seed, step + i // 4, i % 4)
 
 
 def test_pairs_are_those_of_box_and_muller() -> None:
     with np.errstate(over="ignore"):
-        bits = [int(random_bits(7, 3, draw)) >> 11 for draw in range(2 * DRAWN)]
+        bits = [int(random_bits(7, 3 + draw // 8, draw % 8)) >> 11 for draw in range(2 * DRAWN)]
     pairs = np.zeros((2, DRAWN))
     normal_pairs(7, 3, 0, DRAWN, pairs)
     radius = np.sqrt(-2.0 * np.log((np.array(bits[::2]) + 1.0) / 2.0**53))

@@ -126,11 +126,15 @@ def normal_pair(seed: int, step: int, draw: int) -> tuple[float, float]:
 
 @kernel
 def normal_pairs(seed: int, step: int, channel: int, count: int, pairs: Any) -> None:
-    """Write the pairs of so many channels from one on to `pairs`, shape (2, ≥ count)."""
-    # No pair depends on another, nor a branch on a number: the processor computes four at a time.
+    """Write so many pairs to `pairs`, shape (2, ≥ count).
+
+    They are of four channels from one on, of a step, then of the next one, and so on.
+    """
+    # No pair depends on another, nor a branch on a number: the processor computes as many at a
+    # time as it has lanes, four or eight, if `count` is no constant that would unroll the loop.
     first, second = pairs[0], pairs[1]
     for i in range(count):
-        first[i], second[i] = normal_pair(seed, step, channel + i)
+        first[i], second[i] = normal_pair(seed, step + (i >> 2), channel + (i & 3))
 
 
 @kernel

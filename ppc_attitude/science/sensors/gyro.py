@@ -108,7 +108,13 @@ GYRO = record_type(
     ("resolution", np.float64),  # LSB [rad/s]; 0: none
     ("full_scale", np.float64),  # [rad/s]
     ("seed", np.int64),
-    ("pairs", np.int64),  # of normal numbers that a step takes
+    ("pairs", np.int64),  # of normal numbers that are computed together
+)
+_TOGETHER = 2  # steps of which the noise is computed at once
+_CHANNELS = 4  # of a step
+NOISE = record_type(
+    ("end", np.int64),  # the step before which it ends
+    ("pairs", np.float64, (2, _TOGETHER * _CHANNELS)),
 )
 # Channels of the noise (`noise.normal_pair`); a vector takes two, and those of a step are in a row.
 _WHITE, _WALK, _INITIAL_BIAS, _SCALE, _MISALIGNMENT = 8, 10, 16, 18, 20
@@ -125,7 +131,7 @@ def gyro_record(values: Mapping[str, Any]) -> Any:
     record["resolution"] = values["gyro.resolution"]
     record["full_scale"] = values["gyro.full_scale"]
     record["seed"] = seed = values["seed"]
-    record["pairs"] = 4 if record["walk"] else 2
+    record["pairs"] = _TOGETHER * _CHANNELS
 
     def with_drawn(name: str, drawn: Any) -> Any:
         return np.asarray(values[name]) + values[f"{name}_sigma"] * np.ravel(drawn)
@@ -171,14 +177,17 @@ def mean_rate(q_before: Quaternion, q_now: Quaternion, h: float) -> Vector:
 
 
 @inlined
-def gyro_noise(gyro: Any, step: int, pairs: Any) -> tuple[Vector, Vector]:
-    """Standard normal numbers of a sample and of the walk of its bias, zero where it does not walk.
+def gyro_noise(gyro: Any, step: int, noise: Any) -> tuple[Vector, Vector]:
+    """Standard normal numbers of a sample and of the walk of its bias.
 
-    `pairs`, shape (2, 4), is where they are computed; it is zero at first.
+    `noise`, of dtype `NOISE`, holds those of some steps; it is zero at first.
     """
-    normal_pairs(gyro.seed, step, _WHITE, gyro.pairs, pairs)
-    x, y = pairs[0], pairs[1]
-    return (x[0], y[0], x[1]), (x[2], y[2], x[3])
+    if not noise.end - _TOGETHER <= step < noise.end:
+        normal_pairs(gyro.seed, step, _WHITE, gyro.pairs, noise.pairs)
+        noise.end = step + _TOGETHER
+    i = _CHANNELS * (step + _TOGETHER - noise.end)
+    x, y = noise.pairs[0], noise.pairs[1]
+    return (x[i], y[i], x[i + 1]), (x[i + 2], y[i + 2], x[i + 3])
 
 
 @kernel

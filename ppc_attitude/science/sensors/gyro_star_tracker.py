@@ -126,7 +126,7 @@ STATE = record_type(
     ("attitude", np.float64, (4,)),  # true attitude at it
     ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
     ("told", np.float64, (3,)),  # [rad/s] by the gyro, at it
-    ("noise", np.float64, (2, 4)),  # as `gyro_noise` computes it
+    ("noise", gyro.NOISE),
     ("fixes", np.float64, (_SLOTS, 4)),  # of the recent slots, some still on their way
 )
 
