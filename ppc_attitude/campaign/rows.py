@@ -29,6 +29,7 @@ from ppc_attitude.campaign.quantile_bands import Levels, levels_of
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import Loop, simulate
+from ppc_attitude.simulation.scenario import Scenario
 
 Row: TypeAlias = dict[str, Any]
 
@@ -85,12 +86,31 @@ class Outcome:
     levels: Levels | None
 
 
-def _run(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Outcome:
-    """Run one index of a campaign in its loop; a failure is an outcome as well."""
+@dataclass(frozen=True)
+class _Planned:
+    """A run of a campaign to be: what was drawn, and what came of it or why nothing did."""
+
+    index: int
+    drawn: Mapping[str, Any]
+    scenario: Scenario | Exception
+
+
+def _plan(campaign: Campaign, index: int) -> _Planned:
     drawn: Mapping[str, Any] = {}
     try:
         drawn = draw(campaign, index)
-        record = loop.run(scenario_with(campaign, drawn))
+        return _Planned(index, drawn, scenario_with(campaign, drawn))
+    except Exception as error:
+        return _Planned(index, drawn, error)
+
+
+def _run(campaign: Campaign, planned: _Planned, loop: Loop, empty: Row) -> Outcome:
+    """Run one index of a campaign in its loop; a failure is an outcome as well."""
+    index, drawn = planned.index, planned.drawn
+    try:
+        if isinstance(planned.scenario, Exception):
+            raise planned.scenario
+        record = loop.run(planned.scenario)
         take_for_finite(record, loop.whole)
         judge = Judge(record, campaign.required)
         levels = levels_of(record, pointing_errors(record).quaternions)
@@ -127,7 +147,9 @@ def run_chunk(campaign: Campaign, start: int, stop: int, loop: Loop | None = Non
             f"{', '.join(different)}"
         )
     loop, empty = loop or loop_of(campaign), dict.fromkeys(row_types(campaign))
-    return [_run(campaign, index, loop, empty) for index in range(start, stop)]
+    # All are drawn first: a run throws everything else out of the processor's caches.
+    planned = [_plan(campaign, index) for index in range(start, stop)]
+    return [_run(campaign, each, loop, empty) for each in planned]
 
 
 def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
