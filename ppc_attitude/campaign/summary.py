@@ -14,7 +14,6 @@
 
 """The result of a campaign: how many runs meet a requirement, the worst ones, a sample to draw."""
 
-import heapq
 import math
 from dataclasses import dataclass, field
 from typing import Any
@@ -88,7 +87,7 @@ class Tally:
             self.limits[limit] = None
         # Never to recover is the worst that a run can do.
         entry = (math.inf if value is None else value, -index)
-        self.worst = heapq.nlargest(WORST, [*self.worst, entry])
+        self.worst = sorted([*self.worst, entry], reverse=True)[:WORST]
 
     @property
     def fraction(self) -> Fraction:
