@@ -148,6 +148,7 @@ def topic_of(column: str) -> str:
     return topic.name if topic else column.replace("_", "/", 1)
 
 
+@once
 def has(record: RunRecord, column: str) -> bool:
     """Whether the run has at least one finite sample of the column."""
     return column in record and bool(is_finite(record, column).any())

@@ -14,7 +14,7 @@
 
 """One run of a campaign: simulated, judged, and reduced to a flat row and its levels over time."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias
 
@@ -86,37 +86,28 @@ class Outcome:
     levels: Levels | None
 
 
-@dataclass(frozen=True)
-class _Planned:
-    """A run of a campaign to be: what was drawn, and what came of it or why nothing did."""
+def _steps(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Iterator[Outcome | None]:
+    """Draw a run, and only then run it; the last that this yields is the outcome.
 
-    index: int
-    drawn: Mapping[str, Any]
-    scenario: Scenario | Exception
-
-
-def _plan(campaign: Campaign, index: int) -> _Planned:
+    A failure is an outcome as well.
+    """
     drawn: Mapping[str, Any] = {}
     try:
         drawn = draw(campaign, index)
-        return _Planned(index, drawn, scenario_with(campaign, drawn))
-    except Exception as error:
-        return _Planned(index, drawn, error)
-
-
-def _run(campaign: Campaign, planned: _Planned, loop: Loop, empty: Row) -> Outcome:
-    """Run one index of a campaign in its loop; a failure is an outcome as well."""
-    index, drawn = planned.index, planned.drawn
-    try:
-        if isinstance(planned.scenario, Exception):
-            raise planned.scenario
-        record = loop.run(planned.scenario)
-        take_for_finite(record, loop.whole)
-        judge = Judge(record, campaign.required)
-        levels = levels_of(record, pointing_errors(record).quaternions)
-        return Outcome(empty | {"index": index, **drawn} | _judged(judge), levels)
+        scenario = scenario_with(campaign, drawn)
+        yield None
+        judged, levels = _simulated(campaign, loop, scenario)
+        yield Outcome(empty | {"index": index, **drawn} | judged, levels)
     except Exception as error:  # whatever it is, it must cost this run only
-        return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
+        yield broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
+
+
+def _simulated(campaign: Campaign, loop: Loop, scenario: Scenario) -> tuple[Row, Levels]:
+    """Run a scenario; of its samples nothing is kept."""
+    record = loop.run(scenario)
+    take_for_finite(record, loop.whole)
+    judge = Judge(record, campaign.required)
+    return _judged(judge), levels_of(record, pointing_errors(record).quaternions)
 
 
 def loop_of(campaign: Campaign) -> Loop:
@@ -147,9 +138,11 @@ def run_chunk(campaign: Campaign, start: int, stop: int, loop: Loop | None = Non
             f"{', '.join(different)}"
         )
     loop, empty = loop or loop_of(campaign), dict.fromkeys(row_types(campaign))
+    runs = [_steps(campaign, index, loop, empty) for index in range(start, stop)]
     # All are drawn first: a run throws everything else out of the processor's caches.
-    planned = [_plan(campaign, index) for index in range(start, stop)]
-    return [_run(campaign, each, loop, empty) for each in planned]
+    begun = [next(run) for run in runs]
+    ended = (outcome or next(run) for outcome, run in zip(begun, runs, strict=True))
+    return [outcome for outcome in ended if outcome is not None]
 
 
 def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:

@@ -105,24 +105,29 @@ class Loop:
 def by_column(
     columns: Sequence[Column], stamps_ns: NDArray[np.int64], samples: Array
 ) -> dict[str, Array]:
-    """Samples of each column, of shape (n, width), by its name: a view unless it is late."""
+    """Views of the samples of each column, of shape (n, width), by its name.
+
+    Those of a late column are put to the instants of their validity, in place, and have no age.
+    """
     found, start = {}, 0
     for column in columns:
         rows = samples[start : start + column.width]
-        found[column.name] = (_where_valid(rows, stamps_ns) if column.late else rows).T
+        if column.late:
+            _put_where_valid(rows, stamps_ns)
+            rows = rows[:-1]
+        found[column.name] = rows.T
         start += column.width
     return found
 
 
-def _where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> Array:
+def _put_where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> None:
     """Put each sample of a late column at the instant of its validity; NaN where there is none."""
-    came = np.flatnonzero((rows != 0.0).any(axis=0))
+    came = np.flatnonzero(np.logical_or.reduce(rows))
     ages = np.rint(rows[-1, came] * NANOSECONDS).astype(np.int64)
     valid = np.searchsorted(stamps_ns, stamps_ns[came] - ages)
-    found = np.full((len(rows) - 1, stamps_ns.size), np.nan)
-    for number, row in zip(found, rows[:-1], strict=True):
-        number[valid] = row[came]
-    return found
+    told = rows[:, came]
+    rows[:] = np.nan
+    rows[:, valid] = told
 
 
 def timetable_of(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Array:
