@@ -59,7 +59,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
 def test_levels_hold_the_largest_value_of_their_bin() -> None:
     record = normal_run(120.0)
     starts, ends = time_bins(record.stamps_ns)
-    levels = levels_of(record, pointing_errors(record).quaternions)
+    levels = levels_of(record, pointing_errors(record).sizes)
     t, error = record.stamps_ns * 1e-9, pointing_errors(record).sizes
     bounds = np.concatenate([[0.0], EDGES, [np.inf]])
     for k in range(starts.size):
@@ -70,10 +70,10 @@ def test_levels_hold_the_largest_value_of_their_bin() -> None:
 
 def test_a_bin_with_a_hole_is_unknown() -> None:
     record = normal_run(120.0)
-    errors = pointing_errors(record).quaternions.copy()
-    errors[6000] = np.nan
+    sizes = pointing_errors(record).sizes.copy()
+    sizes[6000] = np.nan
     starts, _ = time_bins(record.stamps_ns)
-    unknown = np.flatnonzero(levels_of(record, errors)[0] == UNKNOWN)
+    unknown = np.flatnonzero(levels_of(record, sizes)[0] == UNKNOWN)
     assert unknown.tolist() == [np.searchsorted(starts, 6000, "right") - 1]
 
 
@@ -83,7 +83,7 @@ def test_there_is_no_envelope_before_the_first_estimate() -> None:
     for name in ("attitude_error", "attitude_envelope"):
         record.columns[name] = record.columns[name].copy()
         record.columns[name][:3] = 0.0
-    levels = levels_of(record, pointing_errors(record).quaternions)
+    levels = levels_of(record, pointing_errors(record).sizes)
     assert (levels[1:, 0] == UNKNOWN).all()
     assert (levels[:, 1:] != UNKNOWN).all() and levels[0, 0] != UNKNOWN
 

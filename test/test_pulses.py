@@ -20,10 +20,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import environment, pulse_torque, times
 
-from ppc_attitude.analysis.pulses import find_pulses
+from ppc_attitude.analysis import pulses as found_pulses
+from ppc_attitude.analysis.series import step
 
 RATES = [50.0, 100.0, 333.0, 1000.0]
 HIT = (0.8, 0.8, 0.8)
+
+
+def find_pulses(t, torque):
+    return found_pulses.find_pulses(t, torque, step(t))
 
 
 def found_in(pulses, duration=30.0, rate=100.0, background=environment):

@@ -82,7 +82,7 @@ class Measured:
         self.lacks_rate = self.lacks(truth.angular_velocity)
         pulses: tuple[Pulse, ...] = ()
         if has(record, DISTURBANCE.column):
-            pulses = find_pulses(self.t, vectors(record, DISTURBANCE.column))
+            pulses = find_pulses(self.t, vectors(record, DISTURBANCE.column), self.h)
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (self.begin, min(self.first_hit, self.end))
@@ -141,6 +141,8 @@ class Measured:
         if not has(self.record, ATTITUDE.column):
             return ()
         lacks = ~np.logical_or.reduce(self.record[ATTITUDE.column].T)
+        if not lacks.any():
+            return ()
         edges = np.flatnonzero(np.diff(lacks, prepend=False, append=False))
         times = np.append(self.t, self.end)[edges].reshape(-1, 2)
         return tuple((start, end) for start, end in times.tolist())

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.series import finite, step
+from ppc_attitude.analysis.series import finite
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.science.kernel import kernel
 
@@ -66,7 +66,7 @@ class Pulse:
     torque: tuple[float, float, float]
 
 
-def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
+def find_pulses(t: Array, torque: Array, interval: float) -> tuple[Pulse, ...]:
     """Find the sudden disturbances in an external torque.
 
     A torque that never steps has no pulse, however large it is; nor has one that steps more than
@@ -78,6 +78,8 @@ def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
         Time, increasing [s].
     torque : ndarray, shape (n, 3)
         External torque that acts from each instant on [N·m]; rows not finite are skipped.
+    interval : float
+        Nominal time between two samples [s]: the last one acts for so long.
 
     Returns
     -------
@@ -87,7 +89,7 @@ def find_pulses(t: Array, torque: Array) -> tuple[Pulse, ...]:
     rows = finite(torque)
     if np.count_nonzero(rows) < 2:
         return ()
-    edges = float(t[0]), float(t[-1] + step(t))
+    edges = float(t[0]), float(t[-1]) + interval
     if not rows.all():
         t, torque = t[rows], torque[rows]
     at, heights = _steps(t, torque)

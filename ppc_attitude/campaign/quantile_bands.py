@@ -43,15 +43,15 @@ def time_bins(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], Array]:
     return starts, np.append(stamps_ns[starts], stamps_ns[-1]) * 1e-9
 
 
-def levels_of(record: RunRecord, errors: Array) -> Levels:
+def levels_of(record: RunRecord, sizes: Array) -> Levels:
     """Levels of one run.
 
     Parameters
     ----------
     record : RunRecord
         The run.
-    errors : ndarray, shape (n, 4)
-        Pointing error x y z w.
+    sizes : ndarray, shape (n,)
+        Sizes of the pointing error.
 
     Returns
     -------
@@ -60,8 +60,7 @@ def levels_of(record: RunRecord, errors: Array) -> Levels:
         does not have.
     """
     starts, _ = time_bins(record.stamps_ns)
-    size = np.abs(errors[:, :3]).T
-    values = [size.max(axis=0)]
+    values = [sizes]
     if ATTITUDE_ENVELOPE.column in record:
         envelope = record[ATTITUDE_ENVELOPE.column].T
         envelope = np.where(envelope > 0.0, envelope, np.nan)  # there is none without an attitude

@@ -107,7 +107,7 @@ def _simulated(campaign: Campaign, loop: Loop, scenario: Scenario) -> tuple[Row,
     record = loop.run(scenario)
     take_for_finite(record, loop.whole)
     judge = Judge(record, campaign.required)
-    return _judged(judge), levels_of(record, pointing_errors(record).quaternions)
+    return _judged(judge), levels_of(record, pointing_errors(record).sizes)
 
 
 def loop_of(campaign: Campaign) -> Loop:
