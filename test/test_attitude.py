@@ -39,6 +39,19 @@ def test_product_and_error_are_scipys(p: Quaternion, q: Quaternion) -> None:
     assert np.linalg.norm(attitude.attitude_error(p, q)) == pytest.approx(1.0, abs=1e-15)
 
 
+@pytest.mark.parametrize("count", [1, 7, 8, 37])
+def test_errors_of_many_are_those_of_each(count: int) -> None:
+    turns = Rotation.random(2 * count, np.random.default_rng(5)).as_quat()
+    told, meant = turns[:count].T.copy(), turns[count:].T.copy()
+    told[:, 0], meant[:, -1] = np.nan, 0.0
+    errors = np.empty((4, count))
+    attitude.attitude_errors(told, meant, errors)
+    assert np.isnan(errors[:, [0, -1]]).all()
+    for k in range(1, count - 1):
+        error = attitude.attitude_error(tuple(told[:, k]), tuple(meant[:, k]))
+        assert tuple(errors[:, k]) == error
+
+
 def test_hamilton_and_scalar_last() -> None:
     i, j, k = (1.0, 0, 0, 0.0), (0.0, 1, 0, 0), (0.0, 0, 1, 0)
     assert attitude.product(i, j) == k

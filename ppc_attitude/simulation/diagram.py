@@ -39,6 +39,7 @@ from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, to_select
 from ppc_attitude.science.part import Part, signals_of
 
 _BLOCK = 256  # [instants] whose samples a core's own cache holds
+_APART = 8  # [instants] between rows of a block, which else would share few places of the cache
 _INSTANT = 2  # numbers before the columns in a component's record of inputs
 
 Parameters = Mapping[str, Mapping[str, Any]]
@@ -90,7 +91,7 @@ def run_parts(
     # The numbers of some instants go to `samples` together: one by one, each number would touch
     # another page of memory at every instant.
     stamps = signals.view(np.int64)  # the same memory
-    block = np.empty((recorded.size, _BLOCK + 8))
+    block = np.empty((recorded.size, _BLOCK + _APART))
     first = 0  # instant whose numbers are the block's first
     for k in range(stamps_ns.size):
         t = seconds(stamps_ns[k])
