@@ -22,6 +22,7 @@ is what the real nodes use: executor, QoS, raw CDR bytes of the contract's messa
 import sys
 import time
 from collections.abc import Callable, Collection
+from functools import partial
 
 import rclpy
 import rclpy.utilities
@@ -29,9 +30,9 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ppc_attitude.contract.cdr import Codec, header_stamp
+from ppc_attitude.contract.cdr import Codec, encode_clock, header_stamp
 from ppc_attitude.contract.declared import BY_NAME
-from ppc_attitude.contract.topics import Topic
+from ppc_attitude.contract.topics import CLOCK_TOPIC, Topic
 from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import publisher_of, subscribe
@@ -56,18 +57,11 @@ class Peer(Node):
 
         Its numbers are zeros, those of an attitude a unit quaternion.
         """
-        each = [
-            (
-                publisher_of(self, topic).publish,
-                Codec(topic).encode,
-                _UNIT if topic.form == QUATERNION else (0.0,) * topic.width,
-            )
-            for topic in topics
-        ]
+        each = [(publisher_of(self, topic).publish, _encoder(topic)) for topic in topics]
 
         def send(stamp_ns: int) -> None:
-            for publish, encode, values in each:
-                publish(encode(stamp_ns, values))
+            for publish, encode in each:
+                publish(encode(stamp_ns))
 
         return send
 
@@ -131,6 +125,13 @@ class Plant(Peer):
         if time.monotonic() - self._sent > _REPEAT:
             self._publish()
         return super().wake()
+
+
+def _encoder(topic: Topic) -> Callable[[int], bytes]:
+    if topic == CLOCK_TOPIC:
+        return encode_clock
+    values = _UNIT if topic.form == QUATERNION else (0.0,) * topic.width
+    return partial(Codec(topic).encode, values=values)
 
 
 def make(role: str, arguments: list[str]) -> Peer:

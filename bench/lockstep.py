@@ -34,6 +34,7 @@ from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
+    CLOCK_TOPIC,
     DISTURBANCE,
     PLANT,
     RECORDER,
@@ -171,9 +172,9 @@ MINIMUM = Exchange(
     tuple(((ATTITUDE,), (topic,)) for topic in (REFERENCE_ATTITUDE, TORQUE_COMMAND, DISTURBANCE)),
 )
 _REFERENCE = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
-# All sampled messages of the contract, by the ways they go: what transport alone costs us.
+# All messages of our step, by the ways they go and in their order: what transport alone costs us.
 ALL = Exchange(
-    (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE),
+    (APPLIED_TORQUE, CLOCK_TOPIC, ANGULAR_VELOCITY, ATTITUDE),
     (TORQUE_COMMAND, DISTURBANCE),
     (
         ((ATTITUDE,), _REFERENCE),
