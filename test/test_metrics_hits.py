@@ -201,6 +201,7 @@ def test_who_is_unsettled_when_a_hit_comes_at_the_deadline_has_not_settled():
     [
         ("applied torque on an axis", [], "max_torque", 0.2),
         ("speed of a wheel, share of its largest", ["wheels"], "wheels.max_speed", [900.0]),
+        ("fuel that the thrusters used", ["thrusters"], "thrusters.fuel", 1.0),
         ("angle inside a keep-out cone", ["mission"], "keep_out.half_angles", [1.0, 1.2]),
     ],
 )

@@ -26,6 +26,7 @@ from scipy.optimize import linprog
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.requirements import PAPER as PAPER_REQUIREMENTS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
@@ -137,7 +138,7 @@ def test_705_pulses_turn_the_craft_as_two_integrators_say() -> None:
 def flown(part: Part, commands: Array) -> tuple[Array, Array]:
     """Applied torque [N·m] and on-times [s] of each step."""
     told = [part.step(k * STEP_NS, command) for k, command in enumerate(commands)]
-    return np.array(told)[:, :3], np.array(told)[:, 3:]
+    return np.array(told)[:, :3], np.array(told)[:, 3:-1]
 
 
 @pytest.mark.parametrize(
@@ -163,7 +164,7 @@ def test_a_thruster_that_fails_gives_another_share_of_its_force(fault: str, shar
         torque, flow = craft["torque"].T @ shares, craft["flow"] @ shares
         assert applied[k] == pytest.approx(torque, abs=1e-17)
         used += 0.01 * flow
-    assert part.state[0]["used"] == pytest.approx(used, rel=1e-12)
+    assert part.output("fuel_used")[0] == pytest.approx(used, rel=1e-12)
 
 
 def test_impulse_is_neither_made_nor_lost() -> None:
@@ -181,7 +182,7 @@ def test_impulse_is_neither_made_nor_lost() -> None:
     assert periods[periods > 0.0].min() >= 0.01
     assert np.count_nonzero(periods, axis=1).max() == 3
     spent = 0.1 * periods.sum() / (G0 * 65.0)
-    assert part.advice.numbers["fuel used [kg]"] == pytest.approx(spent, rel=1e-12)
+    assert part.output("fuel_used")[0] == pytest.approx(spent, rel=1e-12)
 
 
 def test_a_short_pulse_that_is_not_carried_is_rounded() -> None:
@@ -301,6 +302,19 @@ def test_thrusters_are_refused_if_some_torque_cannot_be_had(seed: int) -> None:
         assert not can_be_had(np.array(named.split(","), np.float64))
     else:
         assert all(can_be_had(way) for way in random.normal(size=(50, 3)))
+
+
+@pytest.mark.parametrize(("tank", "met"), [(0.5, True), (0.001, False)])
+def test_a_craft_whose_fuel_is_used_up_does_not_pass(tank: float, met: bool) -> None:
+    flight = simulate(case("paper", "thrusters", thrusters__fuel=tank), 20.0)
+    (row,) = [each for each in analyse(flight).requirements if each.key == "fuel"]
+    assert (row.met, row.limit, row.unit) == (met, tank, "kg")
+    periods = flight["thruster_on_time"][:2000:10]
+    spent = 0.1 * periods.sum() / (G0 * 65.0)
+    if met:
+        assert flight["fuel_used"][1999, 0] == pytest.approx(spent, rel=1e-12)
+    else:
+        assert row.value == tank
 
 
 def test_each_of_sixteen_thrusters_is_drawn() -> None:

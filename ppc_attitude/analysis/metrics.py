@@ -34,6 +34,7 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   own errors, and that time is left out.
 - *Recovery* applies to hits from T on. One that the next hit interrupts within R is judged with
   that one; one that the run's end interrupts within R is not judged.
+- *Fuel* applies to a run with thrusters: the tank that the run began with must not become empty.
 - *Refused orders* applies to a run with goals, holds or profiles: who refuses one stays where it
   was, so that no error tells of it.
 - *Keep-out* applies to a run with cones: the truth, so that the craft's error is in it.
@@ -93,6 +94,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science import wheels
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS
 from ppc_attitude.science.kinds import SENSORS
+from ppc_attitude.science.thrusters import FUEL, FUEL_USED
 
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""
@@ -175,6 +177,7 @@ class Judge(Measured):
         for column, limit in required.limits.items():
             yield self._column(f"limit_{column}", column, limit)
         yield from self._wheels()
+        yield from self._thrusters()
         yield from self._obeyed()
         yield from self._kept_out()
         yield from self._certificate()
@@ -362,6 +365,16 @@ class Judge(Measured):
                 why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
             note = "" if shares is None else runs_out(shares, WHEEL_RESERVE, self.t)
             yield self._row("wheel_speed", largest(shares), WHEEL_RESERVE, "", why, note=note)
+
+    def _thrusters(self) -> Iterator[Requirement]:
+        """Judge whether the fuel lasted."""
+        if not has(self.record, FUEL_USED.name):
+            return
+        tank, why = self.plant.get(FUEL.name), self.changed(PLANT, FUEL.name)
+        if not isinstance(tank, float) and not why:
+            why = f"no tank ({FUEL.name} of {PLANT}) on record"
+        used = self.largest_of(FUEL_USED.name)
+        yield self._row("fuel", used, tank or 0.0, FUEL_USED.unit, why, strict=True)
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""

@@ -183,6 +183,7 @@ def names_of(required: Requirements) -> dict[str, str]:
         **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
         "momentum": "momentum of the wheels (norm)",
         "wheel_speed": "speed of a wheel, share of its largest",
+        "fuel": "fuel that the thrusters used",
         "refused_orders": "orders that the guidance refused",
         "keep_out": "angle inside a keep-out cone",
         "certificate": "certificate held: time outside",

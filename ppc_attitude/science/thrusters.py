@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.component import BODY, MAX_THRUSTERS, ON_TIMES, Column
+from ppc_attitude.science.component import BODY, MAX_THRUSTERS, ON_TIMES, VECTOR, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     ZERO,
@@ -120,6 +120,15 @@ ON_TIME = Column(
     BODY,
     "s",
     "how long each thruster is told to be on in the period of the stamp, from its begin",
+)
+FUEL_USED = Column(
+    "fuel_used",
+    "thrusters/fuel_used",
+    VECTOR,
+    BODY,
+    "kg",
+    "fuel that the thrusters have taken until the end of the step of the stamp",
+    width=1,
 )
 
 

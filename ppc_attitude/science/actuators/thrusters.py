@@ -42,6 +42,7 @@ from ppc_attitude.science.kernel import add, kernel, scale, store, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
 from ppc_attitude.science.thrusters import (
+    FUEL_USED,
     ON_TIME,
     THRUSTERS,
     open_share,
@@ -109,6 +110,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     else:
         state.used += burnt
     outputs.thruster_on_time[:] = state.on_time
+    outputs.fuel_used[0] = state.used
     store(outputs.applied_torque, torque)
 
 
@@ -146,7 +148,7 @@ COMPONENT = Component(
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(TORQUE_COMMAND,),
-    outputs=(APPLIED_TORQUE, ON_TIME),
+    outputs=(APPLIED_TORQUE, ON_TIME, FUEL_USED),
     step=step,
     advice=advice,
     advices=lambda state: int(state["news"]),
