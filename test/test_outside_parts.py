@@ -149,7 +149,7 @@ def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: P
 
 MISFITS = {
     "controllers": {
-        "other_column": "left out: another declares the column attitude differently",
+        "other_column": "left out: its column attitude has form = 'vector', another's 'quaternion'",
         "other_topic": "left out: its column mine has a topic of others, torque_command",
         "clock": "left out: its column mine has a topic of others, clock",
         "illegal": "topic = 'bad topic!'; allowed",
@@ -166,7 +166,7 @@ MISFITS = {
     },
     "plants": {"first": ""},
     "sensors": {
-        "second": "left out: another declares the column pair differently",
+        "second": "left out: its column pair has unit = 'm', another's '1'",
         "of_kind": "left out: spacecraft_plant has another parameter max_torque than of_kind",
     },
     "actuators": {"no_limit": "it has no parameter nowhere"},

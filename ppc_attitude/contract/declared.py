@@ -39,19 +39,20 @@ from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
 _OF_ALL = {*_EVENTS, "rosout"}
 """Topics that no column has. In the root namespace a relative name is as good as an absolute."""
-
-
-def _content(topic: Topic) -> tuple[Any, ...]:
-    """What two declarations of a column must have in common."""
-    return topic.name, topic.form, topic.frame_id, topic.unit, topic.width, topic.late
+_COMMON = {each: each for each in ("form", "unit", "width", "late")}
+_COMMON |= {"name": "topic", "frame_id": "frame"}
+"""Attributes of a `Topic` that all declarations of a column share, and how `Column` calls them."""
 
 
 def _problem(topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
     """Say why a component's topics cannot be beside those of others; empty if they can."""
     columns = {each.name: each.column for each in declared.values()}
     for topic in topics:
-        if _content(declared.get(topic.column, topic)) != _content(topic):
-            return f"another declares the column {topic.column} differently"
+        known = declared.get(topic.column, topic)
+        for name, called in _COMMON.items():
+            own, other = getattr(topic, name), getattr(known, name)
+            if own != other:
+                return f"its column {topic.column} has {called} = {own!r}, another's {other!r}"
         if topic.name in _OF_ALL or columns.setdefault(topic.name, topic.column) != topic.column:
             return f"its column {topic.column} has a topic of others, {topic.name}"
     return ""
