@@ -30,11 +30,11 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.export import _ROWS, export, export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.processes.exits import DONE
 from ppc_attitude.simulation.closed_loop import simulate
 
 

@@ -33,10 +33,10 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run, read_runs
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
-from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.processes.exits import BAD_INPUT, DONE, REQUIREMENT_FAILED
 
 RUN = normal_run(duration=1.0)
 OWN_PLANT = ("attitude", "angular_velocity", "torque_command")

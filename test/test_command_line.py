@@ -30,12 +30,12 @@ from test_layers import ROOT
 import ppc_attitude
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.errors import BAD_INPUT, DONE
 from ppc_attitude.command_line.gain_search import WRITTEN
 from ppc_attitude.command_line.main import COMMANDS, build_parser, command_parsers, main
 from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.recording import _progress
+from ppc_attitude.processes.exits import BAD_INPUT, DONE
 
 PAPER = str(ROOT / "config" / "paper.yaml")
 

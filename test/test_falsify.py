@@ -27,12 +27,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.command_line.errors import BROKEN
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
 from ppc_attitude.falsify.space import Space
+from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.surroundings import inertia_error
 from ppc_attitude.simulation.closed_loop import simulate

@@ -46,11 +46,12 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.attitude_estimator import AttitudeEstimator
 from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
 from ppc_attitude.nodes.bag_recorder import BagRecorder
-from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
+from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
 from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
+from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.runtime.health import Health, Status
 from ppc_attitude.science.stamps import stamp_of
 
@@ -331,7 +332,7 @@ def test_a_plant_that_diverges_says_so_before_it_ends(admit: Callable[..., Patie
     patient.feed(0, torque_command=(9e5, 9e5, 9e5))
     patient.says(ERROR, "diverged")
     assert patient.node.finished
-    assert patient.node.exit_code == EXIT_BROKEN
+    assert patient.node.exit_code == BROKEN
 
 
 def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
@@ -346,7 +347,7 @@ def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
     patient.node.drain(patient.executor)
     patient.node.close()
     assert "control/attitude_error never came" in patient.node.failure
-    assert patient.node.exit_code == EXIT_BROKEN
+    assert patient.node.exit_code == BROKEN
 
 
 def test_a_recorder_counts_the_messages_of_its_bag_however_it_took_them(
@@ -377,4 +378,4 @@ def test_a_recorder_that_cannot_write_says_so_before_it_ends(
     patient.feed(1)
     patient.says(ERROR, "cannot be written any further")
     assert patient.node.finished
-    assert patient.node.exit_code == EXIT_BROKEN
+    assert patient.node.exit_code == BROKEN

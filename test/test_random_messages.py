@@ -32,12 +32,13 @@ from test_bad_messages import MAX_TORQUE, READERS
 
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, TORQUE_COMMAND, Topic
-from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
+from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
 from ppc_attitude.nodes.messages import Inbox
 from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
+from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.stamps import NANOSECONDS
@@ -108,7 +109,7 @@ class Loop:
 
     def _replace_plant(self) -> None:
         """A torque that is allowed may spin the craft up until it is no craft; that is said."""
-        assert self.plant.exit_code == EXIT_BROKEN
+        assert self.plant.exit_code == BROKEN
         assert "diverged" in self.plant.failure
         self.plant.destroy_node()
         self.plant = self._node(SpacecraftPlant)

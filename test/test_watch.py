@@ -22,13 +22,13 @@ import pytest
 from rich.console import Console
 
 from ppc_attitude.command_line.commands.watch import _show_once
-from ppc_attitude.command_line.errors import BROKEN, RunError
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
 from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE
 from ppc_attitude.nodes.onlooker import Snapshot
+from ppc_attitude.processes.exits import BROKEN, RunError
 from ppc_attitude.runtime.health import WARN, Status
 
 

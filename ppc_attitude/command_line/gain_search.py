@@ -27,10 +27,10 @@ from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text
 from ppc_attitude.campaign.tuning import Tuned, tuned
-from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.whole_file import write_whole
+from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario

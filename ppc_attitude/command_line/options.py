@@ -26,10 +26,10 @@ from typing import TextIO
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.paths import new_file, new_folder, some_path
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.disturbances.pulses import TIMES
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS

@@ -26,7 +26,6 @@ from tqdm import tqdm
 from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import exit_code
 from ppc_attitude.command_line.paths import new_bag
@@ -37,6 +36,7 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.nodes.discovery import DOMAIN, reach
+from ppc_attitude.processes.exits import RunError
 from ppc_attitude.processes.telling import BAG
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up

@@ -26,12 +26,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ppc_attitude.command_line.errors import BAD_INPUT
 from ppc_attitude.command_line.parameter_file import parameter_file
 from ppc_attitude.contract.declared import nodes_of
 from ppc_attitude.contract.topics import OF_A_RUN, PLANT, RECORDER
 from ppc_attitude.nodes.discovery import DOMAIN, MIDDLEWARE, RANGE, check_discovery, choose_domain
 from ppc_attitude.processes.child import Child, starved
+from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.processes.telling import AT, BROKEN, LINGERS, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
 

@@ -22,8 +22,8 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
 
-from ppc_attitude.command_line.errors import BROKEN
 from ppc_attitude.processes.child import Handler, handle_ending
+from ppc_attitude.processes.exits import BROKEN
 
 
 def _end_at_once(number: int, frame: FrameType | None) -> None:

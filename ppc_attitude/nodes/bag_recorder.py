@@ -56,13 +56,14 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.whole_file import dated
-from ppc_attitude.nodes.base import EXIT_BROKEN, BaseNode
+from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.executors import Flow
 from ppc_attitude.nodes.messages import Take, changed, message_class, take_gathered
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
 from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph
 from ppc_attitude.nodes.running import run_node
+from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.processes.telling import BAG, tell, tell_broken
 from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.runtime.recording import Recording
@@ -335,7 +336,7 @@ class BagRecorder(BaseNode):
         if self._survey:
             self._survey.close()
         if gaps:
-            self.exit_code = EXIT_BROKEN
+            self.exit_code = BROKEN
             tell_broken(f"bag {self._path} is incomplete: {'; '.join(gaps)}")
             for gap in gaps:
                 self.get_logger().error(f"bag {self._path} is incomplete: {gap}")

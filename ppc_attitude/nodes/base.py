@@ -38,6 +38,7 @@ from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import Inbox, changed, diagnostics, publisher_of, subscribe
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of
+from ppc_attitude.processes.exits import BROKEN, DONE
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
 from ppc_attitude.runtime.stamps import RefusedError
@@ -45,7 +46,6 @@ from ppc_attitude.science.component import Advice
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.stamps import nanoseconds, seconds
 
-EXIT_OK, EXIT_CONFIGURATION, EXIT_BROKEN = 0, 2, 3
 _GRAPH_PERIOD = 0.01  # [s] between two looks for the recorder
 _SAY_WAITING = 5.0  # [s] between two messages about what a node waits for
 _IDLE_WAIT = 0.1  # [s] longest wait for a message before a node looks around
@@ -70,7 +70,7 @@ class BaseNode(Node):
         super().__init__(self.executable, start_parameter_services=False)
         self.parameters = NodeParameters(self, self.executable, self.check)
         self.finished = False
-        self.exit_code = EXIT_OK
+        self.exit_code = DONE
         self.failure = ""
         self.wake_at = 0.0  # on the monotonic clock [s]
         self._turn = Future()  # done when the node has something to do by itself
@@ -244,7 +244,7 @@ class BaseNode(Node):
         """End the node as a broken one, and say so in its last diagnostics."""
         self.get_logger().error(reason)
         tell_broken(reason)
-        self.exit_code, self.failure = EXIT_BROKEN, reason
+        self.exit_code, self.failure = BROKEN, reason
         self.finish()
         self.report(stamp_ns, at_once=True)
         self._await_readers([self._diagnostics])
@@ -260,7 +260,7 @@ class BaseNode(Node):
         if not others:
             return
         tell_broken(others)
-        self.exit_code = EXIT_BROKEN
+        self.exit_code = BROKEN
         if self._watch.gives_way:
             self.fail(self.health.time_ns, f"{others}; this node is the newer one and ends")
         else:

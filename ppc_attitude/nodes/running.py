@@ -30,9 +30,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.nodes.base import EXIT_BROKEN, EXIT_CONFIGURATION, EXIT_OK, BaseNode
+from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.processes.child import handle_ending, take_signals
+from ppc_attitude.processes.exits import BAD_INPUT, BROKEN, DONE
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.processes.telling import tell_broken
 from ppc_attitude.science.errors import ConfigurationError
@@ -64,13 +65,13 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
         strange = rclpy.utilities.remove_ros_args(command_line)[1:]
         if _HELP & set(strange):
             print(help_text(make.executable, sys.modules[make.__module__].__doc__ or ""))
-            return EXIT_OK
+            return DONE
         if strange:
             raise ConfigurationError(f"argument {strange[0]}: what is for ROS follows --ros-args")
         rclpy.init(args=command_line, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
         return _refused(error)
-    node, code = None, EXIT_OK
+    node, code = None, DONE
     try:
         if not stop:
             with refusals_of_ros():
@@ -84,7 +85,7 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
     except Exception as error:
         tell_broken(f"{type(error).__name__}: {error}")
         traceback.print_exc()
-        code = EXIT_BROKEN
+        code = BROKEN
     with leaving(code):
         if node is not None:
             node.destroy_node()
@@ -122,7 +123,7 @@ def _refused(error: Exception) -> int:
     reason = " ".join(str(error).split())
     tell_broken(reason)
     print(f"error: {reason}", file=sys.stderr)
-    return EXIT_CONFIGURATION
+    return BAD_INPUT
 
 
 def _spin(node: BaseNode, stop: list[int]) -> None:

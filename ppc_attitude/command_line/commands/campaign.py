@@ -31,7 +31,6 @@ from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text, write_campaign_report
 from ppc_attitude.campaign.rows import CampaignError, rerun
 from ppc_attitude.command_line.concerns import tell_concerns
-from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_bag_option,
@@ -49,6 +48,7 @@ from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.whole_file import dated
+from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED, RunError
 
 HELP = "Monte Carlo: many drawn runs, in process, judged together"
 DESCRIPTION = (

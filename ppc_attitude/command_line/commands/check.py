@@ -26,7 +26,6 @@ from dataclasses import asdict
 from typing import Any
 
 from ppc_attitude.analysis.requirements import load_requirements
-from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -56,6 +55,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
     REFERENCE_ATTITUDE,
 )
+from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import attitude_error
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice

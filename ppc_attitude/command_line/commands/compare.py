@@ -22,7 +22,6 @@ from ppc_attitude.analysis.drawing import RUN_COLOURS, save_all
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.bags.reader import read_runs
-from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import (
     add_figures_options,
     add_judging_options,
@@ -33,6 +32,7 @@ from ppc_attitude.command_line.options import (
     write_report_of,
 )
 from ppc_attitude.command_line.paths import some_path
+from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.errors import ConfigurationError
 
 HELP = "compare recorded runs"

@@ -24,7 +24,6 @@ from pathlib import Path
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.campaign.tuning import GAINS
-from ppc_attitude.command_line.errors import BAD_INPUT, DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.gain_search import WRITTEN, search_gains
 from ppc_attitude.command_line.guarantee_view import certificate_path, promise_lines
 from ppc_attitude.command_line.options import (
@@ -40,6 +39,7 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.paths import new_file, see_that_it_may_go, some_path
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.whole_file import write_whole
+from ppc_attitude.processes.exits import BAD_INPUT, DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.controllers import quaternion_feedback, tube_parameters
 from ppc_attitude.science.controllers.tube_parameters import (
     ASSUMED,

@@ -18,9 +18,9 @@ import argparse
 import sys
 
 from ppc_attitude.bags.export import export_csv, export_parquet
-from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import add_reading_options, record_of
 from ppc_attitude.command_line.paths import new_file
+from ppc_attitude.processes.exits import DONE
 
 HELP = "write a bag's samples as a table"
 DESCRIPTION = "One row an instant, one column a component."

@@ -25,7 +25,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ppc_attitude.campaign.pools import connected, cores
-from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     ACCURACY,
@@ -44,6 +43,7 @@ from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.falsify.goals import RATE, Goal, goal_of
 from ppc_attitude.falsify.search import Found, Search
 from ppc_attitude.falsify.space import Space
+from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.science.controllers.tube_parameters import PREFIX
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.errors import ConfigurationError

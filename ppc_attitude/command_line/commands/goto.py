@@ -17,8 +17,8 @@
 import argparse
 import math
 
-from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.options import add_stack_options, number
+from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.guidance.attitudes import from_euler, from_vectors
 from ppc_attitude.science.guidance.frames import FRAME_NAMES

@@ -16,8 +16,8 @@
 
 import argparse
 
-from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.options import POSITIVE, add_stack_options
+from ppc_attitude.processes.exits import DONE
 
 HELP = "inject a torque into a running stack"
 DESCRIPTION = (

@@ -24,7 +24,6 @@ import numpy as np
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.verdict import verdict_table
-from ppc_attitude.command_line.errors import DONE, RunError
 from ppc_attitude.command_line.options import (
     PAPER_DURATION,
     POSITIVE,
@@ -36,6 +35,7 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stack import private_environment
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.processes.exits import DONE, RunError
 
 if TYPE_CHECKING:
     from ppc_attitude.nodes.latency_probe import Latencies

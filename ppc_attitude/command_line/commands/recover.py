@@ -18,8 +18,8 @@ import argparse
 
 from ppc_attitude.bags.errors import printable
 from ppc_attitude.bags.recover import recover
-from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.paths import some_path
+from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.stamps import seconds
 
 HELP = "finish a bag whose recorder was killed"

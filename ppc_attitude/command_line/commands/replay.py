@@ -17,8 +17,8 @@
 import argparse
 from dataclasses import asdict
 
-from ppc_attitude.command_line.errors import DONE, REQUIREMENT_FAILED
 from ppc_attitude.command_line.options import add_reading_options, print_json, record_of
+from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.simulation.replay import replay
 
 HELP = "feed a bag's recorded inputs to the components once more"

@@ -19,7 +19,6 @@ import sys
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.verdict import verdict_table
-from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_judging_options,
@@ -30,6 +29,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.recording import Recording
+from ppc_attitude.processes.exits import RunError
 
 HELP = "run the five nodes, record, and judge"
 DESCRIPTION = (

@@ -24,7 +24,6 @@ from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.concerns import first_lost, tell_concerns, true_rates
-from ppc_attitude.command_line.errors import RunError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_bag_option,
@@ -40,6 +39,7 @@ from ppc_attitude.command_line.paths import new_bag, new_file
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.versions import versions
+from ppc_attitude.processes.exits import RunError
 from ppc_attitude.simulation.closed_loop import raised_until, simulate
 from ppc_attitude.simulation.scenario import Scenario
 

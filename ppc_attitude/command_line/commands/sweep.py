@@ -23,7 +23,6 @@ from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_MET, Metrics
-from ppc_attitude.command_line.errors import DONE
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -36,6 +35,7 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.proportions import actuator_torque
 from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario

@@ -21,10 +21,10 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from ppc_attitude.command_line.errors import DONE, RunError
 from ppc_attitude.command_line.options import POSITIVE, add_namespace_option, see_that_none_is_idle
 from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.nodes.discovery import DOMAIN
+from ppc_attitude.processes.exits import DONE, RunError
 
 if TYPE_CHECKING:
     from ppc_attitude.nodes.onlooker import Onlooker

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Exit codes, and the errors that mean one of them."""
+"""Exit codes of the command and of every node, and the error that means one of them."""
 
 DONE = 0
 REQUIREMENT_FAILED = 1
