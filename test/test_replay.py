@@ -45,6 +45,21 @@ def test_every_component_gives_again_what_is_on_record(given: dict[str, dict[str
     assert {(each.steps, each.skipped) for each in found.found} == {(501, 0)}
 
 
+def test_an_environment_gives_again_what_it_tells_of_itself() -> None:
+    """Its torque is on record in the sum with what is injected only."""
+    files = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "orbit")]
+    record = simulate(load(files), 2.0)
+    found = {each.component: each for each in replay(record).others}
+    assert (found["orbit"].largest, found["orbit"].steps) == (0.0, 201)
+    sun = record["sun"].copy()
+    sun[77, 1] += 1e-3
+    found = {
+        each.component: each
+        for each in replay(replace(record, columns={**record.columns, "sun": sun})).others
+    }
+    assert (found["orbit"].column, found["orbit"].at) == ("sun", 0.77)
+
+
 def estimated(**tracker: float) -> Scenario:
     """A run on an estimate whose fixes are late, absent at times, and false at times."""
     files = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_cubesat")]

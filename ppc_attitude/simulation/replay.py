@@ -34,7 +34,7 @@ from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, NONE, PLANTS, SEN
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
-from ppc_attitude.science.signals import TOLD, TORQUE_COMMAND, TRUTH
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TORQUE_COMMAND, TRUTH
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.diagram import play
 
@@ -137,8 +137,11 @@ def _others(record: RunRecord) -> Iterator[Difference]:
             component = kind.selected(record.parameters.get(node, {}))
             if node not in record.parameters or component is None or kind in left_out:
                 continue
-            if all(each.name in columns for each in (*component.inputs, *component.outputs)):
-                yield _replayed(record, kind, component, component.outputs)
+            # The torque of an environment is on record in the sum with what is injected only.
+            compared = [each for each in component.outputs if each != ENVIRONMENT_TORQUE]
+            needed = [*component.inputs, *compared]
+            if compared and all(each.name in columns for each in needed):
+                yield _replayed(record, kind, component, compared)
 
 
 def _missing(record: RunRecord) -> Iterator[str]:
