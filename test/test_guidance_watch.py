@@ -205,7 +205,7 @@ def ring() -> dict[str, Any]:
                 "goals__points": [0.0, 5.0, *STRAIGHT, *[0.0] * 6, 0.0, 9.0, 0.6, 0.0, 0.0, 0.8]
                 + [0.0] * 6,
             },
-            "times guidance.max_rate or guidance.max_acceleration; allowed: 1; give it more time",
+            "the way on from its point at t = 5.000 s needs",
         ),
         (
             # The Sun along the orbit's normal leaves the frame `sun` no second direction.

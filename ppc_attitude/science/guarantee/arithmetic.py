@@ -23,6 +23,8 @@ from collections.abc import Callable
 from functools import reduce
 from typing import Any, NamedTuple, TypeAlias
 
+from ppc_attitude.science.errors import needed_by
+
 Number: TypeAlias = Any  # float, or a library's interval: an operand of + − × / and of comparisons
 
 
@@ -75,15 +77,11 @@ def balls() -> Arithmetic:
 
     Raises
     ------
-    ValueError
+    ConfigurationError
         python-flint is not installed.
     """
-    try:
+    with needed_by("interval arithmetic needs python-flint", "guarantee"):
         from flint import arb
-    except ImportError:
-        raise ValueError(
-            "interval arithmetic needs python-flint: pip install 'ppc_attitude[guarantee]'"
-        ) from None
 
     def outward(x: Number) -> tuple[float, float]:
         if x.is_nan():  # as the root of what may be negative: it may be any number

@@ -83,8 +83,8 @@ STATE = record_type(
     ("refused", np.int64),  # of these
     ("open_ns", np.int64),  # orders before this instant have been obeyed
     ("outcome", np.int64),  # of the last one
-    ("measured", np.float64),  # what it was refused for, and what is allowed, each in the
-    ("allowed", np.float64),  # unit of its reason
+    ("measured", np.float64),  # what it was refused for, and what is allowed or when it was,
+    ("allowed", np.float64),  # each in the unit of its reason
     ("inside", np.int64),  # bits of the cones that it began in
     ("barred", np.int64),  # bits of the cones that the direct way to it crosses
     ("cone", np.int64),  # that the last goal was refused for; −1: none

@@ -189,7 +189,7 @@ def _plan_through(t: float, points: Any, guidance: Any, state: Any) -> int:
     for i in range(points.count - 1):
         share = _segment(trial, i, points, guidance.limits)
         if share > ROUNDING:
-            return refused(TOO_FAST, share, 1.0, state)
+            return refused(TOO_FAST, share, points.time[i], state)
     store_quaternion(trial.attitude, quaternion(points.attitude[points.count - 1]))
     return kept_clear(trial, t, approached, EVERY_CONE, guidance, state)
 

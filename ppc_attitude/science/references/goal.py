@@ -139,8 +139,8 @@ _REASONS = {
     "guidance.max_rate",
     TOO_LATE: "the slew to its first point ends at t = {measured:.3f} s, after that point's "
     "{allowed:.3f} s; give later times",
-    TOO_FAST: "it needs {measured:.4g} times guidance.max_rate or guidance.max_acceleration; "
-    "allowed: 1; give it more time",
+    TOO_FAST: "the way on from its point at t = {allowed:.3f} s needs {measured:.4g} times "
+    "guidance.max_rate or guidance.max_acceleration; allowed: 1; give it more time",
 }
 
 
