@@ -35,11 +35,11 @@ from process_helpers import PATIENCE
 from test_layers import ROOT
 
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import COMMANDS, build_parser, main
 from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import INJECTOR, PLANT, RECORDER
+from ppc_attitude.processes import exits
 from ppc_attitude.science.parameter import resolved
 
 # Words of the commands that need a running stack (test_docs_stack), the bag of a launch or of
@@ -206,7 +206,7 @@ def test_commands_of_a_page_run_in_their_order(
     fails = ("no_widening", "traditional", "longer", "campaign")
     for text, code in codes.items():
         expected = any(each in text for each in fails) and " compare " not in text
-        assert code == (errors.REQUIREMENT_FAILED if expected else errors.DONE), text
+        assert code == (exits.REQUIREMENT_FAILED if expected else exits.DONE), text
 
 
 def test_third_controller_is_one_file_and_one_line() -> None:
@@ -227,7 +227,7 @@ def test_third_controller_is_one_file_and_one_line() -> None:
         text=True,
         timeout=PATIENCE,
     )
-    assert done.returncode == errors.REQUIREMENT_FAILED, done.stderr
+    assert done.returncode == exits.REQUIREMENT_FAILED, done.stderr
     metrics = json.loads(done.stdout)["metrics"]
     text = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
     said = re.search(
@@ -287,11 +287,11 @@ def test_a_run_started_by_hand_is_recorded_from_its_first_instant(
     for process in (*peers, recorder):
         process.send_signal(signal.SIGINT)
     _, said = recorder.communicate(timeout=PATIENCE)
-    assert recorder.returncode == errors.DONE, said
+    assert recorder.returncode == exits.DONE, said
     run = read_run(tmp_path / "bags" / "own")
     assert (run.t[0], run.t[-1], run.missing_messages) == (0.0, 2.0, 0)
     assert "attitude_error" not in run
-    assert main(["analyse", str(tmp_path / "bags" / "own")]) == errors.DONE
+    assert main(["analyse", str(tmp_path / "bags" / "own")]) == exits.DONE
     assert "messages missing or not finite" in capsys.readouterr().out
 
 

@@ -30,9 +30,9 @@ from peer import Peer, peer
 from process_helpers import PATIENCE
 from std_srvs.srv import SetBool
 
-from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
+from ppc_attitude.processes import exits
 
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
@@ -78,11 +78,11 @@ def test_commands_for_a_running_stack(
     injections = lines("ppc_attitude", "inject")
     assert len(injections) >= 4
     for command in injections:
-        assert main(command.words[1:]) == errors.DONE, capfd.readouterr().err
+        assert main(command.words[1:]) == exits.DONE, capfd.readouterr().err
     (watch,) = lines("ppc_attitude", "watch")
     for home in ([], ["--namespace", "chaser"]):
         once = [*watch.words[1:], *home, "--once", "--timeout", str(PATIENCE)]
-        assert main(once) == errors.DONE
+        assert main(once) == exits.DONE
         assert "torque" in capfd.readouterr().out
     for name, process in stack.items():
         process.send_signal(signal.SIGINT)

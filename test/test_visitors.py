@@ -32,7 +32,6 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line import errors
 from ppc_attitude.command_line.commands import watch
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import RunRecord
@@ -49,6 +48,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes import inject, visiting
 from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.processes import exits
 
 pytestmark = pytest.mark.ros
 long = pytest.mark.long
@@ -86,16 +86,16 @@ def test_what_visitors_do_is_on_record_and_is_flown_again(
     run.reaches(2.0)
     assert first_stamp(stranger) >= 1  # [s] what is shown is rounded; history would begin at 0
 
-    assert main(["goto", "--euler", "0", "0", "30"]) == errors.DONE
+    assert main(["goto", "--euler", "0", "0", "30"]) == exits.DONE
     assert "order 1 is followed: inertial frame" in capfd.readouterr().out
 
-    assert main(["inject", "99", "0", "0"]) == errors.BAD_INPUT
+    assert main(["inject", "99", "0", "0"]) == exits.BAD_INPUT
     allowed = "up to 10.0 N·m per axis (max_injected_torque)"
     told = f"error: torque = (99.0, 0.0, 0.0) N·m; allowed: {allowed}\n"
     assert capfd.readouterr() == ("", told)
     at = round(run.time) + 2.0
     hit = ["inject", *map(str, TORQUE), "--duration", "0.25", "--at", str(at)]
-    assert main(hit) == errors.DONE
+    assert main(hit) == exits.DONE
     found = re.search(r"acts from t = (\S+) s to (\S+) s", capfd.readouterr().out)
     assert found
     start, end = map(float, found.groups())
@@ -103,7 +103,7 @@ def test_what_visitors_do_is_on_record_and_is_flown_again(
     assert end == pytest.approx(start + 0.25, abs=1e-6)
 
     monkeypatch.setattr(watch, "_SETTLE", PATIENCE)  # all there is to see will come
-    assert main(["watch", "--once", "--timeout", str(PATIENCE)]) == errors.DONE
+    assert main(["watch", "--once", "--timeout", str(PATIENCE)]) == exits.DONE
     shown = capfd.readouterr().out
     assert "pointing error" in shown.splitlines()[0]
     for quantity in ("attitude z", "rate [°/s] z"):
@@ -112,12 +112,12 @@ def test_what_visitors_do_is_on_record_and_is_flown_again(
 
     run.reaches(end + 0.5)
     run.send(signal.SIGINT)
-    assert run.ends() == errors.BROKEN
+    assert run.ends() == exits.BROKEN
     record = read_run(run.bag)
     assert free or record.missing_messages == 0  # the idle stranger costs nothing
     expect_goal(record)
     expect_hit(record, start)
-    assert main(["replay", str(run.bag)]) == errors.DONE
+    assert main(["replay", str(run.bag)]) == exits.DONE
 
 
 def first_stamp(node: rclpy.node.Node) -> int:
@@ -164,7 +164,7 @@ def expect_hit(record: RunRecord, start: float) -> None:
 
 def test_nobody_to_visit_is_said(monkeypatch: pytest.MonkeyPatch, capfd: Shown) -> None:
     monkeypatch.setattr(visiting, "_PATIENCE", 0.5)
-    assert main(["inject", "0.1", "0.1", "0.1"]) == errors.BROKEN
+    assert main(["inject", "0.1", "0.1", "0.1"]) == exits.BROKEN
     assert "nobody offers /disturbance_injector/inject" in capfd.readouterr().err
 
 
@@ -172,7 +172,7 @@ def test_states_that_nobody_answers_have_no_latency(
     tmp_path: Path, start_process: StartProcess, capfd: Shown
 ) -> None:
     plant = Node(start_process, tmp_path, PLANT)
-    assert main(["latency", "--live", "--duration", "1"]) == errors.BROKEN
+    assert main(["latency", "--live", "--duration", "1"]) == exits.BROKEN
     told = capfd.readouterr().err
     assert re.search(r"none of [1-9]\d* states was answered on torque_command", told)
     end_all([plant])
