@@ -123,6 +123,15 @@ def test_four_wheels_go_to_their_null_speed_without_a_torque() -> None:
     assert np.abs(speeds[:4]) == pytest.approx(np.full(4, 100.0), rel=1e-3)
 
 
+def test_what_is_required_of_a_column_is_drawn() -> None:
+    record = flown(duration=2.0)
+    required = replace(PAPER_REQUIREMENTS, limits={"wheel_torque": 0.02})
+    (axes,) = column_figure(Measured(record, required), "wheel_torque").axes
+    drawn = [line.get_ydata()[0] for line in axes.get_lines() if len(line.get_ydata()) == 2]
+    assert drawn == [0.02, -0.02]
+    assert "required" in [line.get_label() for line in axes.get_lines()]
+
+
 @pytest.mark.parametrize(
     ("axes", "inertia", "slowest"),
     [

@@ -210,6 +210,10 @@ def column_figure(run: Measured, column: str) -> Figure:
         components(axes, run.t, values[:, : last + 1], names)
     else:
         components(axes, run.t, values)
+    if column in run.required.limits:
+        limit = factor * run.required.limits[column]
+        levels = (limit, -limit) if np.nanmin(values) < 0.0 else (limit,)
+        limit_lines(axes, *levels, label="required")
     axes.set_ylabel(f"{column.replace('_', ' ')} [{unit}]")
     finish([axes], run)
     return figure
