@@ -317,6 +317,14 @@ def test_a_craft_whose_fuel_is_used_up_does_not_pass(tank: float, met: bool) -> 
         assert row.value == tank
 
 
+def test_fuel_is_drawn_as_a_number_without_an_axis() -> None:
+    flight = simulate(case("paper", "thrusters"), 2.0)
+    (axes,) = column_figure(Measured(flight, PAPER_REQUIREMENTS), "fuel_used").axes
+    (line,) = axes.get_lines()
+    assert np.array_equal(line.get_ydata(), flight["fuel_used"][:, 0])
+    assert axes.get_legend() is None
+
+
 def test_each_of_sixteen_thrusters_is_drawn() -> None:
     flight = simulate(case("thrusters"), 0.1)
     on_times = np.random.default_rng(1).uniform(size=(11, 16))

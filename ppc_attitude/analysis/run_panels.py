@@ -126,8 +126,9 @@ def accuracy_limits(axes: Axes, run: Measured, unit: str) -> None:
             judged_limit(axes, run.t, judged, accuracy.limit, label=label, colour=colour)
 
 
-def components(axes: Axes, t: Array, values: Array, names: Sequence[str] = (*AXES, "w")) -> None:
+def components(axes: Axes, t: Array, values: Array, names: Sequence[str] = ()) -> None:
     """Draw the components with their names; the ninth has the colour of the first."""
+    names = names or ((*AXES, "w") if values.shape[1] > 1 else ("_",))  # a number has no axis
     for name, colour, component in zip(names, cycle(COLOURS), values.T, strict=False):
         draw(axes, t, component, label=name, colour=colour)
 
