@@ -15,6 +15,7 @@
 """The judgement of records that lack something: the rest is judged, and what lacks is named."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -185,6 +186,15 @@ def test_wheels_whose_limits_nobody_can_read_are_not_judged(plant):
     why = "no limits (wheels.max_speed of spacecraft_plant) on record"
     assert (judged.met, judged.reason) == (None, why)
     assert "wheel_speed" not in {each.key for each in analyse(normal_run()).requirements}
+
+
+@pytest.mark.parametrize("plant", [{}, {"thrusters.fuel": "full"}, {"thrusters.fuel": math.nan}])
+def test_fuel_of_a_tank_that_nobody_can_read_is_not_judged(plant):
+    run = with_columns(normal_run(), fuel_used=np.ones((normal_run().stamps_ns.size, 1)))
+    verdict = analyse(replace(run, parameters={"spacecraft_plant": plant}))
+    judged = requirement(verdict, "fuel that the thrusters used")
+    why = "no tank (thrusters.fuel of spacecraft_plant) on record"
+    assert (judged.met, judged.limit, judged.reason) == (None, 0.0, why)
 
 
 def test_verdict_says_when_the_wheels_momentum_ran_out():

@@ -371,10 +371,10 @@ class Judge(Measured):
         if not has(self.record, FUEL_USED.name):
             return
         tank, why = self.plant.get(FUEL.name), self.changed(PLANT, FUEL.name)
-        if not isinstance(tank, float) and not why:
-            why = f"no tank ({FUEL.name} of {PLANT}) on record"
+        if not (isinstance(tank, float) and np.isfinite(tank)):  # what somebody wrote into a bag
+            tank, why = 0.0, why or f"no tank ({FUEL.name} of {PLANT}) on record"
         used = self.largest_of(FUEL_USED.name)
-        yield self._row("fuel", used, tank or 0.0, FUEL_USED.unit, why, strict=True)
+        yield self._row("fuel", used, tank, FUEL_USED.unit, why, strict=True)
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""
