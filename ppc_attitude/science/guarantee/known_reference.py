@@ -25,11 +25,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.controllers.brake import BLEND
+from ppc_attitude.science.controllers.brake import capped_brake
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.envelope import Envelope
+from ppc_attitude.science.kernel import kernel
 
 Array = NDArray[np.float64]
 _STEP = 0.02  # [s]
@@ -243,10 +244,13 @@ class KnownReference:
         state.sigma += _STEP * float(self._bounds.reserve) * (1.0 - _PADDING)
 
     def _speed(self, phi: Array, cap: Array) -> Array:
-        """f(φ; V) on arrays."""
-        k, a = self._law.k, float(self._bounds.a)
-        offset = a * a / (k * k)
-        g = np.where(phi <= a / (k * k), k * phi, np.sqrt(np.maximum(2 * a * phi - offset, 0.0)))
-        x = np.minimum(g / np.maximum(cap, 1e-300), 1.0 + BLEND)
-        below = np.maximum(x - 1.0 + BLEND, 0.0)
-        return np.asarray(np.maximum(cap, 0.0) * (x - below * below / (4.0 * BLEND)))
+        return speeds(phi, cap, self._law.k, float(self._bounds.a))
+
+
+@kernel
+def speeds(phi: Array, cap: Array, k: float, a: float) -> Array:
+    """f(φ; V) [rad/s] of the law itself, on arrays; a cap below 0 is none."""
+    found = np.empty_like(phi)
+    for i in range(phi.size):
+        found[i] = capped_brake(phi[i], k, a, max(cap[i], 0.0))[0]
+    return found
