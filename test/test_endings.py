@@ -118,7 +118,8 @@ def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
 
 
 ASKED_AMIDST = """
-import os, pathlib, sys
+import os, pathlib, signal
+signal.signal({number}, signal.SIG_DFL)  # the tests may run under nohup
 from matplotlib.figure import Figure
 from ppc_attitude.command_line import main
 Figure.savefig = lambda self, file, **_: None  # it takes seconds
