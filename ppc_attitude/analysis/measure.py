@@ -120,6 +120,22 @@ class Measured:
         lacking = [topic_of(each) for each in columns if not has(self.record, each)]
         return f"no topic {' and no topic '.join(lacking)} in the bag" if lacking else ""
 
+    def ends_before(self, needed: float, what: str) -> str:
+        """Why a run that ends before some time [s] does not show it; empty if it does."""
+        return f"the run ends at {self.end:g} s, before {what}" if self.end < needed else ""
+
+    @property
+    def lacks_settled(self) -> str:
+        """Why the run shows nothing of what comes after the deadline; empty if it does."""
+        deadline = self.required.settling_deadline
+        return self.lacks_attitude or self.ends_before(deadline, f"the deadline of {deadline:g} s")
+
+    @property
+    def lacks_calm(self) -> str:
+        """Why nothing is before the first sudden disturbance; empty if something is."""
+        never = self.first_hit <= self.begin
+        return "a sudden disturbance acts from the first instant on" if never else ""
+
     @property
     def span_from_deadline(self) -> Span:
         """What is on record from the settling deadline on [s]."""

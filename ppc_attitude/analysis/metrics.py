@@ -162,7 +162,7 @@ class Judge(Measured):
         if required.terminal is not None:
             yield self._terminal(required.terminal)
         if required.rate is not None:
-            why = self.lacks_rate or self._never_calm
+            why = self.lacks_rate or self.lacks_calm
             rate = self.metrics.max_rate_deg_s
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
             yield self._row("rate", rate, required.rate, "deg/s", why, self.calm_span, note=note)
@@ -215,23 +215,9 @@ class Judge(Measured):
         told = whole is not None and whole != judged
         return f"over the whole run {number_text(whole or 0.0)} {unit}" if told else ""
 
-    def _ends_before(self, needed: float, what: str) -> str:
-        return f"the run ends at {self.end:g} s, before {what}" if self.end < needed else ""
-
-    @property
-    def _before_deadline(self) -> str:
-        """Why the run shows nothing of what comes after the deadline; empty if it does."""
-        deadline = self.required.settling_deadline
-        return self.lacks_attitude or self._ends_before(deadline, f"the deadline of {deadline:g} s")
-
-    @property
-    def _never_calm(self) -> str:
-        never = self.first_hit <= self.begin
-        return "a sudden disturbance acts from the first instant on" if never else ""
-
     def _settling(self) -> Requirement:
         deadline, (_, until) = self.required.settling_deadline, self.calm_span
-        why, note = self._before_deadline, ""
+        why, note = self.lacks_settled, ""
         if self.first_hit < deadline:
             why = f"a sudden disturbance at {until:g} s comes before the deadline of {deadline:g} s"
         if self.metrics.settled is False:
@@ -249,7 +235,7 @@ class Judge(Measured):
         return self._row(key, value, deadline, "s", why, span, strict=True, note=note)
 
     def _after_deadline(self) -> Requirement:
-        accuracy, why = self.required.settled, self._before_deadline
+        accuracy, why = self.required.settled, self.lacks_settled
         span = self.span_from_deadline
         if not why and not self.settled.any():
             within = f"{self.required.recovery:g} s of a sudden disturbance"
@@ -278,7 +264,7 @@ class Judge(Measured):
             largest(self.size(accuracy), self.last),
             accuracy.limit,
             accuracy.unit,
-            self.lacks_attitude or self._ends_before(self.terminal_from, what) or begins,
+            self.lacks_attitude or self.ends_before(self.terminal_from, what) or begins,
             self.last_span,
             strict=True,
         )
@@ -294,7 +280,7 @@ class Judge(Measured):
         beyond, (key, *after_hit) = outside(self.record, envelope), outside_names(envelope)
         time, span, why = self.time(beyond), self.whole, ""
         if envelope.jumps:
-            time, span, why = self.time(beyond[self.calm]), self.calm_span, self._never_calm
+            time, span, why = self.time(beyond[self.calm]), self.calm_span, self.lacks_calm
         note = self._whole_run(time, self.time(beyond), "s")
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
@@ -408,7 +394,7 @@ class Judge(Measured):
         if found is None:
             return
         span = (min(max(SETTLED, self.begin), self.end), self.end)
-        why = "" if found.outside is not None else self._ends_before(SETTLED, "the filter settles")
+        why = "" if found.outside is not None else self.ends_before(SETTLED, "the filter settles")
         if found.outside is not None and found.outside > OUTSIDE_LIMIT:
             why = f"{found.outside:.3g}, but one run cannot tell: errors correlate over minutes"
         row = ("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", why, span)
