@@ -62,7 +62,7 @@ from ppc_attitude.analysis.flight import refusals_of
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.measure import Measured, largest, lost, window
-from ppc_attitude.analysis.momentum import runs_out, wheel_momentum, wheel_shares
+from ppc_attitude.analysis.momentum import RESERVE, runs_out, wheel_momentum, wheel_shares
 from ppc_attitude.analysis.requirements import (
     DEGREES,
     PAPER,
@@ -98,8 +98,6 @@ from ppc_attitude.science.thrusters import FUEL, FUEL_USED
 
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""
-WHEEL_RESERVE = 0.99
-"""Largest share of its largest speed that a wheel may reach [1]."""
 SUMMATION = 1e-12
 """Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
 NOISE_EXPLAINS = 8.0
@@ -349,8 +347,8 @@ class Judge(Measured):
             shares, why = wheel_shares(self.record), self.changed(PLANT, wheels.MAX_SPEED.name)
             if shares is None and not why:
                 why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
-            note = "" if shares is None else runs_out(shares, WHEEL_RESERVE, self.t)
-            yield self._row("wheel_speed", largest(shares), WHEEL_RESERVE, "", why, note=note)
+            note = "" if shares is None else runs_out(shares, self.t)
+            yield self._row("wheel_speed", largest(shares), RESERVE, "", why, note=note)
 
     def _thrusters(self) -> Iterator[Requirement]:
         """Judge whether the fuel lasted."""

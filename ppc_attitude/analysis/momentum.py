@@ -27,6 +27,9 @@ from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science import wheels
 from ppc_attitude.science.errors import ConfigurationError
 
+RESERVE = 0.99
+"""Largest share of its largest speed that a wheel may reach [1]."""
+
 
 def wheel_shares(record: RunRecord) -> Array | None:
     """Recorded speeds of the wheels by their largest, shape (n, count); None if it is not told."""
@@ -48,8 +51,8 @@ def wheel_momentum(record: RunRecord) -> Array | None:
     return None
 
 
-def runs_out(shares: Array, most: float, t: Array) -> str:
-    """Say which wheel first has more than a share of its largest speed, and when [s], if any."""
-    for first, wheel in np.argwhere(shares > most)[:1].tolist():
+def runs_out(shares: Array, t: Array) -> str:
+    """Say which wheel first has more than `RESERVE` of its largest speed, and when [s], if any."""
+    for first, wheel in np.argwhere(shares > RESERVE)[:1].tolist():
         return f"wheel {wheel} is above it from {t[first]:.6g} s on: momentum runs out"
     return ""
