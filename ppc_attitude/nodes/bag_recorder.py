@@ -14,9 +14,7 @@
 
 """The recorder: writes every topic of a run into a rosbag2 bag, and tells what is missing."""
 
-import contextlib
 import json
-import os
 import sys
 import time
 from collections.abc import Mapping
@@ -63,6 +61,7 @@ from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
 from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph
 from ppc_attitude.nodes.running import run_node
+from ppc_attitude.processes.child import give_way
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.processes.telling import BAG, tell, tell_broken
 from ppc_attitude.runtime.health import OK, STALE, Status
@@ -399,18 +398,8 @@ def _run_info(text: str) -> dict[str, Any]:
 
 def main() -> int:
     """Run the executable `bag_recorder`."""
-    _give_way()
+    give_way()
     return run_node(BagRecorder)
-
-
-def _give_way() -> None:
-    """Let no thread of this process interrupt another: nobody waits for the recorder.
-
-    It gets its share of the processor all the same, and takes more messages at a time.
-    """
-    if hasattr(os, "SCHED_BATCH"):
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 if __name__ == "__main__":
