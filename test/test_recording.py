@@ -176,15 +176,16 @@ def test_two_publishers_of_a_topic_are_seen_and_one_after_the_other_are_not() ->
     for step in range(40, 80):
         bag.take(STATE, step)
         bag.take(TORQUE, step)
-    assert bag.recording.shared() == {}
+    assert bag.recording.gaps([]) == []
     other = itertools.count(1)
     for step in range(80, 120):
         bag.take(STATE, step)
         bag.take(TORQUE, step)
         bag.recording.sample(TORQUE, stamp_of(step, 100.0), b"other", next(other), 0.0)
-    assert bag.recording.shared() == {TORQUE: "nodes that have ended"}
+    told = f"{TORQUE} came from several nodes:"
+    assert bag.recording.gaps([]) == [f"{told} nodes that have ended"]
     bag.recording.see(TORQUE, {1: "/one", 2: "/other"}, 0.0)
-    assert bag.recording.shared() == {TORQUE: "/one, /other"}
+    assert bag.recording.gaps([]) == [f"{told} /one, /other"]
 
 
 def test_progress_is_told_now_and_then() -> None:

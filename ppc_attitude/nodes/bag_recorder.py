@@ -347,10 +347,7 @@ class BagRecorder(BaseNode):
         super().close()
 
     def _gaps(self, home: str) -> list[str]:
-        recording = self._recordings[home]
-        gaps = recording.gaps(sorted(self._graph.promised[home]))
-        for name, nodes in recording.shared().items():
-            gaps.append(f"{name} came from several nodes: {nodes}")
+        gaps = self._recordings[home].gaps(sorted(self._graph.promised[home]))
         return [f"{home}/{gap}" if len(self._recordings) > 1 else gap for gap in gaps]
 
     def wake(self) -> float:

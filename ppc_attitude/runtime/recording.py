@@ -298,23 +298,19 @@ class Recording:
         return self.now
 
     def gaps(self, expected: Iterable[str]) -> list[str]:
-        """Describe what is missing, at the end; empty if nothing is."""
+        """Describe what is missing, or not of one node alone, at the end; empty if nothing is."""
         if self.now >= 0 and len(self._ahead) > _FEW:  # states come no more, and others go on
             self._pass((len(self._ends), inf))
-        return self._completeness.gaps(expected)
+        return self._completeness.gaps(expected) + [
+            f"{name} came from several nodes: {lane.publishers.nodes}"
+            for name, lane in self._lanes.items()
+            if lane.publishers.several
+        ]
 
     def see(self, name: str, nodes: Mapping[Hashable, str], now: float) -> None:
         """Take the nodes that publish on a topic, as the graph shows them (`Publishers.see`)."""
         if name in self._lanes:
             self._lanes[name].publishers.see(nodes, now)
-
-    def shared(self) -> dict[str, str]:
-        """Topics that more than one node has published on, message by message, and the nodes."""
-        return {
-            name: lane.publishers.nodes
-            for name, lane in self._lanes.items()
-            if lane.publishers.several
-        }
 
     def surplus(self) -> dict[str, int]:
         """How many messages of each topic came beside the first one of their instant."""
