@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -60,7 +59,7 @@ from ppc_attitude.nodes.messages import Take, changed, message_class, take_gathe
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
 from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph
-from ppc_attitude.nodes.running import run_node
+from ppc_attitude.nodes.running import check_name, run_node
 from ppc_attitude.processes.child import give_way
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.processes.telling import BAG, tell, tell_broken
@@ -122,8 +121,7 @@ class BagRecorder(BaseNode):
         self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
         self._progress: dict[str, Any] = {}
         for namespace in self.parameters["namespaces"]:
-            name = f"{_tidy(namespace)}{ATTITUDE.name}"
-            full = self.resolve_topic_name(name, only_expand=True)
+            full = self.resolve_topic_name(_states_in(namespace), only_expand=True)
             self._follow(full.removesuffix(f"/{ATTITUDE.name}"))
         samples = self._run_info.get("samples", {})
         told = {home: of_namespace(samples, home) for home in self._recordings}
@@ -139,11 +137,7 @@ class BagRecorder(BaseNode):
         if not values["namespaces"]:
             raise ConfigurationError("namespaces = []; allowed: at least one, '' is the own one")
         for namespace in cast(list[str], values["namespaces"]):
-            try:
-                validate_topic_name(f"{_tidy(namespace)}{ATTITUDE.name}")
-            except InvalidTopicNameException as error:
-                reason = str(error).partition("\n")[0].rstrip(":")
-                raise ConfigurationError(f"namespaces: {namespace!r}: {reason}") from None
+            check_name(validate_topic_name, _states_in(namespace), f"namespaces: {namespace!r}")
 
     def _follow(self, home: str) -> None:
         """Record the run in a namespace; the topics of the contract before anybody sends."""
@@ -376,9 +370,9 @@ def _offered(topic: Topic) -> Any:
     return offered_qos(profile.reliability.name, profile.durability.name, profile.depth)
 
 
-def _tidy(namespace: str) -> str:
-    """Prefix of the topics of a namespace; empty for the recorder's own."""
-    return f"{namespace.rstrip('/')}/" if namespace else ""
+def _states_in(namespace: str) -> str:
+    """Name of the states' topic in a namespace; an empty one is the recorder's own."""
+    return f"{namespace.rstrip('/')}/{ATTITUDE.name}" if namespace else ATTITUDE.name
 
 
 def _run_info(text: str) -> dict[str, Any]:

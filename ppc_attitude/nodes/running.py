@@ -20,12 +20,13 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from textwrap import fill, indent
 
 import rclpy
 import rclpy.utilities
+from rclpy.exceptions import NameValidationException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
@@ -101,6 +102,21 @@ def refusals_of_ros() -> Iterator[None]:
         yield
     except RCLError as error:
         raise ConfigurationError(" ".join(str(error).split())) from error
+
+
+def check_name(validate: Callable[[str], bool], name: str, what: str) -> None:
+    """See that ROS takes a name.
+
+    Raises
+    ------
+    ConfigurationError
+        It does not; says what of, and why.
+    """
+    try:
+        validate(name)
+    except NameValidationException as error:
+        reason = str(error).partition("\n")[0].rstrip(":")
+        raise ConfigurationError(f"{what}: {reason}") from None
 
 
 def help_text(executable: str, what: str) -> str:

@@ -22,7 +22,6 @@ from functools import partial
 
 import rclpy
 import rclpy.utilities
-from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -30,9 +29,9 @@ from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.nodes.discovery import check_discovery
 from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.running import refusals_of_ros
+from ppc_attitude.nodes.running import check_name, refusals_of_ros
+from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.processes.leaving import leaving
-from ppc_attitude.science.errors import ConfigurationError
 
 _PATIENCE = 30.0  # [s] to be found and to answer, for who is asked; a machine may be busy
 _LOOK = 0.05  # [s] between two looks for an answer
@@ -83,11 +82,7 @@ def absolute_namespace(text: str) -> str:
         It cannot be one.
     """
     result = f"/{text.strip('/')}"
-    try:
-        validate_namespace(result)
-    except InvalidNamespaceException as error:
-        reason = str(error).partition("\n")[0].rstrip(":")
-        raise ConfigurationError(f"namespace {text!r}: {reason}") from None
+    check_name(validate_namespace, result, f"namespace {text!r}")
     return result
 
 
