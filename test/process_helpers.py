@@ -167,10 +167,10 @@ def loop_nodes(
     }
 
 
-def end_all(nodes: Collection[Node], number: signal.Signals = signal.SIGINT) -> None:
+def end_all(nodes: Collection[Node]) -> None:
     """Ask nodes to end, all at once; each does so in good order, and says why, once."""
     for node in nodes:
-        node.send(number)
+        node.send(signal.SIGINT)
     for node in nodes:
         assert node.ends() == 0, node.err
         assert "Traceback" not in node.err
