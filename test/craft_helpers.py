@@ -14,10 +14,12 @@
 
 """The craft that are shipped, by the names of their files, and parts of a craft by themselves."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
 from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, orbit_of
 from ppc_attitude.science.part import Part
@@ -40,6 +42,13 @@ def dotted(values: dict[str, Any]) -> dict[str, Any]:
 def case(*overlays: str, **plant: Any) -> Scenario:
     """The paper's case with overlays, and parameters of the plant (`dotted`)."""
     return load(configs("paper", *overlays), {PLANT: dotted(plant)})
+
+
+@cache
+def guaranteed() -> tuple[Assumptions, Law]:
+    """What the certificate of the shipped craft assumes, and its law."""
+    values = case("guaranteed").parameters[CONTROLLER]
+    return assumptions_of(values), law_of(values)
 
 
 def orbit_record(semi_major_axis: float, *elements: float) -> Any:

@@ -18,11 +18,9 @@ import math
 from dataclasses import replace
 
 import pytest
-from craft_helpers import case
+from craft_helpers import guaranteed
 
-from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.guarantee import design as module
-from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
 from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.design import (
     UnwishedError,
@@ -35,17 +33,9 @@ from ppc_attitude.science.guarantee.design import (
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
 
 
-@pytest.fixture(scope="module")
-def standard() -> tuple[Assumptions, Law]:
-    values = case("guaranteed").parameters[CONTROLLER]
-    return assumptions_of(values), law_of(values)
-
-
 @pytest.mark.long
-def test_an_impossible_craft_is_refused_with_what_would_help(
-    standard: tuple[Assumptions, Law],
-) -> None:
-    assumed, law = standard
+def test_an_impossible_craft_is_refused_with_what_would_help() -> None:
+    assumed, law = guaranteed()
     weak = replace(assumed, max_torque=0.01)
     with pytest.raises(InfeasibleError, match=r"nothing can be guaranteed: C\d") as refusal:
         design(weak, Wishes(), law.h)
@@ -58,14 +48,12 @@ def test_an_impossible_craft_is_refused_with_what_would_help(
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user(
-    standard: tuple[Assumptions, Law],
-) -> None:
+def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user() -> None:
     """Other gains need less, and so do those who wish nothing: following the advice did not help.
 
     W1 and W2 had been scaled with W without being told.
     """
-    assumed, law = standard
+    assumed, law = guaranteed()
     weak, gains = replace(assumed, max_torque=0.01), (law.k, law.kappa, law.ell)
     precise = Wishes(accuracy=1e-3)
     helps = nearest(weak, precise, law.h, gains)
@@ -82,33 +70,27 @@ def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user(
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds(
-    standard: tuple[Assumptions, Law],
-) -> None:
+def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds() -> None:
     """It was feasible with gains of another rate, which no search tries at this one."""
-    uncertain, h = replace(standard[0], e_S=0.05), 0.1
+    uncertain, h = replace(guaranteed()[0], e_S=0.05), 0.1
     factor = _nearest_factor(uncertain, Wishes(), h, None, "h")
     assert factor is not None
     assert 0.1 < factor < 1.0
     assert design(uncertain, Wishes(), factor * h)
 
 
-def test_a_search_finds_gains_that_settle_sooner(
-    standard: tuple[Assumptions, Law], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_search_finds_gains_that_settle_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
     """On coarse cells to the end; the shipped gains are ours, and quieter."""
-    assumed, law = standard
+    assumed, law = guaranteed()
     monkeypatch.setattr(module, "FINE", COARSE)
     found = design(assumed, Wishes(), law.h)
     shipped = designed(assumed, Wishes(), law.h, law.k, law.kappa, law.ell)
     assert found.settling.time < 0.97 * shipped.settling.time
 
 
-def test_contradicting_wishes_are_refused(
-    standard: tuple[Assumptions, Law], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_contradicting_wishes_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """The law of the gains is the shipped one, whatever the wish."""
-    assumed, law = standard
+    assumed, law = guaranteed()
     monkeypatch.setattr(module, "tuned", lambda *_: law)
     gains = (law.h, law.k, law.kappa, law.ell)
     with pytest.raises(UnwishedError, match=r"time of 60 s cannot .* nearest .* is 91\.\d+ s"):
@@ -124,10 +106,8 @@ def test_contradicting_wishes_are_refused(
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_the_wish_that_is_refused_is_one_that_no_gains_grant(
-    standard: tuple[Assumptions, Law],
-) -> None:
+def test_the_wish_that_is_refused_is_one_that_no_gains_grant() -> None:
     """It was the least one missed: an accuracy that other gains reach, instead of the rate."""
-    assumed, law = standard
+    assumed, law = guaranteed()
     with pytest.raises(UnwishedError, match=r"start of 10 deg/s cannot .* is 5\.\d+ deg/s"):
         design(assumed, Wishes(rate=math.radians(10.0)), law.h)

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import case, configs
+from craft_helpers import case, configs, guaranteed
 from mpmath import iv
 
 from ppc_attitude.analysis.guarantee import nodes_around
@@ -121,8 +121,7 @@ def test_shipped_certificate_is_proved_again_and_says_no_more(name: str) -> None
 
 
 def test_a_second_library_proves_the_same() -> None:
-    values = values_of()
-    assumed, law = assumptions_of(values), law_of(values)
+    assumed, law = guaranteed()
     count = (40, 2, 2)  # wider cells: a weaker statement, the same formulas
     law = replace(law, brake=(0.034, 0.034, 0.044))
     judged = {}
@@ -139,8 +138,7 @@ def test_a_second_library_proves_the_same() -> None:
 
 
 def test_settling_times_of_both_libraries_agree() -> None:
-    values = values_of()
-    assumed, law = assumptions_of(values), law_of(values)
+    assumed, law = guaranteed()
     times = []
     arithmetics: tuple[Arithmetic, ...] = (balls(), Intervals(), FLOATS)
     for arithmetic in arithmetics:
@@ -150,25 +148,19 @@ def test_settling_times_of_both_libraries_agree() -> None:
 
 
 def test_what_is_undefined_has_no_bound_and_is_not_proved() -> None:
-    values = values_of()
-    law = replace(law_of(values), omega0=10.0)  # to stop from there takes more than all torque
-    judged = inequalities(Bounds(assumptions_of(values), law, balls(), (40, 2, 2)))
+    assumed, law = guaranteed()
+    law = replace(law, omega0=10.0)  # to stop from there takes more than all torque
+    judged = inequalities(Bounds(assumed, law, balls(), (40, 2, 2)))
     assert not any(math.isnan(end) for each in judged for end in (*each.left, *each.right))
     unbounded = [each for each in judged if each.left == (-math.inf, math.inf)]
     assert unbounded
     assert not any(each.holds for each in unbounded)
 
 
-@pytest.fixture(scope="module")
-def standard() -> tuple[Assumptions, Law]:
-    values = values_of()
-    return assumptions_of(values), law_of(values)
-
-
 def test_every_assumption_matters() -> None:
     """A worse craft, reference or measurement fails an inequality of the shipped law."""
     values = values_of()
-    assumed, law = assumptions_of(values), law_of(values)
+    assumed, law = guaranteed()
     for change in (
         {"max_torque": 0.049},
         {"dead_band": 2e-4},
@@ -203,7 +195,7 @@ def test_a_quicker_law_has_longer_ramps_and_check_says_so() -> None:
     (told,) = longer_ramps(law_of(given.parameters[CONTROLLER]), nodes_around(given.parameters))
     assert told.startswith("at 500 Hz a stop may end 0.21 s later than at the 100 Hz of the")
     shipped = case("guaranteed")
-    assert not [*longer_ramps(law_of(values_of()), nodes_around(shipped.parameters))]
+    assert not [*longer_ramps(guaranteed()[1], nodes_around(shipped.parameters))]
 
 
 def test_a_changed_number_voids_the_certificate(
@@ -319,9 +311,9 @@ def test_inertia_error_is_the_one_of_the_definition() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-2, pytest.param(1e2, marks=pytest.mark.long)])
-def test_design_scales_with_the_craft(standard: tuple[Assumptions, Law], scale: float) -> None:
+def test_design_scales_with_the_craft(scale: float) -> None:
     """The same craft in other units of mass: the same gains, momenta scaled, the same times."""
-    assumed, law = standard  # its tube stands still to 2e-5, where the iteration ended
+    assumed, law = guaranteed()  # its tube stands still to 2e-5, where the iteration ended
     torques = ("max_torque", "dead_band", "d")
     other = replace(
         assumed,
@@ -339,10 +331,8 @@ def _complete(assumed: Assumptions, law: Law) -> dict[str, Any]:
     return values_of() | parameters_of(assumed, law)
 
 
-def test_full_inertia_and_every_error_are_designed_and_proved(
-    standard: tuple[Assumptions, Law],
-) -> None:
-    assumed, _ = standard
+def test_full_inertia_and_every_error_are_designed_and_proved() -> None:
+    assumed, _ = guaranteed()
     full = replace(assumed, inertia=(2.8, 0.1, -0.05, 0.1, 2.5, 0.08, -0.05, 0.08, 1.9))
     weak = replace(full, eta=0.8, e_S=0.05, e_A=1e-4, e_W=1e-5)
     for each, gains in ((full, (1.0, 15.0, 0.2)), (weak, (0.6, 20.0, 0.5))):
@@ -352,11 +342,9 @@ def test_full_inertia_and_every_error_are_designed_and_proved(
         assert certificate.promises[0].time < 130.0
 
 
-def test_of_a_hit_that_may_not_be_seen_no_time_is_promised(
-    standard: tuple[Assumptions, Law],
-) -> None:
+def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
     """The proof begins at an event: a weaker torque leads out of the tube, and makes none."""
-    assumed, law = standard
+    assumed, law = guaranteed()
     envelope = Envelope(Bounds(assumed, law, FLOATS, COARSE))
     assert envelope.recovery(0.16, 0.1, 5e-3) < 5.0
     with pytest.raises(ValueError, match=r"is promised of less than 0\.153 N·m"):
@@ -364,9 +352,9 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised(
 
 
 @pytest.mark.parametrize("share", [0.2, 0.27, 0.4])
-def test_a_refusal_shows_numbers_that_fail(standard: tuple[Assumptions, Law], share: float) -> None:
+def test_a_refusal_shows_numbers_that_fail(share: float) -> None:
     """An infinite bound had no room to compare: any refusal could be told for the nearest."""
-    assumed, law = standard
+    assumed, law = guaranteed()
     slow = replace(assumed, Omega=share * assumed.Omega)
     with pytest.raises(InfeasibleError) as refusal:
         tuned(slow, law.h, law.k, law.kappa, law.ell, COARSE)

@@ -18,28 +18,20 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
-from craft_helpers import case
+from craft_helpers import guaranteed
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.controllers.brake import axis_rate, capped_brake, deceleration
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
-from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import FINE, Speed, cells
 
 
-@pytest.fixture(scope="module")
-def standard() -> tuple[Assumptions, Law]:
-    values = case("guaranteed").parameters[CONTROLLER]
-    return assumptions_of(values), law_of(values)
-
-
-def test_no_random_state_needs_more_than_the_load(standard: tuple[Assumptions, Law]) -> None:
+def test_no_random_state_needs_more_than_the_load() -> None:
     """Torque M0 − J v' of random states, by differences along their own motion, against C3's."""
-    assumed, law = standard
+    assumed, law = guaranteed()
     bounds = Bounds(assumed, law, FLOATS)
     J = np.array(assumed.inertia).reshape(3, 3)
     random = np.random.default_rng(3)
@@ -95,9 +87,9 @@ def _torque(assumed: Assumptions, law: Law, J: Any, random: np.random.Generator)
     return m_0 - J @ v_rate
 
 
-def test_no_random_motion_bends_more_than_its_bound(standard: tuple[Assumptions, Law]) -> None:
+def test_no_random_motion_bends_more_than_its_bound() -> None:
     """‖v''‖ along random motions of the error, by differences, against that of C1's δF."""
-    assumed, law = standard
+    assumed, law = guaranteed()
     J, A = np.array(assumed.inertia).reshape(3, 3), 0.05
     least, most = body_of(assumed, FLOATS).brakes(law.brake, law.a_most)
     rates = (law.Omega_e, assumed.W, assumed.W1, assumed.W2, law.z_bar)
