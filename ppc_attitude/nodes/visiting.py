@@ -35,7 +35,6 @@ from ppc_attitude.processes.leaving import leaving
 
 _PATIENCE = 30.0  # [s] to be found and to answer, for who is asked; a machine may be busy
 _LOOK = 0.05  # [s] between two looks for an answer
-_NO_ANSWER = 3  # exit code of a command that got none
 
 
 @contextmanager
@@ -56,7 +55,7 @@ def visiting(name: str, namespace: str) -> Iterator[Node]:
             node = Node(name, namespace=home)
         yield node
     finally:
-        with leaving(_NO_ANSWER):
+        with leaving(BROKEN):
             if node is not None:
                 node.destroy_node()
             rclpy.utilities.try_shutdown()
