@@ -42,7 +42,8 @@ _MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 5, 6, 12, 15
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")  # first and last time, uncompressed size, CRC
-_SMALLEST_MESSAGE = 31
+_MESSAGE_HEAD = 22  # bytes of a message record before the payload
+_SMALLEST_MESSAGE = _RECORD.size + _MESSAGE_HEAD
 _WINDOW = 2**16  # read again as often as bare messages are interrupted
 _LONGEST_FLAW = 1_000  # characters
 
@@ -250,18 +251,18 @@ def _scan(data: Bytes, start: int, table: Integers, count: int) -> tuple[int, in
     Returns how many there are then, and where the first byte lies that belongs to none.
     """
     position = start
-    while position + 31 <= data.size and data[position] == 5:
+    while position + _SMALLEST_MESSAGE <= data.size and data[position] == _MESSAGE:
         length = np.int64(0)
         time = np.int64(0)
         for byte in range(7, -1, -1):
             length = (length << 8) | np.int64(data[position + 1 + byte])
             time = (time << 8) | np.int64(data[position + 15 + byte])
-        if length < 22 or length > data.size - position - 9:
+        if length < _MESSAGE_HEAD or length > data.size - position - 9:
             break
         table[0, count] = np.int64(data[position + 9]) | (np.int64(data[position + 10]) << 8)
         table[1, count] = time
-        table[2, count] = position + 31
-        table[3, count] = length - 22
+        table[2, count] = position + _SMALLEST_MESSAGE
+        table[3, count] = length - _MESSAGE_HEAD
         count += 1
         position += 9 + int(length)
     return count, position
