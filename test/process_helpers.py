@@ -29,12 +29,13 @@ from typing import Any
 from unittest import mock
 
 from conftest import StartProcess
+from craft_helpers import CONFIG
 
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, OF_A_RUN, PLANT, REFERENCE
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import load
 
-PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
+PAPER = CONFIG / "paper.yaml"
 COMMAND = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 PATIENCE = 240.0  # [s] a machine may be busy
 LOOP = (PLANT, REFERENCE, CONTROLLER, INJECTOR)

@@ -22,7 +22,8 @@ from pathlib import Path
 import pytest
 from ament_flake8.main import main_with_errors as flake8
 from ament_pep257.main import main as pep257
-from test_layers import PACKAGE, ROOT
+from craft_helpers import ROOT
+from test_layers import PACKAGE
 
 long = pytest.mark.long  # ruff knows these rules and is quicker
 SOURCES = [name for name in (PACKAGE, "bench", "launch", "setup.py") if (ROOT / name).exists()]

@@ -30,6 +30,7 @@ import pyarrow.parquet as pq
 import pytest
 from campaign_helpers import RUNS, VARIES, files_of, finish, rows_of, run_one, small
 from conftest import StartProcess
+from craft_helpers import ROOT
 from process_helpers import PATIENCE, workers_of
 
 from ppc_attitude.analysis.metrics import analyse
@@ -48,8 +49,6 @@ from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
-
-ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ import distributed
 import pytest
 from campaign_helpers import files_of, rows_of, small
 from conftest import StartProcess
+from craft_helpers import ROOT
 from distributed import Client
 from process_helpers import PAPER, PATIENCE, Process
 
@@ -36,7 +37,6 @@ from ppc_attitude.campaign.campaign import run_campaign
 from ppc_attitude.campaign.rows import CampaignError
 from ppc_attitude.science.errors import ConfigurationError
 
-ROOT = Path(__file__).parent.parent
 WORKERS = 2
 RUNS = 60
 pytestmark = pytest.mark.slow

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from craft_helpers import configs
 from test_campaign_distributions import CRAFT, base
-from test_layers import ROOT
 
 from ppc_attitude.campaign.declaration import campaign, load_campaign
 from ppc_attitude.campaign.draw import draw, scenario_of_run
@@ -53,7 +53,7 @@ def test_a_number_that_cannot_vary_is_refused_by_name(name: Any, given: Any, mes
 
 def test_an_estimator_waits_for_fixes_as_late_as_they_were_drawn() -> None:
     """Else a run that was drawn could not be flown by the nodes."""
-    craft = load([ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_smallsat")])
+    craft = load(configs("paper", "sensors_smallsat"))
     given = {
         "parameters": {
             f"{PLANT}.star_tracker.latency": {"distribution": "uniform", "low": 0.0, "high": 0.3}

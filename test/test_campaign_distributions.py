@@ -15,13 +15,13 @@
 """What a campaign draws: the right distributions, reproducible alone, and clear refusals."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from campaign_helpers import run_one
+from craft_helpers import ROOT, configs
 from docs_helpers import blocks
 from scipy import linalg, stats
 
@@ -36,7 +36,6 @@ from ppc_attitude.science.attitude import attitude_error, rotation_angle
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
-ROOT = Path(__file__).parent.parent
 ANY = Range(-math.inf, math.inf)
 DRAWS = 3000
 # A right distribution fails one test in 10⁴; the seed is fixed, so it is right or wrong for good.
@@ -206,13 +205,13 @@ def test_the_scenario_holds_what_was_drawn_and_the_controller_does_not_know() ->
 
 
 CRAFT = load(
-    [ROOT / "config/sensors_smallsat.yaml"],
+    configs("sensors_smallsat"),
     {
         PLANT: {"duration": 1.0, "rate": 50.0},
         REFERENCE: {"mode": "goal", "goals.times": [0.0], "goals.attitudes": [0.0, 0.0, 0.0, 1.0]},
     },
 )
-WHEELED = load([ROOT / "config/paper.yaml", ROOT / "config/wheels.yaml"])
+WHEELED = load(configs("paper", "wheels"))
 UNIFORM = {"distribution": "uniform", "low": 0.01, "high": 0.02}
 
 

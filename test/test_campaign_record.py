@@ -22,8 +22,8 @@ import yaml
 from bag_helpers import assert_same
 from campaign_helpers import VARIES
 from conftest import StartProcess
+from craft_helpers import CONFIG, configs
 from process_helpers import COMMAND, PATIENCE
-from test_layers import ROOT
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.campaign.declaration import campaign
@@ -44,7 +44,7 @@ def test_a_run_through_the_nodes_is_the_run_in_process(
     varies, bag = tmp_path / "varies.yaml", tmp_path / "bag"
     declared = {name: each for name, each in VARIES.items() if name != "attitude_noise"}
     varies.write_text(yaml.safe_dump({"campaign": declared}), encoding="utf-8")
-    files = [ROOT / "config" / name for name in ("paper.yaml", "sensors_smallsat.yaml")]
+    files = configs("paper", "sensors_smallsat")
     command = [*COMMAND, "campaign"]
     command += [option for path in files for option in ("--config", str(path))]
     command += ["--campaign", str(varies), "--duration", "2"]
@@ -65,6 +65,6 @@ def test_a_run_through_the_nodes_is_the_run_in_process(
 def test_the_shipped_campaign_is_the_default(capsys: pytest.CaptureFixture[str]) -> None:
     main(["campaign", "--only", "3", "--json"])
     default = capsys.readouterr().out
-    shipped = ROOT / "config" / "campaign.yaml"
+    shipped = CONFIG / "campaign.yaml"
     main(["campaign", "--campaign", str(shipped), "--only", "3", "--json"])
     assert default == capsys.readouterr().out

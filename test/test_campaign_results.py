@@ -26,6 +26,7 @@ import pytest
 import yaml
 from campaign_helpers import RUNS, VARIES, finish, rows_of, small
 from conftest import StartProcess
+from craft_helpers import ROOT
 from process_helpers import COMMAND, PATIENCE
 from scipy import stats
 from synthetic import normal_run
@@ -47,8 +48,6 @@ from ppc_attitude.campaign.quantile_bands import (
 from ppc_attitude.campaign.report import write_campaign_report
 from ppc_attitude.campaign.summary import WORST, Fraction, Summary
 from ppc_attitude.command_line.main import main
-
-ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture(scope="module")

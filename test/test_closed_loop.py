@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from craft_helpers import configs
 
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.attitude import attitude_error
@@ -31,12 +32,10 @@ from ppc_attitude.science.plants.rigid_body import rigid_body_step
 from ppc_attitude.simulation.closed_loop import Loop, first_instant, simulate, stamps_of
 from ppc_attitude.simulation.scenario import load, scenario
 
-CONFIG = Path(__file__).parent.parent / "config"
-
 
 @cache
 def run(*overlays: str, rate: float = 100.0, duration: float = 120.0) -> RunRecord:
-    files = [CONFIG / f"{name}.yaml" for name in ("paper", *overlays)]
+    files = configs("paper", *overlays)
     return simulate(load(files, {"spacecraft_plant": {"rate": rate}}), duration)
 
 
@@ -70,7 +69,7 @@ def test_it_begins_where_the_paper_begins() -> None:
         [-0.22952, 0.25933, -0.11266, -0.93133], abs=1e-5
     )
     assert np.all(record["attitude_error"][:, 3] < 0.0)  # to −1, the short way
-    assert not first_instant(load([CONFIG / "paper.yaml"]))[CONTROLLERS.name].advice.warning
+    assert not first_instant(load(configs("paper")))[CONTROLLERS.name].advice.warning
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS.components))
@@ -152,10 +151,7 @@ def test_stamps_include_both_ends() -> None:
 
 @pytest.mark.parametrize("overlays", [("sensors_smallsat",), ("wheels", "orbit", "unloading")])
 def test_a_loop_remembers_nothing_of_the_scenario_before(overlays: tuple[str, ...]) -> None:
-    case, stamps = (
-        load([CONFIG / f"{name}.yaml" for name in ("paper", *overlays)]),
-        stamps_of(100.0, 1.0),
-    )
+    case, stamps = load(configs("paper", *overlays)), stamps_of(100.0, 1.0)
     other = case.overlaid(
         {
             "spacecraft_plant": {"initial_attitude": [0.0, 0.0, 0.6, 0.8], "seed": 9},
@@ -179,7 +175,7 @@ def test_a_loop_remembers_nothing_of_the_scenario_before(overlays: tuple[str, ..
 def test_the_samples_of_an_instant_belong_together() -> None:
     """Both torques of a stamp, held, carry its state to the next; the error is of its stamp."""
     record = run("sudden_disturbance", duration=140.0)
-    values = load([CONFIG / "paper.yaml"]).parameters["spacecraft_plant"]
+    values = load(configs("paper")).parameters["spacecraft_plant"]
     inertia = np.array(values["inertia"]).reshape(3, 3)
     moments = matrix(inertia), matrix(np.linalg.inv(inertia))
     for k in (0, 1999, 2000, 2009, 2010, 8005):

@@ -25,8 +25,9 @@ from pathlib import Path
 
 import pytest
 from conftest import StartProcess
+from craft_helpers import ROOT
 from process_helpers import PATIENCE
-from test_layers import PACKAGE, ROOT
+from test_layers import PACKAGE
 
 import ppc_attitude
 from ppc_attitude.contract.topics import MARKERS, OF_A_RUN, PLANT, RECORDER

@@ -24,8 +24,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from craft_helpers import ROOT
 from synthetic import normal_run
-from test_layers import ROOT
 
 import ppc_attitude
 from ppc_attitude.bags.reader import read_run

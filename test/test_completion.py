@@ -20,7 +20,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_layers import ROOT
+from craft_helpers import ROOT
 
 
 def completions(line: str, tmp_path: Path) -> list[str]:

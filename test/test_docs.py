@@ -20,8 +20,8 @@ import runpy
 from pathlib import Path
 
 import pytest
+from craft_helpers import ROOT
 from docs_helpers import PAGES, table
-from test_layers import ROOT
 
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.parameters import PARAMETERS

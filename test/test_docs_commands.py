@@ -30,9 +30,9 @@ import pytest
 import yaml
 from bag_helpers import cut_copy
 from conftest import StartProcess
+from craft_helpers import ROOT
 from docs_helpers import ALL, EXAMPLES, PAGES, Command, blocks, commands, saved_files, table
 from process_helpers import PATIENCE
-from test_layers import ROOT
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import COMMANDS, build_parser, main

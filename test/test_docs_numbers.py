@@ -21,8 +21,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from craft_helpers import ROOT
 from docs_helpers import EXAMPLES, blocks, table
-from test_layers import ROOT
 
 from ppc_attitude.command_line.main import main
 

@@ -24,7 +24,8 @@ from typing import Any
 import pytest
 import yaml
 from conftest import StartProcess
-from docs_helpers import ALL, ROOT, Command
+from craft_helpers import ROOT
+from docs_helpers import ALL, Command
 from geometry_msgs.msg import WrenchStamped
 from peer import Peer, peer
 from process_helpers import PATIENCE

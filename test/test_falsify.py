@@ -25,6 +25,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import configs
+from process_helpers import PAPER
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.command_line.main import main
@@ -38,12 +40,9 @@ from ppc_attitude.science.guarantee.surroundings import inertia_error
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
-CONFIG = Path(__file__).parent.parent / "config"
-PAPER = CONFIG / "paper.yaml"
-
 
 def space_of(duration: float = 20.0, **changes: Any) -> Space:
-    base = load([PAPER, CONFIG / "guaranteed.yaml"], {PLANT: {"duration": duration}})
+    base = load(configs("paper", "guaranteed"), {PLANT: {"duration": duration}})
     given = {
         "rate": math.radians(1.0),
         "disturbance": 4.374e-3,
@@ -135,7 +134,7 @@ def test_an_interrupted_search_says_so_and_what_has_not_settled(
 def test_the_worst_case_is_a_configuration_that_gives_the_value(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    overlays = [f"--config={path}" for path in (PAPER, CONFIG / "guaranteed.yaml")]
+    overlays = [f"--config={path}" for path in configs("paper", "guaranteed")]
     bounds = ["--runs=40", "--pieces=3", f"--out={tmp_path}", "--duration=30", "--goal=terminal"]
     code = main(["falsify", *overlays, *bounds, "--json"])
     told = json.loads(capsys.readouterr().out)
@@ -155,7 +154,7 @@ def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path) -> No
 
 def test_error_and_rate_are_the_true_ones() -> None:
     """With sensors the noise of what the law was told had been added: 3°/s seemed broken."""
-    base = load([PAPER, CONFIG / "sensors_cubesat.yaml"])
+    base = load(configs("paper", "sensors_cubesat"))
     record = simulate(base, 60.0)
     rates = np.degrees(np.linalg.norm(record["truth_angular_velocity"], axis=1))
     assert Goal("rate").value(record, base.controller) == rates.max()
@@ -187,7 +186,7 @@ def test_a_run_that_diverges_is_worst_of_all(name: str) -> None:
 
 
 def test_wheels_cannot_be_late() -> None:
-    base = load([PAPER, PAPER.with_name("wheels.yaml")])
+    base = load(configs("paper", "wheels"))
     with pytest.raises(ConfigurationError, match="actuator = wheels has no parameter late_command"):
         Space(base, 0.0, 0.0, 0, 0.0, 1.0, late=True)
 

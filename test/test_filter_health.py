@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimation_helpers import ROOT
+from craft_helpers import configs
 
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.filter_health import filter_health
@@ -31,7 +31,7 @@ from ppc_attitude.simulation.scenario import load
 
 
 def run(seconds: float = 40.0, **nodes: Mapping[str, Any]) -> RunRecord:
-    files = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_smallsat")]
+    files = configs("paper", "sensors_smallsat")
     given = {"spacecraft_plant": {"seed": 3}, **nodes}
     return simulate(load(files, given), seconds)
 
@@ -107,7 +107,7 @@ def test_innovations_are_not_judged_by_a_gate_that_was_changed() -> None:
 
 
 def test_a_run_without_a_filter_is_not_judged_by_one() -> None:
-    record = simulate(load([ROOT / "config" / "paper.yaml"]), 1.0)
+    record = simulate(load(configs("paper")), 1.0)
     assert filter_health(record) is None
     assert not {"knowledge_outside", "nis", "refused_fixes"} & set(rows(record))
 

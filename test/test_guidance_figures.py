@@ -18,9 +18,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from craft_helpers import configs
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
-from process_helpers import PAPER
 from scipy.spatial.transform import Rotation
 from test_goal_reference import DESIRED_ATTITUDE, NO_PROFILES, STRAIGHT, flight
 
@@ -225,7 +225,7 @@ def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRec
 
 
 def test_a_run_without_any_order_has_no_legs_to_shade() -> None:
-    resting = simulate(load([PAPER], {REFERENCE: {"mode": "goal"}}), 2.0)
+    resting = simulate(load(configs("paper"), {REFERENCE: {"mode": "goal"}}), 2.0)
     flown = flight_of(resting)
     assert flown is not None
     assert flown.words == ()
@@ -239,7 +239,7 @@ def test_a_craft_that_never_knew_its_attitude_flew_nothing() -> None:
         "star_tracker.blinding_times": [0.0],
         "star_tracker.blinding_durations": [1e3],
     }
-    files = [PAPER.with_name(f"{name}.yaml") for name in ("paper", "mission", "sensors_smallsat")]
+    files = configs("paper", "mission", "sensors_smallsat")
     record = simulate(load(files, {PLANT: blind, ESTIMATOR: {"initial_fix": False}}), 2.0)
     assert flight_of(record) is None
     assert {"gyro_bias", "transformed_errors"} <= figures_of(record).keys()

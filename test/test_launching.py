@@ -21,8 +21,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from craft_helpers import CONFIG, ROOT
 from docs_helpers import ALL, Command
-from test_layers import ROOT
 
 from ppc_attitude.command_line.launching import ARGUMENTS, SIDE_BY_SIDE, Request
 from ppc_attitude.contract.topics import (
@@ -37,8 +37,6 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import Overrides, load
-
-CONFIG = ROOT / "config"
 
 
 def parameters(**given: str) -> Overrides:

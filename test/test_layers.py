@@ -22,8 +22,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from craft_helpers import ROOT
 
-ROOT = Path(__file__).parent.parent
 PACKAGE = "ppc_attitude"
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 

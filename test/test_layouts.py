@@ -21,15 +21,13 @@ from typing import Any
 
 import pytest
 import yaml
+from craft_helpers import CONFIG
 from rosbags.highlevel import AnyReader
-from test_layers import ROOT
 
 from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS, MARKERS_TOPIC
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.science.component import INERTIAL
-
-CONFIG = ROOT / "config"
 
 
 @pytest.fixture(scope="module")

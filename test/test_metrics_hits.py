@@ -15,10 +15,10 @@
 """The judgement of synthetic runs with sudden disturbances."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from craft_helpers import case
 from synthetic import environment, hit_run, normal_run, pulse_torque, with_columns
 from test_metrics import constant_error, names, requirement
 
@@ -27,9 +27,6 @@ from ppc_attitude.analysis.verdict import disturbance_text, verdict_table
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.scenario import load
-
-CONFIG = Path(__file__).parent.parent / "config"
 
 
 def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
@@ -206,8 +203,7 @@ def test_who_is_unsettled_when_a_hit_comes_at_the_deadline_has_not_settled():
     ],
 )
 def test_a_limit_that_was_changed_in_flight_is_not_judged(name, overlays, parameter, value):
-    files = [CONFIG / f"{each}.yaml" for each in ("paper", *overlays)]
-    run = simulate(load(files), 1.0)
+    run = simulate(case(*overlays), 1.0)
     assert requirement(analyse(run), name).met is not None
     node = REFERENCE if parameter.startswith("keep_out") else PLANT
     changed = replace(run, changes=(Change(500_000_000, node, parameter, value),))

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from craft_helpers import CONFIG, configs
 from process_helpers import PAPER
 
 from ppc_attitude.command_line.main import main
@@ -29,13 +30,11 @@ from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.news import concerns
 from ppc_attitude.simulation.scenario import Scenario, load
 
-CONFIG = Path(__file__).parent.parent / "config"
 LOSSES = ["wheel/2 effectiveness 0.0 from 40.0 for 10.0", "wheel/1 seized from 45 for 2"]
 
 
 def of(*overlays: str, **plant: object) -> Scenario:
-    paths = [CONFIG / f"{name}.yaml" for name in ("paper", *overlays)]
-    return load(paths, {PLANT: plant})
+    return load(configs("paper", *overlays), {PLANT: plant})
 
 
 def asked_at_each(scenario: Scenario, stamps_ns: np.ndarray) -> list[tuple[float, str]]:

@@ -23,8 +23,9 @@ from unittest import mock
 import pytest
 from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package import Package, parse_package
+from craft_helpers import ROOT
 from packaging.requirements import Requirement
-from test_layers import PACKAGE, ROOT, SOURCES, imports_of
+from test_layers import PACKAGE, SOURCES, imports_of
 
 import ppc_attitude
 from ppc_attitude.contract.topics import MARKERS, OF_A_RUN

@@ -22,6 +22,7 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from craft_helpers import ROOT
 from peer import node_apart
 from process_helpers import PATIENCE, node_here, serving
 from rcl_interfaces.msg import Parameter, ParameterValue
@@ -39,7 +40,6 @@ from rclpy.parameter import (
     parameter_dict_from_yaml_file,
     parameter_value_to_python,
 )
-from test_layers import ROOT
 
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER, REFERENCE

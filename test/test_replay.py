@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from estimation_helpers import ROOT
+from craft_helpers import configs
 
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.main import main
@@ -62,7 +62,7 @@ def test_an_environment_gives_again_what_it_tells_of_itself() -> None:
 
 def estimated(**tracker: float) -> Scenario:
     """A run on an estimate whose fixes are late, absent at times, and false at times."""
-    files = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "sensors_cubesat")]
+    files = configs("paper", "sensors_cubesat")
     faults = {"dropout_probability": 0.2, "outlier_probability": 0.1, "outlier_size": 0.05}
     given = {f"star_tracker.{name}": value for name, value in {**faults, **tracker}.items()}
     plant = {**given, "seed": 5, "initial_fix": False}

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from craft_helpers import configs
 from synthetic import normal_run, turned, with_columns, with_error
 from test_metrics import requirement
 
@@ -31,8 +32,6 @@ from ppc_attitude.analysis.requirements import (
     names_of,
 )
 from ppc_attitude.science.errors import ConfigurationError
-
-SHIPPED = Path(__file__).parents[1] / "config" / "requirements.yaml"
 
 
 def written(folder: Path, text: str, name: str = "own.yaml") -> Path:
@@ -55,7 +54,7 @@ CUBESAT = "settled: 0.1 deg\nsettling_deadline: 90\nterminal: 0.06 deg\nrate: 5\
 
 
 def test_the_shipped_file_is_the_paper() -> None:
-    assert load_requirements([SHIPPED]) == PAPER == load_requirements([])
+    assert load_requirements(configs("requirements")) == PAPER == load_requirements([])
     assert set(names_of(PAPER)) >= {"settling_time", "rate", "knowledge"}
 
 

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import CONFIG, configs
 
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.environments import paper as paper_torque
@@ -34,7 +35,6 @@ from ppc_attitude.simulation.closed_loop import stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import check_exchange, load, read_files, scenario
 
-CONFIG = Path(__file__).parent.parent / "config"
 STAMPS = stamps_of(100.0, 0.3)
 
 
@@ -60,7 +60,7 @@ def test_every_file_of_the_project_is_a_valid_overlay_of_the_papers_case(path: P
 
 
 def test_the_papers_file_has_the_papers_numbers() -> None:
-    case = load([CONFIG / "paper.yaml"])
+    case = load(configs("paper"))
     law = case.parameters["ppc_controller"]
     assert (law["k"], law["M_omega"]) == (3.0, 0.017)
     table_1 = [law[f"attitude_envelope.{name}"] for name in FIELDS]
@@ -288,7 +288,7 @@ def test_with_values_leaves_the_original_alone_and_checks() -> None:
 
 
 def test_nodes_agree_on_when_a_fix_comes() -> None:
-    files = [CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml"]
+    files = configs("paper", "sensors_smallsat")
     message = "attitude_estimator: star_tracker.latency = 0.2; allowed: 0.1, which spacecraft_plant"
     with pytest.raises(ConfigurationError, match=message):
         load(files, {"attitude_estimator": {"star_tracker.latency": 0.2}})
@@ -296,7 +296,7 @@ def test_nodes_agree_on_when_a_fix_comes() -> None:
 
 
 def test_nodes_agree_on_what_the_craft_is() -> None:
-    files = [CONFIG / "paper.yaml", CONFIG / "orbit.yaml"]
+    files = configs("paper", "orbit")
     heavier = [3.0, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9]
     message = (
         r"disturbance_injector: inertia = \[2.8.*; allowed: \[3.0.*, which spacecraft_plant has"
@@ -327,7 +327,7 @@ def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPa
     """Sensing is exact, so the plant does not send the truth beside it."""
     gradient = replace(paper_torque.COMPONENT, name="gradient", inputs=(TRUE_ATTITUDE,))
     monkeypatch.setitem(ENVIRONMENTS.components, "gradient", gradient)
-    base = load([CONFIG / "paper.yaml"])
+    base = load(configs("paper"))
     check_exchange(base.parameters)
     injector = {**base.parameters["disturbance_injector"], "environment": "gradient"}
     case = {**base.parameters, "disturbance_injector": injector}
@@ -344,7 +344,7 @@ def test_nodes_refuse_an_estimator_that_does_not_say_when_its_fixes_come(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The node would take the slots from parameters of another estimator, and wait for ever."""
-    case = load([CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml"])
+    case = load(configs("paper", "sensors_smallsat"))
     monkeypatch.setitem(ESTIMATORS.components, "mekf", replace(mekf.COMPONENT, parameters=()))
     message = "mekf reads star_fix, which comes late, and has no parameter star_tracker.rate, .*all"
     with pytest.raises(ConfigurationError, match=message):
@@ -355,6 +355,6 @@ def test_nodes_refuse_a_law_that_reads_what_comes_late(monkeypatch: pytest.Monke
     """The estimator alone knows when a fix is due: a law would wait for one at every instant."""
     law = replace(CONTROLLERS.components["ppc"], inputs=mekf.COMPONENT.inputs)
     monkeypatch.setitem(CONTROLLERS.components, "ppc", law)
-    case = load([CONFIG / "paper.yaml", CONFIG / "sensors_smallsat.yaml"])
+    case = load(configs("paper", "sensors_smallsat"))
     with pytest.raises(ConfigurationError, match=r"controller: .* read star_fix, which comes l"):
         check_exchange(case.parameters)

@@ -19,10 +19,11 @@ import math
 from pathlib import Path
 
 import pytest
+from craft_helpers import configs
 
 from ppc_attitude.command_line.main import main
 
-PAPER = Path(__file__).resolve().parents[1] / "config" / "paper.yaml"
+(PAPER,) = configs("paper")
 
 
 def test_hits_scale_with_the_actuator_and_with_the_required_settling_time(
@@ -50,7 +51,7 @@ def test_hits_scale_with_the_selected_actuator(
     strong, asked = tmp_path / "strong.yaml", tmp_path / "asked.yaml"
     strong.write_text("/**/spacecraft_plant: {ros__parameters: {wheels.max_torque: [0.3]}}\n")
     asked.write_text("settling_deadline: 1.0\nterminal_window: 1.0\nsettled: 90 deg\n")
-    files = [PAPER, PAPER.with_name("wheels.yaml"), strong]
+    files = [*configs("paper", "wheels"), strong]
     command = ["sweep", *(word for file in files for word in ("--config", str(file))), "--json"]
     assert main([*command, "--requirements", str(asked), "--pulse-durations", "0.01"]) == 0
     told = json.loads(capsys.readouterr().out)
