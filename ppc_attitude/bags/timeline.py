@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.bags.source import Integers
-from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.run_record import STEADY, Array
 from ppc_attitude.contract.topics import ATTITUDE, PLANT, Topic
 from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
@@ -34,9 +34,6 @@ from ppc_attitude.science.stamps import NANOSECONDS, seconds
 _LONGEST_DELAY = 3
 # Each costs a look at all stamps that follow; who leaps more often has no rhythm to go on with.
 _MOST_LEAPS = 100
-# Three in four steps of a steady rhythm are as near as this to its period. A sensor of others' has
-# gaps only if it is steady.
-_STEADY = 0.2
 # Periods within this ratio of each other, either way, are those of one rhythm with some losses.
 _SAME_RHYTHM = 1.5
 _FEWEST = 3  # messages that have a rhythm
@@ -174,7 +171,7 @@ def _goes_its_own_way(own: Integers, stamps: Integers) -> bool:
 
 
 def _steady(steps: Integers, period: float) -> bool:
-    return bool(np.quantile(np.abs(steps / period - 1.0), 0.75) <= _STEADY)
+    return bool(np.quantile(np.abs(steps / period - 1.0), 0.75) <= STEADY)
 
 
 def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> int | None:

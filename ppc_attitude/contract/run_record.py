@@ -27,6 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+STEADY = 0.2
+"""A rhythm has gaps only if three in four of its steps are as near as this to its usual one [1]."""
 
 
 class Change(NamedTuple):

@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 from math import inf
 from statistics import median_low
 
+from ppc_attitude.contract.run_record import STEADY
 from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.runtime.publishers import Publishers
 from ppc_attitude.science.stamps import seconds
@@ -37,7 +38,6 @@ _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come 
 _JOINS = 2.0  # [s] by the wall clock in which who joins a run may hear others and no state
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
 _FIRST = 9  # steps whose median is the rhythm: the first one alone may be of any length
-_STEADY = 0.2  # states have gaps only if three in four steps are as near as this to the rhythm
 _MOST_JUMPS = 5  # that are told one by one
 
 Write = Callable[[str, int, bytes], None]
@@ -97,7 +97,7 @@ class Completeness:
         for before, after in self._steps:
             ratio = (after - before) / (self._period or 1)
             self._weighed += 1
-            self._steady += abs(ratio - 1.0) <= _STEADY
+            self._steady += abs(ratio - 1.0) <= STEADY
             if ratio > 1.5:
                 self._jumped += 1
                 if self._jumped <= _MOST_JUMPS:
