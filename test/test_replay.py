@@ -47,8 +47,7 @@ def test_every_component_gives_again_what_is_on_record(given: dict[str, dict[str
 
 def test_an_environment_gives_again_what_it_tells_of_itself() -> None:
     """Its torque is on record in the sum with what is injected only."""
-    files = [ROOT / "config" / f"{name}.yaml" for name in ("paper", "orbit")]
-    record = simulate(load(files), 2.0)
+    record = simulate(load(configs("paper", "orbit")), 2.0)
     found = {each.component: each for each in replay(record).others}
     assert (found["orbit"].largest, found["orbit"].steps) == (0.0, 201)
     sun = record["sun"].copy()
