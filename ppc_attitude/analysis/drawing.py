@@ -23,8 +23,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ppc_attitude.analysis.series import Mask
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.whole_file import whole_file
 
@@ -200,9 +200,7 @@ def draw(
     )
 
 
-def judged_limit(
-    axes: Axes, t: Array, judged: NDArray[np.bool_], level: float, **told: Any
-) -> None:
+def judged_limit(axes: Axes, t: Array, judged: Mask, level: float, **told: Any) -> None:
     """Draw a limit where it is judged, shape (n,), and nowhere else."""
     draw(axes, t, np.where(judged, level, np.nan), width=0.8, style=LIMIT_STYLE, **told)
 

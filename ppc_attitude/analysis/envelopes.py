@@ -17,9 +17,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppc_attitude.analysis.series import finite, has, is_finite, once
+from ppc_attitude.analysis.series import Mask, finite, has, is_finite, once
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR, BOUNDS, BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
 
@@ -59,20 +58,20 @@ class Envelope:
 
 
 @once
-def outside(record: RunRecord, envelope: Envelope) -> NDArray[np.bool_]:
+def outside(record: RunRecord, envelope: Envelope) -> Mask:
     """Instants, finite in both, with a component of the error beyond its bound, shape (n,)."""
     error, bound = record[envelope.error], record[envelope.bound]
     known = is_finite(record, envelope.error) & is_finite(record, envelope.bound)
     return known & _larger(error[:, : bound.shape[1]], bound)
 
 
-def beyond(error: Array, bound: Array) -> NDArray[np.bool_]:
+def beyond(error: Array, bound: Array) -> Mask:
     """Rows, finite in both, with a component beyond its bound, shape (n,)."""
     larger = _larger(error, bound)
     return larger & finite(error) & finite(bound) if larger.any() else larger
 
 
-def _larger(error: Array, bound: Array) -> NDArray[np.bool_]:
+def _larger(error: Array, bound: Array) -> Mask:
     return np.asarray(np.logical_or.reduce(np.abs(error).T > bound.T))
 
 

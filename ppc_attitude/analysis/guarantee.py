@@ -21,12 +21,11 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, RATE_VARIANCES, sigmas_of
-from ppc_attitude.analysis.series import has
+from ppc_attitude.analysis.series import Mask, has
 from ppc_attitude.analysis.truth import knowledge_errors, truth_of
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
@@ -70,7 +69,6 @@ from ppc_attitude.science.guarantee.surroundings import (
 )
 from ppc_attitude.science.wheels import SPEED
 
-Mask = NDArray[np.bool_]
 # The law sees a torque at the next sample, and begins anew with the one after it.
 _SEEN_AFTER = 2
 _ROUNDING = 1e-12  # [rad] of the angle between equal attitudes

@@ -20,13 +20,13 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.analysis.envelopes import beyond, envelopes_of, outside
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
 from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import (
     AnalysisError,
+    Mask,
     elapsed,
     has,
     is_finite,
@@ -56,7 +56,6 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
 
-Mask = NDArray[np.bool_]
 _Found = TypeVar("_Found")
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""

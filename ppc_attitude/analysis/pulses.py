@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.series import finite
+from ppc_attitude.analysis.series import Mask, finite
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.science.kernel import kernel
 
@@ -177,7 +177,7 @@ def _paired(rises: Array) -> list[_Found]:
     return pulses
 
 
-def _same(torques: Array, other: Array) -> NDArray[np.bool_]:
+def _same(torques: Array, other: Array) -> Mask:
     """Which torques, of shape (…, 3), equal the other but for the environment's drift."""
     return np.asarray(np.abs(torques - other).max(axis=-1) <= SAME_TORQUE)
 

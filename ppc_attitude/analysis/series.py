@@ -26,6 +26,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS
 
+Mask = NDArray[np.bool_]
 _Names = ParamSpec("_Names")
 _Found = TypeVar("_Found")
 _OfRecord = Callable[Concatenate[RunRecord, _Names], _Found]
@@ -155,7 +156,7 @@ def has(record: RunRecord, column: str) -> bool:
 
 
 @once
-def is_finite(record: RunRecord, column: str) -> NDArray[np.bool_]:
+def is_finite(record: RunRecord, column: str) -> Mask:
     """At which instants a column is finite throughout, shape (n,)."""
     return finite(record[column])
 
@@ -167,7 +168,7 @@ def take_for_finite(record: RunRecord, columns: Iterable[str]) -> None:
         record.derived[_key(is_finite, column)] = always
 
 
-def finite(rows: Array) -> NDArray[np.bool_]:
+def finite(rows: Array) -> Mask:
     """Which rows, of shape (n, width), are finite throughout; shape (n,)."""
     # No product of vectors instead: BLAS starts threads for it, which fight those of other workers.
     known = np.isfinite(rows.T)
