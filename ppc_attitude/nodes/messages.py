@@ -38,11 +38,16 @@ from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, Topic
 from ppc_attitude.nodes.qos import ONLOOKER, PEER, published
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
-from ppc_attitude.science.component import FIX, GYRO, QUATERNION, WRENCH
+from ppc_attitude.science.component import (
+    FIX,
+    GYRO,
+    OWN_TOLERANCE,
+    QUATERNION,
+    UNIT_TOLERANCE,
+    WRENCH,
+)
 from ppc_attitude.science.parameter import Value
 
-_UNIT_TOLERANCE = 1e-3
-_OWN_TOLERANCE = 1e-12
 _FIX_VARIANCE = math.pi**2  # [rad²] no attitude is further from another than π
 _GYRO_VARIANCE = 1e5  # [rad²/s²] the noisiest gyro that can be configured, at 10 kHz, has 1e4
 Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
@@ -128,11 +133,11 @@ class Inbox:
 
     def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:
         length = math.hypot(*values)
-        if abs(length - 1.0) <= _OWN_TOLERANCE:
-            return values  # of our own: normalising it again would change its last bits
-        if abs(length - 1.0) > _UNIT_TOLERANCE:
+        if abs(length - 1.0) <= OWN_TOLERANCE:
+            return values
+        if abs(length - 1.0) > UNIT_TOLERANCE:
             raise self._refusal(
-                f"quaternion {values} has norm {length:.6g}; allowed: 1 within {_UNIT_TOLERANCE:g}"
+                f"quaternion {values} has norm {length:.6g}; allowed: 1 within {UNIT_TOLERANCE:g}"
             )
         return tuple(value / length for value in values)
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ppc_attitude.science.component import UNIT_TOLERANCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     Matrix,
@@ -35,7 +36,6 @@ from ppc_attitude.science.kernel import (
     subtract,
 )
 
-UNIT_TOLERANCE = 1e-3
 _SMALL = 1e-4  # [rad²] below which a series of four terms is exact to rounding
 
 

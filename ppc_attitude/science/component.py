@@ -38,6 +38,10 @@ QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
 GYRO, FIX, MOTION = "gyro", "fix", "motion"
 WHEEL_SPEEDS, WHEEL_TORQUES, ON_TIMES = "wheel_speeds", "wheel_torques", "on_times"
 MAX_WHEELS, MAX_THRUSTERS = 8, 16
+UNIT_TOLERANCE = 1e-3
+"""How far the norm of a quaternion may be from 1; it is normalised."""
+OWN_TOLERANCE = 1e-12
+"""How near 1 it is of one of ours: normalising it again would change its last bits."""
 
 
 class Joints(NamedTuple):

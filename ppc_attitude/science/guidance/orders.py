@@ -26,10 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import unit_quaternion
+from ppc_attitude.science.component import OWN_TOLERANCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import one_for_each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
-from ppc_attitude.science.guidance.trajectory import OWN_TOLERANCE, POINTS, points
+from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.kernel import STRAIGHT
 from ppc_attitude.science.parameter import at_start, record_type
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
@@ -99,7 +100,7 @@ def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[
         raise ConfigurationError(f"frame of a goal = {frame!r}; allowed: {', '.join(FRAME_NAMES)}")
     unit = unit_quaternion("attitude of a goal", attitude)
     if abs(math.hypot(*attitude) - 1.0) <= OWN_TOLERANCE:
-        unit = np.asarray(attitude, np.float64)  # to normalise it again would change its last bits
+        unit = np.asarray(attitude, np.float64)
     return np.array([(stamp_ns, FRAME_NAMES.index(frame), tuple(unit), 0)], ORDER)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import conjugate, product
+from ppc_attitude.science.component import OWN_TOLERANCE, UNIT_TOLERANCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.frames import INERTIAL
 from ppc_attitude.science.guidance.goals import (
@@ -56,7 +57,6 @@ POINTS = record_type(
     ("rate", np.float64, (MOST_POINTS, 3)),  # [rad/s] desired frame
     ("acceleration", np.float64, (MOST_POINTS, 3)),  # [rad/s²] desired frame
 )
-OWN_TOLERANCE = 1e-12  # of the norm of a quaternion that is normalised
 
 Floats = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def points(
     record["count"] = count
     quaternions = np.asarray(attitudes, dtype=np.float64)
     lengths = np.linalg.norm(quaternions, axis=1)
-    wrong = np.flatnonzero(~(np.abs(lengths - 1.0) <= 1e-3))
+    wrong = np.flatnonzero(~(np.abs(lengths - 1.0) <= UNIT_TOLERANCE))
     if len(wrong):
         raise ConfigurationError(
             f"point {wrong[0]} has attitude {quaternions[wrong[0]].tolist()} of norm "
