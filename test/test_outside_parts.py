@@ -40,7 +40,14 @@ share = outside_parts:LAW
 """
 SENSORS = "[ppc_attitude.sensors]\nrounding = outside_parts:SENSORS\n"
 CONFIGS = ["--config", str(CONFIG / "paper.yaml"), "--config", str(OUTSIDE / "outside.yaml")]
-OWN = {"ring_momentum", "rounded_attitude", "rounded_rate", "rate_change", "torque_use"}
+OWN = {
+    "ring_momentum",
+    "rounded_attitude",
+    "rounded_rate",
+    "rate_change",
+    "turned",
+    "torque_use",
+}
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 

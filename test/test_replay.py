@@ -84,6 +84,25 @@ def test_an_estimator_gives_again_what_late_fixes_made_it_give() -> None:
     assert differing == {"gyro_star_tracker", "mekf"}
 
 
+def test_an_estimator_without_a_fix_is_replayed_too() -> None:
+    """Its innovations come with fixes, so a short run has none on record."""
+    tracker = {"star_tracker.latency": 9.0, "initial_fix": False}
+    case = load(configs("paper", "sensors_cubesat"), {PLANT: tracker, ESTIMATOR: tracker})
+    record = simulate(case, 1.0)
+    absent = {"innovation", "star_fix"}
+    assert all(np.isnan(record[name]).all() for name in absent)
+    kept = {name: rows for name, rows in record.columns.items() if name not in absent}
+    found = {each.component: each for each in replay(replace(record, columns=kept)).others}
+    assert found["gyro_star_tracker"].largest == 0.0
+
+
+def test_what_cannot_be_replayed_is_named_with_the_reason() -> None:
+    record = simulate(estimated(), 1.0)
+    kept = {name: rows for name, rows in record.columns.items() if name != "gyro"}
+    (reason,) = replay(replace(record, columns=kept)).left_out[:1]
+    assert reason.startswith("gyro_star_tracker: no messages of ")
+
+
 def changed_in_flight(
     before: Scenario, step: int, end: int, changes: tuple[Change, ...], **parts: str
 ) -> RunRecord:

@@ -14,6 +14,7 @@
 
 """The samples of a run: their layout, and that writing them costs no memory."""
 
+import math
 import tracemalloc
 from collections.abc import Callable, Iterator
 
@@ -22,6 +23,7 @@ import pytest
 from craft_helpers import case
 from numba.core.runtime import _nrt_python, rtsys
 
+from ppc_attitude.science.component import BODY, VECTOR, Column
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import (
@@ -49,6 +51,25 @@ def test_every_recorded_column_has_its_own_rows(noise: float) -> None:
     ]
     together = np.concatenate(list(columns.values()), axis=1)
     assert np.array_equal(together, np.broadcast_to(np.arange(together.shape[1]), together.shape))
+
+
+LATE = Column("news", "news", VECTOR, BODY, "1", "a number that comes late", width=2, late=True)
+
+
+@pytest.mark.parametrize(
+    ("age", "place"),
+    [(0.0, 5), (0.2, 3), (0.5, 0), (0.6, None), (-0.1, 6), (-0.2, None), (0.25, None)]
+    + [(age, None) for age in (math.nan, math.inf, -math.inf, 1e300, -9.3e9)],
+)
+def test_a_late_sample_is_where_it_belongs_or_nowhere(age: float, place: int | None) -> None:
+    samples = np.zeros((2, 7))
+    samples[:, 5] = 2.0, age
+    with np.errstate(all="raise"):
+        told = by_column((LATE,), stamps_of(10.0, 0.6), samples)["news"]
+    expected = np.full((7, 1), np.nan)
+    if place is not None:
+        expected[place] = 2.0
+    assert np.array_equal(told, expected, equal_nan=True)
 
 
 @pytest.fixture

@@ -32,6 +32,8 @@ from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
 from ppc_attitude.simulation.diagram import Diagram, selected
 from ppc_attitude.simulation.scenario import Scenario
 
+_LONGEST = 2.0**62 / NANOSECONDS  # age [s] whose difference to a stamp [ns] an int64 holds
+
 
 def stamps_of(rate: float, duration: float) -> NDArray[np.int64]:
     """Stamps [ns] of a run: both ends included."""
@@ -121,13 +123,18 @@ def by_column(
 
 
 def _put_where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> None:
-    """Put each sample of a late column at the instant of its validity; NaN where there is none."""
-    came = np.flatnonzero(np.logical_or.reduce(rows))
-    ages = np.rint(rows[-1, came] * NANOSECONDS).astype(np.int64)
-    valid = np.searchsorted(stamps_ns, stamps_ns[came] - ages)
-    told = rows[:, came]
+    """Put each sample of a late column at the instant of its validity; NaN where there is none.
+
+    One that belongs to no instant of the run is on no record of the nodes either.
+    """
+    near = np.abs(rows[-1]) <= _LONGEST  # NaN is not
+    came = np.flatnonzero(np.logical_or.reduce(rows) & near)
+    valid = stamps_ns[came] - np.rint(rows[-1, came] * NANOSECONDS).astype(np.int64)
+    places = np.searchsorted(stamps_ns[:-1], valid)
+    known = stamps_ns[places] == valid
+    told = rows[:, came[known]]
     rows[:] = np.nan
-    rows[:, valid] = told
+    rows[:, places[known]] = told
 
 
 def timetable_of(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Array:

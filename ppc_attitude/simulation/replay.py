@@ -33,9 +33,10 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, NONE, PLANTS, SENSORS, Kind
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
+from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TORQUE_COMMAND, TRUTH
 from ppc_attitude.science.stamps import seconds
+from ppc_attitude.simulation.closed_loop import by_column
 from ppc_attitude.simulation.diagram import play
 
 
@@ -84,11 +85,14 @@ class Replay:
         Of every other component whose inputs and outputs are on record.
     missing : tuple of str
         Selections and parameters on record that nothing installed knows.
+    left_out : tuple of str
+        Components that were not replayed, each with the reason.
     """
 
     law: Difference | None
     others: tuple[Difference, ...]
     missing: tuple[str, ...]
+    left_out: tuple[str, ...]
 
     @property
     def found(self) -> tuple[Difference, ...]:
@@ -106,9 +110,11 @@ def replay(record: RunRecord) -> Replay:
         the law, or lacks an input of it.
     """
     if record.controller not in CONTROLLERS.components:
-        if others := tuple(_others(record)):
+        others, left_out = _others(record)
+        if others:
             unknown = f"{CONTROLLERS.selector} = {record.controller}"
-            return Replay(None, others, tuple(dict.fromkeys((unknown, *_missing(record)))))
+            missing = tuple(dict.fromkeys((unknown, *_missing(record))))
+            return Replay(None, others, missing, left_out)
         raise ConfigurationError(
             f"{record.source}: controller {record.controller!r} is not one of "
             f"{', '.join(CONTROLLERS.components)}: it cannot be replayed"
@@ -120,28 +126,53 @@ def replay(record: RunRecord) -> Replay:
     if absent:
         raise ConfigurationError(f"{record.source}: no messages of {', '.join(absent)}")
     of_law = _replayed(record, CONTROLLERS, law, (TORQUE_COMMAND,))
-    return Replay(of_law, tuple(_others(record)), tuple(_missing(record)))
+    others, left_out = _others(record)
+    return Replay(of_law, others, tuple(_missing(record)), left_out)
 
 
-def _others(record: RunRecord) -> Iterator[Difference]:
+def _others(record: RunRecord) -> tuple[tuple[Difference, ...], tuple[str, ...]]:
     """Replay the components, besides the law, whose inputs and outputs are all on record.
 
-    A plant that runs free holds what has arrived by then, which the stamps do not tell: only its
-    sensors are replayed.
+    Returns
+    -------
+    replayed : tuple of Difference
+        What was found.
+    left_out : tuple of str
+        The others, each with the reason.
     """
-    lockstep = record.parameters.get(PLANT, {}).get("lockstep", False)
-    left_out = (CONTROLLERS,) if lockstep else (CONTROLLERS, PLANTS, ACTUATORS)
-    columns = _columns(record)
+    replayed, left_out = [], []
     for node, kinds in HOSTED.items():
         for kind in kinds:
             component = kind.selected(record.parameters.get(node, {}))
-            if node not in record.parameters or component is None or kind in left_out:
+            if node not in record.parameters or component is None or kind is CONTROLLERS:
                 continue
             # The torque of an environment is on record in the sum with what is injected only.
             compared = [each for each in component.outputs if each != ENVIRONMENT_TORQUE]
-            needed = [*component.inputs, *compared]
-            if compared and all(each.name in columns for each in needed):
-                yield _replayed(record, kind, component, compared)
+            if ENVIRONMENT_TORQUE in component.inputs or not compared:
+                continue
+            if why := _unplayable(record, kind, component, compared):
+                left_out.append(f"{component.name}: {why}")
+            else:
+                replayed.append(_replayed(record, kind, component, compared))
+    return tuple(replayed), tuple(left_out)
+
+
+def _unplayable(
+    record: RunRecord, kind: Kind, component: Component, compared: Sequence[Column]
+) -> str:
+    """Say why a component cannot be replayed; empty if it can."""
+    columns = _columns(record)
+    # What comes late may never have come.
+    needed = (*component.inputs, *(each for each in compared if not each.late))
+    if absent := [each.topic for each in needed if each.name not in columns]:
+        return f"no messages of {', '.join(absent)}"
+    if kind in (PLANTS, ACTUATORS) and not record.parameters[PLANT].get("lockstep", False):
+        return "the plant ran free, so that no stamp tells what it had got by then"
+    try:
+        check_slots(component)
+    except ConfigurationError as reason:
+        return str(reason)
+    return ""
 
 
 def _missing(record: RunRecord) -> Iterator[str]:
@@ -177,26 +208,31 @@ def _replayed(
     record: RunRecord, kind: Kind, component: Component, compared: Sequence[Column]
 ) -> Difference:
     """Run one component over the instants that have all it reads and all that is compared."""
-    values = record.parameters[NODE_OF[kind.name]]
-    read = _table(record, component.inputs, values)
+    read = _read(record, component, record.parameters[NODE_OF[kind.name]])
     if kind is PLANTS:
         # A plant reads what was given at the instant before.
         read = np.hstack([np.zeros((len(read), 1)), read[:, :-1]])
-    recorded = _table(record, compared, values)
-    names = [column.name for column in compared for _ in range(column.width)]
-    # Nobody can tell a late message that was never sent from one that is missing.
-    prompt = [not column.late for column in compared for _ in range(column.width)]
-    complete = np.isfinite(read).all(axis=0) & np.isfinite(recorded[prompt]).all(axis=0)
+    columns = _columns(record)
+    complete = np.isfinite(read).all(axis=0)
+    for column in compared:
+        if not column.late:
+            complete &= np.isfinite(columns[column.name]).all(axis=1)
     if not complete.any():
         raise ConfigurationError(f"{record.source}: no instant has all inputs and a command")
     stamps = record.stamps_ns[complete]
-    computed = _computed(record, kind, component, stamps, read[:, complete], compared)
-    difference = np.nan_to_num(np.abs(recorded[:, complete] - computed))
-    row, k = np.unravel_index(int(np.argmax(difference)), difference.shape)
+    samples = _computed(record, kind, component, stamps, read[:, complete], compared)
+    name, largest, k = compared[0].name, 0.0, 0
+    for given, computed in by_column(compared, stamps, samples).items():
+        recorded = columns.get(given, np.full((complete.size, 1), np.nan))[complete]
+        # Nobody can tell a late message that was never sent from one that is missing.
+        difference = np.nan_to_num(np.abs(recorded - computed)).max(axis=1)
+        latest = int(np.argmax(difference))
+        if difference[latest] > largest:
+            name, largest, k = given, float(difference[latest]), latest
     return Difference(
         component.name,
-        names[row],
-        float(difference[row, k]),
+        name,
+        largest,
         seconds(int(stamps[k])),
         int(stamps.size),
         int(complete.size - stamps.size),
@@ -239,36 +275,25 @@ def _computed(
     return np.concatenate(pieces, axis=1)
 
 
-def _table(
-    record: RunRecord, wanted: Sequence[Column], values: Mapping[str, Any]
-) -> NDArray[np.float64]:
-    """Return a row for each number of the wanted columns, a column for each instant.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    wanted : sequence of Column
-        What of it.
-    values : mapping of str to value
-        Parameters of the node that reads or gives the columns.
-    """
-    columns = _columns(record)
-    rows: list[Any] = [
-        (_arrived(columns[each.name], record, values) if each.late else columns[each.name]).T
-        for each in wanted
+def _read(record: RunRecord, component: Component, values: Mapping[str, Any]) -> Array:
+    """Return a row for each number that a component reads, a column for each instant."""
+    columns, stamps = _columns(record), record.stamps_ns
+    if not component.inputs:
+        return np.zeros((0, stamps.size))
+    rows = [
+        _arrived(columns[each.name], stamps.tolist(), values) if each.late else columns[each.name]
+        for each in component.inputs
     ]
-    return np.ascontiguousarray(np.vstack(rows)) if rows else np.zeros((0, record.stamps_ns.size))
+    return np.ascontiguousarray(np.hstack(rows).T)
 
 
-def _arrived(rows: Array, record: RunRecord, values: Mapping[str, Any]) -> Array:
-    """Rows of a late column as they arrived, with their age [s].
+def _arrived(rows: Array, stamps: list[int], values: Mapping[str, Any]) -> Array:
+    """Rows of a late column as they arrived, with their age [s], by the estimator's parameters.
 
     A record has them at the instants to which they belong. A row is zero where none was due, and
     NaN where one was due that is not on record.
     """
     slots, last = Slots(values), None
-    stamps = record.stamps_ns.tolist()
     found = np.zeros((len(stamps), rows.shape[1] + 1))
     for k, stamp in enumerate(stamps):
         slot = slots.due(last, stamp)

@@ -183,6 +183,10 @@ TURN = Parameter("turn.rate", 0.005, "rate of the turn about z", "rad/s", low=-0
 START = Parameter(
     "turn.initial_attitude", [0.0, 0.0, 0.0, 1.0], "attitude at t = 0, x y z w", length=4
 )
+TURNED = Column(
+    "turned", "turn/turned", VECTOR, BODY, "rad", "angle some time ago", width=2, late=True
+)
+_EVERY, _AGE = 500_000_000, 0.1  # [ns] between two angles, [s] to their arrival
 REFERENCE_CONFIGURATION = np.dtype([("rate", np.float64), ("start", np.float64, (4,))])
 
 
@@ -202,6 +206,9 @@ def step_reference(inputs: Any, state: Any, configuration: Any, outputs: Any) ->
     store_quaternion(outputs.reference_attitude, product(quaternion(configuration.start), turn))
     store(outputs.reference_angular_velocity, (0.0, 0.0, configuration.rate))
     store(outputs.reference_angular_acceleration, (0.0, 0.0, 0.0))
+    arrives = inputs.stamp_ns % _EVERY == 0 and inputs.stamp_ns > 0
+    outputs.turned[0] = configuration.rate * (inputs.t - _AGE) if arrives else 0.0
+    outputs.turned[1] = _AGE if arrives else 0.0
 
 
 REFERENCE = Component(
@@ -209,7 +216,7 @@ REFERENCE = Component(
     parameters=(TURN, START),
     configure=configure_reference,
     configuration=REFERENCE_CONFIGURATION,
-    outputs=DESIRED_MOTION,
+    outputs=(*DESIRED_MOTION, TURNED),
     step=step_reference,
     motion_bounds=lambda values, duration: (abs(values["turn.rate"]), 0.0, 0.0),
 )

@@ -23,8 +23,8 @@ from ppc_attitude.simulation.replay import replay
 
 HELP = "feed a bag's recorded inputs to the components once more"
 DESCRIPTION = (
-    "Reports the largest difference of each, and what is not installed; exit code 0 if there is no "
-    "difference."
+    "Reports the largest difference of each, and what is not installed or cannot be replayed; exit "
+    "code 0 if there is no difference."
 )
 EXAMPLES = ("ppc_attitude replay bags/here",)
 
@@ -51,6 +51,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "at": law["at"],
                 "components": [asdict(each) for each in result.found],
                 "missing": result.missing,
+                "left_out": result.left_out,
             }
         )
     else:
@@ -62,4 +63,6 @@ def execute(arguments: argparse.Namespace) -> int:
             )
         for name in result.missing:
             print(f"not installed, so not replayed: {name}")
+        for reason in result.left_out:
+            print(f"not replayed: {reason}")
     return REQUIREMENT_FAILED if any(each.largest for each in result.found) else DONE
