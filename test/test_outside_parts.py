@@ -161,6 +161,11 @@ MISFITS = {
         "clock": "left out: its column mine has a topic of others, clock",
         "illegal": "topic = 'bad topic!'; allowed",
         "absolute": "topic = '/mine'; allowed",
+        "boundless": "left out: its column mine has bound = 'attitude_envelop'; allowed: another",
+        "of_itself": "left out: its column mine has bound = 'mine'; allowed: another column",
+        "of_unit": "bound = 'unsaturated_torque'; allowed: another column, with unit = '1'",
+        "of_width": "bound = 'attitude'; allowed: another column, with unit = '1' and at most 3",
+        "of_two": "bound = 'torque_use'; allowed: another column, with unit = '1' and at most 3",
         "nameless": "column '' with topic",
         "twice": "component share: two columns are named torque_use",
         "of_node": "left out: ppc_controller has another parameter wait_for_recorder than of_node",
@@ -222,6 +227,24 @@ def test_the_law_is_checked_for_the_reference_that_is_selected(
         bounds += [each["value"] for each in conditions if each["name"] == "rate bound"]
     assert bounds[0] < 6.0
     assert bounds[1] - bounds[0] == pytest.approx(math.degrees(0.01))
+
+
+def test_a_law_is_judged_by_its_own_bounds(run_outside: Run, tmp_path: Path) -> None:
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text("[ppc_attitude.controllers]\nmargin = misfits:margin\n")
+    given = f"{' '.join(CONFIGS[:2])} --controller"
+    runs = [f"simulate {given} {law} --duration 1 --json" for law in ("margin", "ppc")]
+    done = run_outside("-c", EACH, *runs, code=1)
+    rows = [
+        {
+            each["name"]: (each["value"], each["pass"])
+            for each in json.loads(line)["requirements"]
+            if "outside its envelope" in each["name"]
+        }
+        for line in done.stdout.splitlines()
+    ]
+    assert rows[0] == {"attitude error outside its envelope": (0.51, False)}
+    assert set(rows[1]) == {f"{which} error outside its envelope" for which in ("attitude", "rate")}
 
 
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ from ppc_attitude.analysis.drawing import (
     panels,
     time_axis,
 )
-from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope
+from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER, Requirements
@@ -88,14 +88,12 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
         If a run has no such error or no envelope.
     """
     factor, unit = in_degrees(envelope.unit)
-    series: list[_Series] = [
-        (
-            run.t,
-            factor * np.abs(vectors(run.record, envelope.error)),
-            factor * vectors(run.record, envelope.bound),
-        )
-        for run in runs
-    ]
+    series: list[_Series] = []
+    for run in runs:
+        own = {each.error: each.bound for each in envelopes_of(run.record)}
+        bound = own.get(envelope.error, envelope.bound)
+        error = factor * np.abs(vectors(run.record, envelope.error))
+        series.append((run.t, error, factor * vectors(run.record, bound)))
     rows = [f"|{symbols(envelope.title)}|\n{axis} [{unit}]" for axis in AXES]
     least = min(float(np.nanmin(bound)) for _, _, bound in series if bound is not None)
     return _side_by_side(runs, labels, series, rows, floor=log_floor(least))[0]
@@ -192,7 +190,7 @@ def _comparisons() -> Iterator[tuple[str, str, _Comparison]]:
     """Name of a figure's file, caption, and who draws it."""
     yield "comparison_attitude_error", "Pointing errors in the envelopes", attitude_comparison
     yield "comparison_angular_velocity", "Angular velocities", angular_velocity_comparison
-    for each in ENVELOPES:
+    for each in {each.error: each for each in reversed(ENVELOPES)}.values():
         if each.jumps:
             caption = f"{each.name.capitalize()}s in their envelopes, as the laws report them"
             yield f"comparison_{each.error}", caption, partial(error_comparison, envelope=each)

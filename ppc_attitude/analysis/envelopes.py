@@ -19,7 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppc_attitude.analysis.series import Mask, finite, has, is_finite, once
-from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR, BOUNDS, BY_COLUMN
+from ppc_attitude.contract.declared import (
+    ATTITUDE_ENVELOPE,
+    ATTITUDE_ERROR,
+    BOUNDS,
+    BY_COLUMN,
+    bounds_of,
+)
 from ppc_attitude.contract.run_record import Array, RunRecord
 
 
@@ -76,11 +82,19 @@ def _larger(error: Array, bound: Array) -> Mask:
 
 
 ATTITUDE = Envelope(ATTITUDE_ERROR.column, ATTITUDE_ENVELOPE.column)
-ENVELOPES = tuple(Envelope(error, bound) for error, bound in BOUNDS.items())
-"""Every one that some law declares."""
+ENVELOPES = tuple(Envelope(error, bound) for error, bound in BOUNDS)
+"""Every one that some component declares."""
+
+
+@once
+def declared(record: RunRecord) -> tuple[Envelope, ...]:
+    """Envelopes that the components of a run declare, whether or not it has their columns."""
+    pairs = bounds_of(record.controller, record.parameters)
+    return tuple(Envelope(error, bound) for error, bound in pairs)
 
 
 @once
 def envelopes_of(record: RunRecord) -> tuple[Envelope, ...]:
     """Envelopes of which the record has both columns."""
-    return tuple(each for each in ENVELOPES if has(record, each.error) and has(record, each.bound))
+    found = declared(record)
+    return tuple(each for each in found if has(record, each.error) and has(record, each.bound))

@@ -32,7 +32,7 @@ from ppc_attitude.analysis.drawing import (
     log_axis,
     panels,
 )
-from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.envelopes import ATTITUDE, Envelope, declared, envelopes_of
 from ppc_attitude.analysis.filter_figures import bias_figure, innovation_figure, knowledge_figure
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured, known
@@ -236,7 +236,7 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     yield from guidance_drawings(record)
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
     drawn |= {"innovation", "gyro_bias", "gyro_bias_sigma"}
-    drawn |= {column for each in ENVELOPES for column in (each.error, each.bound)}
+    drawn |= {column for each in declared(record) for column in (each.error, each.bound)}
     if not has(record, REFERENCE_ATTITUDE.column):
         drawn.remove(truth_of(record).attitude)  # where there is no error to draw
     if not has(record, APPLIED_TORQUE.column):

@@ -33,7 +33,7 @@ from ppc_attitude.contract.topics import (
     topic_of,
 )
 from ppc_attitude.science.component import Column, Component
-from ppc_attitude.science.kinds import KINDS, SENSORS, ours_first
+from ppc_attitude.science.kinds import CONTROLLERS, KINDS, SENSORS, ours_first
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
@@ -58,6 +58,27 @@ def _problem(topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
     return ""
 
 
+def _unbounded(component: Component, topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
+    """Say which column of a component has no possible bound; empty if all have."""
+    known = {**declared, **{each.column: each for each in topics}}
+    bounds = [column.bound for column in component.outputs]
+    for column in component.outputs:
+        bound = known.get(column.bound)
+        if column.bound and (
+            bound is None
+            or column.bound == column.name
+            or bounds.count(column.bound) > 1
+            or (bound.unit, bound.late) != (column.unit, False)
+            or bound.width > column.width
+        ):
+            return (
+                f"its column {column.name} has bound = {column.bound!r}; allowed: another column, "
+                f"with unit = {column.unit!r} and at most {column.width} numbers, which is not "
+                "late and bounds nothing else"
+            )
+    return ""
+
+
 def _merged() -> dict[str, Topic]:
     """Topic of every declared column that goes on record, standard ones first.
 
@@ -68,22 +89,13 @@ def _merged() -> dict[str, Topic]:
     for kind, component in ours_first(kind for kinds in HOSTED.values() for kind in kinds):
         given = [topic_of(column, NODE_OF[kind.name]) for column in component.outputs]
         read = [topic_of(column, "") for column in component.inputs if column.name in found]
-        problem = _problem([*given, *read], found)
+        problem = _problem([*given, *read], found) or _unbounded(component, given, found)
         if problem:
             kind.leave_out(component.name, problem)
         else:
             for topic in given:
                 found.setdefault(topic.column, topic)
     del found[ENVIRONMENT_TORQUE.name]
-    return found
-
-
-def _bounds() -> dict[str, str]:
-    found: dict[str, str] = {}
-    for _, component in ours_first(KINDS):
-        for column in component.outputs:
-            if column.bound:
-                found.setdefault(column.name, column.bound)  # nobody else's law replaces ours
     return found
 
 
@@ -96,8 +108,40 @@ ATTITUDE_ENVELOPE = BY_COLUMN["attitude_envelope"]
 RATE_ERROR = BY_COLUMN["rate_error"]
 RATE_ENVELOPE = BY_COLUMN["rate_envelope"]
 UNSATURATED_TORQUE = BY_COLUMN["unsaturated_torque"]
-BOUNDS = _bounds()
-"""Column to the column that bounds it, where a law has such an envelope."""
+BOUNDS = tuple(
+    dict.fromkeys(
+        (column.name, column.bound)
+        for _, component in ours_first(KINDS)
+        for column in component.outputs
+        if column.bound
+    )
+)
+"""Each column that some component bounds, with the column that bounds it."""
+
+
+def bounds_of(
+    controller: str, parameters: Mapping[str, Mapping[str, Any]]
+) -> tuple[tuple[str, str], ...]:
+    """Return what bounds what in a run, as the components declare that it has.
+
+    What none of them gives, or nobody knows them, is bounded as the first of all declare.
+
+    Parameters
+    ----------
+    controller : str
+        Name of the control law.
+    parameters : mapping of str to mapping
+        Node name to its parameters, as far as they are known.
+    """
+    chosen = [each for node in parameters for each in components_of(node, parameters[node])]
+    if controller in CONTROLLERS.components:
+        chosen.append(CONTROLLERS.components[controller])
+    own = {column.name: column.bound for each in chosen for column in each.outputs}
+    found: dict[str, str] = {}
+    for name, bound in BOUNDS:
+        if own.get(name, bound) == bound:
+            found.setdefault(name, bound)
+    return tuple(found.items())
 
 
 def components_of(node: str, values: Mapping[str, Any]) -> tuple[Component, ...]:

@@ -22,6 +22,7 @@ import outside_parts
 
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.component import BODY, VECTOR, Column, Component
+from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
 from ppc_attitude.science.disturbances import pulses
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter
@@ -42,6 +43,24 @@ def with_parameters(part: Component, *parameters: Parameter) -> Component:
     return replace(part, parameters=(*part.parameters, *parameters))
 
 
+MARGIN = Column("margin", "mine/margin", VECTOR, BODY, "1", "bound of the error", width=1)
+WITH_MARGIN = tuple(
+    replace(each, bound="margin") if each.name == "attitude_error" else each
+    for each in (*LAW.outputs, MARGIN, ATTITUDE_ENVELOPE)
+)
+
+
+@kernel
+def step_with_margin(inputs: Any, state: Any, gains: Any, outputs: Any) -> None:
+    """Do as the law does, within a margin of its own; the envelope of others means nothing to it.
+
+    The margin is passed from 0.5 s on.
+    """
+    outside_parts.step_law(inputs, state, gains, outputs)
+    outputs.margin[0] = 1.0 if inputs.t < 0.5 else 1e-9
+    outputs.attitude_envelope[:] = 2.0
+
+
 @kernel
 def step_blind(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Look at nothing but the reference."""
@@ -56,6 +75,13 @@ MADE: dict[str, Callable[[], Component]] = {
     "second": lambda: with_column(SENSORS, name="pair", topic="pair", unit="m"),
     "illegal": lambda: with_column(LAW, topic="bad topic!"),
     "absolute": lambda: with_column(LAW, topic="/mine"),
+    "boundless": lambda: with_column(LAW, bound="attitude_envelop"),
+    "of_itself": lambda: with_column(LAW, bound="mine"),
+    "of_unit": lambda: with_column(LAW, bound="unsaturated_torque"),
+    "of_two": lambda: with_column(
+        with_column(LAW, bound="torque_use"), name="other", topic="other", bound="torque_use"
+    ),
+    "of_width": lambda: with_column(LAW, bound="attitude"),
     "nameless": lambda: with_column(LAW, name=""),
     "twice": lambda: replace(LAW, outputs=(*LAW.outputs, LAW.outputs[-1])),
     "of_node": lambda: with_parameters(LAW, Parameter("wait_for_recorder", 3, "x")),
@@ -69,6 +95,7 @@ MADE: dict[str, Callable[[], Component]] = {
     "beyond": lambda: with_parameters(LAW, Parameter("z", 3, "x", high=1)),
     "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
     "pulse": lambda: pulses.COMPONENT,
+    "margin": lambda: replace(LAW, outputs=WITH_MARGIN, step=step_with_margin),
     "blind": lambda: Component(
         name="", inputs=(REFERENCE_ATTITUDE,), outputs=(TORQUE_COMMAND,), step=step_blind
     ),
