@@ -37,6 +37,8 @@ two_rates = outside_parts:ESTIMATOR
 turn = outside_parts:REFERENCE
 [ppc_attitude.controllers]
 share = outside_parts:LAW
+[ppc_attitude.environments]
+pushes = outside_parts:ENVIRONMENT
 """
 SENSORS = "[ppc_attitude.sensors]\nrounding = outside_parts:SENSORS\n"
 CONFIGS = ["--config", str(CONFIG / "paper.yaml"), "--config", str(OUTSIDE / "outside.yaml")]
@@ -46,6 +48,7 @@ OWN = {
     "rounded_rate",
     "rate_change",
     "turned",
+    "environment_torque",
     "torque_use",
 }
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -90,6 +93,7 @@ from contextlib import redirect_stdout
 from io import StringIO
 import numpy as np
 from matplotlib.figure import Figure
+from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
 from ppc_attitude.simulation.closed_loop import simulate
@@ -101,8 +105,12 @@ assert set(recorded.columns) == set(computed.columns), set(recorded.columns) ^ s
 for name, column in computed.columns.items():
     assert recorded[name].tobytes() == column.tobytes(), name
 print(*computed.columns)
-with redirect_stdout(StringIO()):
+hits = analyse(recorded).to_json()["metrics"]["disturbances"]
+assert [each["torque"] for each in hits] == [[0.0, 0.03, 0.0]], hits
+told = StringIO()
+with redirect_stdout(told):
     assert main(["check", *(f"--config={each}" for each in configs)]) == 0
+    assert "torque authority  0.05 > 0.012 N" in told.getvalue(), told.getvalue()
     Figure.savefig = lambda *_, **__: None  # that it draws is another test's
     main(["analyse", bag, "--report", "report.html"])
 sys.exit(main(["replay", bag, "--json"]))
@@ -126,6 +134,7 @@ def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> 
         "turn",
         "share",
         "ideal",
+        "pushes",
     }
     assert all(each["largest"] == 0.0 for each in replayed["components"])
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -255,6 +264,27 @@ def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_
     flown, _, checked = done.stdout.partition("\n")
     assert json.loads(flown)["controller"] == "blind"
     assert "initial attitude error x y z w: -0.22952, 0.25933" in checked, done.stderr
+
+
+def test_a_law_that_hears_its_estimator_later_is_checked_too(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    """As if told the truth there would be no estimator, and nothing that the law reads."""
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    kinds = {"estimators": "quiet", "controllers": "listening", "sensors": "rounding"}
+    chosen = {"sensors": "outside_parts:SENSORS"}
+    points.write_text(
+        "".join(
+            f"[ppc_attitude.{kind}]\n{name} = {chosen.get(kind, f'misfits:{name}')}\n"
+            for kind, name in kinds.items()
+        )
+    )
+    (tmp_path / "pair.yaml").write_text(
+        "/**: {ros__parameters: {sensors: rounding, estimator: quiet, controller: listening}}\n"
+    )
+    command = ["check", *CONFIGS[:2], "--config", "pair.yaml"]
+    done = run_outside("-m", "ppc_attitude.command_line.main", *command)
+    assert "initial attitude error x y z w: -0.22952, 0.25933" in done.stdout, done.stderr
 
 
 def test_the_truth_is_on_record_whatever_sensors_from_outside_say_of_themselves(

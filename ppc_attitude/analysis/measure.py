@@ -55,6 +55,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
 _Found = TypeVar("_Found")
 PAPER_TORQUE_LIMIT = 0.05
@@ -81,7 +82,10 @@ class Measured:
         self.lacks_rate = self.lacks(truth.angular_velocity)
         pulses: tuple[Pulse, ...] = ()
         if has(record, DISTURBANCE.column):
-            pulses = find_pulses(self.t, vectors(record, DISTURBANCE.column), self.h)
+            torque = vectors(record, DISTURBANCE.column)
+            if has(record, ENVIRONMENT_TORQUE.name):
+                torque = torque - vectors(record, ENVIRONMENT_TORQUE.name)
+            pulses = find_pulses(self.t, torque, self.h)
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (self.begin, min(self.first_hit, self.end))

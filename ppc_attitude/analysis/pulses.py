@@ -14,8 +14,9 @@
 
 """Sudden disturbances, found from the recorded external torque alone.
 
-The environment torque is smooth (at most 4.4e-3 N·m and 6.2e-5 N·m/s); a sudden disturbance
-starts and ends with a step. So the steps are found first, then paired: a step and the first later
+The torque of an environment of ours is smooth (the paper's is at most 4.4e-3 N·m and 6.2e-5 N·m/s),
+and that of somebody else's is on record and taken away before; a sudden disturbance starts and ends
+with a step. So the steps are found first, then paired: a step and the first later
 step that undoes it are one pulse. What cannot be paired (pulses that touch) is read off as
 stretches of constant extra torque.
 """

@@ -55,13 +55,13 @@ def _at_most(name: str, value: float, limit: float, unit: str, meaning: str) -> 
 
 
 def environment_torque(scenario: Scenario, environment: Part) -> float:
-    """Largest norm [N·m] of the configured environment's torque at even times of the run.
+    """Bound of the norm [N·m] of the configured environment's torque.
 
-    Of one that looks at the craft it is the bound that it tells; if it tells none, its torque at
-    the first instant, which `environment` has made.
+    Of an environment that tells none it is the largest at even times of the run, or, where it looks
+    at the craft, at the first instant, which `environment` has made.
     """
     component = environment.component
-    if component.inputs and component.bound:
+    if component.bound:
         return component.bound(scenario.parameters[INJECTOR])
     duration_ns = round(scenario.number(PLANT, "duration") * NANOSECONDS)
     count = 0 if component.inputs else _SAMPLES + 1

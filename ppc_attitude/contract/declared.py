@@ -21,7 +21,6 @@ from ppc_attitude.contract.parameters import SEND_TRUTH
 from ppc_attitude.contract.topics import (
     EVENTS,
     HOSTED,
-    INJECTOR,
     MARKERS_TOPIC,
     NODE_OF,
     NODES,
@@ -33,7 +32,7 @@ from ppc_attitude.contract.topics import (
     topic_of,
 )
 from ppc_attitude.science.component import Column, Component
-from ppc_attitude.science.kinds import CONTROLLERS, KINDS, SENSORS, ours_first
+from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, KINDS, SENSORS, Kind, ours_first
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
@@ -84,8 +83,7 @@ def _merged() -> dict[str, Topic]:
 
     A component of somebody else's whose columns cannot be beside those of others is left out.
     """
-    unrecorded = topic_of(ENVIRONMENT_TORQUE, INJECTOR)
-    found = {topic.column: topic for topic in (*STANDARD, unrecorded)}
+    found = {topic.column: topic for topic in STANDARD}
     for kind, component in ours_first(kind for kinds in HOSTED.values() for kind in kinds):
         given = [topic_of(column, NODE_OF[kind.name]) for column in component.outputs]
         read = [topic_of(column, "") for column in component.inputs if column.name in found]
@@ -95,7 +93,6 @@ def _merged() -> dict[str, Topic]:
         else:
             for topic in given:
                 found.setdefault(topic.column, topic)
-    del found[ENVIRONMENT_TORQUE.name]
     return found
 
 
@@ -157,9 +154,14 @@ def nodes_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
 
 
 def columns_of(node: str, values: Mapping[str, Any]) -> tuple[Column, ...]:
-    """Columns that a node puts on record at each instant."""
+    """Columns that a node puts on record at each instant.
+
+    The torque of an environment of ours is smooth: it is told from sudden disturbances in the sum.
+    """
     columns = [column for each in components_of(node, values) for column in each.outputs]
-    hidden = [ENVIRONMENT_TORQUE.name]
+    hidden = []
+    if ENVIRONMENTS in HOSTED.get(node, ()) and _is_ours(ENVIRONMENTS, values):
+        hidden.append(ENVIRONMENT_TORQUE.name)
     unasked = not values.get(SEND_TRUTH.name, False)
     if SENSORS in HOSTED.get(node, ()) and unasked and is_told_the_truth(values):
         hidden += (column.name for column in TRUTH)
@@ -195,6 +197,11 @@ def is_told_the_truth(values: Mapping[str, Any]) -> bool:
     they give: with them the truth goes on record.
     """
     sensors = SENSORS.selected(values)
-    if sensors is None or sensors.name in SENSORS.origins:
+    if sensors is None or not _is_ours(SENSORS, values):
         return False
     return sensors.exact({**sensors.defaults, **values})
+
+
+def _is_ours(kind: Kind, values: Mapping[str, Any]) -> bool:
+    component = kind.selected(values)
+    return component is None or component.name not in kind.origins

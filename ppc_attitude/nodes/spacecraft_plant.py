@@ -41,16 +41,17 @@ from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, WARN, Status
 from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
 from ppc_attitude.runtime.stamps import Values
-from ppc_attitude.science.component import Column, read_from_elsewhere
+from ppc_attitude.science.component import Column, Component, read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, acting_of, fault_texts
-from ppc_attitude.science.kinds import ACTUATORS
+from ppc_attitude.science.kinds import CONTROLLERS, KINDS
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.part import first_raised
 from ppc_attitude.science.stamps import nanoseconds, seconds
 from ppc_attitude.simulation.scenario import check_components
 
 _PROGRESS_PERIOD = 0.1  # [s]
+_AFTER_THE_LAW = KINDS[KINDS.index(CONTROLLERS) + 1 :]
 
 
 class SpacecraftPlant(BaseNode):
@@ -236,11 +237,13 @@ def _awaited(topic: Topic) -> str:
     return DISTURBANCE.name if topic == DISTURBANCE else TORQUE_COMMAND.name
 
 
-def _split(values: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:
+def _split(values: Mapping[str, Any]) -> tuple[list[Component], list[Component]]:
     """Components that give the state of an instant, and those that act from it on."""
     components = components_of(PLANT, values)
-    acting = ACTUATORS.selected(values)
-    return [each for each in components if each is not acting], [acting]
+    acting = [kind.selected(values) for kind in _AFTER_THE_LAW]
+    return [each for each in components if each not in acting], [
+        each for each in components if each in acting
+    ]
 
 
 main = partial(run_node, SpacecraftPlant)

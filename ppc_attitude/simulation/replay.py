@@ -30,7 +30,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ENABLED, HOSTED, NODE_OF, PLANT
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, NONE, PLANTS, SENSORS, Kind
+from ppc_attitude.science.kinds import CONTROLLERS, NONE, PLANTS, SENSORS, Kind
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
@@ -146,8 +146,10 @@ def _others(record: RunRecord) -> tuple[tuple[Difference, ...], tuple[str, ...]]
             component = kind.selected(record.parameters.get(node, {}))
             if node not in record.parameters or component is None or kind is CONTROLLERS:
                 continue
-            # The torque of an environment is on record in the sum with what is injected only.
-            compared = [each for each in component.outputs if each != ENVIRONMENT_TORQUE]
+            compared = list(component.outputs)
+            # Ours is on record in the sum with what is injected only.
+            if ENVIRONMENT_TORQUE in compared and ENVIRONMENT_TORQUE.name not in record:
+                compared.remove(ENVIRONMENT_TORQUE)
             if ENVIRONMENT_TORQUE in component.inputs or not compared:
                 continue
             if why := _unplayable(record, kind, component, compared):
@@ -166,7 +168,8 @@ def _unplayable(
     needed = (*component.inputs, *(each for each in compared if not each.late))
     if absent := [each.topic for each in needed if each.name not in columns]:
         return f"no messages of {', '.join(absent)}"
-    if kind in (PLANTS, ACTUATORS) and not record.parameters[PLANT].get("lockstep", False):
+    waits = record.parameters.get(PLANT, {}).get("lockstep", False)
+    if NODE_OF[kind.name] == PLANT and kind is not SENSORS and not waits:
         return "the plant ran free, so that no stamp tells what it had got by then"
     try:
         check_slots(component)

@@ -67,6 +67,13 @@ def step_blind(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
     outputs.torque_command[0] = 1e-3 * inputs.reference_attitude[0]
 
 
+@kernel
+def step_quiet(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Say nothing at first."""
+    if inputs.t >= 0.05:
+        outside_parts.step_estimator(inputs, state, configuration, outputs)
+
+
 MADE: dict[str, Callable[[], Component]] = {
     "other_column": lambda: with_column(LAW, name="attitude"),
     "other_topic": lambda: with_column(LAW, topic="torque_command"),
@@ -96,6 +103,8 @@ MADE: dict[str, Callable[[], Component]] = {
     "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
     "pulse": lambda: pulses.COMPONENT,
     "margin": lambda: replace(LAW, outputs=WITH_MARGIN, step=step_with_margin),
+    "quiet": lambda: replace(outside_parts.ESTIMATOR, step=step_quiet),
+    "listening": lambda: replace(LAW, inputs=(*LAW.inputs, outside_parts.RATE_CHANGE)),
     "blind": lambda: Component(
         name="", inputs=(REFERENCE_ATTITUDE,), outputs=(TORQUE_COMMAND,), step=step_blind
     ),

@@ -14,8 +14,8 @@
 
 """Parts of a craft in a package of somebody else's: nothing of ours names them.
 
-A plant with a state of its own (a fluid ring about each axis), sensors, an estimator, a reference
-and a law with one more output than ours have.
+A plant with a state of its own (a fluid ring about each axis), sensors, an estimator, a reference,
+a law with one more output than ours have, and an environment that pushes by steps.
 """
 
 import math
@@ -51,7 +51,14 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.signals import APPLIED_TORQUE, DESIRED_MOTION, DISTURBANCE, TOLD, TRUTH
+from ppc_attitude.science.signals import (
+    APPLIED_TORQUE,
+    DESIRED_MOTION,
+    DISTURBANCE,
+    ENVIRONMENT_TORQUE,
+    TOLD,
+    TRUTH,
+)
 from ppc_attitude.science.stamps import seconds
 
 _seconds = kernel(seconds)
@@ -254,4 +261,26 @@ LAW = Component(
     inputs=INPUTS,
     outputs=(*OUTPUTS, USE),
     step=step_law,
+)
+
+
+# Environment: a push for 30 ms of every half second.
+PUSH = Parameter("push.torque", 0.012, "torque about x", "N·m", low=0.0, high=0.02)
+
+
+@kernel
+def step_environment(inputs: Any, state: Any, torque: Any, outputs: Any) -> None:
+    """Push, or not."""
+    pushes = inputs.stamp_ns % 500_000_000 < 30_000_000
+    store(outputs.environment_torque, (torque.x if pushes else 0.0, 0.0, 0.0))
+
+
+ENVIRONMENT = Component(
+    name="pushes",
+    parameters=(PUSH,),
+    configure=lambda values: np.array((values["push.torque"],), [("x", np.float64)])[()],
+    configuration=np.dtype([("x", np.float64)]),
+    outputs=(ENVIRONMENT_TORQUE,),
+    step=step_environment,
+    bound=lambda values: float(values["push.torque"]),
 )

@@ -54,6 +54,7 @@ from ppc_attitude.contract.topics import (
     PLANT,
     REFERENCE,
     REFERENCE_ATTITUDE,
+    TRUE_ATTITUDE,
 )
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import attitude_error
@@ -61,6 +62,7 @@ from ppc_attitude.science.certificate import Condition, certificate, largest_des
 from ppc_attitude.science.component import Advice
 from ppc_attitude.science.controllers.common import MAX_TORQUE
 from ppc_attitude.science.controllers.tube_parameters import LAWS
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import fault_texts
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import (
@@ -124,6 +126,8 @@ def execute(arguments: argparse.Namespace) -> int:
     parts = _at_start(scenario)
     law = parts[CONTROLLERS.name]
     told, desired = (_given(parts, each) for each in (ATTITUDE.column, REFERENCE_ATTITUDE.column))
+    if not told.any():
+        told = _given(parts, TRUE_ATTITUDE.column)
     q_e = attitude_error(tuple(told.tolist()), tuple(desired.tolist()))
     environment = environment_torque(scenario, parts[ENVIRONMENTS.name])
     goals = goals_told(scenario)
@@ -242,12 +246,18 @@ def _print(
 
 
 def _at_start(scenario: Scenario) -> dict[str, Part]:
-    """Every part after its first step; without an estimate by then, as if told the truth."""
+    """Every part after its first step; without an estimate by then, as if told the truth.
+
+    A law that reads more of its estimator than attitude and rate has heard nothing by then.
+    """
     parts = first_instant(scenario)
     if _given(parts, ATTITUDE.column).any():
         return parts
     exact = {PLANT: {SENSORS.selector: "direct"}, ESTIMATOR: {ESTIMATORS.selector: NONE}}
-    return first_instant(scenario.overlaid(exact))
+    try:
+        return first_instant(scenario.overlaid(exact))
+    except ConfigurationError:
+        return parts
 
 
 def _given(parts: Mapping[str, Part], column: str) -> Array:
