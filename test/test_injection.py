@@ -48,8 +48,8 @@ class Injector:
         self.step = until
 
     def accept(self, start: float, duration: float, known: bool = True) -> str:
-        now = stamp_of(self.step, 100.0) if known else None
-        return self.injections.accept(TORQUE, round(start * 1e9), duration, LIMIT, now)
+        stamps = (stamp_of(self.step, 100.0), 10_000_000) if known else (None, 0)
+        return self.injections.accept(TORQUE, round(start * 1e9), duration, LIMIT, *stamps)
 
     def steps(self) -> list[int]:
         return [step for step, torque in enumerate(self.acted) if torque]
@@ -70,6 +70,21 @@ def test_what_is_past_acts_now_and_what_is_to_come_when_it_says() -> None:
     assert "from t = 0.150000 s to 0.170000 s" in injector.accept(0.15, 0.02)
     injector.runs(30)
     assert injector.steps() == [7, 8, 15, 16]
+
+
+def test_the_answer_tells_what_acts_from_state_to_state() -> None:
+    injector = Injector()
+    injector.runs(7)
+    assert injector.accept(0.103, 0.02).endswith("from t = 0.110000 s to 0.130000 s")
+    assert injector.accept(0.195, 0.006).endswith("from t = 0.200000 s to 0.210000 s")
+    assert injector.accept(0.0, 0.001).endswith("from t = 0.070000 s to 0.080000 s")
+    with pytest.raises(
+        RefusedError, match=r"start = 0\.153 s and duration = 0\.005 s: no state is"
+    ):
+        injector.accept(0.153, 0.005)
+    injector.runs(30)
+    assert injector.steps() == [7, 11, 12, 20]
+    assert injector.injections.accepted == 3
 
 
 def test_before_any_state_it_acts_from_the_first_one_on() -> None:
@@ -102,7 +117,7 @@ def test_time_that_begins_again_ends_them() -> None:
 def test_too_much_is_refused_with_what_is_allowed_and_changes_nothing() -> None:
     injector = Injector()
     with pytest.raises(RefusedError, match=r"allowed: up to 1\.0 N·m per axis"):
-        injector.injections.accept((0.0, 0.0, -1.5), 0, 1.0, LIMIT, None)
+        injector.injections.accept((0.0, 0.0, -1.5), 0, 1.0, LIMIT, None, 0)
     assert (injector.injections.accepted, injector.injections.pending) == (0, 0)
     for _ in range(1000):
         injector.accept(1.0, 0.05)
@@ -153,7 +168,7 @@ def test_a_request_that_comes_again_by_its_name_acts_once_and_gets_the_same_answ
 
     def ask(name: str) -> str:
         now = stamp_of(injector.step, 100.0)
-        return injector.injections.accept(TORQUE, 0, 0.02, LIMIT, now, name)
+        return injector.injections.accept(TORQUE, 0, 0.02, LIMIT, now, 0, name)
 
     injector.runs(7)
     first = ask("mine")

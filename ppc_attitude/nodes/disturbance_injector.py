@@ -80,8 +80,8 @@ class DisturbanceInjector(ComponentNode):
 
     def _inject(self, torque: Values, start_ns: int, duration: float, request: str = "") -> str:
         limit = self.parameters["max_injected_torque"]
-        now = self.answers.next_ns
-        text = self._injections.accept(torque, start_ns, duration, limit, now, request)
+        stamps = self.answers.next_ns, self.answers.period_ns
+        text = self._injections.accept(torque, start_ns, duration, limit, *stamps, request)
         self.mention(INJECT.name, f"injected torque {text}")
         return text
 

@@ -68,11 +68,16 @@ class Answers:
             self._period = min(self._period or step, step)
         stamps = [stamp_ns]
         # After a step that is longer than others some states were lost, and the rhythm with them.
-        if self._ahead and step and step == self._period and NANOSECONDS % step == 0:
+        if self._ahead and step and step == self.period_ns:
             stamps.append(stamp_ns + step)
         new = {each: self._compute(each, inputs) for each in stamps if each not in self._sent}
         self._sent = {each: new[each] if each in new else self._sent[each] for each in stamps}
         return new
+
+    @property
+    def period_ns(self) -> int:
+        """Time [ns] from stamp to stamp; 0 as long as nobody can know the stamps to come."""
+        return self._period if self._period and NANOSECONDS % self._period == 0 else 0
 
     @property
     def next_ns(self) -> int | None:

@@ -18,7 +18,7 @@ from typing import Any
 
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.disturbances.pulses import pulse
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.stamps import nanoseconds, seconds
 
 _MOST = 1000  # pulses that may be pending or active at a time
 _REMEMBERED = 100  # requests whose answers are kept for who asks again
@@ -51,18 +51,21 @@ class Injections:
         duration: float,
         limit: float,
         next_ns: int | None,
+        period_ns: int,
         request: str = "",
     ) -> str:
         """Take a torque [N·m], body axes; say in words from when to when it acts.
 
         It acts for a duration [s]. What would begin in the past [ns] begins now: at `next_ns`, the
-        first stamp whose torque has not been sent, as far as that is known. Who asks again by the
-        name of a request gets its answer, and no torque more.
+        first stamp whose torque has not been sent, as far as that is known. It acts from stamp to
+        stamp: where the time between two [ns] is known, not 0, the answer tells from which to
+        which. Who asks again by the name of a request gets its answer, and no torque more.
 
         Raises
         ------
         RefusedError
-            The torque is larger than the limit per axis [N·m], or too many pulses are pending.
+            The torque is larger than the limit per axis [N·m], or would act at no stamp, or too
+            many pulses are pending.
         """
         if request in self._answers:
             return self._answers[request]
@@ -72,17 +75,23 @@ class Injections:
         self.pulses = [each for each in self.pulses if each["end_ns"][0] > self._stamp]
         if self.pending >= _MOST:
             raise RefusedError(f"{_MOST} pulses are pending already")
+        begin = start_ns if start_ns > max(self._stamp, 0) else next_ns
+        text = f"{torque} N·m acts from the next state on for {duration:g} s"
+        if begin is not None:
+            end = begin + nanoseconds(duration)
+            if next_ns is not None and period_ns:
+                begin, end = (at + (next_ns - at) % period_ns for at in (begin, end))
+                if begin == end:
+                    raise RefusedError(
+                        f"start = {seconds(start_ns):g} s and duration = {duration:g} s: no state "
+                        f"is between; allowed: a duration from {seconds(period_ns):g} s on"
+                    )
+            text = f"{torque} N·m acts from t = {seconds(begin):.6f} s to {seconds(end):.6f} s"
         self.accepted += 1
-        begin = next_ns
         if start_ns > max(self._stamp, 0):
-            begin = start_ns
             self._add(start_ns, duration, torque)
         else:
             self._beginning.append((duration, torque))
-        text = f"{torque} N·m acts from the next state on for {duration:g} s"
-        if begin is not None:
-            end = seconds(begin) + duration
-            text = f"{torque} N·m acts from t = {seconds(begin):.6f} s to {end:.6f} s"
         if request:
             self._answers[request] = text
             if len(self._answers) > _REMEMBERED:
