@@ -193,9 +193,10 @@ def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
     parameters = {**record.parameters, CONTROLLER: law}
     write_run(replace(record, controller="theirs", parameters=parameters), tmp_path / "bag")
     assert main(["replay", str(tmp_path / "bag")]) == 0
-    told = capsys.readouterr().out
+    told, said = capsys.readouterr()
     assert "rigid_body: 11 steps replayed" in told
     assert told.count("not installed, so not replayed: controller = theirs\n") == 1
+    assert "warning: not installed: controller = theirs; columns that nothing else gives" in said
     assert "not installed, so not replayed: theirs.gain" in told
     assert main(["replay", str(tmp_path / "bag"), "--json"]) == 0
     page = json.loads(capsys.readouterr().out)

@@ -26,7 +26,7 @@ from ppc_attitude.bags.errors import BagError, printable
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.timeline import Timeline, align
 from ppc_attitude.contract.carriers import carriers
-from ppc_attitude.contract.declared import BY_NAME, SAMPLED, promised
+from ppc_attitude.contract.declared import BY_NAME, SAMPLED, not_installed, promised
 from ppc_attitude.contract.run_record import Change, RunRecord, told
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -160,6 +160,11 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     warnings = [*facts.flaws, *collected.warnings(home), *timeline.warnings]
     if lacking:
         warnings.append(f"the bag {lacks}")
+    if unknown := not_installed(parameters):
+        warnings.append(
+            f"not installed: {', '.join(unknown)}; columns that nothing else gives are not read, nor "
+            "judged"
+        )
     begin = seconds(int(timeline.stamps[0]))
     if rate and 0.0 < begin <= LATEST:
         warnings.append(

@@ -32,7 +32,15 @@ from ppc_attitude.contract.topics import (
     topic_of,
 )
 from ppc_attitude.science.component import Column, Component
-from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, KINDS, SENSORS, Kind, ours_first
+from ppc_attitude.science.kinds import (
+    CONTROLLERS,
+    ENVIRONMENTS,
+    KINDS,
+    NONE,
+    SENSORS,
+    Kind,
+    ours_first,
+)
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
@@ -145,6 +153,17 @@ def components_of(node: str, values: Mapping[str, Any]) -> tuple[Component, ...]
     """Components that a node runs with its parameters, in their order within an instant."""
     chosen = [kind.selected(values) for kind in HOSTED.get(node, ())]
     return tuple(component for component in chosen if component is not None)
+
+
+def not_installed(parameters: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Selections in nodes' parameters of components that nobody has installed."""
+    return [
+        f"{kind.selector} = {name}"
+        for node, kinds in HOSTED.items()
+        for kind in kinds
+        if (name := parameters.get(node, {}).get(kind.selector, NONE)) != NONE
+        and kind.selected(parameters[node]) is None
+    ]
 
 
 def nodes_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:

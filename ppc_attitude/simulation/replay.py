@@ -24,13 +24,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.declared import BY_COLUMN, is_told_the_truth
+from ppc_attitude.contract.declared import BY_COLUMN, is_told_the_truth, not_installed
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ENABLED, HOSTED, NODE_OF, PLANT
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kinds import CONTROLLERS, NONE, PLANTS, SENSORS, Kind
+from ppc_attitude.science.kinds import CONTROLLERS, PLANTS, SENSORS, Kind
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
@@ -180,12 +180,9 @@ def _unplayable(
 
 def _missing(record: RunRecord) -> Iterator[str]:
     """Yield what the parameters of a record name that is not installed."""
-    for node, kinds in HOSTED.items():
+    yield from not_installed(record.parameters)
+    for node in HOSTED:
         values = record.parameters.get(node, {})
-        for kind in kinds:
-            name = values.get(kind.selector, NONE)
-            if name != NONE and kind.selected(values) is None:
-                yield f"{kind.selector} = {name}"
         yield from sorted(values.keys() - {each.name for each in PARAMETERS[node]})
 
 
