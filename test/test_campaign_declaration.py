@@ -14,6 +14,7 @@
 
 """What a campaign may not declare: each refusal names the thing and what is allowed."""
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from test_campaign_distributions import CRAFT, base
 
 from ppc_attitude.campaign.declaration import campaign, load_campaign
 from ppc_attitude.campaign.draw import draw, scenario_of_run
+from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import load
@@ -73,6 +75,27 @@ def test_one_number_varies_once() -> None:
     given = {"rate_noise": 1e-6, "parameters": {f"{PLANT}.rate_noise": 1e-6}}
     with pytest.raises(ConfigurationError, match="rate_noise varies is varied twice"):
         campaign(given, base(), 0)
+
+
+def test_a_noise_that_the_sensors_do_not_have_is_not_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One declaration serves every craft; what does nothing is not reported as drawn."""
+    noise = {"attitude_noise": 1e-6, "rate_noise": 1e-7}
+    paper, sensing = load(configs("paper")), load(configs("paper", "sensors_cubesat"))
+    assert set(campaign(noise, paper, 0).variables.parameters) == set(noise)
+    assert not campaign(noise, sensing, 0).variables.parameters
+    with pytest.raises(ConfigurationError, match="rate_noise = 'much'; allowed"):
+        campaign({"rate_noise": "much"}, sensing, 0)
+    file = tmp_path / "noise.yaml"
+    file.write_text(json.dumps({"campaign": noise}))
+    short = tmp_path / "short.yaml"
+    short.write_text("spacecraft_plant: {ros__parameters: {duration: 1.0}}")
+    given = [f"--config={each}" for each in (*configs("sensors_cubesat"), short)]
+    main(["campaign", "--campaign", str(file), "--only", "0", *given])
+    told, said = capsys.readouterr()
+    assert "not drawn: attitude_noise, rate_noise; gyro_star_tracker has no such number" in said
+    assert "attitude_noise 0, rate_noise 0" in told
 
 
 @pytest.mark.parametrize(

@@ -162,8 +162,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         warnings.append(f"the bag {lacks}")
     if unknown := not_installed(parameters):
         warnings.append(
-            f"not installed: {', '.join(unknown)}; columns that nothing else gives are not read, nor "
-            "judged"
+            f"not installed: {', '.join(unknown)}; columns that nothing else gives are not read"
         )
     begin = seconds(int(timeline.stamps[0]))
     if rate and 0.0 < begin <= LATEST:

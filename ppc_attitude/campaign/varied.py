@@ -37,7 +37,8 @@ from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.simulation.scenario import Scenario
 
 SHORT = {name: f"{PLANT}.{name}" for name in ("attitude_noise", "rate_noise")}
-"""Parameters that are variables under names of their own, whatever sensors the craft has."""
+"""Parameters of some sensors that are variables under names of their own; other sensors have none,
+so that one declaration serves all."""
 _MIRRORED = {3: 1, 6: 2, 7: 5}  # an inertia has each number beside its diagonal twice
 _NAME = re.compile(r"(\w+)\.([\w.]+)(?:\[(\d+)\])?")
 
@@ -104,14 +105,14 @@ def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
         for name, target in SHORT.items()
         if name in declaration
     }
+    for name in idle(declaration, base):
+        del found[name]
     for name, each in section.items():
         node = str(name).partition(".")[0]
         if node not in SOURCES:
             nodes = ", ".join(SOURCES)
             raise ConfigurationError(f"parameters has {name}; allowed: NODE.NAME, of {nodes}")
-        running = components_of(node, base.parameters[node])
-        table = [parameter for component in running for parameter in component.parameters]
-        found[name] = _read(name, name, each, base, table)
+        found[name] = _read(name, name, each, base, _running(node, base))
     varying: set[tuple[str, str, int]] = set()
     for name, each in found.items():
         targets = {(each.node, each.parameter, place) for place in each.places or (0,)}
@@ -119,6 +120,18 @@ def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
             raise ConfigurationError(f"parameters: what {name} varies is varied twice")
         varying |= targets
     return found
+
+
+def idle(declaration: Mapping[str, Any], base: Scenario) -> list[str]:
+    """Return the `SHORT` names of a declaration that the craft's sensors do not have."""
+    known = {parameter.name for parameter in _running(PLANT, base)}
+    return [name for name in SHORT if name in declaration and name not in known]
+
+
+def _running(node: str, base: Scenario) -> list[Parameter]:
+    """Parameters of the components that a node runs."""
+    running = components_of(node, base.parameters[node])
+    return [parameter for component in running for parameter in component.parameters]
 
 
 def _read(

@@ -30,6 +30,7 @@ from ppc_attitude.campaign.draw import draw, scenario_of_run, varying
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text, write_campaign_report
 from ppc_attitude.campaign.rows import CampaignError, rerun
+from ppc_attitude.campaign.varied import idle
 from ppc_attitude.command_line.concerns import tell_concerns
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
@@ -47,8 +48,10 @@ from ppc_attitude.command_line.paths import new_folder, shipped_config, some_pat
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
 from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED, RunError
+from ppc_attitude.science.kinds import SENSORS
 
 HELP = "Monte Carlo: many drawn runs, in process, judged together"
 DESCRIPTION = (
@@ -106,6 +109,9 @@ def execute(arguments: argparse.Namespace) -> int:
         load_campaign(file, scenario_of(arguments), arguments.seed),
         required=requirements_of(arguments),
     )
+    if unknown := idle(campaign.declaration, campaign.scenario):
+        sensors = campaign.scenario.parameters[PLANT][SENSORS.selector]
+        print(f"not drawn: {', '.join(unknown)}; {sensors} has no such number", file=sys.stderr)
     check_memory(campaign.scenario, 1 if alone else min(arguments.workers or cores(), runs))
     if alone:
         return _execute_one(arguments, campaign)
