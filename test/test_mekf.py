@@ -173,6 +173,39 @@ def test_variances_that_rounding_would_mix_are_refused() -> None:
         filter_record({**suite("smallsat"), **given})
 
 
+@pytest.mark.parametrize("walk", [0.0, 1e-9, 1e-6])
+@pytest.mark.parametrize("noise", [1e-12, 1e-9, 1e-5])
+@pytest.mark.parametrize("missed", [0, 1, 100, 300])
+def test_no_variance_becomes_negative_with_the_least_known_bias_that_is_allowed(
+    noise: float, walk: float, missed: int
+) -> None:
+    given = {
+        "star_tracker.cross_noise": noise,
+        "star_tracker.boresight_noise": 7.0 * noise,
+        "gyro.angular_random_walk": walk,
+        "gyro.rate_random_walk": 0.0,
+        "gyro.resolution": 0.0,
+        "star_tracker.latency": 0.0,
+    }
+    most = math.sqrt((noise**2 + 10.0 * walk**2) / 1e-12) / 10.0
+    if most <= 1.0:
+        refused = suite("smallsat") | given | {"gyro.initial_bias_sigma": 1.001 * most}
+        with pytest.raises(ConfigurationError, match=r"initial_bias_sigma = .* allowed: up to"):
+            filter_record(refused)
+    part = Part(
+        mekf.COMPONENT,
+        suite("smallsat") | given | {"gyro.initial_bias_sigma": 0.999 * min(most, 1.0)},
+    )
+    fix, nothing = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 8
+    for k in range(10 * missed + 200):
+        came = k == 0 or (k % 10 == 0 and k > 10 * missed)
+        part.step(k * STEP_NS, (0.0, 0.0, 0.0, 0.0, *(fix if came else nothing)))
+        estimate = np.array(part.output("estimate"))
+        variances = estimate[[4, 7, 9, 13, 16, 18]]
+        assert np.isfinite(estimate).all()
+        assert (variances >= 0.0).all() or (variances[3:] == -1.0).any(), (k, variances)
+
+
 @pytest.mark.parametrize("latency", [0.1, 0.6, 5.0])
 def test_a_fix_is_missed_from_its_arrival_on_however_late_that_is(latency: float) -> None:
     part = Part(mekf.COMPONENT, suite("smallsat", star_tracker__latency=latency))

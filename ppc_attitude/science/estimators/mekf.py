@@ -120,6 +120,8 @@ PARAMETERS = (
 _STALE_SLOTS = 5
 _SHARPEST = 1e-15  # [rad] its square is still far above the smallest float
 _MOST_UNEVEN = 1e4
+_LEAST_TOLD = 1e-12
+_MISSED = 100  # fixes in a row that may be missing before the first one
 _GOOD, _WAITING, _DARK, _DOUBTFUL, _STALE, _LOST, _NO_RATE = range(7)
 
 
@@ -147,7 +149,15 @@ def filter_record(values: Mapping[str, Any]) -> Any:
             f"{CROSS_NOISE.name} and {BORESIGHT_NOISE.name} are {high / low:.3g} times apart; "
             f"allowed: up to {_MOST_UNEVEN:g}, beyond which rounding hides the smaller variance"
         )
-    record["white"] = values[ANGULAR_RANDOM_WALK.name] ** 2
+    record["white"] = white = values[ANGULAR_RANDOM_WALK.name] ** 2
+    gap = _MISSED / values[RATE.name]
+    most = math.sqrt((low**2 + white * gap) / _LEAST_TOLD) / gap
+    if values[INITIAL_BIAS_SIGMA.name] > most:
+        raise ConfigurationError(
+            f"{INITIAL_BIAS_SIGMA.name} = {values[INITIAL_BIAS_SIGMA.name]} rad/s; allowed: up to "
+            f"{most:.3g} with these noises of tracker and gyro, beyond which rounding hides what a "
+            f"fix tells of the bias, if {_MISSED} were missed before"
+        )
     record["rounding"] = values[RESOLUTION.name] ** 2 / 12.0
     record["walk"] = values[RATE_RANDOM_WALK.name] ** 2
     record["bias_variance"] = values[INITIAL_BIAS_SIGMA.name] ** 2
