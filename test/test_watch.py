@@ -25,7 +25,7 @@ from ppc_attitude.command_line.commands.watch import _show_once
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.watch_view import view
 from ppc_attitude.contract.cdr import Sample
-from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
+from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR, BOUNDS, BY_COLUMN
 from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE
 from ppc_attitude.nodes.onlooker import Snapshot
 from ppc_attitude.processes.exits import BROKEN, RunError
@@ -64,6 +64,18 @@ def test_errors_stand_beside_their_envelopes() -> None:
     assert "25 %" in inside
     assert "outside" not in inside
     assert "%" not in line_with("rate [°/s] x", shown)  # no such topics in this run
+
+
+def test_every_error_that_a_law_bounds_is_shown() -> None:
+    pairs = {error: (BY_COLUMN[error], BY_COLUMN[bound]) for error, bound in BOUNDS}
+    turn, tube = pairs["turn"], pairs["momentum_error"]
+    given = {turn[0]: (0.1,), turn[1]: (0.4,), tube[0]: (1e-3, 0.0, -4e-3), tube[1]: (2e-3,) * 3}
+    samples = {topic.name: Sample(0, topic.frame_id, rows) for topic, rows in given.items()}
+    shown = lines(Snapshot(samples={**SNAPSHOT.samples, **samples}))
+    assert "25 %" in line_with("turn [°] ", shown)
+    assert "+2.292e+01" in line_with("turn [°] ", shown)
+    assert "50 %" in line_with("momentum [N·m·s] x", shown)
+    assert "200 % outside" in line_with("momentum [N·m·s] z", shown)
 
 
 def test_units_and_times() -> None:

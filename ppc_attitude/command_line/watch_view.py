@@ -15,7 +15,7 @@
 """The view of `ppc_attitude watch`: errors in their envelopes, rates, torques, health."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from rich.console import Group, RenderableType
 from rich.panel import Panel
@@ -23,12 +23,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from ppc_attitude.contract.declared import (
-    ATTITUDE_ENVELOPE,
-    ATTITUDE_ERROR,
-    RATE_ENVELOPE,
-    RATE_ERROR,
-)
+from ppc_attitude.contract.declared import ATTITUDE_ERROR, RATE_ERROR
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
@@ -37,7 +32,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
-from ppc_attitude.nodes.onlooker import Snapshot
+from ppc_attitude.nodes.onlooker import BOUNDED, Snapshot
 from ppc_attitude.science.attitude import rotation_angle
 from ppc_attitude.science.stamps import seconds
 
@@ -75,15 +70,29 @@ def _title(snapshot: Snapshot, silent: float) -> Text:
 
 def _errors(snapshot: Snapshot) -> Table:
     table = _table("error", "", "envelope", _SHARE)
-    for name, factor, topic, envelope_topic in (
-        ("attitude", 1.0, ATTITUDE_ERROR, ATTITUDE_ENVELOPE),
-        ("rate [°/s]", _DEGREES, RATE_ERROR, RATE_ENVELOPE),
-    ):
+    for topic, bound in _bounded(snapshot):
+        name = topic.column.removesuffix("_error").replace("_", " ")
+        factor, unit = 1.0, topic.unit
+        if unit.startswith("rad"):
+            factor, unit = _DEGREES, unit.replace("rad", "°")
         errors = _numbers(snapshot, topic, factor)
-        envelopes = _numbers(snapshot, envelope_topic, factor)
-        for axis, error, envelope in zip(_AXES, errors, envelopes, strict=True):
-            table.add_row(Text(f"{name} {axis}"), *_inside(error, envelope))
+        envelopes = _numbers(snapshot, bound, factor)
+        for axis, error, envelope in zip(_AXES, errors, envelopes, strict=False):
+            told = name if unit == "1" else f"{name} [{unit}]"
+            if bound.width > 1:
+                told += f" {axis}"
+            table.add_row(Text(told), *_inside(error, envelope))
     return table
+
+
+def _bounded(snapshot: Snapshot) -> Iterable[tuple[Topic, Topic]]:
+    """Errors to show, each with what bounds it in this run."""
+    shown: dict[str, tuple[Topic, Topic]] = {}
+    for topic, bound in BOUNDED:
+        known = topic.name in snapshot.samples or topic in (ATTITUDE_ERROR, RATE_ERROR)
+        if known and (topic.name not in shown or bound.name in snapshot.samples):
+            shown[topic.name] = topic, bound
+    return shown.values()
 
 
 def _table(*names: str) -> Table:

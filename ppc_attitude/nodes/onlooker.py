@@ -21,12 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from ppc_attitude.contract.cdr import Sample
-from ppc_attitude.contract.declared import (
-    ATTITUDE_ENVELOPE,
-    ATTITUDE_ERROR,
-    RATE_ENVELOPE,
-    RATE_ERROR,
-)
+from ppc_attitude.contract.declared import BOUNDS, BY_COLUMN
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
@@ -39,17 +34,10 @@ from ppc_attitude.nodes.messages import LatestSamples, subscribe
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 
-WATCHED = (
-    ATTITUDE,
-    ANGULAR_VELOCITY,
-    APPLIED_TORQUE,
-    TORQUE_COMMAND,
-    DISTURBANCE,
-    ATTITUDE_ERROR,
-    ATTITUDE_ENVELOPE,
-    RATE_ERROR,
-    RATE_ENVELOPE,
-)
+_ALWAYS = (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE, TORQUE_COMMAND, DISTURBANCE)
+BOUNDED = tuple((BY_COLUMN[error], BY_COLUMN[bound]) for error, bound in BOUNDS)
+"""What some component bounds, and what bounds it."""
+WATCHED = tuple(dict.fromkeys((*_ALWAYS, *(topic for pair in BOUNDED for topic in pair))))
 
 
 @dataclass(frozen=True)
@@ -58,11 +46,7 @@ class Snapshot:
 
     samples: dict[str, Sample] = field(default_factory=dict)  # the latest usable one of each topic
     health: dict[str, Status] = field(default_factory=dict)  # the latest, by the node's full name
-
-    @property
-    def complete(self) -> bool:
-        """True if nothing that can be watched is missing."""
-        return bool(self.health) and all(topic.name in self.samples for topic in WATCHED)
+    complete: bool = False  # true if nothing that somebody publishes is missing
 
 
 class Onlooker:
@@ -70,6 +54,7 @@ class Onlooker:
 
     def __init__(self, node: Node, listen: Callable[[float], None]) -> None:
         self._listen = listen
+        self._count = node.count_publishers
         self._home = node.get_namespace()
         self._latest = LatestSamples(node, WATCHED)
         self._health: dict[str, Status] = {}
@@ -92,4 +77,6 @@ class Onlooker:
                 continue  # the nodes themselves refuse it, and say so in their diagnostics
             if sample is not None:
                 samples[topic.name] = sample
-        return Snapshot(samples, dict(self._health))
+        absent = [topic for topic in WATCHED if topic.name not in samples]
+        lacks = any(topic in _ALWAYS or self._count(topic.name) for topic in absent)
+        return Snapshot(samples, dict(self._health), bool(self._health) and not lacks)
