@@ -175,6 +175,8 @@ MISFITS = {
         "of_unit": "bound = 'unsaturated_torque'; allowed: another column, with unit = '1'",
         "of_width": "bound = 'attitude'; allowed: another column, with unit = '1' and at most 3",
         "of_two": "bound = 'torque_use'; allowed: another column, with unit = '1' and at most 3",
+        "of_objects": "component share: state = [('z', 'O')]; allowed: a record of numbers",
+        "of_money": "column mine: unit = '$', meaning = 'x'; allowed: texts without $",
         "nameless": "column '' with topic",
         "twice": "component share: two columns are named torque_use",
         "of_node": "left out: ppc_controller has another parameter wait_for_recorder than of_node",
@@ -213,13 +215,24 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
     )
     done = run_outside("-c", code, "check", *CONFIGS[:2])
     kept = done.stdout.splitlines()[-1].split()
-    warned = [line for line in done.stderr.splitlines() if "entry point" in line]
+    warned = done.stderr.splitlines()
+    assert all("UserWarning: entry point " in line for line in warned), done.stderr
     for kind, misfits in MISFITS.items():
         for name, problem in misfits.items():
             assert (name in kept) == (not problem), name
             of_it = f"{name} = misfits:{name} of ppc_attitude.{kind}"
             told = [line for line in warned if of_it in line]
             assert [problem in line for line in told] == [True] * bool(problem), told
+
+
+def test_an_advice_that_is_none_is_refused_before_anything_runs(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text("[ppc_attitude.controllers]\nchatty = misfits:chatty\n")
+    command = ["simulate", *CONFIGS[:2], "--controller", "chatty", "--duration", "1"]
+    done = run_outside("-m", "ppc_attitude.command_line.main", *command, code=2)
+    assert "component share: advice raised TypeError: 'well'; allowed: an Advice" in done.stderr
 
 
 def test_the_law_is_checked_for_the_reference_that_is_selected(

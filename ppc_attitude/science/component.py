@@ -130,6 +130,11 @@ class Column:
                 f"column {self.name!r} with topic = {self.topic!r}; allowed: a name of letters, "
                 "digits and _, and a relative topic of such names with / between them"
             )
+        if "$" in self.unit + self.meaning:  # figures would take it for mathematics
+            raise ValueError(
+                f"column {self.name}: unit = {self.unit!r}, meaning = {self.meaning!r}; "
+                "allowed: texts without $"
+            )
         if self.form not in _WIDTHS:
             raise ValueError(
                 f"column {self.name}: form = {self.form!r}; allowed: {', '.join(_WIDTHS)}"
@@ -307,6 +312,12 @@ class Component:
             twice = [name for name in names if names.count(name) > 1]
             if twice:
                 raise ValueError(f"component {self.name}: two columns are named {twice[0]}")
+        for name in ("configuration", "state"):
+            if getattr(self, name).hasobject:
+                raise ValueError(
+                    f"component {self.name}: {name} = {getattr(self, name)}; allowed: a record of "
+                    "numbers"
+                )
         for parameter in self.parameters:
             parameter.checked(parameter.default)
         unknown = set(self.limits) - set(self.defaults)

@@ -48,6 +48,11 @@ _SCIENCE = "ppc_attitude.science"
 _installed = cache(entry_points)
 
 
+def _warn(text: str) -> None:
+    """Warn of a component of somebody else's; no line of ours has to do with it."""
+    warnings.warn_explicit(text, UserWarning, "ppc_attitude", 0)
+
+
 @dataclass(frozen=True)
 class Kind:
     """One kind of component: what its components have in common, and which there are.
@@ -94,9 +99,9 @@ class Kind:
             try:
                 component = self._completed(self._fitting(point.load(), found))
             except ConfigurationError as error:
-                warnings.warn(f"{origin} is left out: {error}", stacklevel=2)
+                _warn(f"{origin} is left out: {error}")
             except (Exception, SystemExit) as error:  # somebody else's may fail in any way
-                warnings.warn(f"{origin} cannot be loaded: {error!r}", stacklevel=2)
+                _warn(f"{origin} cannot be loaded: {error!r}")
             else:
                 found[component.name] = component
                 self.origins[component.name] = origin
@@ -118,7 +123,7 @@ class Kind:
         if name not in self.origins:
             raise AssertionError(f"{name}: {problem}")
         del self.components[name]
-        warnings.warn(f"{self.origins.pop(name)} is left out: {problem}", stacklevel=2)
+        _warn(f"{self.origins.pop(name)} is left out: {problem}")
 
     def _completed(self, component: Component) -> Component:
         """Put what every component of this kind has in common before it."""

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import outside_parts
 
 from ppc_attitude.science.actuators import ideal
@@ -100,11 +101,14 @@ MADE: dict[str, Callable[[], Component]] = {
     "two": lambda: with_parameters(LAW, Parameter("z", 3, "x"), Parameter("z", 4.0, "x")),
     "no_default": lambda: with_parameters(LAW, Parameter("z", None, "x")),  # type: ignore[arg-type]
     "beyond": lambda: with_parameters(LAW, Parameter("z", 3, "x", high=1)),
+    "of_objects": lambda: replace(LAW, state=np.dtype([("z", object)])),
+    "of_money": lambda: with_column(LAW, unit="$"),
     "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
     "pulse": lambda: pulses.COMPONENT,
     "margin": lambda: replace(LAW, outputs=WITH_MARGIN, step=step_with_margin),
     "quiet": lambda: replace(outside_parts.ESTIMATOR, step=step_quiet),
     "listening": lambda: replace(LAW, inputs=(*LAW.inputs, outside_parts.RATE_CHANGE)),
+    "chatty": lambda: replace(LAW, advice=lambda _: "well"),
     "blind": lambda: Component(
         name="", inputs=(REFERENCE_ATTITUDE,), outputs=(TORQUE_COMMAND,), step=step_blind
     ),
