@@ -24,27 +24,24 @@ from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import add, apply, clamp, kernel, matrix, scale
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.virtual_control import sign
 
-PARAMETERS = (
-    INERTIA,
-    MAX_TORQUE,
-    Parameter("pd.frequency", 0.5, "natural frequency, critically damped", "rad/s", above=0.0),
+FREQUENCY = Parameter(
+    "pd.frequency", 0.5, "natural frequency, critically damped", "rad/s", above=0.0
 )
-CONFIGURATION = np.dtype(
-    [("frequency", np.float64), ("max_torque", np.float64), ("inertia", np.float64, (3, 3))],
-    align=True,
-)
+CONFIGURATION = record_type(FREQUENCY, MAX_TORQUE, ("inertia", np.float64, (3, 3)))
 
 
 def configure(values: Mapping[str, Any]) -> Any:
     """Build the kernel's record from checked parameter values."""
-    record = np.zeros((), CONFIGURATION)[()]
-    record["frequency"] = values["pd.frequency"]
-    record["max_torque"] = values["max_torque"]
-    record["inertia"] = inertia_matrix("inertia", values["inertia"])
-    return record
+    return filled(
+        CONFIGURATION,
+        values,
+        "pd.",
+        max_torque=values["max_torque"],
+        inertia=inertia_matrix("inertia", values["inertia"]),
+    )
 
 
 @kernel
@@ -61,7 +58,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
 
 COMPONENT = Component(
     name="pd",
-    parameters=PARAMETERS,
+    parameters=(INERTIA, MAX_TORQUE, FREQUENCY),
     configure=configure,
     configuration=CONFIGURATION,
     inputs=INPUTS,

@@ -375,8 +375,8 @@ class Judge(Measured):
         """Judge the knowledge error, by the requirement or else by the noise that explains it."""
         accuracy, standing = self.required.knowledge, self.truth.standing
         sensors, noise = SENSORS.selected(self.plant), self.plant.get("attitude_noise")
-        direct = sensors is not None and sensors.name == "direct"
-        if accuracy is None and standing == RECORDED and direct and noise:
+        has_noise = sensors is not None and "attitude_noise" in sensors.defaults
+        if accuracy is None and standing == RECORDED and has_noise and noise:
             accuracy = Accuracy(float(np.rad2deg(NOISE_EXPLAINS * float(noise))), DEGREES)
         if accuracy is None:
             return
