@@ -75,9 +75,17 @@ def test_greenwich_turns_at_earths_rate() -> None:
     assert turned == pytest.approx(EARTH_RATE * 0.25 * DAY % math.tau, abs=1e-6)
 
 
-def test_no_date_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"orbit\.epoch = 'tomorrow'; allowed: a date"):
-        days_of("orbit.epoch", "tomorrow")
+@pytest.mark.parametrize("zone", ["", "Z", "+00:00"])
+def test_a_date_is_utc_with_and_without_its_zone(zone: str) -> None:
+    # 2025-01-01 00:00 is 9131.5 days after 2000-01-01 12:00.
+    assert days_of("epoch", f"2025-01-01T06:00:00{zone}") == 9131.75
+    assert days_of("epoch", f"2025-01-01T06:00:00.500{zone}") == 9131.75 + 0.5 / DAY
+
+
+@pytest.mark.parametrize("epoch", ["tomorrow", "Z", "2025-01-01T06:00:00+02:00Z"])
+def test_no_date_is_refused(epoch: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"orbit\.epoch = '.*'; allowed: a date"):
+        days_of("orbit.epoch", epoch)
 
 
 def test_earths_shadow_is_the_truths() -> None:

@@ -18,6 +18,7 @@ Days n are counted from J2000 (2000-01-01 12:00); UTC is taken as UT1 and as dyn
 """
 
 import math
+import re
 from datetime import datetime, timezone
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -124,7 +125,8 @@ def days_of(name: str, epoch: str) -> float:
         Not a date.
     """
     try:
-        instant = datetime.fromisoformat(epoch)
+        # Python 3.10 does not know the Z of UTC.
+        instant = datetime.fromisoformat(re.sub(r"(?<=\d)Z$", "+00:00", epoch))
     except ValueError:
         raise ConfigurationError(
             f"{name} = {epoch!r}; allowed: a date such as 2025-01-01 or 2025-01-01T06:30:00 (UTC)"
