@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.references.paper import (
     CURSOR,
+    PERIOD_CONSTANT,
     REFERENCE,
     desired_acceleration,
     desired_attitude,
@@ -67,6 +68,19 @@ def test_acceleration_is_the_derivative_of_the_rate() -> None:
         h = 1e-3
         expected = (rate(t + h) - rate(t - h)) / (2.0 * h)
         assert np.allclose(desired_acceleration(t, paper()), expected, rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("period", [PERIOD_CONSTANT.low, 0.05, 0.7])
+def test_attitude_is_the_integral_of_the_fastest_swing_that_is_allowed(period: float) -> None:
+    """About one axis the angle is ∫ a cos(t/T) dt = a T sin(t/T)."""
+    swing, cursor = paper(), new_record(CURSOR)
+    swing["initial_attitude"] = (0.0, 0.0, 0.0, 1.0)
+    swing["amplitude"], swing["period_constant"] = (1.0, 0.0, 0.0), (period, 1.0, 1.0)
+    for t in np.arange(0.0, 60.0, 0.13):
+        x, y, z, w = desired_attitude(t, swing, cursor)
+        angle = period * np.sin(t / period)
+        assert 2.0 * np.arctan2(x, w) == pytest.approx(angle, rel=0.0, abs=4e-6)
+        assert (y, z) == (0.0, 0.0)
 
 
 def test_attitude_solves_the_kinematics() -> None:

@@ -42,6 +42,9 @@ from ppc_attitude.science.parameter import Parameter, at_start, filled, record_t
 from ppc_attitude.science.signals import DESIRED_MOTION
 
 HALF_DEGREE = 0.008726646259971648  # 0.5°/s in rad/s
+# The attitude is integrated on this grid whatever the sample rate is, so that it is a function of
+# time alone: a generator that joins late or restarts gives the same numbers.
+GRID = 0.01  # [s]
 # `ros2 param load` gives a node the whole file, and the plant has a parameter of this name.
 INITIAL_ATTITUDE = at_start(
     "initial_attitude",
@@ -58,8 +61,10 @@ AMPLITUDE = Parameter(
     low=-10.0,
     high=10.0,
 )
+# With the least the attitude is off by 4e-6 rad for each rad/s of the amplitude; with much less the
+# grid would not see ω_d change its sign, and the attitude would turn on and on.
 PERIOD_CONSTANT = Parameter(
-    "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, low=1e-6
+    "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, low=GRID
 )
 BEGIN = Parameter("begin", 0.0, "instant of ω_d at which a run begins", "s", low=0.0, high=1e9)
 REFERENCE = record_type(
@@ -69,9 +74,6 @@ REFERENCE = record_type(
     ("begin", np.float64),  # [s]
 )
 CURSOR = record_type(("steps", np.int64), ("attitude", np.float64, (4,)))
-# The attitude is integrated on this grid whatever the sample rate is, so that it is a function of
-# time alone: a generator that joins late or restarts gives the same numbers.
-GRID = 0.01  # [s]
 _SEARCHED = 1e-3  # [s] of the grid on which the fastest instant is searched
 
 
