@@ -122,6 +122,33 @@ def test_a_wheel_that_crosses_zero_at_full_torque_is_that_of_an_integrator() -> 
     assert given[6] == pytest.approx(-8e-4 / 1.9 * (truth + 20.0), abs=1e-9)
 
 
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+def test_a_small_craft_nutates_as_its_wheel_makes_it(rate: float) -> None:
+    """About a wheel on the axis of symmetry the rate goes round in a circle.
+
+    With M = J − Σ J_s a aᵀ, M_x = M_y, and c = J_s (Ω_w + ω) of the wheels constant, c_x = c_y = 0:
+    M ω' = −ω × (M ω + c) turns ω_x, ω_y with λ = c_z/M_x while ω_z = 0.
+    """
+    radius, spin, speed = 0.02, 8e-4, 400.0
+    part = plant_of(
+        "gyrostat",
+        rate=rate,
+        inertia=[0.02, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.03],
+        initial_angular_velocity=[radius, 0.0, 0.0],
+        wheels__axes=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        wheels__initial_speed=[-radius, 0.0, speed],
+        wheels__viscous=[0.0],
+        wheels__coulomb=[0.0],
+        wheels__static=[0.0],
+    )
+    faster = spin * speed / (0.02 - spin)  # λ [rad/s]: 1.7 rad in a step at 10 Hz
+    for k in range(round(20.0 * rate) + 1):
+        given = part.step(round(k * 1e9 / rate), [0.0] * 11)
+        turn = faster * k / rate
+        truth = [radius * math.cos(turn), radius * math.sin(turn), 0.0]
+        assert given[4:7] == pytest.approx(truth, rel=0.0, abs=1e-7)
+
+
 def test_flexible_modes_move_as_two_integrators_say() -> None:
     rows = truth_tables.numbers("flexible")
     modes = [line for line in truth_tables.notes("flexible") if line.startswith("# mode ")]

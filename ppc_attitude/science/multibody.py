@@ -58,6 +58,7 @@ MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
 # By the transition speed of a wheel: where it is smooth again, and what it may cross in a part.
 _SMOOTH, _CROSSED = 10.0, 0.5
+_NUTATED = 0.03  # [rad] of nutation in a part; there Runge-Kutta is off by 7e-9 of it
 _MOST_PARTS = 64.0  # of a step
 FREQUENCY = at_start(
     "flexible.frequency",
@@ -187,13 +188,28 @@ def _slopes(y: Any, motor: Any, torque: Vector, craft: Any, slopes: Any) -> None
 
 
 @kernel
-def _parts(state: Any, craft: Any, h: float) -> int:
-    """Number of parts into which a step of h [s] is divided while wheels cross zero.
+def _nutation(speeds: Any, craft: Any) -> float:
+    """Rate λ [rad/s] at which the momentum h of the wheels makes the body nutate.
 
-    There friction changes its sign within the transition speed, which a motor crosses in less than
-    a step; undivided, one crossing at full torque puts a wheel off by 1e-3 rad/s.
+    Of ω' = −N (ω × h), N = (J − Σ J_s a aᵀ − δᵀδ)⁻¹, the eigenvalues are 0 and ±iλ, and λ² is
+    hᵀ adj(N) h. The adjugate of the symmetric N has the columns N2 × N3, N3 × N1 and N1 × N2.
     """
-    wheels, most = craft.wheels, 1.0
+    h, (x, y, z) = momentum(craft.wheels, speeds), matrix(craft.body.inertia_inverse)
+    turned = add(add(scale(h[0], cross(y, z)), scale(h[1], cross(z, x))), scale(h[2], cross(x, y)))
+    return math.sqrt(max(dot(h, turned), 0.0))
+
+
+@kernel
+def _parts(state: Any, craft: Any, h: float) -> int:
+    """Number of parts into which a step of h [s] is divided.
+
+    While a wheel crosses zero, its friction changes its sign within the transition speed, which a
+    motor crosses in less than a step; undivided, one crossing at full torque puts a wheel off by
+    1e-3 rad/s. And wheels can make a small craft nutate by more than a radian in a slow step;
+    undivided, that would be damped within seconds, or grow.
+    """
+    wheels = craft.wheels
+    most = max(1.0, h * _nutation(state.motion[_SPEED:], craft) / _NUTATED)
     for i in range(wheels.count):
         if wheels.static[i] == 0.0:
             continue
