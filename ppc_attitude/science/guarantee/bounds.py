@@ -99,86 +99,56 @@ class Bounds:
         self._h, self._k, self._kappa, self._z = map(number, (law.h, law.k, law.kappa, law.z_bar))
         self._late, self._Omega, self._e_A = map(number, (assumed.late, assumed.Omega, assumed.e_A))
         self._W, self._W1, self._W2 = map(number, (assumed.W, assumed.W1, assumed.W2))
+        self._torque, self._d, e_S = map(number, (assumed.max_torque, assumed.d, assumed.e_S))
+        self._age = (number(0.5) + self._late) * self._h  # [s] of F while it acts, in the mean
         self.e_w = number(assumed.e_W) + self._W * self._e_A
         self._Y, B, brake = (tuple(map(number, each)) for each in (law.Y, law.B, law.brake))
         self._most_used = _triple(lambda i: most(B[i], number(law.B_ramp)))
         self.a, self.a_most = body.brakes(brake, number(law.a_most))
         reference = number(law.Omega_e), self._W, self._W1, self._W2
         errors = self._z, self._e_A, self.e_w
-        speed = Speed(self._k, self.a, self.a_most, *reference, *errors, arithmetic)
-        self._speed = speed
+        self._speed = Speed(self._k, self.a, self.a_most, *reference, *errors, arithmetic)
         self._stop_rate = number(law.omega0) + self._z  # ‖ω_e‖ while p > 0
         self._cruise_rate = number(law.w_far) + 2 * self._z  # the axis turns meanwhile: C9 n
-        e_S = number(assumed.e_S)
-        self._epsilon = body.inverse_error(e_S)
+        self._fastest = most(self._Omega, self._stop_rate + self._W)
+        epsilon = body.inverse_error(e_S)
         spread = ((1 + e_S) * body.most - (1 - e_S) * body.least) / 2
-        fastest = most(self._Omega, self._stop_rate + self._W)
-        self._gyroscopic = (self._epsilon * spread + e_S * body.most) * fastest * fastest
+        # What a wrong inertia makes of rates and of torques [N·m].
+        self._gyroscopic = (epsilon * spread + e_S * body.most) * self._fastest * self._fastest
+        self._misled = epsilon * arithmetic.sqrt(number(3.0)) * (self._torque + self._d)
 
-        c = number(BLEND)
-        fast, slow = speed.Omega_e + self._W, speed.Omega_e - self._W
-        end = arithmetic.pi + LARGEST
-
-        def reached(g: Number, a: Number) -> Number:
-            """φ at which the brake allows g ≥ a/k: less for a stronger one."""
-            return g * g / (2 * a) + a / (2 * speed.k * speed.k)
-
-        # The cap can act only beyond this φ; Φ's own step may look a little nearer.
-        margin = 2 * self._h * (fast + self._stop_rate)
-        nearest = reached((1 - c) * slow, self.a_most) - margin
-        nu_cap = nu_of(nearest, arithmetic) if nearest > 0 else number(float("inf"))
-        self.blend = reached((1 + c) * fast, self.a)
-        # f depends on a beyond φ1 only, and φ rises by no more than h z̄ in a sample.
-        linear = self.a / (speed.k * speed.k) - self._h * self._z
-        nu_brake = nu_of(linear, arithmetic) if linear > 0 else number(float("inf"))
-        far = number(law.far)
-        nu_blend = most(nu_of(self.blend, arithmetic), nu_of(end, arithmetic))
-        self.nu_stop = most(nu_of(far / 2, arithmetic), nu_of(end, arithmetic))
-        cotangent = most(half_cotangent(far / 2, arithmetic), half_cotangent(end, arithmetic))
-
-        found = self._main_cells(count)
-        guess: Numbers = (number(0.0),) * 3
-        for _ in range(2):  # δF stands in A: twice from below, then it must be a fixed point
-            guess = self._main_variation(found, self._acceleration(self._Omega, guess), nu_blend)
-        # A δF that reproduces less than itself bounds the true one.
-        inflated = _triple(lambda i: guess[i] * number(1.002))
-        variation = self._main_variation(found, self._acceleration(self._Omega, inflated), nu_blend)
-        if not all(bool(v <= w) for v, w in zip(variation, inflated, strict=True)):
-            raise ValueError(
-                "the variation of F within a sample has no bound: the gains are too high"
-            )
-        self.variation = inflated
-        A_stop = self._acceleration(self._stop_rate + self._W, self.variation)
-        self.variation_at_stop = self._stop_variation(A_stop, self.nu_stop, cotangent)
-        noise_of_torque = self._torque_noise(found, self.nu_stop, cotangent)
+        found = self._cells = self._main_cells(count)
+        self.blend = self._reached((1 + BLEND) * (self._speed.Omega_e + self._W), self.a)
+        far, w_far = number(law.far) / 2, number(law.w_far)
+        self.nu_stop = self._largest(nu_of, far)
+        self._stop_cotangent = self._largest(half_cotangent, far)
+        self.stop_load = self.nu_stop * (w_far * w_far / 2 + w_far * self._z)
+        self.variation = self._main_variation()
+        self.variation_at_stop = self._stop_variation()
         lipschitz = most(*(each.lipschitz for each in found))
         self.noise = _triple(lambda i: body.row[i] * (self.e_w + lipschitz * self._e_A))
         feedforward = self.feedforward(self._Omega)
-        free = arithmetic.least(*((B[i] - feedforward[i]) / body.row[i] for i in range(3)))
         needed = _triple(
             lambda i: most(*(each.needed(body.row[i], brake[i], arithmetic) for each in found))
         )
-        drift = most(*(arithmetic.sqrt(each.drift**2 + each.turn**2) for each in found))
-        self.V_rate = speed.rate(nu_cap) + speed.gain * self._W * nu_cap * self._e_A / self._h
-        self.a_rate = speed.brake_rate(self.a_most, nu_brake * (self._z + self._e_A / self._h))
-        self.z = body.box(self._Y)
         self.load = _triple(lambda i: feedforward[i] + needed[i])
-        self.reserve = free - drift
         self.brake = _triple(lambda i: B[i] - feedforward[i] - (needed[i] - brake[i]))
-        self.B = self._allowed(noise_of_torque)
-        self.Y = self._tube(noise_of_torque)
-        w_far = number(law.w_far)
-        self.stop_load = self.nu_stop * (w_far * w_far / 2 + w_far * self._z)
+        free = arithmetic.least(*((B[i] - feedforward[i]) / body.row[i] for i in range(3)))
+        drift = most(*(arithmetic.sqrt(each.drift**2 + each.turn**2) for each in found))
+        self.reserve = free - drift
+        self.V_rate, self.a_rate = self._rates()
+        self.z = body.box(self._Y)
+        torque_noise = self._torque_noise()
+        self.B = self._allowed(torque_noise)
+        self.Y = self._tube(torque_noise)
 
     def feedforward(self, rate: Number) -> Numbers:
         """M_i [N·m] for ‖ω_s‖ ≤ rate [rad/s].
 
         ω_e × w_d = ω_s × w_d, so ‖M0‖ needs ‖ω_s‖ and the reference only.
         """
-        pairs = zip(self.body.row, self.body.spread, strict=True)
-        return tuple(
-            row * (rate * self._W + self._W1) + spread * rate * rate for row, spread in pairs
-        )
+        row, spread = self.body.row, self.body.spread
+        return _triple(lambda i: row[i] * (rate * self._W + self._W1) + spread[i] * rate * rate)
 
     def stop_time(self, rate: Number) -> Number | None:
         """T_p [s]: p is 0 after it if ‖ω_e‖ ≤ rate [rad/s] at the event; None if never."""
@@ -228,67 +198,99 @@ class Bounds:
             raise ValueError(f"Omega_e = {self.law.Omega_e:g} rad/s leaves no speed beyond W")
         return cells(self._speed, lowest, count)
 
-    def _main_variation(self, found: list[Cell], A: Number, nu_blend: Number) -> Numbers:
-        """δF in the main phase, with the ramps of r and σ."""
-        most = self.arithmetic.largest
-        part = self.arithmetic.number(0.5) + self._late
-        sigma = 2 * A * nu_blend * self._z  # of σ' n', |σ'| ≤ ‖v'‖ ≤ A
+    def _main_variation(self) -> Numbers:
+        """δF in the main phase: it stands in A, so it must be a fixed point."""
+        guess = self._next_variation(self._next_variation((0.0,) * 3))  # from below
+        # A δF that reproduces less than itself bounds the true one.
+        inflated = _triple(lambda i: guess[i] * 1.002)
+        variation = self._next_variation(inflated)
+        if not all(bool(v <= w) for v, w in zip(variation, inflated, strict=True)):
+            raise ValueError(
+                "the variation of F within a sample has no bound: the gains are too high"
+            )
+        return inflated
+
+    def _next_variation(self, variation: Numbers) -> Numbers:
+        """δF in the main phase from one that stands in A, with the ramps of r and σ."""
+        A = self._acceleration(self._Omega, variation)
+        sigma = 2 * A * self._largest(nu_of, self.blend) * self._z  # of σ' n', |σ'| ≤ ‖v'‖ ≤ A
 
         def axis(i: int) -> Number:
-            row = self.body.row[i]
             rates = (
-                row * (each.second + each.lever * A + 2 * self._k * each.ramp + sigma)
+                self.body.row[i] * (each.second + each.lever * A + 2 * self._k * each.ramp + sigma)
                 + self._feedforward_rate(i, each.speed, self._Omega, A)
-                for each in found
+                for each in self._cells
             )
-            return part * self._h * most(*rates)
+            return self._age * self.arithmetic.largest(*rates)
 
         return _triple(axis)
 
-    def _stop_variation(self, A: Number, nu: Number, cotangent: Number) -> Numbers:
+    def _stop_variation(self) -> Numbers:
         """δF while p > 0: v' = p' ω_res, in cruise with σ n' besides."""
-        part = self.arithmetic.number(0.5) + self._late
-        fast, total = self._stop_rate, self._stop_rate + self._W
-        slow = self._cruise_rate
-        turning = slow * axis_second(nu, cotangent, slow, slow, A)
+        fast, slow, total = self._stop_rate, self._cruise_rate, self._stop_rate + self._W
+        A = self._acceleration(total, self.variation)
+        turning = slow * axis_second(self.nu_stop, self._stop_cotangent, slow, slow, A)
 
         def axis(i: int) -> Number:
             near = self._feedforward_rate(i, fast, total, A)
             cruise = self._feedforward_rate(i, slow, slow + self._W, A) + self.body.row[i] * turning
-            return part * self._h * self.arithmetic.largest(near, cruise)
+            return self._age * self.arithmetic.largest(near, cruise)
 
         return _triple(axis)
 
-    def _torque_noise(self, found: list[Cell], nu: Number, cotangent: Number) -> Numbers:
+    def _rates(self) -> tuple[Number, Number]:
+        """V̄' and ā' where cap and brake act, with what their estimates may be wrong in a sample."""
+        speed, h, e_A = self._speed, self._h, self._e_A
+        fast, slow = speed.Omega_e + self._W, speed.Omega_e - self._W
+        # The cap can act only beyond this φ; Φ's own step may look a little nearer.
+        margin = 2 * h * (fast + self._stop_rate)
+        nu_cap = self._nu_from(self._reached((1 - BLEND) * slow, self.a_most) - margin)
+        # f depends on a beyond φ1 only, and φ rises by no more than h z̄ in a sample.
+        nu_brake = self._nu_from(self.a / (self._k * self._k) - h * self._z)
+        return (
+            speed.rate(nu_cap) + speed.gain * self._W * nu_cap * e_A / h,
+            speed.brake_rate(self.a_most, nu_brake * (self._z + e_A / h)),
+        )
+
+    def _torque_noise(self) -> Numbers:
         """N_F,i: change of F with the estimation errors, in any phase."""
-        total = self.arithmetic.largest(self._Omega, self._stop_rate + self._W)
-        e_W = self.arithmetic.number(self.assumed.e_W)
-        slow = self._cruise_rate
-        turning = slow * axis_error(nu, cotangent, slow, slow + self.e_w, self._e_A, self.e_w)
-        of_v = self.arithmetic.largest(turning, *(each.error for each in found))
-        of_m = self._W * e_W + (total * self._W + self._W1) * self._e_A
+        e_W, slow = self.arithmetic.number(self.assumed.e_W), self._cruise_rate
+        stop = self.nu_stop, self._stop_cotangent
+        turning = slow * axis_error(*stop, slow, slow + self.e_w, self._e_A, self.e_w)
+        of_v = self.arithmetic.largest(turning, *(each.error for each in self._cells))
+        of_m = self._W * e_W + (self._fastest * self._W + self._W1) * self._e_A
 
         def axis(i: int) -> Number:
-            gyroscopic = self.body.spread[i] * e_W * (2 * total + e_W)
+            gyroscopic = self.body.spread[i] * e_W * (2 * self._fastest + e_W)
             return self.body.row[i] * (of_v + of_m) + gyroscopic
 
         return _triple(axis)
 
+    def _reached(self, g: Number, a: Number) -> Number:
+        """φ at which the brake allows g ≥ a/k: less for a stronger one."""
+        return g * g / (2 * a) + a / (2 * self._k * self._k)
+
+    def _nu_from(self, phi: Number) -> Number:
+        """ν at φ, which is the largest up to half a turn; infinite where φ may be 0."""
+        return nu_of(phi, self.arithmetic) if phi > 0 else self.arithmetic.number(float("inf"))
+
+    def _largest(self, of: Callable[[Number, Arithmetic], Number], phi: Number) -> Number:
+        """Largest value, from φ to the end of the cells, of what is largest at one of its ends."""
+        arithmetic = self.arithmetic
+        end = arithmetic.pi + LARGEST
+        return arithmetic.largest(of(phi, arithmetic), of(end, arithmetic))
+
     def _allowed(self, noise: Numbers) -> Numbers:
         """Largest B: a saturated axis is still pushed back."""
         number, assumed = self.arithmetic.number, self.assumed
-        torque, d = number(assumed.max_torque), number(assumed.d)
-        root3 = self.arithmetic.sqrt(number(3.0))
-        common = number(assumed.eta) * torque - d - number(assumed.dead_band)
-        common = common - self._epsilon * root3 * (torque + d) - self._gyroscopic
+        common = number(assumed.eta) * self._torque - self._d - number(assumed.dead_band)
+        common = common - self._misled - self._gyroscopic
         return _triple(lambda i: common - self.variation[i] - noise[i])
 
     def _tube(self, noise_of_torque: Numbers) -> Numbers:
         """Least Y: D/κ_eff + kick; infinite if the observer does not follow a weak actuator."""
         number, assumed, law = self.arithmetic.number, self.assumed, self.law
-        torque, d, eta = number(assumed.max_torque), number(assumed.d), number(assumed.eta)
-        root3 = self.arithmetic.sqrt(number(3.0))
-        ell, dead_band = number(law.ell), number(assumed.dead_band)
+        eta, ell, dead_band = map(number, (assumed.eta, law.ell, assumed.dead_band))
         x = self._kappa * self._h * (1 - ell) / ell  # κ λ_o
         weak = 1 - 2 * (1 - eta) * x
         late = 1 - 2 * self._kappa * self._h * self._late
@@ -297,11 +299,11 @@ class Bounds:
         factor = (1 + x / weak) / (self._kappa * late)
 
         def axis(i: int) -> Number:
-            free = (1 - eta) * self._most_used[i] + d + self.variation[i] + dead_band
-            free = free + self._epsilon * root3 * (torque + d) + self._gyroscopic
+            free = (1 - eta) * self._most_used[i] + self._d + self.variation[i] + dead_band
+            free = free + self._misled + self._gyroscopic
             D = number(law.d_max) + self._kappa * self.noise[i] + noise_of_torque[i] + free / eta
             kick = self.body.row[i] * (self._h * self.V_rate)
-            kick = kick + self._late * self._h * (torque + 5 * self._most_used[i])
+            kick = kick + self._late * self._h * (self._torque + 5 * self._most_used[i])
             return D * factor + kick
 
         return _triple(axis)

@@ -137,8 +137,9 @@ class Envelope:
         self, phi: Number, rate: float, accuracy: float, stop: Number | None = None
     ) -> float:
         """Time [s] from φ [rad] where the brake sets in after a stop, whose length may be known."""
-        phi, time = self._stopped(phi, rate, stop)
         arithmetic, step, one = self._arithmetic, self._step, self._arithmetic.number(1.0)
+        drift, time = self.stop(rate, stop)
+        phi = arithmetic.upper(phi + self._e_A + drift)
         reserve, limit = self._bounds.reserve, self.settled(accuracy)
         r = arithmetic.number(0.0)
         before = phi
@@ -155,8 +156,9 @@ class Envelope:
 
     def far_time(self, phi: Number, rate: float, accuracy: float) -> float:
         """Time [s] from φ [rad] where the speed rises with the torque that is left."""
-        phi, time = self._stopped(phi, rate)
         arithmetic, step = self._arithmetic, self._step
+        drift, time = self.stop(rate)
+        phi = arithmetic.upper(phi + self._e_A + drift)
         limit, sigma = self.settled(accuracy), arithmetic.number(0.0)
         for n in range(_PATIENCE):
             if phi <= limit:
@@ -236,15 +238,17 @@ class Envelope:
         fastest = self.speed_above(phi, self._slowest, self._a)
         return self._arithmetic.largest(phi - self._step * fastest, zero)
 
-    def _stopped(
-        self, phi: Number, rate: float, stop: Number | None = None
-    ) -> tuple[Number, Number]:
-        """φ [rad] and time [s] after the stop phase, and one sample more for what lands on one."""
+    def stop(self, rate: float, known: Number | None = None) -> tuple[Number, Number]:
+        """Drift of φ [rad] and time [s] of the stop phase, a sample more for what lands on one.
+
+        Raises
+        ------
+        ValueError
+            No torque is left to stop from ‖ω_e‖ = rate [rad/s], and no length [s] is known.
+        """
         speed = self._arithmetic.number(rate)
-        if stop is None:
-            stop = self._bounds.stop_time(speed)
+        stop = self._bounds.stop_time(speed) if known is None else known
         if stop is None:
             raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
         time = stop + 2 * self._h
-        drift = speed * (stop + self._h) / 2 + self._z * time
-        return self._arithmetic.upper(phi + self._e_A + drift), time
+        return speed * (stop + self._h) / 2 + self._z * time, time

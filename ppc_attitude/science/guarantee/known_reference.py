@@ -29,6 +29,7 @@ from ppc_attitude.science.controllers.brake import capped_brake
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import Bounds
+from ppc_attitude.science.guarantee.cells import nu_of
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.kernel import kernel
 
@@ -39,6 +40,7 @@ _PADDING = 1e-9  # relative, of every step: plain floats, rounded
 _FACES = (14, 28, 56)
 _LATE = 1.0  # [s] before the last: what is divided
 _LONGEST = 400.0  # [s]
+_ARRAYS = FLOATS._replace(sin=np.sin)
 
 
 @dataclass
@@ -89,11 +91,6 @@ def _divided(cells: NDArray[np.int64], face: int) -> NDArray[np.int64]:
     u, v = np.divmod(place, face)
     parts = [(side * 2 * face + 2 * u + i) * 2 * face + 2 * v + j for i in (0, 1) for j in (0, 1)]
     return np.concatenate(parts)
-
-
-def _nu(phi: Array) -> Array:
-    """ν = 1/(2 sin(φ/2))."""
-    return np.asarray(0.5 / np.sin(0.5 * phi))
 
 
 class KnownReference:
@@ -191,13 +188,9 @@ class KnownReference:
         least = angles[0] + np.clip(along - spread, -assumed.lead, assumed.lead)
         most = angles[1] + np.clip(along + spread, -assumed.lead, assumed.lead)
         least = np.maximum(least, law.far)  # what is nearer does not cruise
-        stop = self._bounds.stop_time(rate)
-        if stop is None:
-            raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
-        begin = stop + 2.0 * law.h
+        drift, begin = self._envelope.stop(rate)
         count = len(radius)
-        drift = rate * (stop + law.h) / 2.0 + law.z_bar * begin
-        nu = np.maximum(_nu(least - 1.5 * drift), _nu(most + drift))
+        nu = np.maximum(nu_of(least - 1.5 * drift, _ARRAYS), nu_of(most + drift, _ARRAYS))
         state = _State(
             above=most + assumed.e_A + drift,
             # σ = −n·ω_e ≤ rate is kept while the rest stops.
@@ -235,7 +228,8 @@ class KnownReference:
         lowest = np.maximum(state.above - _STEP * fastest, 0.0)
         fall = self._speed(lowest, cap) * (1.0 - _PADDING)
         nu = np.maximum(
-            _nu(np.clip(state.below, 1e-3, np.pi)), _nu(np.minimum(state.above, 2 * np.pi - 1e-3))
+            nu_of(np.clip(state.below, 1e-3, np.pi), _ARRAYS),
+            nu_of(np.minimum(state.above, 2 * np.pi - 1e-3), _ARRAYS),
         )
         state.turned += _STEP * law.z_bar * nu * (1.0 + _PADDING)
         state.above += _STEP * (law.z_bar - fall)
