@@ -176,13 +176,13 @@ class Judgement:
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is for this reference")
         reference = self._scenario.parameters[REFERENCE]
-        known = {paper.COMPONENT.name: paper, paper_ahead.COMPONENT.name: paper_ahead}
-        module = known.get(str(reference["mode"]))
-        if module is None:
+        known = {each.name: each for each in (paper.COMPONENT, paper_ahead.COMPONENT)}
+        component = known.get(str(reference["mode"]))
+        if component is None:
             raise ConfigurationError(
                 f"mode = {reference['mode']}; only the paper's reference is known beforehand"
             )
-        record = module.configure(reference)
+        record = component.configure(reference)
         told = self._scenario.controller.name == LAW_AHEAD
         ahead = paper_ahead.turn_ahead(0.0, record) if told else (0.0, 0.0, 0.0)
 

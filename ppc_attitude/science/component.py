@@ -23,7 +23,7 @@ This file and `kinds` import neither kernels nor Numba, so that who only needs n
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, wraps
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import Parameter, record_type
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 
 INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tracker"
 QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
@@ -326,6 +326,51 @@ class Component:
                 f"component {self.name}: limits = {self.limits}; it has no parameter "
                 f"{', '.join(sorted(unknown))}"
             )
+
+    def extended(
+        self,
+        name: str,
+        made: Mapping[str, tuple[Any, Callable[[Mapping[str, Any]], Any]]],
+        state: Iterable[Any] = (),
+        *,
+        parameters: Iterable[Parameter] = (),
+        inputs: Iterable[Column] = (),
+        outputs: Iterable[Column] = (),
+        **others: Any,
+    ) -> "Component":
+        """Return a component that has all that this one has, and more, so its step may call ours.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        made : mapping of str to (type, callable)
+            Further fields of the configuration, each with what makes it of parameter values.
+        state : iterable
+            Further fields of the state, as of `record_type`.
+        parameters, inputs, outputs : iterable
+            What it has besides ours.
+        others : value
+            What it has in the place of ours; a step at least.
+        """
+        fields = ((field, kind) for field, (kind, _) in made.items())
+        configuration = record_type(self.configuration, *fields)
+
+        def configure(values: Mapping[str, Any]) -> Any:
+            more = {field: make(values) for field, (_, make) in made.items()}
+            return filled(configuration, self.configure(values), **more)
+
+        return replace(
+            self,
+            name=name,
+            parameters=(*self.parameters, *parameters),
+            configure=configure,
+            configuration=configuration,
+            state=record_type(self.state, *state),
+            inputs=(*self.inputs, *inputs),
+            outputs=(*self.outputs, *outputs),
+            **others,
+        )
 
     def torques(self, values: Mapping[str, Any]) -> tuple[float, float] | None:
         """Torque on an axis [N·m] that an actuator gives in any direction, and at most.

@@ -18,7 +18,6 @@ The motors are those of `actuators.wheel_motors`. Rods with a dipole m turn the 
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from ppc_attitude.science import magnetorquers, wheels
@@ -40,7 +39,6 @@ from ppc_attitude.science.magnetorquers import DIPOLE, MAX_DIPOLE, torque_of_rod
 from ppc_attitude.science.parameter import filled, record_type
 
 RODS = record_type(MAX_DIPOLE, ("faults", RECORD))
-CONFIGURATION = record_type(wheel_motors.CONFIGURATION, ("rods", RODS))
 
 
 def rods_of(values: Mapping[str, Any]) -> Any:
@@ -108,16 +106,12 @@ def torques(values: Mapping[str, Any]) -> tuple[float, float]:
     return certain - of_rods, most + of_rods
 
 
-COMPONENT = replace(
-    wheel_motors.COMPONENT,
-    name="wheel_motors_rods",
-    parameters=(*wheel_motors.COMPONENT.parameters, MAX_DIPOLE),
-    configure=lambda values: filled(
-        CONFIGURATION, wheel_motors.COMPONENT.configure(values), rods=rods_of(values)
-    ),
-    configuration=CONFIGURATION,
-    inputs=(*wheel_motors.COMPONENT.inputs, magnetorquers.COMMAND, MAGNETIC_FIELD),
-    outputs=(*wheel_motors.COMPONENT.outputs, DIPOLE),
+COMPONENT = wheel_motors.COMPONENT.extended(
+    "wheel_motors_rods",
+    {"rods": (RODS, rods_of)},
+    parameters=(MAX_DIPOLE,),
+    inputs=(magnetorquers.COMMAND, MAGNETIC_FIELD),
+    outputs=(DIPOLE,),
     step=step,
     limits=(*wheel_motors.COMPONENT.limits, MAX_DIPOLE.name),
     torque=torques,

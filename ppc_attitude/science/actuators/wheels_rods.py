@@ -18,7 +18,6 @@ The wheels are those of `actuators.wheels`, the rods those of `actuators.wheel_m
 law is that of `magnetorquers`.
 """
 
-from dataclasses import replace
 from typing import Any
 
 from ppc_attitude.science import magnetorquers
@@ -33,10 +32,6 @@ from ppc_attitude.science.magnetorquers import (
     magnetorquer_record,
     unload,
 )
-from ppc_attitude.science.parameter import filled, record_type
-
-CONFIGURATION = record_type(wheels.CONFIGURATION, ("law", MAGNETORQUERS), ("rods", RODS))
-STATE = record_type(wheels.STATE, ("held", HELD))
 
 
 @kernel
@@ -47,20 +42,13 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     turn(inputs, dipole, configuration.rods, outputs)
 
 
-COMPONENT = replace(
-    wheels.COMPONENT,
-    name="wheels_rods",
-    parameters=(*wheels.COMPONENT.parameters, *magnetorquers.PARAMETERS),
-    configure=lambda values: filled(
-        CONFIGURATION,
-        wheels.COMPONENT.configure(values),
-        law=magnetorquer_record(values),
-        rods=rods_of(values),
-    ),
-    configuration=CONFIGURATION,
-    state=STATE,
-    inputs=(*wheels.COMPONENT.inputs, MAGNETIC_FIELD),
-    outputs=(*wheels.COMPONENT.outputs, DIPOLE),
+COMPONENT = wheels.COMPONENT.extended(
+    "wheels_rods",
+    {"law": (MAGNETORQUERS, magnetorquer_record), "rods": (RODS, rods_of)},
+    (("held", HELD),),
+    parameters=magnetorquers.PARAMETERS,
+    inputs=(MAGNETIC_FIELD,),
+    outputs=(DIPOLE,),
     step=step,
     limits=wheel_motors_rods.COMPONENT.limits,
     torque=wheel_motors_rods.torques,

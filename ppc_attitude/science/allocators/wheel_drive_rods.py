@@ -18,7 +18,6 @@ The drive is that of `allocators.wheel_drive`. It is not told of the rods' torqu
 that as a disturbance, and the wheels give their momentum away against it.
 """
 
-from dataclasses import replace
 from typing import Any
 
 from ppc_attitude.science import magnetorquers
@@ -26,10 +25,6 @@ from ppc_attitude.science.allocators import wheel_drive
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
 from ppc_attitude.science.kernel import kernel, store
 from ppc_attitude.science.magnetorquers import HELD, MAGNETORQUERS, magnetorquer_record, unload
-from ppc_attitude.science.parameter import filled, record_type
-
-CONFIGURATION = record_type(wheel_drive.CONFIGURATION, ("rods", MAGNETORQUERS))
-STATE = record_type(wheel_drive.STATE, ("held", HELD))
 
 
 @kernel
@@ -40,16 +35,12 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     store(outputs.magnetorquer_dipole_command, dipole)
 
 
-COMPONENT = replace(
-    wheel_drive.COMPONENT,
-    name="wheel_drive_rods",
-    parameters=(*wheel_drive.COMPONENT.parameters, *magnetorquers.PARAMETERS),
-    configure=lambda values: filled(
-        CONFIGURATION, wheel_drive.COMPONENT.configure(values), rods=magnetorquer_record(values)
-    ),
-    configuration=CONFIGURATION,
-    state=STATE,
-    inputs=(*wheel_drive.COMPONENT.inputs, MAGNETIC_FIELD),
-    outputs=(*wheel_drive.COMPONENT.outputs, magnetorquers.COMMAND),
+COMPONENT = wheel_drive.COMPONENT.extended(
+    "wheel_drive_rods",
+    {"rods": (MAGNETORQUERS, magnetorquer_record)},
+    (("held", HELD),),
+    parameters=magnetorquers.PARAMETERS,
+    inputs=(MAGNETIC_FIELD,),
+    outputs=(magnetorquers.COMMAND,),
     step=step,
 )

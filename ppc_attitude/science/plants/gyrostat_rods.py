@@ -18,27 +18,18 @@ The body is that of `plants.gyrostat`. It also tells the field where it is, whic
 magnetometer measures, and its magnetorquers are turned by it.
 """
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science import geomagnetic, multibody
+from ppc_attitude.science import geomagnetic
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD, ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kernel import add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import DIPOLE
 from ppc_attitude.science.multibody import move, tell, tell_speeds
 from ppc_attitude.science.orbit import CURSOR, orbit_at
-from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.plants import gyrostat
-
-CONFIGURATION = record_type(multibody.CONFIGURATION, ("field", ORBIT_FIELD))
-STATE = record_type(
-    multibody.STATE,
-    ("cursor", CURSOR),
-    ("field", np.float64, (3,)),  # [T] body, at the last stamp
-)
 
 
 @kernel
@@ -57,16 +48,12 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     store(outputs.magnetic_field, b)
 
 
-COMPONENT = replace(
-    gyrostat.COMPONENT,
-    name="gyrostat_rods",
-    parameters=(*gyrostat.COMPONENT.parameters, *geomagnetic.PARAMETERS),
-    configure=lambda values: filled(
-        CONFIGURATION, gyrostat.COMPONENT.configure(values), field=geomagnetic.orbit_field(values)
-    ),
-    configuration=CONFIGURATION,
-    state=STATE,
-    inputs=(*gyrostat.COMPONENT.inputs, DIPOLE),
-    outputs=(*gyrostat.COMPONENT.outputs, MAGNETIC_FIELD),
+COMPONENT = gyrostat.COMPONENT.extended(
+    "gyrostat_rods",
+    {"field": (ORBIT_FIELD, geomagnetic.orbit_field)},
+    (("cursor", CURSOR), ("field", np.float64, (3,))),  # [T] body, at the last stamp
+    parameters=geomagnetic.PARAMETERS,
+    inputs=(DIPOLE,),
+    outputs=(MAGNETIC_FIELD,),
     step=step,
 )

@@ -18,12 +18,12 @@ A law that knows it goes round the way that the desired frame comes to meet it.
 """
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
-from ppc_attitude.science.component import Component
+import numpy as np
+
 from ppc_attitude.science.kernel import Vector, kernel, store
-from ppc_attitude.science.parameter import Parameter, filled, record_type
+from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.signals import TURN_AHEAD
 
@@ -35,7 +35,6 @@ AHEAD = Parameter(
     above=0.0,
     high=1e6,
 )
-REFERENCE = record_type(paper.REFERENCE, AHEAD)
 
 
 @kernel
@@ -51,17 +50,6 @@ def turn_ahead(t: float, reference: Any) -> Vector:
     )
 
 
-def configure(values: Mapping[str, Any]) -> Any:
-    """Build the kernel's record from checked parameter values.
-
-    Raises
-    ------
-    ConfigurationError
-        The initial attitude has no direction.
-    """
-    return filled(REFERENCE, paper.configure(values), ahead=values[AHEAD.name])
-
-
 @kernel
 def step(inputs: Any, cursor: Any, reference: Any, outputs: Any) -> None:
     """Give what the paper's reference gives, and ∫ω_d [rad] of what lies ahead."""
@@ -69,13 +57,10 @@ def step(inputs: Any, cursor: Any, reference: Any, outputs: Any) -> None:
     store(outputs.reference_turn_ahead, turn_ahead(inputs.t, reference))
 
 
-COMPONENT = Component(
-    name="paper_ahead",
-    parameters=(*paper.COMPONENT.parameters, AHEAD),
-    configure=configure,
-    configuration=REFERENCE,
-    state=paper.CURSOR,
-    outputs=(*paper.COMPONENT.outputs, TURN_AHEAD),
+COMPONENT = paper.COMPONENT.extended(
+    "paper_ahead",
+    {"ahead": (np.float64, lambda values: values[AHEAD.name])},
+    parameters=(AHEAD,),
+    outputs=(TURN_AHEAD,),
     step=step,
-    motion_bounds=paper.motion_bounds,
 )
