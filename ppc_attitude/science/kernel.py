@@ -43,7 +43,7 @@ STRAIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)  # no turn at all
 NO_ATTITUDE: Quaternion = (0.0, 0.0, 0.0, 0.0)  # what stands for one that nobody knows
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses
+ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses
 carray: Any = vars(numba)["carray"]  # Numba does not say that it exports it
 _SETTINGS: Any = _numba_config  # its names are made at run time
 _PACKAGE = Path(__file__).parent.parent
@@ -123,8 +123,8 @@ def _compiled(function: _Function, inline: bool) -> _Function:
 
 
 def _called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    record = _ir.IntType(8).as_pointer()
-    function = _ir.FunctionType(_ir.VoidType(), [record] * (len(arguments) - 1))
+    record = ir.IntType(8).as_pointer()
+    function = ir.FunctionType(ir.VoidType(), [record] * (len(arguments) - 1))
     address, *records = arguments
     builder.call(
         builder.inttoptr(address, function.as_pointer()),
@@ -134,7 +134,7 @@ def _called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
 
 
 def _pointed(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return builder.inttoptr(arguments[0], _ir.IntType(8).as_pointer())
+    return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
 
 
 def _call_step(context: Any, step: Any, a: Any, b: Any, c: Any, d: Any) -> Any:

@@ -21,24 +21,20 @@ loses what it wins. Every lane rounds as a number alone does, so the numbers are
 
 from typing import Any
 
-import numba
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
-from ppc_attitude.science.kernel import ZERO
+from ppc_attitude.science.kernel import ir
 
-_ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses
-_PLACES = [_ir.Constant(_ir.IntType(32), k) for k in range(3)]
-_LANES = _ir.VectorType(_ir.DoubleType(), 4)
-_numba: Any = numba  # its functions carry no types
-_VECTOR = _numba.typeof(ZERO)
+_PLACES = [ir.Constant(ir.IntType(32), k) for k in range(3)]
+_LANES = ir.VectorType(ir.DoubleType(), 4)
+_VECTOR: Any = vars(types)["UniTuple"](types.float64, 3)  # its functions carry no types
 
 
 def _packed(builder: Any, numbers: Any) -> Any:
     """Fill the lanes with the numbers of a vector, or all of them with one number."""
-    lanes = _ir.Constant(_LANES, _ir.Undefined)
-    alone = not isinstance(numbers.type, _ir.ArrayType)
+    lanes = ir.Constant(_LANES, ir.Undefined)
+    alone = not isinstance(numbers.type, ir.ArrayType)
     for place in _PLACES:
         number = numbers if alone else builder.extract_value(numbers, place.constant)
         lanes = builder.insert_element(lanes, number, place)
@@ -50,7 +46,7 @@ def _by_lanes(operation: str, first: Any) -> Any:
 
     def compute(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         lanes = getattr(builder, operation)(*(_packed(builder, each) for each in arguments))
-        numbers = _ir.Constant(context.get_value_type(_VECTOR), _ir.Undefined)
+        numbers = ir.Constant(context.get_value_type(_VECTOR), ir.Undefined)
         for place in _PLACES:
             number = builder.extract_element(lanes, place)
             numbers = builder.insert_value(numbers, number, place.constant)
