@@ -29,8 +29,11 @@ def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int
     """Stamp, sample and first number of the fix of what became complete, in order."""
     found = []
     for kind, stamp, value in events:
-        take = fixes.fix if kind == "fix" else fixes.sample
-        found += [(at, sample[0], fix[0]) for at, sample, fix in take(stamp, (value,), 0.0)]
+        if kind == "fix":
+            completed = fixes.fix(stamp, (value,))
+        else:
+            completed = fixes.sample(stamp, (value,), 0.0)
+        found += [(at, sample[0], fix[0]) for at, sample, fix in completed]
     return found
 
 

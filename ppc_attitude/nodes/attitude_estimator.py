@@ -56,7 +56,7 @@ class AttitudeEstimator(ComponentNode):
     def receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:
         """Take a message; a fix may complete several instants."""
         if self._fixes is not None and topic.late:
-            self._answer_all(self._fixes.fix(stamp_ns, values, self.now()))
+            self._answer_all(self._fixes.fix(stamp_ns, values))
         else:
             super().receive(topic, stamp_ns, values)
 

@@ -91,9 +91,7 @@ class Fixes:
         self._samples[stamp_ns] = values
         yield from self._complete()
 
-    def fix(
-        self, valid_ns: int, values: Values, now: float
-    ) -> Iterator[tuple[int, Sample, Values]]:
+    def fix(self, valid_ns: int, values: Values) -> Iterator[tuple[int, Sample, Values]]:
         """Take the message of a slot; yields and raises as `sample`."""
         newest = self._guard.last
         if newest is not None and valid_ns - newest > StampGuard.LARGEST_STEP:
