@@ -28,13 +28,16 @@ import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, divide, kernel, scale
-from ppc_attitude.science.parameter import record_type
+from ppc_attitude.science.parameter import filled, record_type
 
 SHAPE = record_type(
-    *(
-        (name, np.float64)
-        for name in ("amplitude", "asymptote", "decay", "t1", "t2", "curvature", "terminal")
-    )
+    ("amplitude", np.float64),  # A
+    ("asymptote", np.float64),  # ρ_e∞
+    ("decay", np.float64),  # l [1/s]
+    ("t1", np.float64),  # [s] joint of exponential and parabola
+    ("t2", np.float64),  # [s]
+    ("curvature", np.float64),  # a1 [1/s²]
+    ("terminal", np.float64),  # g∞
 )
 R_LIMIT = math.e / 2.0  # the largest r with a real root
 # Computed tables may sit on the limit up to rounding (terminal = exponential_terminal: r = 0).
@@ -91,18 +94,17 @@ class Envelope:
     def shape(self) -> Any:
         """The envelope as the record (dtype `SHAPE`) that the kernels read."""
         table = self.table
-        return np.array(
-            (
-                table.initial - table.exponential_terminal,
-                table.exponential_terminal,
-                table.decay,
-                self.t1,
-                table.settling_time,
-                self.a1,
-                table.terminal,
-            ),
-            dtype=SHAPE,
-        )[()]
+        return filled(
+            SHAPE,
+            {},
+            amplitude=table.initial - table.exponential_terminal,
+            asymptote=table.exponential_terminal,
+            decay=table.decay,
+            t1=self.t1,
+            t2=table.settling_time,
+            curvature=self.a1,
+            terminal=table.terminal,
+        )
 
 
 def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
