@@ -326,8 +326,8 @@ def play(
     ndarray, shape (r, n)
         A row for each number of the wanted columns.
     """
-    places = _places([part.component], np.zeros(1, np.int64))
-    recorded = [places[column.name] + k for column in wanted for k in range(column.width)]
+    given = range(part.signals.size)[part.component.input_record.itemsize // 8 :]
+    recorded = [place for column in wanted for place in given[part.places[column.name]]]
     samples = np.zeros((len(recorded), stamps_ns.size))
     run_parts(
         np.array([part.addresses], np.uint64),
