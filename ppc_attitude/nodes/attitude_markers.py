@@ -48,7 +48,7 @@ from ppc_attitude.science.attitude import rotate
 from ppc_attitude.science.component import BODY, DESIRED
 from ppc_attitude.science.guidance.scene import Scene, heard
 from ppc_attitude.science.keep_out import angle_between
-from ppc_attitude.science.kernel import Quaternion, Vector, scale
+from ppc_attitude.science.kernel import Quaternion, Vector, quaternion, scale, vector
 
 _KEPT_OUT, _CLEAR = (0.85, 0.10, 0.10), (0.10, 0.80, 0.80)
 _TORQUES = (
@@ -94,12 +94,12 @@ class AttitudeMarkers(BaseNode):
         self._stamp = state.stamp_ns
         x, y, z = self.parameters["position"]
         position = (x, y, z)
-        attitude = _quaternion(state)
+        attitude = quaternion(state.values)
         shown = [box(position, attitude), *axes(BODY, position, attitude, 1.0, 1.0)]
         frames = {BODY: attitude}
         desired = self._sample(REFERENCE_ATTITUDE)
         if desired is not None:
-            frames[DESIRED] = _quaternion(desired)
+            frames[DESIRED] = quaternion(desired.values)
             shown += axes(DESIRED, position, frames[DESIRED], 1.3, 0.4)
         shown += self._torques(position, attitude)
         shown += self._guidance(position, attitude)
@@ -117,8 +117,8 @@ class AttitudeMarkers(BaseNode):
         for topic, name, parameter, colour in _TORQUES:
             sample = self._sample(topic)
             if sample is not None:
-                torque = (sample.values[0], sample.values[1], sample.values[2])
-                extent = scale(self.parameters[parameter], rotate(attitude, torque))
+                torque = rotate(attitude, vector(sample.values))
+                extent = scale(self.parameters[parameter], torque)
                 shown.append(arrow((name, 0), position, extent, (colour, 1.0, 0.04)))
         return shown
 
@@ -160,11 +160,6 @@ class AttitudeMarkers(BaseNode):
         if self.is_idle():
             return Status(STALE, f"waiting for {ATTITUDE.name}", details)
         return Status(OK, "drawing", details)
-
-
-def _quaternion(sample: Sample) -> Quaternion:
-    x, y, z, w = sample.values
-    return (x, y, z, w)
 
 
 def _broadcaster(node: Node) -> Any:
