@@ -64,16 +64,9 @@ def scene_at(t: float, guidance: Any, state: Any) -> Scene:
     look["ahead"] = look["now"]
     goal = goal_at(t, state["plans"][state["active"]], guidance["sky"], look["ahead"])
     directions = directions_at(t, cones, guidance["sky"], look["ahead"])
-    axes = cones["body_axis"][: len(directions)]
-    return Scene(
-        goal,
-        tuple(
-            Cone(vector(axis), vector(direction), float(half_angle))
-            for axis, direction, half_angle in zip(
-                axes, directions, cones["half_angle"], strict=False
-            )
-        ),
-    )
+    # There are as many directions as cones, and room for more cones.
+    rows = zip(cones["body_axis"], directions, cones["half_angle"], strict=False)
+    return Scene(goal, tuple(Cone(vector(b), vector(s), float(angle)) for b, s, angle in rows))
 
 
 def told(scene: Scene) -> dict[str, str]:
