@@ -78,10 +78,12 @@ class Parameter:
     agreed: bool = False
 
     @property
-    def field(self) -> tuple[str, type[Any]]:
-        """Field of a record that holds the parameter's number; see `record_type`."""
-        kind = np.float64 if isinstance(self.default, bool | float) else np.int64
-        return self.name.rpartition(".")[2], kind
+    def field(self) -> tuple[Any, ...]:
+        """Field of a record that holds the parameter's number or numbers; see `record_type`."""
+        name = self.name.rpartition(".")[2]
+        if self.is_list:
+            return name, np.float64, (self.length,)
+        return name, np.float64 if isinstance(self.default, bool | float) else np.int64
 
     @property
     def is_list(self) -> bool:
@@ -198,8 +200,8 @@ def record_type(*fields: Any) -> np.dtype[Any]:
     Parameters
     ----------
     fields : Parameter, Column, numpy.dtype or tuple
-        A parameter's number, by the last part of its name; a column; all fields of another type; or
-        a field as NumPy describes it.
+        A parameter's number, or numbers if it has a certain length, by the last part of its name; a
+        column; all fields of another type; or a field as NumPy describes it.
     """
     described: list[Any] = []
     for each in fields:

@@ -132,9 +132,9 @@ PARAMETERS = (
     *(replace(each, name=f"{PREFIX}assumed.{each.name}") for each in _ASSUMPTIONS),
 )
 CONFIGURATION = record_type(
-    *((each.name, np.float64, (3,)) if each.is_list else (each.name, np.float64) for each in _OWN),
+    *_OWN,
+    MAX_TORQUE,
     ("inertia", np.float64, (3, 3)),
-    ("max_torque", np.float64),
     ("admitted", np.float64, (3,)),  # [N·m] unexplained torque that the assumptions admit
     ("certified", np.float64),  # 1 if the certificate is for these numbers, −1 if for others
     ("tumbling_momentum", np.float64),  # [N·m·s] full torque from this component on
