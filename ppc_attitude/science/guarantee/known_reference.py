@@ -223,10 +223,11 @@ class KnownReference:
         least = slow + np.sqrt(slow * slow + root) - law.h * law.V_rate
         most = fast + np.sqrt(fast * fast + law.Omega_e**2 - max(size - 2.0 * change, 0.0) ** 2)
         cap = np.minimum(state.sigma, least)
+        brake = law.k, float(self._bounds.a)
         # An upper solution falls by no more in a step than at the speed of its beginning.
-        fastest = self._speed(state.above, cap) * (1.0 + _PADDING)
+        fastest = speeds(state.above, cap, *brake) * (1.0 + _PADDING)
         lowest = np.maximum(state.above - _STEP * fastest, 0.0)
-        fall = self._speed(lowest, cap) * (1.0 - _PADDING)
+        fall = speeds(lowest, cap, *brake) * (1.0 - _PADDING)
         nu = np.maximum(
             nu_of(np.clip(state.below, 1e-3, np.pi), _ARRAYS),
             nu_of(np.minimum(state.above, 2 * np.pi - 1e-3), _ARRAYS),
@@ -236,9 +237,6 @@ class KnownReference:
         rise = np.minimum(most, law.k * np.maximum(state.below, 0.0))
         state.below -= _STEP * (law.z_bar + rise) * (1.0 + _PADDING)
         state.sigma += _STEP * float(self._bounds.reserve) * (1.0 - _PADDING)
-
-    def _speed(self, phi: Array, cap: Array) -> Array:
-        return speeds(phi, cap, self._law.k, float(self._bounds.a))
 
 
 @kernel
