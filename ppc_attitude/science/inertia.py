@@ -56,3 +56,9 @@ def inertia_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
             f"{moments.tolist()} kg·m² break the triangle inequality"
         )
     return inertia
+
+
+def gyroscopic_share(inertia: NDArray[np.float64]) -> float:
+    """Largest ‖ω × J ω‖/‖ω‖² [kg·m²] of an inertia, shape (3, 3)."""
+    moments = np.linalg.eigvalsh(inertia)
+    return float(moments[-1] - moments[0]) / 2.0

@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from ppc_attitude.science.actuators import wheels, wheels_rods
 from ppc_attitude.science.allocation import certain_torque
 from ppc_attitude.science.allocators.wheel_drive import COMPENSATION, KNOWLEDGE
+from ppc_attitude.science.inertia import gyroscopic_share
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.magnetorquers import torque_of_rods
 from ppc_attitude.science.wheels import momenta, wheel_record
@@ -98,7 +99,7 @@ def actuation_of(
     friction = np.maximum(craft["static"], craft["coulomb"]) + craft["viscous"] * craft["max_speed"]
     spinning = (axes.T * spin) @ axes  # Σ J_s a aᵀ
     body = inertia - spinning
-    gyroscopic = fastest * momentum + _gyroscopic(inertia) * fastest**2  # ‖ω × h‖, h = H − J ω
+    gyroscopic = fastest * momentum + gyroscopic_share(inertia) * fastest**2  # ‖ω × h‖, h = H − J ω
     compensated = bool(plant[COMPENSATION.name])
     knowledge = float(plant[KNOWLEDGE.name])
     left = motor - np.minimum(knowledge * friction, motor)
@@ -106,7 +107,7 @@ def actuation_of(
     # The disturbance is below the largest command, or nothing could be guaranteed.
     h, pushed = 1.0 / plant["rate"], 2.0 * math.sqrt(3.0) * max(min(torque, commanded), 0.0)
     least, most = np.linalg.eigvalsh(body)[0], np.linalg.eigvalsh(inertia)[-1]
-    turned = (pushed + _gyroscopic(body) * fastest**2) / least  # ‖ω'‖
+    turned = (pushed + gyroscopic_share(body) * fastest**2) / least  # ‖ω'‖
     added = 0.5 * h * pushed  # to the momentum, until the next sample
     stored = momentum + added + most * fastest  # ‖h‖
     changed = 0.5 * pushed + fastest * (momentum + added) + most * turned  # ‖h'‖ in body axes
@@ -114,7 +115,7 @@ def actuation_of(
         rest = h * (turned * stored + fastest * changed)
     else:
         rest = gyroscopic + fastest * added
-    rest += _gyroscopic(spinning) * fastest**2
+    rest += gyroscopic_share(spinning) * fastest**2
     # Friction may turn round within a sample, at the speed that a wheel gains meanwhile.
     gained = h * ((motor + friction) / spin + turned)
     unknown = 2.0 * (craft["static"] + craft["viscous"] * gained) + abs(1.0 - knowledge) * friction
@@ -146,12 +147,6 @@ def are_full(plant: Mapping[str, Any], speeds: Floats) -> NDArray[np.bool_]:
     """Whether some wheel, at speeds [rad/s] of a row each, may reach its largest in a sample."""
     full = _wheels(plant)["full"]
     return np.asarray((np.abs(speeds[:, : full.size]) >= full).any(axis=1))
-
-
-def _gyroscopic(inertia: Floats) -> float:
-    """Largest ‖ω × J ω‖/‖ω‖² [kg·m²]."""
-    moments = np.linalg.eigvalsh(inertia)
-    return float(moments[-1] - moments[0]) / 2.0
 
 
 def _wheels(plant: Mapping[str, Any]) -> dict[str, Floats]:

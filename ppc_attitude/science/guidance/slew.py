@@ -35,6 +35,7 @@ from ppc_attitude.science.guidance.rotation import (
     exponential_motion,
     relative_to,
 )
+from ppc_attitude.science.inertia import gyroscopic_share
 from ppc_attitude.science.kernel import (
     ZERO,
     Quaternion,
@@ -205,5 +206,6 @@ def slew_torque(inertia: ArrayLike, rate: float, acceleration: float) -> float:
     rate, acceleration : float
         V [rad/s] and A [rad/s²].
     """
-    least, _, most = np.linalg.eigvalsh(np.asarray(inertia, dtype=np.float64))
-    return float(most * acceleration + 0.5 * (most - least) * rate * rate)
+    J = np.asarray(inertia, dtype=np.float64)
+    most = np.linalg.eigvalsh(J)[-1]
+    return float(most * acceleration + gyroscopic_share(J) * rate * rate)
