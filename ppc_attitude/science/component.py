@@ -330,7 +330,7 @@ class Component:
     def extended(
         self,
         name: str,
-        made: Mapping[str, tuple[Any, Callable[[Mapping[str, Any]], Any]]],
+        made: Mapping[str, tuple[Any, Callable[[Mapping[str, Any]], Any]]] = MappingProxyType({}),
         state: Iterable[Any] = (),
         *,
         parameters: Iterable[Parameter] = (),

@@ -18,7 +18,6 @@ With ‖w_d − f n‖ = Ω_e the error falls at about Ω_e + n·ω_d, so a way 
 φ = Ω_e T + n·Θ(T), Θ = ∫ω_d. Both ways take the same T ≈ π/Ω_e where φ = π + n·Θ.
 """
 
-from dataclasses import replace
 from typing import Any
 
 from ppc_attitude.science.controllers import momentum_tube
@@ -34,9 +33,4 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     momentum_tube.step(measurement, memory, gains, command)
 
 
-COMPONENT = replace(
-    momentum_tube.COMPONENT,
-    name=LAW_AHEAD,
-    inputs=(*momentum_tube.COMPONENT.inputs, TURN_AHEAD),
-    step=step,
-)
+COMPONENT = momentum_tube.COMPONENT.extended(LAW_AHEAD, inputs=(TURN_AHEAD,), step=step)
