@@ -340,18 +340,9 @@ class Component:
     ) -> "Component":
         """Return a component that has all that this one has, and more, so its step may call ours.
 
-        Parameters
-        ----------
-        name : str
-            Its name.
-        made : mapping of str to (type, callable)
-            Further fields of the configuration, each with what makes it of parameter values.
-        state : iterable
-            Further fields of the state, as of `record_type`.
-        parameters, inputs, outputs : iterable
-            What it has besides ours.
-        others : value
-            What it has in the place of ours; a step at least.
+        `made` has the type of each further field of the configuration, and what makes it of the
+        parameter values; `state` has further fields of the state, as of `record_type`. Parameters
+        and columns come after ours. All else, a step at least, takes the place of ours.
         """
         fields = ((field, kind) for field, (kind, _) in made.items())
         configuration = record_type(self.configuration, *fields)
