@@ -18,10 +18,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from ppc_attitude.bags.foreign import Allowance, unzstd
-from ppc_attitude.science.kernel import kernel
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -124,16 +124,5 @@ def split_rows(block: Block) -> Iterator[tuple[int, Integers, Bytes]]:
     borders = np.flatnonzero((np.diff(channel) != 0) | (np.diff(length) != 0)) + 1
     for indices in np.split(order, borders):
         first = indices[0]
-        rows = _gather(block.data, block.offset[indices], int(block.length[first]))
-        yield int(block.channel[first]), indices, rows
-
-
-@kernel
-def _gather(data: Bytes, offsets: Integers, length: int) -> Bytes:
-    """Rows of `length` bytes that begin at the offsets."""
-    rows = np.empty((offsets.size, length), np.uint8)
-    for row in range(offsets.size):
-        start = offsets[row]
-        for column in range(length):
-            rows[row, column] = data[start + column]
-    return rows
+        starts = sliding_window_view(block.data, int(block.length[first]))
+        yield int(block.channel[first]), indices, starts[block.offset[indices]]
