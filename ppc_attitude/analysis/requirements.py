@@ -17,7 +17,6 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import nearest
 
 ACTUATOR = "actuator"
 DEGREES = "deg"
@@ -207,9 +207,8 @@ def _known(name: Any, names: Iterable[str], what: str) -> str:
     """Name of a requirement, or of a column: whatever is installed declares all that can be."""
     known = tuple(names)
     if name not in known:
-        close = get_close_matches(str(name), known, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"allowed: {', '.join(known)}"
-        raise ConfigurationError(f"there is no {what} {name}; {hint}")
+        hint = nearest(str(name), known) or f"; allowed: {', '.join(known)}"
+        raise ConfigurationError(f"there is no {what} {name}{hint}")
     return str(name)
 
 

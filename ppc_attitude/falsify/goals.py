@@ -28,6 +28,7 @@ from ppc_attitude.science.errors import ConfigurationError
 
 RATE = 3.0  # [deg/s] the paper's limit
 _LAST = 20_000_000_000  # [ns] over which the error in the end is judged
+_UNITS = {"settling": "s", "terminal": "", "rate": "deg/s"}  # of goals that are no column
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,7 @@ class Goal:
     @property
     def unit(self) -> str:
         """Unit of the value."""
-        units = {"settling": "s", "terminal": "", "rate": "deg/s"}
-        return units.get(self.name, "of its bound")
+        return _UNITS.get(self.name, "of its bound")
 
     @property
     def limit(self) -> float:
@@ -71,40 +71,30 @@ class Goal:
 
     def value(self, record: RunRecord, law: Component) -> float:
         """Value of a run; a run that is not finite is worst of all."""
-        value = _OF_RUN.get(self.name, _of_bound)(self, record, law)
+        judged = record.t >= self.after
+        if self.name == "settling":
+            value = self._settling(record)
+        elif self.name == "terminal":
+            last = record.stamps_ns >= record.stamps_ns[-1] - _LAST
+            value = float(pointing_errors(record).sizes[last].max())
+        elif self.name == "rate":
+            rates = record[truth_of(record).angular_velocity][judged]
+            value = float(np.degrees(np.linalg.norm(rates, axis=1).max()))
+        else:
+            column = next(each for each in law.outputs if each.name == self.name)
+            bound = record[column.bound][judged]
+            error = np.abs(record[column.name][judged][:, : bound.shape[1]])
+            value = float(np.max(error / bound))
         return value if np.isfinite(value) else np.inf
 
-
-def _settling(goal: Goal, record: RunRecord, law: Component) -> float:
-    """Last instant outside the accuracy; of a run that ends so, the end and how far out it is."""
-    error = pointing_errors(record).sizes
-    outside = np.flatnonzero(~(error < goal.accuracy))  # an error that is none is not settled
-    if not outside.size:
-        return 0.0
-    time = float(record.t[outside[-1]])
-    return time + float(error[-1]) if outside[-1] == error.size - 1 else time
-
-
-def _terminal(goal: Goal, record: RunRecord, law: Component) -> float:
-    last = record.stamps_ns >= record.stamps_ns[-1] - _LAST
-    return float(pointing_errors(record).sizes[last].max())
-
-
-def _rate(goal: Goal, record: RunRecord, law: Component) -> float:
-    true_rates = record[truth_of(record).angular_velocity]
-    rates = np.linalg.norm(true_rates[record.t >= goal.after], axis=1)
-    return float(np.degrees(rates.max()))
-
-
-def _of_bound(goal: Goal, record: RunRecord, law: Component) -> float:
-    column = next(each for each in law.outputs if each.name == goal.name)
-    late = record.t >= goal.after
-    bound = record[column.bound][late]
-    error = np.abs(record[column.name][late][:, : bound.shape[1]])
-    return float(np.max(error / bound))
-
-
-_OF_RUN = {"settling": _settling, "terminal": _terminal, "rate": _rate}
+    def _settling(self, record: RunRecord) -> float:
+        """Last instant outside the accuracy; of a run that ends outside, the end plus its error."""
+        error = pointing_errors(record).sizes
+        outside = np.flatnonzero(~(error < self.accuracy))  # an error that is none is not settled
+        if not outside.size:
+            return 0.0
+        time = float(record.t[outside[-1]])
+        return time + float(error[-1]) if outside[-1] == error.size - 1 else time
 
 
 def goal_of(name: str, law: Component, accuracy: float, after: float, rate: float = RATE) -> Goal:
@@ -117,8 +107,8 @@ def goal_of(name: str, law: Component, accuracy: float, after: float, rate: floa
     """
     columns = {each.name for each in law.outputs}
     bounded = [each.name for each in law.outputs if each.bound in columns]
-    if name not in (*_OF_RUN, *bounded):
+    if name not in (*_UNITS, *bounded):
         raise ConfigurationError(
-            f"goal = {name}; allowed for {law.name}: {', '.join((*_OF_RUN, *bounded))}"
+            f"goal = {name}; allowed for {law.name}: {', '.join((*_UNITS, *bounded))}"
         )
     return Goal(name, accuracy, after, rate)
