@@ -34,13 +34,13 @@ from scipy.spatial.transform import Rotation
 from bench.basilisk_models import (
     DAMPING,
     STIFFNESS,
-    Array,
     NumbaFeedback,
     PythonFeedback,
     TableReference,
     reference_table,
 )
 from bench.basilisk_sensors import Navigation
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.sensors import gyro_star_tracker

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from Basilisk.architecture import messaging, sysModel
 from Basilisk.architecture.numbaModel import NumbaModel
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import REFERENCES
@@ -36,8 +36,6 @@ from ppc_attitude.simulation.closed_loop import stamps_of
 from ppc_attitude.simulation.scenario import Scenario
 
 STIFFNESS, DAMPING = 4.0, 20.0  # [N·m], [N·m·s]: an error is gone after two minutes
-
-Array = NDArray[np.float64]
 
 
 def reference_table(scenario: Scenario, duration: float) -> Array:

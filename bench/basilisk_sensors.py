@@ -29,7 +29,7 @@ from Basilisk.fswAlgorithms import inertialUKF, stComm
 from Basilisk.simulation import imuSensor, starTracker
 from scipy.spatial.transform import Rotation
 
-from bench.basilisk_models import Array
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.sensors.gyro import ANGULAR_RANDOM_WALK, RESOLUTION

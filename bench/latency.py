@@ -24,11 +24,11 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench import ROOT
 from bench.lockstep import peers
 from ppc_attitude.command_line.stack import Stack, private_environment
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, TORQUE_COMMAND
 from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import scenario
@@ -36,8 +36,6 @@ from ppc_attitude.simulation.scenario import scenario
 RATES = (100.0, 250.0, 500.0, 1000.0)  # [Hz]
 _PRIORITY = 20  # of SCHED_FIFO: before everything that has no real-time priority
 _PATIENCE = 60.0  # [s]
-
-Array = NDArray[np.float64]
 
 
 def _probe(rate: float, seconds: float, environment: Mapping[str, str]) -> Array:

@@ -35,6 +35,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.random import Generator
 
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.science.attitude import normalised, product
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Quaternion, Vector
@@ -137,7 +138,7 @@ def on_sphere(stream: Generator) -> Vector:
     return (radius * math.cos(angle), radius * math.sin(angle), z)
 
 
-def random_axes(stream: Generator) -> np.ndarray[Any, np.dtype[np.float64]]:
+def random_axes(stream: Generator) -> Array:
     """Draw three orthonormal axes as the columns of a 3 × 3 array, every orientation alike."""
     axes, triangle = np.linalg.qr(stream.standard_normal((3, 3)))
     return np.asarray(axes * np.sign(np.diag(triangle)))

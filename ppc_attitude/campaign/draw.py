@@ -24,11 +24,11 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables, with_fault
 from ppc_attitude.campaign.distributions import random_axes
 from ppc_attitude.campaign.varied import values_of
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
@@ -236,9 +236,7 @@ def _inertia(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[s
     return {"inertia_error": error, **named}
 
 
-def perturbed_inertia(
-    inertia: NDArray[np.float64], error: float, own: Generator
-) -> NDArray[np.float64]:
+def perturbed_inertia(inertia: Array, error: float, own: Generator) -> Array:
     """Draw a rigid body's inertia that differs by at most a part `error` about any axis.
 
     Parameters
@@ -272,7 +270,7 @@ def perturbed_inertia(
     return np.asarray(0.5 * (result + result.T))
 
 
-def _matrix(drawn: Mapping[str, Any]) -> NDArray[np.float64]:
+def _matrix(drawn: Mapping[str, Any]) -> Array:
     matrix = np.zeros((3, 3))
     for name, (row, column) in _ELEMENTS.items():
         matrix[row, column] = matrix[column, row] = drawn[f"inertia_{name}"]

@@ -28,7 +28,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.analysis.metrics import analyse
 from ppc_attitude.analysis.series import AnalysisError
@@ -36,6 +35,7 @@ from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import scenario_of_run
 from ppc_attitude.campaign.summary import Fraction
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.errors import ConfigurationError, needed_by
 from ppc_attitude.simulation.closed_loop import simulate
@@ -120,10 +120,10 @@ def tuned(
         import cma
     begin = np.log([campaign.scenario.number(CONTROLLER, name) for name in names])
 
-    def gains_of(x: NDArray[np.float64]) -> dict[str, float]:
+    def gains_of(x: Array) -> dict[str, float]:
         return dict(zip(names, map(_rounded, np.exp(begin + x)), strict=True))
 
-    def mean_cost(x: NDArray[np.float64]) -> float:
+    def mean_cost(x: Array) -> float:
         gains = gains_of(x)
         return float(np.mean([cost(_verdict(campaign, k, gains)) for k in range(runs)]))
 

@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.command_line.options import paragraph
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.yaml_file import LARGEST, parsed_json
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, LAW_AHEAD
@@ -186,7 +186,7 @@ class Judgement:
         told = self._scenario.controller.name == LAW_AHEAD
         ahead = paper_ahead.turn_ahead(0.0, record) if told else (0.0, 0.0, 0.0)
 
-        def rate_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        def rate_at(times: Array) -> Array:
             return np.array([paper.desired_rate(t, record) for t in times])
 
         bound = KnownReference(self._assumed, self._law, rate_at, np.array(ahead))

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.certificate import Condition, virtual_control_bound
@@ -106,9 +107,7 @@ def settling_conditions(
         yield condition("time of the law", needs, "with the law's k, M_omega and beta")
 
 
-def _least_turn(
-    scenario: Scenario, required: Requirements, error: np.ndarray[Any, Any], angle: float
-) -> float:
+def _least_turn(scenario: Scenario, required: Requirements, error: Array, angle: float) -> float:
     """Least time [s] about the eigenaxis, rest to rest, to where the error is small enough."""
     axis = error / np.linalg.norm(error)
     component, whole = required.settled.bounds

@@ -29,15 +29,14 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.yaml_file import parsed_json
 from ppc_attitude.falsify.goals import Goal
 from ppc_attitude.falsify.space import Space
 from ppc_attitude.science.errors import ConfigurationError, needed_by
 from ppc_attitude.simulation.closed_loop import simulate
 
-Vector = NDArray[np.float64]
 HISTORY = "history.jsonl"
 _WIDTH = 0.5  # deviation of the first generation, of numbers of the order of one
 # A generation that finds nothing new for so long begins a new search elsewhere.
@@ -61,7 +60,7 @@ class Found:
 
     runs: int
     value: float
-    x: Vector
+    x: Array
 
 
 class Search:
@@ -174,7 +173,7 @@ class Search:
                     best = replace(best, value=values[top], x=questions[top])
                 yield best
 
-    def _generations(self) -> Iterator[tuple[Any, list[Vector]]]:
+    def _generations(self) -> Iterator[tuple[Any, list[Array]]]:
         """Yield an optimiser and what it asks, with a new one elsewhere when its search ends."""
         stream = np.random.default_rng(self._seed)
         while True:
@@ -192,7 +191,7 @@ class Search:
                 yield strategy, strategy.ask()
 
 
-def evaluated(space: Space, goal: Goal, x: Vector) -> float:
+def evaluated(space: Space, goal: Goal, x: Array) -> float:
     """Value of the goal for one choice."""
     scenario = space.scenario(x)
     return goal.value(simulate(scenario, space.duration), scenario.controller)

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators.ideal import LATE_COMMAND
 from ppc_attitude.science.errors import ConfigurationError
@@ -28,7 +28,6 @@ from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.simulation.scenario import Scenario, weakened
 
-Vector = NDArray[np.float64]
 _START = 7  # numbers of the start: a quaternion of any length, and a rate
 # Numbers of the craft: six of a symmetric matrix, the actuator's strength, the instant of the
 # reference at which the run begins, and whether commands act a sample late.
@@ -86,7 +85,7 @@ class Space:
         """How many numbers a choice has."""
         return _START + 3 * self.pieces + _CRAFT
 
-    def choice(self, x: Vector) -> dict[str, dict[str, Any]]:
+    def choice(self, x: Array) -> dict[str, dict[str, Any]]:
         """Return the parameters of each node that a choice changes.
 
         Parameters
@@ -124,11 +123,11 @@ class Space:
             }
         return changed
 
-    def scenario(self, x: Vector) -> Scenario:
+    def scenario(self, x: Array) -> Scenario:
         """Return the scenario of a choice."""
         return self.base.overlaid(self.choice(x))
 
-    def _changed_inertia(self, numbers: list[float]) -> Vector:
+    def _changed_inertia(self, numbers: list[float]) -> Array:
         """J = Ĵ^½ (I + S) Ĵ^½ with ‖S‖ ≤ e_S; less of S where no rigid body has it."""
         nominal = np.array(self.base.parameters[PLANT]["inertia"], np.float64).reshape(3, 3)
         if self.e_S == 0.0:
