@@ -24,7 +24,7 @@ from datetime import datetime
 from typing import TextIO
 
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
-from ppc_attitude.analysis.verdict import Verdict
+from ppc_attitude.analysis.verdict import Verdict, verdict_table
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.paths import new_file, new_folder, some_path
 from ppc_attitude.contract.run_record import RunRecord
@@ -255,6 +255,14 @@ def scenario_of(arguments: argparse.Namespace, **plant: float) -> Scenario:
     if scenario.parameters[PLANT]["duration"] == 0.0:
         return scenario.with_values(PLANT, duration=PAPER_DURATION)
     return scenario
+
+
+def print_verdict(verdict: Verdict, *, as_json: bool, **more: object) -> None:
+    """Print a verdict as a table, or as one JSON object with more that is told of the run."""
+    if as_json:
+        print_json({**verdict.to_json(), **more})
+    else:
+        print(verdict_table(verdict))
 
 
 def exit_code(verdict: Verdict) -> int:

@@ -18,13 +18,12 @@ import argparse
 import sys
 
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.command_line.options import (
     add_figures_options,
     add_judging_options,
     add_reading_options,
     exit_code,
-    print_json,
+    print_verdict,
     record_of,
     requirements_of,
     see_that_none_is_idle,
@@ -56,10 +55,7 @@ def execute(arguments: argparse.Namespace) -> int:
     required = requirements_of(arguments)
     record = record_of(arguments)
     verdict = analyse(record, required)
-    if arguments.json:
-        print_json(verdict.to_json())
-    else:
-        print(verdict_table(verdict))
+    print_verdict(verdict, as_json=arguments.json)
     if arguments.figures:
         from ppc_attitude.analysis.drawing import save_all
         from ppc_attitude.analysis.figures import figures_of

@@ -23,7 +23,7 @@ from datetime import datetime
 from tqdm import tqdm
 
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import Verdict, verdict_table
+from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
 from ppc_attitude.campaign.draw import draw, scenario_of_run, varying
@@ -39,6 +39,7 @@ from ppc_attitude.command_line.options import (
     add_scenario_options,
     exit_code,
     print_json,
+    print_verdict,
     requirements_of,
     scenario_of,
     see_that_none_is_idle,
@@ -158,10 +159,8 @@ def _tell_one(
     arguments: argparse.Namespace, campaign: Campaign, record: RunRecord, verdict: Verdict
 ) -> None:
     drawn, names = draw(campaign, arguments.only), varying(campaign.variables)
-    if arguments.json:
-        print_json({**verdict.to_json(), "drawn": drawn})
-    else:
-        print(verdict_table(verdict))
+    print_verdict(verdict, as_json=arguments.json, drawn=drawn)
+    if not arguments.json:
         print("drawn: " + ", ".join(f"{n} {v:.6g}" for n in names if (v := drawn[n]) is not None))
     write_report_of(arguments, [(record, verdict)], sys.stderr)
 

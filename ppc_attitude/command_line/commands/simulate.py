@@ -20,7 +20,6 @@ import sys
 from dataclasses import replace
 
 from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.concerns import first_lost, tell_concerns, true_rates
@@ -30,7 +29,7 @@ from ppc_attitude.command_line.options import (
     add_judging_options,
     add_scenario_options,
     exit_code,
-    print_json,
+    print_verdict,
     requirements_of,
     scenario_of,
     write_report_of,
@@ -80,10 +79,7 @@ def execute(arguments: argparse.Namespace) -> int:
     _see_that_it_is_bounded(scenario, record)
     record = replace(record, metadata={**versions(), "command": shlex.join(sys.argv)})
     verdict = analyse(record, required)
-    if arguments.json:
-        print_json(verdict.to_json())
-    else:
-        print(verdict_table(verdict))
+    print_verdict(verdict, as_json=arguments.json)
     output = sys.stderr if arguments.json else sys.stdout
     if arguments.bag:
         write_run(record, arguments.bag, storage=scenario.parameters[RECORDER]["storage"])
