@@ -103,18 +103,13 @@ _DEFAULTS = {  # filled in late: an option that was not given is none that does 
     "time": math.inf,
     "torque_noise": math.inf,
 }
-_ASSUMED = (*ASSUMED, "e_A", "lead")
 _TABLE = {each.name: each for each in tube_parameters.PARAMETERS}
-_MORE = 1.1  # times the rate error in the tube: it grows with what it adds to the disturbance
-_UNITS = {
-    "max_torque": "N·m",
-    "Omega": "rad/s",
-    "d": "N·m",
-    "W": "rad/s",
-    "W1": "rad/s²",
-    "W2": "rad/s³",
-    "dead_band": "N·m",
+# Every assumption, and the parameter of the law that holds it.
+_ASSUMED = {
+    **{name: _TABLE[f"{PREFIX}assumed.{name}"] for name in ASSUMED},
+    **{name: _TABLE[PREFIX + name] for name in ("e_A", "lead")},
 }
+_MORE = 1.1  # times the rate error in the tube: it grows with what it adds to the disturbance
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -198,18 +193,14 @@ def execute(arguments: argparse.Namespace) -> int:
     for name, value in zip(("k", "kappa", "ell"), arguments.gains or (), strict=False):
         _TABLE[PREFIX + name].checked(value)
     h = 1.0 / scenario.number(PLANT, "rate")
-    attitude_noise, rate_noise = white_noise(nodes)
-    if arguments.attitude_noise is not None:
-        attitude_noise = arguments.attitude_noise
-    if arguments.rate_noise is not None:
-        rate_noise = arguments.rate_noise
+    noise = dict(zip(("attitude_noise", "rate_noise"), white_noise(nodes), strict=True))
+    noise |= {each: asked for each in noise if (asked := getattr(arguments, each)) is not None}
     wishes = Wishes(
         accuracy=arguments.accuracy,
         rate=math.radians(arguments.rate),
         time=arguments.time,
         torque_noise=arguments.torque_noise,
-        attitude_noise=attitude_noise,
-        rate_noise=rate_noise,
+        **noise,
     )
     try:
         while True:
@@ -278,10 +269,8 @@ def _assumptions(scenario: Scenario, arguments: argparse.Namespace, tube: float)
     """Assumptions from configuration and options, each within the range of its parameter."""
     nodes, chosen = nodes_around(scenario.parameters), dict(arguments.assume)
     assumed = assumptions_from(nodes, scenario.parameters[CONTROLLER], chosen, tube)
-    for name in ASSUMED:
-        _TABLE[f"{PREFIX}assumed.{name}"].checked(getattr(assumed, name))
-    for name in ("e_A", "lead"):
-        _TABLE[PREFIX + name].checked(getattr(assumed, name))
+    for name, parameter in _ASSUMED.items():
+        parameter.checked(getattr(assumed, name))
     return assumed
 
 
@@ -304,7 +293,8 @@ def _helps(found: list[dict[str, float]]) -> list[str]:
 def _written(name: str, value: float) -> str:
     if name == "h":
         return f"a rate of {1.0 / value:.4g} Hz"
-    return f"{name} = {value:.4g} {_UNITS.get(name, '')}".rstrip()
+    parameter = _ASSUMED.get(name) or _TABLE[name]
+    return f"{name} = {value:.4g} {parameter.unit}".rstrip()
 
 
 def _tell(found: Design, certificate: Certificate, assumed: Assumptions) -> None:
