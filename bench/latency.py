@@ -18,7 +18,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -27,7 +26,7 @@ import numpy as np
 
 from bench import ROOT
 from bench.lockstep import peers
-from ppc_attitude.command_line.stack import Stack, private_environment
+from ppc_attitude.command_line.stack import Stack
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, TORQUE_COMMAND
 from ppc_attitude.simulation.closed_loop import warm_up
@@ -71,10 +70,8 @@ def controller_trips(rate: float, seconds: float) -> Array:
 
 def echo_trips(rate: float, seconds: float) -> Array:
     """Return the same of a node that answers without any work."""
-    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
-        environment = {**private_environment(), "ROS_LOG_DIR": folder}
-        with peers([["answer", ATTITUDE.name, TORQUE_COMMAND.name]], environment):
-            return _probe(rate, seconds, environment)
+    with peers([["answer", ATTITUDE.name, TORQUE_COMMAND.name]]) as environment:
+        return _probe(rate, seconds, environment)
 
 
 def measure(quick: bool) -> list[dict[str, Any]]:

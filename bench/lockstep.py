@@ -140,16 +140,18 @@ def megabytes(pid: int) -> float:
 
 
 @contextmanager
-def peers(roles: list[list[str]], environment: Mapping[str, str]) -> Iterator[None]:
-    """Keep processes of the bare step running."""
-    processes = [subprocess.Popen([*_PEER, *role], env=environment, cwd=ROOT) for role in roles]
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.wait()
+def peers(roles: list[list[str]]) -> Iterator[Mapping[str, str]]:
+    """Keep processes of the bare step running; gives their environment."""
+    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
+        environment = {**private_environment(), "ROS_LOG_DIR": folder}
+        processes = [subprocess.Popen([*_PEER, *role], env=environment, cwd=ROOT) for role in roles]
+        try:
+            yield environment
+        finally:
+            for process in processes:
+                process.terminate()
+            for process in processes:
+                process.wait()
 
 
 @dataclass(frozen=True)
@@ -192,17 +194,15 @@ def bare_steps_per_s(seconds: float, exchange: Exchange = MINIMUM) -> float:
     roles = [["answer", _names(inputs), _names(outputs)] for inputs, outputs in exchange.peers]
     roles.append(["listen", _names(exchange.topics())])
     plant = ["plant", str(seconds), _names(exchange.answers), _names(exchange.states)]
-    with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
-        environment = {**private_environment(), "ROS_LOG_DIR": folder}
-        with peers(roles, environment):
-            output = subprocess.run(
-                [*_PEER, *plant],
-                env=environment,
-                cwd=ROOT,
-                check=True,
-                capture_output=True,
-                timeout=_PATIENCE,
-            )
+    with peers(roles) as environment:
+        output = subprocess.run(
+            [*_PEER, *plant],
+            env=environment,
+            cwd=ROOT,
+            check=True,
+            capture_output=True,
+            timeout=_PATIENCE,
+        )
     return float(output.stdout)
 
 
