@@ -18,21 +18,17 @@ import sys
 
 import numpy as np
 
+from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.contract.cdr import LARGEST
-from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import ANGULAR_VELOCITY, TRUE_RATE
+from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.simulation.news import concerns
 from ppc_attitude.simulation.scenario import Scenario
 
 
-def true_rates(record: RunRecord) -> Array:
-    """True angular velocity of a run in process [rad/s], shape (n, 3)."""
-    return record.columns.get(TRUE_RATE.column, record[ANGULAR_VELOCITY.column])
-
-
 def first_lost(record: RunRecord) -> int:
     """First instant at which a rate is larger than a craft can have; else how many there are."""
-    kept = np.abs(true_rates(record)).sum(axis=1) <= LARGEST  # NaN is not either
+    rates = record[truth_of(record).angular_velocity]
+    kept = np.abs(rates).sum(axis=1) <= LARGEST  # NaN is not either
     return int(kept.size if kept.all() else kept.argmin())
 
 

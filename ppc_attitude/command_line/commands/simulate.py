@@ -20,9 +20,10 @@ import sys
 from dataclasses import replace
 
 from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.concerns import first_lost, tell_concerns, true_rates
+from ppc_attitude.command_line.concerns import first_lost, tell_concerns
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_bag_option,
@@ -96,6 +97,6 @@ def _see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
     """Raise RunError if a rate is larger than a craft can have, where the plant of `run` ends."""
     lost = first_lost(record)
     if lost < record.t.size:
-        rate, t = tuple(true_rates(record)[lost].tolist()), record.t[max(lost - 1, 0)]
+        rate, t = record[truth_of(record).angular_velocity][lost], record.t[max(lost - 1, 0)]
         why = raised_until(scenario, record.stamps_ns[: lost + 1])
-        raise RunError(f"diverged: angular velocity {rate} rad/s at {t:g} s{why}")
+        raise RunError(f"diverged: angular velocity {tuple(rate.tolist())} rad/s at {t:g} s{why}")
