@@ -21,8 +21,10 @@ is what the real nodes use: executor, QoS, raw CDR bytes of the contract's messa
 
 import sys
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from functools import partial
+from typing import TypeVar
 
 import rclpy
 import rclpy.utilities
@@ -43,6 +45,7 @@ from ppc_attitude.science.component import QUATERNION
 
 _REPEAT = 0.2  # [s] an unanswered state is sent again after this, as peers are discovered
 _UNIT = (0.0, 0.0, 0.0, 1.0)
+_Peer = TypeVar("_Peer", bound="Peer")
 
 
 class Peer(Node):
@@ -153,8 +156,14 @@ def _topics(names: str) -> list[Topic]:
     return [BY_NAME[name] for name in names.split(",")]
 
 
-def leave(executor: Executor, node: Peer) -> None:
-    """Release a node, within the time in which the middleware lets go or never does."""
+@contextmanager
+def spinning(make_node: Callable[[], _Peer]) -> Iterator[tuple[_Peer, Executor]]:
+    """Give a node and who spins it; the middleware lets it go in time, or never does."""
+    tune_transport()
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node, executor = make_node(), new_executor()
+    executor.add_node(node)
+    yield node, executor
     with leaving(0):
         executor.remove_node(node)
         node.destroy_node()
@@ -164,14 +173,9 @@ def leave(executor: Executor, node: Peer) -> None:
 def main() -> None:
     """Run one process of the bare step."""
     stop = stop_requests()
-    tune_transport()
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = make(sys.argv[1], sys.argv[2:])
-    executor = new_executor()
-    executor.add_node(node)
-    while not (stop or node.finished):
-        executor.spin_once(timeout_sec=node.wake())
-    leave(executor, node)
+    with spinning(lambda: make(sys.argv[1], sys.argv[2:])) as (node, executor):
+        while not (stop or node.finished):
+            executor.spin_once(timeout_sec=node.wake())
 
 
 if __name__ == "__main__":

@@ -21,10 +21,7 @@ import json
 import sys
 import time
 
-import rclpy
-from rclpy.signals import SignalHandlerOptions
-
-from bench.bare_peer import Peer, leave
+from bench.bare_peer import Peer, spinning
 from ppc_attitude.contract.cdr import header_stamp
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -34,8 +31,6 @@ from ppc_attitude.contract.topics import (
     REFERENCE_RATE,
     TORQUE_COMMAND,
 )
-from ppc_attitude.nodes.discovery import tune_transport
-from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.science.stamps import stamp_of
 
 # The attitude goes last: with it the instant is complete, and the bare echo answers it.
@@ -69,34 +64,29 @@ class Probe(Peer):
 def main() -> None:
     """Probe whoever answers with a torque command."""
     rate, seconds = float(sys.argv[1]), float(sys.argv[2])
-    tune_transport()
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    probe = Probe(rate)
-    executor = new_executor()
-    executor.add_node(probe)
-    step, last = 0, None
-    due = time.perf_counter()
-    while last is None or step <= last:
-        now = time.perf_counter()
-        if now < due:
-            executor.spin_once(timeout_sec=due - now)
-            continue
-        if last is None and len(probe.answered) >= _SETTLED * rate:  # what counts begins here
-            probe.sent.clear()
-            last = step + round(rate * seconds)
-        probe.send(step)
-        step += 1
-        due = max(due + 1.0 / rate, now)
-    end = time.perf_counter() + _PATIENCE
-    # Only the last is looked for: to look for all takes as long as a message at 1 kHz may.
-    while stamp_of(step - 1, rate) not in probe.answered and time.perf_counter() < end:
-        executor.spin_once(timeout_sec=0.05)
-    trips = [
-        probe.answered[stamp] - sent if stamp in probe.answered else None
-        for stamp, sent in probe.sent.items()
-    ]
-    print(json.dumps(trips), flush=True)
-    leave(executor, probe)
+    with spinning(lambda: Probe(rate)) as (probe, executor):
+        step, last = 0, None
+        due = time.perf_counter()
+        while last is None or step <= last:
+            now = time.perf_counter()
+            if now < due:
+                executor.spin_once(timeout_sec=due - now)
+                continue
+            if last is None and len(probe.answered) >= _SETTLED * rate:  # what counts begins here
+                probe.sent.clear()
+                last = step + round(rate * seconds)
+            probe.send(step)
+            step += 1
+            due = max(due + 1.0 / rate, now)
+        end = time.perf_counter() + _PATIENCE
+        # Only the last is looked for: to look for all takes as long as a message at 1 kHz may.
+        while stamp_of(step - 1, rate) not in probe.answered and time.perf_counter() < end:
+            executor.spin_once(timeout_sec=0.05)
+        trips = [
+            probe.answered[stamp] - sent if stamp in probe.answered else None
+            for stamp, sent in probe.sent.items()
+        ]
+        print(json.dumps(trips), flush=True)
 
 
 if __name__ == "__main__":
