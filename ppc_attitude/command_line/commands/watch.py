@@ -76,15 +76,13 @@ def _show_once(onlooker: "Onlooker", timeout: float, namespace: str) -> None:
     from ppc_attitude.command_line.watch_view import view
 
     end = time.monotonic() + timeout
-    snapshot = onlooker.look(_PERIOD)
-    while ATTITUDE.name not in snapshot.samples:
+    while ATTITUDE.name not in (snapshot := onlooker.look(_PERIOD)).samples:
         if time.monotonic() > end:
             domain = os.environ.get(DOMAIN) or "0"  # an empty one is none, as ROS reads it
             raise RunError(
                 f"no state{f' in {namespace}' if namespace else ''} within {timeout:g} s "
                 f"in ROS domain {domain}; `ppc_attitude run` prints the domain that it uses"
             )
-        snapshot = onlooker.look(_PERIOD)
     end = time.monotonic() + _SETTLE
     while not snapshot.complete and time.monotonic() < end:
         snapshot = onlooker.look(_PERIOD)
