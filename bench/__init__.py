@@ -25,12 +25,7 @@ SENSORS = ROOT / "config" / "sensors_smallsat.yaml"  # of the rows with sensors
 def alternating(pairs: int, *measures: Callable[[], float]) -> tuple[float, ...]:
     """Call every measure in turn, so that all see the same machine; return the median of each.
 
-    Parameters
-    ----------
-    pairs : int
-        How many rounds, at least 1.
-    *measures : callable
-        Each returns one figure.
+    There are `pairs` rounds, at least one.
     """
     rounds = [tuple(measure() for measure in measures) for _ in range(pairs)]
     return tuple(statistics.median(figures) for figures in zip(*rounds, strict=True))

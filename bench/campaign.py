@@ -34,12 +34,7 @@ _SPREAD = 0.001  # [rad/s] by which Basilisk's runs differ at their start
 def ours_runs_per_s(runs: int, *files: Path) -> float:
     """Runs a second of the command on all cores: start of the processes, verdicts, tables.
 
-    Parameters
-    ----------
-    runs : int
-        How many.
-    *files : Path
-        ROS parameter files of the case.
+    The files are the ROS parameter files of the case.
     """
     with tempfile.TemporaryDirectory(prefix="ppc_attitude_bench_") as folder:
         command = [sys.executable, "-m", "ppc_attitude.command_line.main", "campaign"]

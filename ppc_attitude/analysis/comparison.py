@@ -28,6 +28,7 @@ from ppc_attitude.analysis.drawing import (
     PAGE_WIDTH,
     RED,
     RUN_COLOURS,
+    Drawn,
     draw,
     in_degrees,
     judged_limit,
@@ -129,15 +130,7 @@ def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str])
 def run_labels(records: Sequence[RunRecord]) -> list[str]:
     """Name each run as shortly as tells it from the others.
 
-    Parameters
-    ----------
-    records : sequence of RunRecord
-        The runs.
-
-    Returns
-    -------
-    list of str
-        The controllers if they differ; else the names of the bags; else these with numbers.
+    By the controllers if they differ; else by the names of the bags; else by these with numbers.
     """
     controllers = [record.controller for record in records]
     bags = [Path(record.source).name or record.source for record in records]
@@ -147,22 +140,10 @@ def run_labels(records: Sequence[RunRecord]) -> list[str]:
     return [f"{name} ({k})" for k, name in enumerate(bags, start=1)]
 
 
-def comparisons_of(
-    records: Sequence[RunRecord], required: Requirements = PAPER
-) -> dict[str, tuple[str, Figure]]:
-    """Draw every comparison for which all the runs have the data.
+def comparisons_of(records: Sequence[RunRecord], required: Requirements = PAPER) -> Drawn:
+    """Draw every comparison for which all of two to six runs have the data.
 
-    Parameters
-    ----------
-    records : sequence of RunRecord
-        Two to six runs; the first is red and the second blue, as in the paper.
-    required : Requirements
-        Whose limits are drawn.
-
-    Returns
-    -------
-    dict of str to (str, Figure)
-        Name of a figure's file to caption and figure.
+    The first is red and the second blue, as in the paper.
 
     Raises
     ------
@@ -171,7 +152,7 @@ def comparisons_of(
     """
     labels = run_labels(records)
     runs = [Measured(record, required) for record in records]
-    drawn: dict[str, tuple[str, Figure]] = {}
+    drawn: Drawn = {}
     lacking = ""
     for name, caption, draw_figure in _comparisons():
         try:
@@ -216,14 +197,9 @@ class SweptHit(NamedTuple):
 
 
 def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Figure:
-    """Draw how recovery and time outside depend on how long a hit lasts.
+    """Draw how recovery and time outside depend on how long a hit lasts, with what is required.
 
-    Parameters
-    ----------
-    hits : sequence of SweptHit
-        At least one, by duration.
-    required : Requirements
-        Whose limits are drawn.
+    There is at least one hit; they are in the order of their duration.
     """
     durations = [hit.duration_s for hit in hits]
     figure, (top, bottom) = panels(2, share_x=True)

@@ -15,9 +15,9 @@
 """Tools of every figure: style, panels, lines that stay light and lose no spike."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
@@ -39,6 +39,9 @@ COLUMN_WIDTH = 3.5
 """Width of a journal's column [inch]."""
 PAGE_WIDTH = 7.2
 """Width of a journal's page [inch]."""
+
+Drawn: TypeAlias = dict[str, tuple[str, Figure]]
+"""Name of a figure's file to its caption and the figure."""
 
 BUCKETS = 600
 """Pairs of points a line is drawn with: more than a printed column can show."""
@@ -84,19 +87,8 @@ def panels(
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure of panels in the common style, without pyplot's global state.
 
-    Parameters
-    ----------
-    rows, columns : int
-        How many panels.
-    width, row_height : float
-        Size of the figure and of a row [inch].
-    share_x : bool
-        True if the panels of a column share their time axis.
-
-    Returns
-    -------
-    Figure, list of Axes
-        The panels are told row by row.
+    The panels are told row by row; those of a column share their time axis if they are to. The
+    width is that of the figure, the height that of a row [inch].
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, row_height * rows + 0.3), layout="constrained")
@@ -140,17 +132,10 @@ def decimated(t: Array, values: Array) -> tuple[Array, Array]:
 
 
 def band(t: Array, values: Array) -> tuple[Array, Array, Array, Array] | None:
-    """Reduce a noisy line to a band: a line would hide its own middle.
+    """Reduce a noisy line, shape (n,), to a band: a line would hide its own middle.
 
-    Parameters
-    ----------
-    t, values : ndarray, shape (n,)
-        The line.
-
-    Returns
-    -------
-    tuple of ndarray, shape (m,), or None
-        Time, least, mean and largest value of each stretch; None for a line that is not noisy.
+    That is time, least, mean and largest value of each stretch, shape (m,); None for a line that
+    is not noisy.
     """
     if values.size <= 2 * BUCKETS:
         return None
@@ -331,24 +316,10 @@ def save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def save_all(
-    drawn: Mapping[str, tuple[str, Figure]], folder: Path, formats: Sequence[str] | None = None
-) -> list[Path]:
+def save_all(drawn: Drawn, folder: Path, formats: Sequence[str] | None = None) -> list[Path]:
     """Write figures to a folder, which is made if there is none; those of the same name go.
 
-    Parameters
-    ----------
-    drawn : mapping of str to (str, Figure)
-        Name of a figure's file to caption and figure.
-    folder : Path
-        Where to.
-    formats : sequence of str, optional
-        Some of ``png``, ``svg`` and ``pdf``; default PNG.
-
-    Returns
-    -------
-    list of Path
-        The files written.
+    The formats are some of ``png``, ``svg`` and ``pdf``, by default PNG. Returns the files written.
     """
     return [
         save(figure, folder / f"{name}.{form}")

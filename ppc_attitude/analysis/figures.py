@@ -25,6 +25,7 @@ from ppc_attitude.analysis.drawing import (
     BLACK,
     BLUE,
     RED,
+    Drawn,
     draw,
     in_degrees,
     judged_limit,
@@ -247,20 +248,10 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
             yield column, caption, partial(column_figure, column=column)
 
 
-def figures_of(record: RunRecord, required: Requirements = PAPER) -> dict[str, tuple[str, Figure]]:
+def figures_of(record: RunRecord, required: Requirements = PAPER) -> Drawn:
     """Draw every figure for which the record has the data.
 
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    required : Requirements
-        Whose limits are drawn, each over the part of the run that is judged.
-
-    Returns
-    -------
-    dict of str to (str, Figure)
-        Name of a figure's file to caption and figure.
+    What is required is drawn over the part of the run that is judged.
 
     Raises
     ------
@@ -268,7 +259,7 @@ def figures_of(record: RunRecord, required: Requirements = PAPER) -> dict[str, t
         If the record has no instant, or nothing at all to draw.
     """
     run = Measured(record, required)
-    drawn = {}
+    drawn: Drawn = {}
     for name, caption, draw_figure in _drawings(record):
         try:
             drawn[name] = caption, draw_figure(run)

@@ -62,13 +62,7 @@ class FilterHealth(NamedTuple):
 
 
 def filter_health(record: RunRecord) -> FilterHealth | None:
-    """Judge the filter of a run; None if it had none.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    """
+    """Judge the filter of a run; None if it had none."""
     if not has(record, _ESTIMATE):
         return None
     settings = record.parameters.get(ESTIMATOR, {})

@@ -63,14 +63,8 @@ def cone_names(values: Mapping[str, Any]) -> list[str]:
 def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -> Array:
     """Angle [rad] between body axis and direction of each keep-out cone, shape (n, count).
 
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    column : str
-        Its attitudes, x y z w; NaN where one is missing.
-    values : mapping
-        Parameters of its guidance.
+    By the attitudes, x y z w, in a column of a run, and the parameters of its guidance; NaN where
+    an attitude is missing.
 
     Raises
     ------

@@ -37,16 +37,9 @@ class Html(str):
 
 
 def write_page(path: Path, title: str, body: Sequence[str]) -> None:
-    """Write a page.
+    """Write a page with a title, as plain text, and what it shows, as HTML.
 
-    Parameters
-    ----------
-    path : Path
-        The HTML file; its folder is made if there is none, the file is replaced if there is one.
-    title : str
-        Its title, as plain text.
-    body : sequence of str
-        What it shows, as HTML.
+    The folder of the file is made if there is none, the file is replaced if there is one.
     """
     page = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

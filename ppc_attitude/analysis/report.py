@@ -64,19 +64,16 @@ Runs = Sequence[tuple[RunRecord, Verdict]]
 
 
 def write_report(runs: Runs, path: Path, *, mission: str = "", date: str = "") -> None:
-    """Write the report of one run, or of several side by side.
+    """Write the report of one to six runs; several are compared in a table and common figures.
 
     Parameters
     ----------
     runs : sequence of (RunRecord, Verdict)
-        One to six runs with their judgements; several are compared in one table and in common
-        figures.
+        The runs with their judgements.
     path : Path
-        The HTML file; its folder is made if there is none, the file is replaced if there is one.
-    mission : str
-        Name of the mission, for the title.
-    date : str
-        When the report is made.
+        The HTML file, as for `write_page`.
+    mission, date : str
+        Name of the mission, for the title; when the report is made.
 
     Raises
     ------

@@ -74,17 +74,9 @@ def zero_ns(record: RunRecord) -> int:
 
 @once
 def elapsed(record: RunRecord) -> Array:
-    """Time of the run, which is zero at `zero_ns`.
+    """Time of the run [s], shape (n,), which is zero at `zero_ns`.
 
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Seconds; each the float64 nearest to the integer stamp, so that 60 s compares equal to 60.
+    Each is the float64 nearest to the integer stamp, so that 60 s compares equal to 60.
 
     Raises
     ------
@@ -120,19 +112,9 @@ def samples(record: RunRecord, column: str) -> Array:
 
 
 def vectors(record: RunRecord, column: str) -> Array:
-    """Three-vectors of a column (of a quaternion: its vector part), NaN where not finite.
+    """Three-vectors of a column (of a quaternion: its vector part), shape (n, 3).
 
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    column : str
-        Column name (`contract.topics`).
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        A row with any non-finite number is NaN as a whole.
+    A row with any non-finite number is NaN as a whole.
 
     Raises
     ------

@@ -301,17 +301,9 @@ class Verdict:
 
 
 def verdict_table(verdict: Verdict) -> str:
-    """Tell the verdict to a terminal.
+    """Tell the verdict to a terminal: what was judged, a table of requirements, disturbances.
 
-    Parameters
-    ----------
-    verdict : Verdict
-        The judgement of one run.
-
-    Returns
-    -------
-    str
-        Lines without a final line break: what was judged, a table of requirements, disturbances.
+    The last line has no line break.
     """
     cells = [("requirement", "value", "limit", "judged [s]", "verdict")]
     cells += [

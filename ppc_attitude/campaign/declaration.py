@@ -184,16 +184,10 @@ class Campaign:
 
 
 def load_campaign(path: Path, base: Scenario, seed: int) -> Campaign:
-    """Read a campaign.
+    """Read a campaign that varies a scenario.
 
-    Parameters
-    ----------
-    path : Path
-        YAML with one mapping ``campaign`` of variables; see `Variables` and `distributions`.
-    base : Scenario
-        What is varied.
-    seed : int
-        Seed of all draws.
+    The file is YAML with one mapping ``campaign`` of variables; see `Variables` and
+    `distributions`.
 
     Raises
     ------

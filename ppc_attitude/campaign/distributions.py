@@ -145,16 +145,9 @@ def random_axes(stream: Generator) -> Array:
 
 
 def number(name: str, declared: Any, allowed: Range) -> Number:
-    """Read a distribution of numbers.
+    """Read a distribution as it stands in the YAML, all of whose numbers must be allowed.
 
-    Parameters
-    ----------
-    name : str
-        What to call it in an error.
-    declared : number or mapping
-        As it stands in the YAML.
-    allowed : Range
-        Where all its numbers must lie.
+    An error calls it by the name.
 
     Raises
     ------

@@ -98,19 +98,7 @@ def stream(campaign: Campaign, index: int, variable: str) -> Generator:
 
 
 def draw(campaign: Campaign, index: int) -> dict[str, float | int | str | None]:
-    """Draw one run.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        What to draw from.
-    index : int
-        Which run, from 0.
-
-    Returns
-    -------
-    dict
-        A value for every key of `drawn_columns`.
+    """Draw one run, by its index from 0: a value for every key of `drawn_columns`.
 
     Raises
     ------
@@ -239,19 +227,8 @@ def _inertia(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[s
 def perturbed_inertia(inertia: Array, error: float, own: Generator) -> Array:
     """Draw a rigid body's inertia that differs by at most a part `error` about any axis.
 
-    Parameters
-    ----------
-    inertia : ndarray, shape (3, 3)
-        A valid inertia [kg·m²].
-    error : float
-        0 ≤ error < 1.
-    own : Generator
-        The stream to draw from.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Symmetric, positive definite, and of a body that can exist.
+    What is given, shape (3, 3) [kg·m²], and what is drawn are symmetric, positive definite, and of
+    a body that can exist; 0 ≤ error < 1.
 
     Notes
     -----

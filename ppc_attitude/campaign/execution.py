@@ -35,17 +35,7 @@ def outcomes(campaign: Campaign, runs: int, pool: Pool, stop: threading.Event) -
 
     A chunk whose worker was lost is computed again run by run; a run with which workers keep
     being lost becomes an outcome that says so. Memory does not grow with the number of runs.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        What to run.
-    runs : int
-        How many.
-    pool : Pool
-        Who computes.
-    stop : threading.Event
-        Once it is set, what is finished by then is yielded and the rest left out.
+    Once a stop is asked for, what is finished by then is yielded and the rest left out.
 
     Raises
     ------

@@ -76,12 +76,7 @@ class LocalPool:
     The standard library's pool shares one pipe among all processes: one that is killed while it
     answers blocks that pool for ever. Here it costs its own chunk.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What they run: its kernels are compiled here, once, so that they find them cached.
-    workers : int
-        How many.
+    The kernels of the campaign are compiled here, once, so that they find them cached.
     """
 
     def __init__(self, campaign: Campaign, workers: int) -> None:
@@ -130,15 +125,7 @@ class LocalPool:
 
 
 class ClusterPool:
-    """A Dask cluster, which has this package installed in the same version.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        What it runs.
-    address : str
-        Of the scheduler, as for `connected`, which says what is raised.
-    """
+    """A Dask cluster, which has this package installed in the same version (`connected`)."""
 
     def __init__(self, campaign: Campaign, address: str) -> None:
         self._client = connected(address)
@@ -179,12 +166,7 @@ Pool: TypeAlias = LocalPool | ClusterPool
 
 
 def connected(address: str) -> Any:
-    """Client of a Dask cluster that has a worker.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://host:8786``.
+    """Client of a Dask cluster that has a worker, by its scheduler: ``tcp://host:8786``.
 
     Raises
     ------

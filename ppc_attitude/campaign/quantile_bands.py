@@ -44,20 +44,10 @@ def time_bins(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], Array]:
 
 
 def levels_of(record: RunRecord, sizes: Array) -> Levels:
-    """Levels of one run.
+    """Levels of one run, shape (len(QUANTITIES), bins), with the sizes of its pointing error.
 
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    sizes : ndarray, shape (n,)
-        Sizes of the pointing error.
-
-    Returns
-    -------
-    ndarray of uint8, shape (len(QUANTITIES), bins)
-        `UNKNOWN` in bins that hold a sample that is not finite, or for an envelope that the run
-        does not have.
+    `UNKNOWN` in bins that hold a sample that is not finite, or for an envelope that the run does
+    not have.
     """
     starts, _ = time_bins(record.stamps_ns)
     values = [sizes]
@@ -74,13 +64,7 @@ def levels_of(record: RunRecord, sizes: Array) -> Levels:
 
 
 class QuantileBands:
-    """How many runs were at each level in each time bin.
-
-    Parameters
-    ----------
-    ends : ndarray, shape (bins + 1,)
-        Ends of the time bins [s].
-    """
+    """How many runs were at each level in each time bin, of given ends [s], shape (bins + 1,)."""
 
     def __init__(self, ends: Array) -> None:
         self.ends = ends

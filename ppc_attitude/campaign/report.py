@@ -57,20 +57,9 @@ def write_campaign_report(
     mission: str = "",
     date: str = "",
 ) -> None:
-    """Write the report.
+    """Write the report of a campaign that has been run; mission, date and path as `write_report`.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was run.
-    finished : Finished
-        How it came out.
-    again : sequence of str
-        Command line that runs one index again when ``--only INDEX`` is appended.
-    path : Path
-        The HTML file; its folder is made if there is none, the file is replaced if there is one.
-    mission, date : str
-        Name of the mission, for the title; when the report is made.
+    `again` is the command line that runs one index again when ``--only INDEX`` is appended.
     """
     summary = finished.summary
     title = f"{mission or 'Attitude control'}, campaign: {campaign.scenario.controller.name}"

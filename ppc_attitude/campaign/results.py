@@ -32,16 +32,8 @@ class Results:
     """The folder of a campaign, written as the runs come; to be closed at the end.
 
     The files are the same to the last byte for the same runs, however these were computed. They
-    appear under their names when they are complete.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that does not exist yet.
-    campaign : Campaign
-        What is run; kept in the files' metadata.
-    bands : QuantileBands
-        Written when the folder is closed.
+    appear under their names when they are complete; then the bands are written. What is run is
+    in the files' metadata.
 
     Raises
     ------

@@ -85,12 +85,8 @@ class Varied:
 def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
     """Read what varies of the declared numbers, by the names under which they are drawn.
 
-    Parameters
-    ----------
-    declaration : mapping
-        A campaign's declaration: its section ``parameters``, and the `SHORT` names.
-    base : Scenario
-        What is varied; it says which components run, and how many numbers a list has.
+    They stand in the section ``parameters`` of a campaign's declaration, or have `SHORT` names.
+    The scenario that is varied says which components run, and how many numbers a list has.
 
     Raises
     ------

@@ -67,18 +67,7 @@ class Search:
     """A search that writes down every answer, so that it can go on after any interruption.
 
     The optimiser's questions follow from its seed and the answers: to continue, it is asked anew
-    and given the answers of the file.
-
-    Parameters
-    ----------
-    space : Space
-        What may be chosen.
-    goal : Goal
-        What is to be large.
-    folder : Path
-        Where the answers are, or will be.
-    seed : int
-        Of the optimiser.
+    and given the answers of the file in the folder.
 
     Raises
     ------

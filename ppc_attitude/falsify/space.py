@@ -86,13 +86,7 @@ class Space:
         return _START + 3 * self.pieces + _CRAFT
 
     def choice(self, x: Array) -> dict[str, dict[str, Any]]:
-        """Return the parameters of each node that a choice changes.
-
-        Parameters
-        ----------
-        x : ndarray, shape (size,)
-            Any numbers; of the order of one.
-        """
+        """Return the parameters of each node that a choice changes: any numbers of order one."""
         turn, rate = x[:4], x[4:_START]
         length = float(np.linalg.norm(turn))
         attitude = turn / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
