@@ -67,18 +67,13 @@ class Envelope:
 def outside(record: RunRecord, envelope: Envelope) -> Mask:
     """Instants, finite in both, with a component of the error beyond its bound, shape (n,)."""
     error, bound = record[envelope.error], record[envelope.bound]
-    known = is_finite(record, envelope.error) & is_finite(record, envelope.bound)
-    return known & _larger(error[:, : bound.shape[1]], bound)
+    return beyond(error[:, : bound.shape[1]], bound) & is_finite(record, envelope.error)
 
 
 def beyond(error: Array, bound: Array) -> Mask:
     """Rows, finite in both, with a component beyond its bound, shape (n,)."""
-    larger = _larger(error, bound)
+    larger = np.asarray(np.logical_or.reduce(np.abs(error).T > bound.T))
     return larger & finite(error) & finite(bound) if larger.any() else larger
-
-
-def _larger(error: Array, bound: Array) -> Mask:
-    return np.asarray(np.logical_or.reduce(np.abs(error).T > bound.T))
 
 
 ATTITUDE = Envelope(ATTITUDE_ERROR.column, ATTITUDE_ENVELOPE.column)
