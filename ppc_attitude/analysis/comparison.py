@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures of several runs: side by side as in the paper's comparisons, and the pulse sweep."""
+"""Figures of several runs: side by side as in the paper's comparisons, and the pulse sweep.
+
+Who draws one raises AnalysisError where a run lacks what it shows; then there is none.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -60,13 +63,7 @@ _Series = tuple[Array, Array, Array | None]
 
 
 def attitude_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figure:
-    """Draw the pointing errors of several runs, each in its own envelope, and a late hit closely.
-
-    Raises
-    ------
-    AnalysisError
-        If a run has no attitude or no reference.
-    """
+    """Draw the pointing errors of runs, each in its own envelope, and a late hit closely."""
     series: list[_Series] = []
     for run in runs:
         if run.pointing is None:
@@ -82,11 +79,6 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
     """Draw the laws' own errors, each in its own envelope, and a late hit closely.
 
     Logarithmic: a hit is a thousand times the envelope.
-
-    Raises
-    ------
-    AnalysisError
-        If a run has no such error or no envelope.
     """
     factor, unit = in_degrees(envelope.unit)
     series: list[_Series] = []
@@ -101,13 +93,7 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
 
 
 def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figure:
-    """Draw ω_s of several runs, its norm with the limit, and a late hit closely.
-
-    Raises
-    ------
-    AnalysisError
-        If a run has no angular velocity.
-    """
+    """Draw ω_s of runs, its norm with the limit, and a late hit closely."""
     series: list[_Series] = []
     for run in runs:
         if run.rate is None:

@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The figures of one run, each the counterpart of one in the paper."""
+"""The figures of one run, each the counterpart of one in the paper.
+
+Who draws one raises AnalysisError where the record lacks what it shows; then there is none.
+"""
 
 from collections.abc import Iterator
 from functools import partial
@@ -68,13 +71,7 @@ ANGLE_FLOOR = 1e-4  # [deg] where the panel of angles ends
 
 
 def pointing_figure(run: Measured) -> Figure:
-    """Draw the angles of the attitude errors: pointing, and what it is made of if that differs.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no attitude or no reference.
-    """
+    """Draw the angles of the attitude errors: pointing, and what it is made of if that differs."""
     if run.pointing is None:
         raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
     figure, shown, _ = panels_of(run, 1, row_height=2.1)
@@ -96,25 +93,13 @@ def pointing_figure(run: Measured) -> Figure:
 
 
 def error_figure(run: Measured, envelope: Envelope) -> Figure:
-    """Draw the law's own error in its envelope: linear, logarithmic, and around a late hit.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has not both.
-    """
+    """Draw the law's own error in its envelope: linear, logarithmic, and around a late hit."""
     error, bound = (vectors(run.record, each) for each in (envelope.error, envelope.bound))
     return _in_envelope(run, envelope, error, bound)
 
 
 def attitude_figure(run: Measured) -> Figure:
-    """Draw the pointing error of a law that has no envelope for it.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no attitude or no reference, or an envelope.
-    """
+    """Draw the pointing error of a law that has no envelope for it."""
     if run.pointing is None or has(run.record, ATTITUDE.bound):
         raise AnalysisError(f"{run.record.source}: {run.lacks_attitude or 'has an envelope'}")
     return _in_envelope(run, ATTITUDE, run.pointing.quaternions[:, :3], None)

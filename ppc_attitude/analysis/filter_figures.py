@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The figures of a filter: its errors in the band of its own 3σ, and how each fix surprised it."""
+"""The figures of a filter: its errors in the band of its own 3σ, and how each fix surprised it.
+
+Who draws one raises AnalysisError where the record lacks what it shows; then there is none.
+"""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -38,13 +41,7 @@ BAND = 3.0  # σ
 
 
 def knowledge_figure(run: Measured) -> Figure:
-    """Draw the knowledge error about each body axis within 3σ of the filter's own covariance.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no truth of its own, or no estimate.
-    """
+    """Draw the knowledge error about each body axis within 3σ of the filter's own covariance."""
     sigmas = sigmas_of(run.record, ATTITUDE_VARIANCES)
     # A rotation vector of a small angle is twice the vector part of its quaternion.
     errors = 2.0 * knowledge_errors(run.record).quaternions[:, :3]
@@ -52,26 +49,14 @@ def knowledge_figure(run: Measured) -> Figure:
 
 
 def bias_figure(run: Measured) -> Figure:
-    """Draw the estimated bias of the gyro with 3σ on either side.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has not both.
-    """
+    """Draw the estimated bias of the gyro with 3σ on either side."""
     bias, sigmas = (vectors(run.record, name) for name in ("gyro_bias", "gyro_bias_sigma"))
     bias, sigmas = np.rad2deg(bias), np.rad2deg(sigmas)
     return _in_band(run, bias, bias, sigmas, "gyro bias", "deg/s")
 
 
 def innovation_figure(run: Measured) -> Figure:
-    """Draw the innovation of each fix, by its standard deviation, and its square beside the gate.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no innovation.
-    """
+    """Draw the innovation of each fix by its standard deviation, and its square beside the gate."""
     values = vectors(run.record, "innovation")
     figure, (top, bottom) = panels(2, share_x=True)
     points(top, run.t, values)

@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The figures of guidance: sky map, slews over time, and the angles to the keep-out cones."""
+"""The figures of guidance: sky map, slews over time, and the angles to the keep-out cones.
+
+Who draws one raises AnalysisError where the record lacks what it shows; then there is none.
+"""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -71,13 +74,7 @@ def guidance_drawings(record: RunRecord) -> Iterator[Drawing]:
 
 
 def slews(run: Measured, flight: Flight) -> Figure:
-    """Draw the angle to the goal, and rate and acceleration of the desired motion in limits.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no reference or no attitude.
-    """
+    """Draw the angle to the goal, and rate and acceleration of the desired motion in limits."""
     wanted = samples(run.record, REFERENCE_ATTITUDE.column)[flight.picked]
     craft = samples(run.record, run.truth.attitude)[flight.picked]
     figure, (left, rate, acceleration) = panels(3, share_x=True, row_height=1.5)
@@ -124,13 +121,7 @@ def _mark_orders(axes: Axes, flight: Flight, start: float) -> None:
 
 
 def sky_map(run: Measured, flight: Flight) -> Figure:
-    """Draw the paths of body axes and the keep-out cones on the inertial sky.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no reference or no attitude.
-    """
+    """Draw the paths of body axes and the keep-out cones on the inertial sky."""
     figure, (axes,) = panels(1, row_height=2.4)
     axes_of_cones = (cone.axis for cones in flight.cones for cone in cones)
     bodies = list(dict.fromkeys(axes_of_cones)) or [Z_AXIS]
@@ -173,11 +164,6 @@ def cone_angles(run: Measured) -> Figure:
     """Draw the angle of each cone's body axis to its direction, of the craft and as desired.
 
     The cones are those with which the run began.
-
-    Raises
-    ------
-    AnalysisError
-        If the record has no cones, no reference or no attitude.
     """
     values = guidance_values(run.record)
     if values is None or not values[HALF_ANGLES.name]:
