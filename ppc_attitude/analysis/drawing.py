@@ -100,21 +100,11 @@ def panels(
 
 
 def decimated(t: Array, values: Array) -> tuple[Array, Array]:
-    """Thin a line to its extremes, so that it stays light and no spike is lost.
+    """Thin a line, shape (n,), to its extremes, so that it stays light and no spike is lost.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Abscissa.
-    values : ndarray, shape (n,)
-        Ordinate; NaN breaks the line.
-
-    Returns
-    -------
-    t, values : ndarray, shape (m,)
-        The samples themselves if they are few; otherwise the least and the largest of each of
-        `BUCKETS` stretches, in order, the first and the last sample, and a NaN for a stretch
-        without any number.
+    NaN breaks the line. Returns the samples themselves if they are few; otherwise the least and the
+    largest of each of `BUCKETS` stretches, in order, the first and the last sample, and a NaN for a
+    stretch without any number.
     """
     if values.size <= 2 * BUCKETS:
         return t, values

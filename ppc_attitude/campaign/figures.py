@@ -85,17 +85,8 @@ def _bands(axes: Axes, t: Array, bands: QuantileBands, quantity: str) -> None:
 def failing_figure(passing: Sample, failing: Sample, units: Mapping[str, str]) -> Figure | None:
     """Draw where runs fail, over the drawn variables that tell failing from passing best.
 
-    Parameters
-    ----------
-    passing, failing : sequence of mapping
-        Values of the drawn variables of runs that meet every requirement, and of runs that do not.
-    units : mapping of str to str
-        The drawn variables and their units.
-
-    Returns
-    -------
-    Figure or None
-        None if fewer than two variables vary.
+    Given are the values of the variables in runs that meet every requirement, and in runs that do
+    not, and the variables with their units. None if fewer than two of them vary.
     """
     names = telling_variables(passing, failing, units)[:_SHOWN]
     if len(names) < 2:

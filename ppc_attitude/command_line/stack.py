@@ -57,12 +57,8 @@ class StackError(Exception):
 def private_environment(domain: str = "") -> dict[str, str]:
     """Environment of the processes of a run: this host only, and a domain of their own.
 
-    A range or domain that the user has set is kept.
-
-    Parameters
-    ----------
-    domain : str
-        The domain if the user has set none; empty: one that nobody uses.
+    A range or domain that the user has set is kept. Else the domain is the one given, or, where
+    none is, one that nobody uses.
 
     Raises
     ------

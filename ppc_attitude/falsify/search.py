@@ -123,16 +123,8 @@ class Search:
     ) -> Iterator[Found]:
         """Search until so many runs, or so much time, and yield after each generation.
 
-        Parameters
-        ----------
-        runs : int
-            How many runs in all, those of earlier sessions included.
-        seconds : float
-            How long this session may last [s].
-        executor : Executor
-            Who computes.
-        stop : threading.Event
-            Ends the search after the present generation.
+        The runs include those of earlier sessions, the time [s] is that of this one. A stop ends
+        the search after the present generation.
 
         Raises
         ------

@@ -39,10 +39,7 @@ _GLANCE = 0.01  # [s] between two looks at a process whose end is waited for
 class Copy:
     """A copy of this process, seen by it as by `subprocess.Popen`.
 
-    Parameters
-    ----------
-    live : callable
-        What it does, up to its end (see `become`).
+    Up to its end it does what is given (see `become`).
 
     Attributes
     ----------
