@@ -35,6 +35,7 @@ from ppc_attitude.analysis.requirements import PAPER, names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished
+from ppc_attitude.campaign.declaration import Variables
 from ppc_attitude.campaign.draw import DRAWN
 from ppc_attitude.campaign.figures import bands_figure, failing_figure, telling_variables
 from ppc_attitude.campaign.quantile_bands import (
@@ -143,7 +144,7 @@ def test_summary_counts_what_the_rows_say(finished: Finished) -> None:
 
 
 def test_a_broken_run_meets_nothing() -> None:
-    summary = Summary()
+    summary = Summary(PAPER, Variables())
     summary.add(rows.broken(small(), 4, "lost").row)
     assert summary.fraction == Fraction(0, 1)
     assert summary.first_broken == (4, "lost")

@@ -95,7 +95,7 @@ def fit(axes: Axes, window: tuple[float, float], shown: Sequence[tuple[Array, Ar
 
 
 def draw_envelope(
-    axes: Axes, t: Array, envelope: Array, colours: Sequence[str], *, mirrored: bool = True
+    axes: Axes, t: Array, envelope: Array, colours: Sequence[str], *, mirrored: bool
 ) -> None:
     """Draw envelopes, shape (n, k), dashed in the colours of their errors.
 

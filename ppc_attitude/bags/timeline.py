@@ -73,7 +73,7 @@ class Timeline:
 
 
 def align(
-    series: dict[Topic, Series], rate: float | None, *, cut: bool, end_ns: int | None = None
+    series: dict[Topic, Series], rate: float | None, *, cut: bool, end_ns: int | None
 ) -> Timeline:
     """Put every topic on the plant's timeline.
 
@@ -87,7 +87,7 @@ def align(
         whose stamps are not the attitude's are held, and a rhythm that changes has no gaps.
     cut : bool
         The recording ended abruptly: its last instants may lack messages without any loss.
-    end_ns : int, optional
+    end_ns : int or None
         Stamp [ns] at which the plant ends by itself. A run that was stopped before, or has no such
         end, may lack the answers to its last state without any loss.
     """

@@ -18,7 +18,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from ppc_attitude.analysis.requirements import PAPER, Requirements, names_of
+from ppc_attitude.analysis.requirements import Requirements, names_of
 from ppc_attitude.campaign.declaration import Variables
 from ppc_attitude.campaign.draw import varying
 from ppc_attitude.campaign.rows import PARTS, Row
@@ -28,7 +28,6 @@ WORST = 5
 SAMPLE_SIZE = 3000
 """Runs that are drawn: the first, and of those that fail the first."""
 _MOST_LIMITS = 3  # that are told apart; an actuator of random strength has one a run
-_NOTHING = Variables()
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ class Tally:
 class Summary:
     """Accumulates rows in a memory that does not grow with their number."""
 
-    def __init__(self, required: Requirements = PAPER, variables: Variables = _NOTHING) -> None:
+    def __init__(self, required: Requirements, variables: Variables) -> None:
         self._names = names_of(required)
         self._varying = varying(variables)
         self.runs = 0
