@@ -23,14 +23,12 @@ stretches of constant extra torque.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.series import Mask, finite
 from ppc_attitude.contract.run_record import Array
-from ppc_attitude.science.kernel import kernel
 
 SMALLEST_STEP = 1e-3
 """A change of one axis between two samples that is a step and not the environment [N·m]."""
@@ -108,8 +106,7 @@ def find_pulses(t: Array, torque: Array, interval: float) -> tuple[Pulse, ...]:
 
 def _steps(t: Array, torque: Array) -> tuple[NDArray[np.intp], Array]:
     """First sample of each new level, and the height of the step without the smooth part."""
-    is_step = np.empty(t.size - 1, np.bool_)
-    _find_steps(np.ascontiguousarray(torque.T), is_step)
+    is_step = np.logical_or.reduce(np.abs(np.diff(torque.T)) > SMALLEST_STEP)
     at = np.flatnonzero(is_step)
     # The smooth part goes on at the mean slope of the intervals beside, unless they are steps.
     beside = np.stack([at - 1, at + 1])
@@ -119,15 +116,6 @@ def _steps(t: Array, torque: Array) -> tuple[NDArray[np.intp], Array]:
     slopes = np.where(known, (torque[inside + 1] - torque[inside]) / interval, 0.0)
     smooth = slopes.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     return at + 1, torque[at + 1] - torque[at] - smooth * (t[at + 1] - t[at])[:, None]
-
-
-@kernel
-def _find_steps(torque: Any, is_step: Any) -> None:
-    """Whether each interval of a torque, shape (3, n), is a step of some axis."""
-    x, y, z = torque[0], torque[1], torque[2]
-    for k in range(is_step.size):
-        dx, dy, dz = abs(x[k + 1] - x[k]), abs(y[k + 1] - y[k]), abs(z[k + 1] - z[k])
-        is_step[k] = (dx > SMALLEST_STEP) | (dy > SMALLEST_STEP) | (dz > SMALLEST_STEP)
 
 
 def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Array:
