@@ -198,10 +198,10 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
 
 def _resets(stamps: Integers) -> list[int]:
     """Index of the first message after each backward jump."""
-    starts: list[int] = []
-    while jump := _first_jump(stamps[starts[-1] if starts else 0 :]):
-        starts.append(jump + (starts[-1] if starts else 0))
-    return starts
+    epochs = [0]
+    while jump := _first_jump(stamps[epochs[-1] :]):
+        epochs.append(epochs[-1] + jump)
+    return epochs[1:]
 
 
 def _first_jump(stamps: Integers) -> int:
