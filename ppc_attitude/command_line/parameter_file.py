@@ -15,6 +15,7 @@
 """Parameters as a ROS parameter file: those with which a node is started, or an overlay."""
 
 import json
+import shlex
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -54,5 +55,5 @@ def run_info(nodes: Mapping[str, Mapping[str, Any]]) -> str:
         name: [topic.name for topic in samples_of(name.rpartition("/")[2], values)]
         for name, values in nodes.items()
     }
-    metadata = {"command": " ".join(sys.argv)}
+    metadata = {"command": shlex.join(sys.argv)}
     return json.dumps({"parameters": nodes, "samples": samples, "metadata": metadata})
