@@ -117,8 +117,8 @@ class Bounds:
         self._gyroscopic = (epsilon * spread + e_S * body.most) * self._fastest * self._fastest
         self._misled = epsilon * arithmetic.sqrt(number(3.0)) * (self._torque + self._d)
 
-        found = self._cells = self._main_cells(count)
         self.blend = self._reached((1 + BLEND) * (self._speed.Omega_e + self._W), self.a)
+        found = self._cells = self._main_cells(count)
         far, w_far = number(law.far) / 2, number(law.w_far)
         self.nu_stop = self._largest(nu_of, far)
         self._stop_cotangent = self._largest(half_cotangent, far)
