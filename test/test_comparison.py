@@ -108,6 +108,19 @@ def test_rate_errors_are_compared_where_both_have_envelopes(runs):
     assert np.array_equal(lines(panel, RED)[0].get_ydata(), z2)
 
 
+def test_an_error_of_one_number_has_one_row():
+    """As of a component of somebody else's, whose envelope may have less numbers too."""
+    narrow = [with_columns(run, rate_error=run["rate_error"][:, :1]) for run in (hit_run(),) * 2]
+    narrow = [with_columns(run, rate_envelope=run["rate_envelope"][:, :1]) for run in narrow]
+    assert len(error_comparison(measured(narrow), LABELS, ENVELOPES[1]).axes) == 2
+    narrow[0] = with_columns(narrow[0], attitude_envelope=narrow[0]["attitude_envelope"][:, :1])
+    rows = attitude_comparison(measured(narrow), LABELS).axes[::2]
+    dotted = [
+        len([each for each in lines(axes, RED) if each.get_linestyle() != "-"]) for axes in rows
+    ]
+    assert dotted == [2, 0, 0]
+
+
 def test_runs_of_different_length():
     figure = attitude_comparison(measured([normal_run(10.0), normal_run(30.0)]), LABELS)
     assert figure.axes[0].get_xlim() == (0.0, 30.0)

@@ -43,7 +43,13 @@ from ppc_attitude.analysis.drawing import (
     panels,
     time_axis,
 )
-from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, envelopes_of
+from ppc_attitude.analysis.envelopes import (
+    ATTITUDE,
+    ENVELOPES,
+    Envelope,
+    declared,
+    envelopes_of,
+)
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER, Requirements
@@ -58,7 +64,7 @@ from ppc_attitude.analysis.run_panels import (
 from ppc_attitude.analysis.series import AnalysisError, has, vectors
 from ppc_attitude.contract.run_record import Array, RunRecord
 
-# A run: time (n,), values (n, k), envelope (n, 3) if there is one.
+# A run: time (n,), values (n, k), envelope of the first of them (n, ≤ k) if there is one.
 _Series = tuple[Array, Array, Array | None]
 
 
@@ -68,7 +74,8 @@ def attitude_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figu
     for run in runs:
         if run.pointing is None:
             raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
-        bound = ATTITUDE.bound
+        own = {each.error: each.bound for each in declared(run.record)}
+        bound = own.get(ATTITUDE.error, "")
         envelope = vectors(run.record, bound) if has(run.record, bound) else None
         series.append((run.t, run.pointing.quaternions, envelope))
     rows = [f"pointing error\n$q_{{ev,{axis}}}$ [1]" for axis in AXES]
@@ -87,7 +94,8 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
         bound = own.get(envelope.error, envelope.bound)
         error = factor * np.abs(vectors(run.record, envelope.error))
         series.append((run.t, error, factor * vectors(run.record, bound)))
-    rows = [f"|{symbols(envelope.title)}|\n{axis} [{unit}]" for axis in AXES]
+    widest = max(values.shape[1] for _, values, _ in series)
+    rows = [f"|{symbols(envelope.title)}|\n{axis} [{unit}]" for axis in AXES[:widest]]
     least = min(float(np.nanmin(bound)) for _, _, bound in series if bound is not None)
     return _side_by_side(runs, labels, series, rows, floor=log_floor(least))[0]
 
@@ -248,7 +256,11 @@ def _side_by_side(
             _draw_row(axes, k, labels, series, mirrored=floor is None)
         if floor is None and window is not None:
             curves = [(t, values[:, k]) for t, values, _ in series]
-            curves += [(t, bound[:, k]) for t, _, bound in series if bound is not None]
+            curves += [
+                (t, bound[:, k])
+                for t, _, bound in series
+                if bound is not None and k < bound.shape[1]
+            ]
             fit(row[1], window, curves)
         for axes in row:
             if floor is not None:
@@ -266,7 +278,7 @@ def _draw_row(
     """Draw component k of every run, the first on top, each with its envelope dotted."""
     for label, colour, (t, values, envelope) in zip(labels, RUN_COLOURS, series, strict=False):
         draw(axes, t, values[:, k], colour=colour, label=label)
-        if envelope is not None:
+        if envelope is not None and k < envelope.shape[1]:
             draw_envelope(axes, t, envelope[:, [k]], [colour], mirrored=mirrored)
     for order, line in enumerate(reversed(axes.get_lines())):
         line.set_zorder(2.0 + 0.01 * order)
