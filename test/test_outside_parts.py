@@ -174,6 +174,7 @@ MISFITS = {
         "of_itself": "left out: its column mine has bound = 'mine'; allowed: another column",
         "of_unit": "bound = 'unsaturated_torque'; allowed: another column, with unit = '1'",
         "of_width": "bound = 'attitude'; allowed: another column, with unit = '1' and at most 3",
+        "of_another": "bound = 'momentum_tube'; allowed: another column, with unit = 'N·m·s'",
         "of_two": "bound = 'torque_use'; allowed: another column, with unit = '1' and at most 3",
         "of_objects": "component share: state = [('z', 'O')]; allowed: a record of numbers",
         "of_money": "column mine: unit = '$', meaning = 'x'; allowed: texts without $",
@@ -256,14 +257,19 @@ def test_a_law_is_judged_by_its_own_bounds(run_outside: Run, tmp_path: Path) -> 
     points.write_text("[ppc_attitude.controllers]\nmargin = misfits:margin\n")
     given = f"{' '.join(CONFIGS[:2])} --controller"
     runs = [f"simulate {given} {law} --duration 1 --json" for law in ("margin", "ppc")]
-    done = run_outside("-c", EACH, *runs, code=1)
+    (tmp_path / "one.yaml").write_text("campaign: {initial_attitude: so3}\n")
+    campaign = f"campaign {given} margin --campaign one.yaml --duration 1 --runs 2 --out c --json"
+    done = run_outside("-c", EACH, *runs, campaign, code=1)
+    *simulated, summary = done.stdout.splitlines()
+    told = [each["name"] for each in json.loads(summary)["requirements"]]
+    assert told.count("attitude error outside its envelope") == 1
     rows = [
         {
             each["name"]: (each["value"], each["pass"])
             for each in json.loads(line)["requirements"]
             if "outside its envelope" in each["name"]
         }
-        for line in done.stdout.splitlines()
+        for line in simulated
     ]
     assert rows[0] == {"attitude error outside its envelope": (0.51, False)}
     assert set(rows[1]) == {f"{which} error outside its envelope" for which in ("attitude", "rate")}

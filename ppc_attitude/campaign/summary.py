@@ -152,7 +152,8 @@ class Summary:
 
     def requirements(self) -> list[tuple[str, Tally]]:
         """Every requirement that applied to some run, in the order of a verdict."""
-        return [(name, self.tallies[name]) for name in self._names.values() if name in self.tallies]
+        names = dict.fromkeys(self._names.values())  # two bounds of one error have one name
+        return [(name, self.tallies[name]) for name in names if name in self.tallies]
 
     def to_json(self) -> dict[str, Any]:
         """All numbers of it."""

@@ -65,8 +65,16 @@ def _problem(topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
     return ""
 
 
-def _unbounded(component: Component, topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
-    """Say which column of a component has no possible bound; empty if all have."""
+def _unbounded(
+    component: Component,
+    topics: Iterable[Topic],
+    declared: Mapping[str, Topic],
+    bounded: Mapping[str, str],
+) -> str:
+    """Say which column of a component has no possible bound; empty if all have.
+
+    What each column of others bounds is in `bounded`: what is judged by a bound has its name.
+    """
     known = {**declared, **{each.column: each for each in topics}}
     bounds = [column.bound for column in component.outputs]
     for column in component.outputs:
@@ -75,6 +83,7 @@ def _unbounded(component: Component, topics: Iterable[Topic], declared: Mapping[
             bound is None
             or column.bound == column.name
             or bounds.count(column.bound) > 1
+            or bounded.get(column.bound, column.name) != column.name
             or (bound.unit, bound.late) != (column.unit, False)
             or bound.width > column.width
         ):
@@ -92,15 +101,17 @@ def _merged() -> dict[str, Topic]:
     A component of somebody else's whose columns cannot be beside those of others is left out.
     """
     found = {topic.column: topic for topic in STANDARD}
+    bounded: dict[str, str] = {}
     for kind, component in ours_first(kind for kinds in HOSTED.values() for kind in kinds):
         given = [topic_of(column, NODE_OF[kind.name]) for column in component.outputs]
         read = [topic_of(column, "") for column in component.inputs if column.name in found]
-        problem = _problem([*given, *read], found) or _unbounded(component, given, found)
+        problem = _problem([*given, *read], found) or _unbounded(component, given, found, bounded)
         if problem:
             kind.leave_out(component.name, problem)
         else:
             for topic in given:
                 found.setdefault(topic.column, topic)
+            bounded.update({each.bound: each.name for each in component.outputs if each.bound})
     return found
 
 

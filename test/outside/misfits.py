@@ -89,6 +89,7 @@ MADE: dict[str, Callable[[], Component]] = {
     "of_two": lambda: with_column(
         with_column(LAW, bound="torque_use"), name="other", topic="other", bound="torque_use"
     ),
+    "of_another": lambda: with_column(LAW, unit="N·m·s", bound="momentum_tube"),
     "of_width": lambda: with_column(LAW, bound="attitude"),
     "nameless": lambda: with_column(LAW, name=""),
     "twice": lambda: replace(LAW, outputs=(*LAW.outputs, LAW.outputs[-1])),
