@@ -263,6 +263,9 @@ def test_a_law_is_judged_by_its_own_bounds(run_outside: Run, tmp_path: Path) -> 
     *simulated, summary = done.stdout.splitlines()
     told = [each["name"] for each in json.loads(summary)["requirements"]]
     assert told.count("attitude error outside its envelope") == 1
+    metrics = json.loads(simulated[0])["metrics"]
+    assert metrics["time_outside_attitude_envelope_s"] == 0.51
+    assert metrics["time_pointing_outside_attitude_envelope_s"] == 0.51
     rows = [
         {
             each["name"]: (each["value"], each["pass"])

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ppc_attitude.analysis.envelopes import beyond, envelopes_of, outside
+from ppc_attitude.analysis.envelopes import beyond, declared, envelopes_of, outside
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
 from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import (
@@ -43,7 +43,7 @@ from ppc_attitude.analysis.truth import (
     truth_of,
 )
 from ppc_attitude.analysis.verdict import Disturbance, ErrorSize, Metrics, Span
-from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, BY_COLUMN
+from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN, RATE_ERROR
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
@@ -60,6 +60,11 @@ from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 _Found = TypeVar("_Found")
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
+_NAMED = {
+    ATTITUDE_ERROR.column: "time_outside_attitude_envelope_s",
+    RATE_ERROR.column: "time_outside_rate_envelope_s",
+}
+"""Errors whose time outside is a metric of its own, whatever bounds them."""
 
 
 class Measured:
@@ -192,7 +197,9 @@ class Measured:
         """Everything that is measured."""
         deadline = self.span_from_deadline
         outsides = {
-            f"time_outside_{each.bound}_s": self.time(outside(self.record, each))
+            _NAMED.get(each.error, f"time_outside_{each.bound}_s"): self.time(
+                outside(self.record, each)
+            )
             for each in envelopes_of(self.record)
         }
         sizes = None if self.pointing is None else self.pointing.sizes
@@ -215,10 +222,7 @@ class Measured:
             "max_rate_deg_s": (largest(norm, self.calm), self.calm_span),
             "max_rate_axis_deg_s": (largest(axis, self.calm), self.calm_span),
             "max_applied_torque": (self.largest_of(APPLIED_TORQUE.column), self.whole),
-            **{
-                name: (outsides.pop(name, None), self.whole)
-                for name in ("time_outside_attitude_envelope_s", "time_outside_rate_envelope_s")
-            },
+            **{name: (outsides.pop(name, None), self.whole) for name in _NAMED.values()},
             "time_pointing_outside_attitude_envelope_s": (self._pointing_outside(), self.whole),
             "error_from_deadline_with_recoveries": (largest(sizes, self.from_deadline), deadline),
             "max_rate_whole_run_deg_s": (largest(norm), self.whole),
@@ -269,11 +273,12 @@ class Measured:
 
     def _pointing_outside(self) -> float | None:
         """Time of the true attitude error beyond the law's envelope; its own may be inside [s]."""
-        if self.pointing is None or not has(self.record, ATTITUDE_ENVELOPE.column):
+        own = {each.error: each.bound for each in declared(self.record)}
+        name = own.get(ATTITUDE_ERROR.column, "")
+        if self.pointing is None or not has(self.record, name):
             return None
-        return self.time(
-            beyond(self.pointing.quaternions[:, :3], self.record[ATTITUDE_ENVELOPE.column])
-        )
+        bound = self.record[name]
+        return self.time(beyond(self.pointing.quaternions[:, : bound.shape[1]], bound))
 
     def time(self, instants: Mask) -> float:
         """Time outside [s]: the samples outside, h each."""

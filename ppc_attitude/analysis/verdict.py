@@ -172,7 +172,7 @@ class Metrics:
     converged : bool or None
         Whether the attitude error stays settled over the last part.
     further : mapping of str to float
-        ``time_outside_<bound>_s`` of the record's other envelopes.
+        ``time_outside_<bound>_s`` of the envelopes of other errors.
     disturbances : tuple of Disturbance
         The sudden disturbances, by start.
     spans : mapping of str to (float, float)
