@@ -25,7 +25,7 @@ from craft_helpers import configs
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.stamps import stamp_of
 from ppc_attitude.simulation.closed_loop import by_column, simulate, stamps_of
@@ -115,6 +115,8 @@ def changed_in_flight(
         values[change.node][change.name] = change.value
     for part, node in parts.items():
         diagram.parts[part].configure(values[node])
+        if part == "references":  # as its node does: it has no past
+            diagram.parts[part].forget()
     late = diagram.run(stamps[step:])
     columns = by_column(diagram.columns, stamps, np.concatenate([early, late], axis=1))
     parameters = before.with_values(PLANT, lockstep=True).parameters
@@ -127,6 +129,15 @@ def test_a_gate_that_was_changed_in_flight_is_applied_at_its_stamp() -> None:
     assert all(each.largest == 0.0 for each in replay(record).others)
     without = replay(replace(record, changes=()))
     assert [each.component for each in without.others if each.largest > 0.0] == ["mekf"]
+
+
+def test_a_motion_that_was_changed_in_flight_begins_anew() -> None:
+    """As in its node, which integrates it from zero."""
+    change = Change(stamp_of(100, 100.0), REFERENCE, "period_constant", [10.0, 20.0, 30.0])
+    record = changed_in_flight(scenario({}), 100, 300, (change,), references=REFERENCE)
+    assert all(each.largest == 0.0 for each in replay(record).found)
+    without = replay(replace(record, changes=()))
+    assert [each.component for each in without.others if each.largest > 0.0] == ["paper"]
 
 
 def test_another_number_is_found_where_it_is() -> None:

@@ -269,7 +269,8 @@ def _computed(
         values.update(changed)
         part.configure(_installed(node, values))
         enabled = changed.get(ENABLED, enabled)
-        if ENABLED in changed:  # it begins anew
+        # It begins anew; so does what depends on time alone, which has no past.
+        if ENABLED in changed or (not component.inputs and node != PLANT):
             part.forget()
     pieces.append(played())
     return np.concatenate(pieces, axis=1)
