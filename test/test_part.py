@@ -96,7 +96,7 @@ def test_a_step_that_raises_gives_no_numbers_and_says_why_when_it_is_asked() -> 
     assert part.step(0) == (1.0, 0.0, 0.0)
     assert part.raised() == first_raised([part]) == ""
     assert all(map(math.isnan, part.step(1_000_000_000)))
-    assert part.raised() == "ValueError: beyond my table"
+    assert part.raised() == "raised ValueError: beyond my table"
     assert first_raised([part]).endswith("component mine raised ValueError: beyond my table")
 
 

@@ -40,7 +40,9 @@ from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.component import (
     FIX,
+    FIX_VARIANCE,
     GYRO,
+    GYRO_VARIANCE,
     OWN_TOLERANCE,
     QUATERNION,
     UNIT_TOLERANCE,
@@ -48,8 +50,6 @@ from ppc_attitude.science.component import (
 )
 from ppc_attitude.science.parameter import Value
 
-_FIX_VARIANCE = math.pi**2  # [rad²] no attitude is further from another than π
-_GYRO_VARIANCE = 1e5  # [rad²/s²] the noisiest gyro that can be configured, at 10 kHz, has 1e4
 Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
 _NO_RATE = (0.0, 0.0, 0.0, -1.0)  # REP 145: there is no such quantity
 
@@ -118,12 +118,12 @@ class Inbox:
         if self._is_attitude:
             return Sample(stamp_ns, frame_id, self._unit(values))
         if self._is_fix and any(values[:4]):
-            if min(values[4:]) < 0.0 or max(values[4:]) > _FIX_VARIANCE:
+            if min(values[4:]) < 0.0 or max(values[4:]) > FIX_VARIANCE:
                 raise self._refusal(f"variances {values[4:]} rad²; allowed: ≥ 0 and ≤ π² of a fix")
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
-        if self._is_rate and values != _NO_RATE and not 0.0 <= values[3] <= _GYRO_VARIANCE:
+        if self._is_rate and values != _NO_RATE and not 0.0 <= values[3] <= GYRO_VARIANCE:
             raise self._refusal(
-                f"variance {values[3]} (rad/s)²; allowed: ≥ 0 and ≤ {_GYRO_VARIANCE:g} of a rate, "
+                f"variance {values[3]} (rad/s)²; allowed: ≥ 0 and ≤ {GYRO_VARIANCE:g} of a rate, "
                 "−1 of none, which is zero"
             )
         if max(map(abs, values)) > LARGEST:

@@ -21,6 +21,7 @@ figures take everything from these declarations; none of them lists fields.
 This file and `kinds` import neither kernels nor Numba, so that who only needs names stays light.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -42,6 +43,10 @@ UNIT_TOLERANCE = 1e-3
 """How far the norm of a quaternion may be from 1; it is normalised."""
 OWN_TOLERANCE = 1e-12
 """How near 1 it is of one of ours: normalising it again would change its last bits."""
+FIX_VARIANCE = math.pi**2
+"""Largest variance of a fix [rad²]: no attitude is further from another than π."""
+GYRO_VARIANCE = 1e5
+"""Largest variance of a rate [rad²/s²]; the noisiest gyro of ours, at 10 kHz, has 1e4."""
 
 
 class Joints(NamedTuple):
@@ -257,6 +262,7 @@ class Component:
     step : callable
         Kernel ``step(inputs, state, configuration, outputs)``, all of them records. The first has
         the fields `stamp_ns` and `t` [s], then one for each input; the last one for each output.
+        One of somebody else's that raises, or gives what no node takes (`given`), gives NaN.
     advice : callable
         From the state after a step to what the user should know.
     advices : callable

@@ -37,6 +37,7 @@ from numba.extending import overload
 
 from ppc_attitude.science.component import Advice, Component
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.given import misfit, misfit_text, rules_of
 from ppc_attitude.science.kernel import OPTIONS, cache_of, carray
 from ppc_attitude.science.stamps import seconds
 
@@ -71,14 +72,20 @@ def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any
     if _is_ours(component):
         return call
     called, count = numba.njit(error_model="numpy")(call), gives.itemsize // 8
+    rules = rules_of(component.outputs)
 
     def guarded(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         # An error that leaves what is called by its address reaches nobody: Numba prints it and
-        # goes on with what the outputs were before. Numbers that are none are noticed by all.
+        # goes on with what the outputs were before. Numbers that are none are noticed by all, and
+        # stand for what no node would take too.
+        given = carray(outputs, count, np.float64)
         try:
             called(key, inputs, state, configuration, outputs)
+            fits = misfit(given, rules) < 0
         except Exception:
-            carray(outputs, count, np.float64)[:] = np.nan
+            fits = False
+        if not fits:
+            given[:] = np.nan
 
     return guarded
 
@@ -153,7 +160,8 @@ def _key_of(component: Component) -> str:
     fill other records. Nor is its step's: those behind an observer are all called alike.
     """
     step, records = component.step, (component.input_record, component.output_record)
-    layout = repr((*records, component.configuration, component.state))
+    rules = rules_of(component.outputs).tolist()
+    layout = repr((*records, component.configuration, component.state, rules))
     digest = hashlib.sha256(layout.encode()).hexdigest()[:16]
     return f"{step.__module__}.{step.__qualname__}.{component.name}.{digest}"
 
@@ -299,7 +307,7 @@ class Part:
         return self.component.advice(self.state[0])
 
     def raised(self) -> str:
-        """What a step that has raised says when it is taken again; empty if it says nothing.
+        """What a step that has failed does when it is taken again; empty if it says nothing.
 
         Where it runs by its address its words are lost (`_step_of`).
         """
@@ -307,13 +315,15 @@ class Part:
         if _is_ours(self.component) or not all(map(isnan, given)):
             return ""
         records = (self.inputs, self.state, self.configuration, self.outputs)
+        copied = [each.copy() for each in records]
         try:
-            self.component.step(*(each.copy()[0] for each in records))
+            self.component.step(*(each[0] for each in copied))
         except NumbaError:  # it could not be compiled for such a call, which is no word of its own
             return ""
         except Exception as error:
-            return f"{type(error).__name__}: {error}"
-        return ""
+            return f"raised {type(error).__name__}: {error}"
+        told = misfit_text(self.component.outputs, copied[-1].view(np.float64))
+        return f"gave {told}" if told else ""
 
     def normalised_errors(self) -> dict[str, float]:
         """Largest |column|/bound of each column whose bound it gives; above 1 it is outside."""
@@ -329,12 +339,12 @@ class Part:
 
 
 def first_raised(parts: Iterable[Part]) -> str:
-    """The end of a sentence about numbers that are none: which step has raised, if one has."""
+    """The end of a sentence about numbers that are none: which step has failed, if one has."""
     return next(
         (
-            f"; the step of component {part.component.name} raised {error}"
+            f"; the step of component {part.component.name} {what}"
             for part in parts
-            if (error := part.raised())
+            if (what := part.raised())
         ),
         "",
     )

@@ -1,0 +1,126 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What nodes take of each other: a component of somebody else's gives nothing else.
+
+A node refuses an attitude that is none and an impossible variance, and normalises a quaternion that
+is nearly a unit one. So that the loop in process gives the same numbers, and so that the one who
+gives is named and not those who wait, the step of a foreign component is seen to here.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.science.attitude import normalised
+from ppc_attitude.science.component import (
+    FIX,
+    FIX_VARIANCE,
+    GYRO,
+    GYRO_VARIANCE,
+    OWN_TOLERANCE,
+    QUATERNION,
+    UNIT_TOLERANCE,
+    Column,
+)
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.signals import ATTITUDE
+from ppc_attitude.science.stamps import LATEST
+
+_PLAIN, _UNIT, _UNIT_OR_NONE, _FIX, _GYRO = range(5)
+_UNIT_TEXT = f"a quaternion of norm 1 within {UNIT_TOLERANCE:g}"
+_ALLOWED = {
+    _PLAIN: "finite numbers",
+    _UNIT: _UNIT_TEXT,
+    _UNIT_OR_NONE: f"{_UNIT_TEXT}, or zeros where nobody knows it",
+    _FIX: f"{_UNIT_TEXT} with variances ≥ 0 and ≤ π² rad², or zeros for it where there is no fix",
+    _GYRO: f"a variance ≥ 0 and ≤ {GYRO_VARIANCE:g} (rad/s)², or −1 of a rate of zeros",
+}
+
+
+def _rule(column: Column) -> int:
+    if column.form == QUATERNION:
+        return _UNIT_OR_NONE if column == ATTITUDE else _UNIT
+    return {FIX: _FIX, GYRO: _GYRO}.get(column.form, _PLAIN)
+
+
+def rules_of(columns: Sequence[Column]) -> NDArray[np.int64]:
+    """Of each column its rule, its first place among the numbers, its width, and if it is late."""
+    starts = np.cumsum([0, *(column.width for column in columns)])
+    return np.array(
+        [
+            (_rule(column), start, column.width, column.late)
+            for column, start in zip(columns, starts, strict=False)
+        ],
+        np.int64,
+    ).reshape(-1, 4)
+
+
+@kernel
+def _has_unit(row: Any) -> bool:
+    """Whether a row begins with a quaternion; one that is nearly a unit one becomes one."""
+    length = math.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2] + row[3] * row[3])
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+        return False
+    if abs(length - 1.0) > OWN_TOLERANCE:
+        row[0], row[1], row[2], row[3] = normalised((row[0], row[1], row[2], row[3]))
+    return True
+
+
+@kernel
+def _fits(row: Any, rule: int) -> bool:
+    if rule == _GYRO:
+        none = row[3] == -1.0 and not np.any(row[:3])
+        return none or 0.0 <= row[3] <= GYRO_VARIANCE
+    if rule == _PLAIN or (rule != _UNIT and not np.any(row[:4])):
+        return True
+    if rule == _FIX and not (min(row[4:7]) >= 0.0 and max(row[4:7]) <= FIX_VARIANCE):
+        return False
+    return bool(_has_unit(row))
+
+
+@kernel
+def misfit(given: Any, rules: Any) -> int:
+    """Which column of a step's numbers no node would take; −1 if there is none.
+
+    Numbers of other columns that are not finite are left to who runs the component.
+    """
+    for k in range(rules.shape[0]):
+        rule, start, width, late = rules[k]
+        row = given[start : start + width]
+        if late != 0:
+            if not np.any(row):
+                continue  # no message
+            if not (np.all(np.isfinite(row)) and abs(row[width - 1]) <= LATEST):
+                return k
+        elif not np.all(np.isfinite(row)):
+            continue
+        if not _fits(row, rule):
+            return k
+    return -1
+
+
+def misfit_text(columns: Sequence[Column], given: Any) -> str:
+    """What no node would take of a step's numbers, and what is allowed; empty if all fits."""
+    rules = rules_of(columns)
+    k = misfit(given, rules)
+    if k < 0:
+        return ""
+    rule, start, width, _ = rules[k].tolist()
+    age = f", {LATEST:g} s old at most" if columns[k].late else ""
+    row = tuple(given[start : start + width].tolist())
+    return f"{columns[k].name} = {row}; allowed: {_ALLOWED[rule]}{age}"
