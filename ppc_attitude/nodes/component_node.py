@@ -49,11 +49,12 @@ class ComponentNode(BaseNode):
         self.chain = Chain(components_of(self.executable, values), values)
         self._topics = [BY_COLUMN[column.name] for column in self.chain.inputs] or [ATTITUDE]
         self._instant = self.new_instant(self._topics)
-        self.answers = Answers(self._answer, not self.chain.inputs, self._begin_again)
-        self._senders = {
-            column.name: self.sender(BY_COLUMN[column.name])
-            for column in columns_of(self.executable, values)
-        }
+        columns = columns_of(self.executable, values)
+        # What comes late belongs to an instant before: sent ahead, the last of it would arrive
+        # after the end of the run.
+        ahead = not self.chain.inputs and not any(column.late for column in columns)
+        self.answers = Answers(self._answer, ahead, self._begin_again)
+        self._senders = {each.name: self.sender(BY_COLUMN[each.name]) for each in columns}
         self._steps = 0
         for topic in self._topics:
             self.listen(topic, partial(self.receive, topic))

@@ -194,6 +194,7 @@ TURNED = Column(
     "turned", "turn/turned", VECTOR, BODY, "rad", "angle some time ago", width=2, late=True
 )
 _EVERY, _AGE = 500_000_000, 0.1  # [ns] between two angles, [s] to their arrival
+_SINCE = 10_000_000  # [ns] their first one comes so much after a multiple of that
 REFERENCE_CONFIGURATION = np.dtype([("rate", np.float64), ("start", np.float64, (4,))])
 
 
@@ -213,7 +214,7 @@ def step_reference(inputs: Any, state: Any, configuration: Any, outputs: Any) ->
     store_quaternion(outputs.reference_attitude, product(quaternion(configuration.start), turn))
     store(outputs.reference_angular_velocity, (0.0, 0.0, configuration.rate))
     store(outputs.reference_angular_acceleration, (0.0, 0.0, 0.0))
-    arrives = inputs.stamp_ns % _EVERY == 0 and inputs.stamp_ns > 0
+    arrives = inputs.stamp_ns % _EVERY == _SINCE and inputs.stamp_ns > _EVERY
     outputs.turned[0] = configuration.rate * (inputs.t - _AGE) if arrives else 0.0
     outputs.turned[1] = _AGE if arrives else 0.0
 
