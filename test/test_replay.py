@@ -27,6 +27,9 @@ from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.sensors.arrivals import check_slots
+from ppc_attitude.science.sensors.gyro_star_tracker import STAR_FIX
 from ppc_attitude.science.stamps import stamp_of
 from ppc_attitude.simulation.closed_loop import by_column, simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
@@ -101,6 +104,21 @@ def test_what_cannot_be_replayed_is_named_with_the_reason() -> None:
     kept = {name: rows for name, rows in record.columns.items() if name != "gyro"}
     (reason,) = replay(replace(record, columns=kept)).left_out[:1]
     assert reason.startswith("gyro_star_tracker: no messages of ")
+
+
+def test_fixes_at_other_times_than_the_estimator_says_are_not_replayed() -> None:
+    """Nothing tells when they arrived."""
+    record = simulate(estimated(), 1.0)
+    values = {**record.parameters[ESTIMATOR], "star_tracker.rate": 7.0}
+    changed = replace(record, parameters={**record.parameters, ESTIMATOR: values})
+    left_out = replay(changed).left_out
+    assert left_out == ("mekf: star_tracker/attitude came at other times than mekf says",)
+
+
+def test_an_estimator_of_two_late_columns_is_for_the_loop_alone() -> None:
+    told = replace(STAR_FIX, name="told", topic="told")
+    with pytest.raises(ConfigurationError, match="mekf reads star_fix, told, which come late; al"):
+        check_slots(replace(mekf.COMPONENT, inputs=(*mekf.COMPONENT.inputs, told)))
 
 
 def changed_in_flight(

@@ -175,7 +175,17 @@ def _unplayable(
         check_slots(component)
     except ConfigurationError as reason:
         return str(reason)
+    for column in component.inputs:
+        if column.late and _is_astray(record, columns[column.name], NODE_OF[kind.name]):
+            return f"{column.topic} came at other times than {component.name} says"
     return ""
+
+
+def _is_astray(record: RunRecord, rows: Array, node: str) -> bool:
+    """Whether a late column has a sample where none is due: nothing tells when it arrived."""
+    slots = Slots(record.parameters[node])
+    came = record.stamps_ns[np.isfinite(rows).any(axis=1)]
+    return not all(map(slots.has, came.tolist()))
 
 
 def _missing(record: RunRecord) -> Iterator[str]:

@@ -36,11 +36,17 @@ def check_slots(component: Component) -> None:
     Raises
     ------
     ConfigurationError
-        It reads a late column and has not all parameters of which `Slots` are made.
+        It reads a late column and has not all parameters of which `Slots` are made, or several.
     """
     lacking = [each.name for each in _SAY_WHEN if each.name not in component.defaults]
-    for column in component.inputs:
-        if column.late and lacking:
+    late = [column for column in component.inputs if column.late]
+    if len(late) > 1:
+        raise ConfigurationError(
+            f"{component.name} reads {', '.join(each.name for each in late)}, which come late; "
+            "allowed between nodes: one column that does; simulate can run it"
+        )
+    for column in late:
+        if lacking:
             raise ConfigurationError(
                 f"{component.name} reads {column.name}, which comes late, and has no parameter "
                 f"{', '.join(lacking)}; allowed between nodes: what comes late as "
