@@ -19,6 +19,7 @@ import math
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -29,14 +30,18 @@ from craft_helpers import configs
 from process_helpers import PAPER
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.campaign.declaration import campaign
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
 from ppc_attitude.falsify.space import Space
 from ppc_attitude.processes.exits import BROKEN
+from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.surroundings import inertia_error
+from ppc_attitude.science.kinds import ACTUATORS, PLANTS
+from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -189,6 +194,35 @@ def test_wheels_cannot_be_late() -> None:
     base = load(configs("paper", "wheels"))
     with pytest.raises(ConfigurationError, match="actuator = wheels has no parameter late_command"):
         Space(base, 0.0, 0.0, 0, 0.0, 1.0, late=True)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "declared", "told"),
+    [
+        ({}, {"initial_attitude": "so3"}, "plant = bare has no parameter initial_attitude"),
+        ({"e_S": 0.1}, {"inertia_error": 0.1}, "plant = bare has no parameter in"),
+        ({"begin": 3.0}, {}, "begin of the reference: mode = goal has no parameter begin"),
+        ({"eta": 0.5}, {"actuator_strength": 0.5}, "actuator = ideal declares no limits"),
+    ],
+)
+def test_what_no_component_has_is_not_varied(
+    monkeypatch: pytest.MonkeyPatch,
+    chosen: dict[str, float],
+    declared: dict[str, Any],
+    told: str,
+) -> None:
+    """Of a plant or an actuator of somebody else's, nothing would come of it."""
+    base = load(configs("paper")).with_values(REFERENCE, mode="goal")
+    bare = replace(rigid_body.COMPONENT, name="bare", parameters=())
+    if "bare" in told:
+        monkeypatch.setitem(PLANTS.components, "rigid_body", bare)
+    monkeypatch.setitem(ACTUATORS.components, "ideal", replace(ideal.COMPONENT, limits=()))
+    nothing = {"rate": 0.0, "disturbance": 0.0, "pieces": 0, "e_S": 0.0, "eta": 1.0}
+    with pytest.raises(ConfigurationError, match=told):
+        Space(base, **(nothing | chosen))
+    if declared:
+        with pytest.raises(ConfigurationError, match=told):
+            campaign(declared, base, 0)
 
 
 def test_an_unknown_goal_is_refused() -> None:

@@ -43,8 +43,10 @@ from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import fault_texts
+from ppc_attitude.science.kinds import ACTUATORS, PLANTS
+from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of
-from ppc_attitude.simulation.scenario import Scenario, weakened
+from ppc_attitude.simulation.scenario import Scenario, see_that_it_has, weakened
 
 LARGEST_SEED = 2**63 - 1
 
@@ -203,6 +205,14 @@ def load_campaign(path: Path, base: Scenario, seed: int) -> Campaign:
         raise ConfigurationError(f"campaign file {path}: {error}") from None
 
 
+_OF_PLANT = {
+    "initial_attitude": "initial_attitude",
+    "initial_rate": "initial_angular_velocity",
+    "inertia_error": INERTIA.name,
+}
+"""Variables of a campaign that vary a parameter of the plant."""
+
+
 def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
     """Check a declaration (the mapping under ``campaign``) against the scenario that it varies.
 
@@ -213,6 +223,9 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
     """
     allowed = (*(each.name for each in fields(Variables)), *SHORT)
     declared = keys("campaign", declaration, allowed)
+    for name, parameter in _OF_PLANT.items():
+        if name in declared:
+            see_that_it_has(base, PLANTS, name, parameter)
     variables = Variables(
         initial_attitude=_optional(declared, "initial_attitude", attitudes),
         initial_rate=_optional(declared, "initial_rate", _rate),
@@ -274,6 +287,9 @@ def _fault(name: str, declared: Any, base: Scenario) -> RandomFault:
 def _strength(name: str, declared: Any, base: Scenario) -> Number:
     found = number(name, declared, _STRENGTH)
     weakest = weakened(base.parameters[PLANT], found.low)
+    if not weakest:
+        actuator = base.parameters[PLANT][ACTUATORS.selector]
+        raise ConfigurationError(f"{name}: {ACTUATORS.selector} = {actuator} declares no limits")
     _try(f"{name} can become {found.low:g}", base, **weakest)
     return found
 

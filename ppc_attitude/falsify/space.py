@@ -25,8 +25,10 @@ from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators.ideal import LATE_COMMAND
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
-from ppc_attitude.science.kinds import ACTUATORS
-from ppc_attitude.simulation.scenario import Scenario, weakened
+from ppc_attitude.science.kinds import ACTUATORS, PLANTS, REFERENCES
+from ppc_attitude.science.plants.rigid_body import INERTIA
+from ppc_attitude.science.references.paper import BEGIN
+from ppc_attitude.simulation.scenario import Scenario, see_that_it_has, weakened
 
 _START = 7  # numbers of the start: a quaternion of any length, and a rate
 # Numbers of the craft: six of a symmetric matrix, the actuator's strength, the instant of the
@@ -68,11 +70,21 @@ class Space:
     late: bool = False
 
     def __post_init__(self) -> None:
-        """See that commands can be late."""
-        actuator = ACTUATORS.selected(self.base.parameters[PLANT])
-        if self.late and actuator is not None and LATE_COMMAND not in actuator.parameters:
+        """See that the components have what is to be chosen."""
+        for asked, kind, what, name in (
+            (True, PLANTS, "start", "initial_attitude"),
+            (self.rate, PLANTS, "rate at the start", "initial_angular_velocity"),
+            (self.e_S, PLANTS, "inertia", INERTIA.name),
+            (self.begin, REFERENCES, "begin of the reference", BEGIN.name),
+            (self.late, ACTUATORS, "late commands", LATE_COMMAND.name),
+        ):
+            if asked:
+                see_that_it_has(self.base, kind, what, name)
+        if self.eta < 1.0 and not weakened(self.base.parameters[PLANT], self.eta):
+            actuator = self.base.parameters[PLANT][ACTUATORS.selector]
             raise ConfigurationError(
-                f"late commands: actuator = {actuator.name} has no parameter {LATE_COMMAND.name}"
+                f"strength = {self.eta:g}: {ACTUATORS.selector} = {actuator} declares no limits; "
+                "allowed: 1"
             )
 
     @property

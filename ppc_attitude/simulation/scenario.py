@@ -30,6 +30,7 @@ from ppc_attitude.contract.topics import (
     ESTIMATOR,
     HOSTED,
     INJECTOR,
+    NODE_OF,
     PLANT,
     SOURCES,
 )
@@ -38,7 +39,7 @@ from ppc_attitude.science.component import Column, Component, read_from_elsewher
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import see_that_parts_exist
-from ppc_attitude.science.kinds import ACTUATORS, all_components, to_select
+from ppc_attitude.science.kinds import ACTUATORS, Kind, all_components, to_select
 from ppc_attitude.science.parameter import Value, checked, nearest, resolved
 from ppc_attitude.science.part import configured
 from ppc_attitude.science.sensors.arrivals import check_slots
@@ -98,6 +99,24 @@ def weakened(plant: Mapping[str, Any], strength: float) -> dict[str, Any]:
     actuator = ACTUATORS.selected(plant)
     names = actuator.limits if actuator else ()
     return {name: np.multiply(strength, plant[name]).tolist() for name in names}
+
+
+def see_that_it_has(base: Scenario, kind: Kind, what: str, *names: str) -> None:
+    """See that a selected component has the parameters that somebody is to vary.
+
+    Raises
+    ------
+    ConfigurationError
+        It has not, so that nothing would come of it; says what that is.
+    """
+    component = kind.selected(base.parameters[NODE_OF[kind.name]])
+    if component is None:
+        return
+    lacking = [name for name in names if name not in component.defaults]
+    if lacking:
+        raise ConfigurationError(
+            f"{what}: {kind.selector} = {component.name} has no parameter {', '.join(lacking)}"
+        )
 
 
 def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:
