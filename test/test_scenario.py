@@ -22,11 +22,12 @@ import numpy as np
 import pytest
 from craft_helpers import CONFIG, configs
 
+from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.environments import paper as paper_torque
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
-from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, ESTIMATORS
+from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, ENVIRONMENTS, ESTIMATORS
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.references import paper
 from ppc_attitude.science.sensors import direct
@@ -338,6 +339,19 @@ def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPa
         ENVIRONMENTS.components, "gradient", replace(gradient, inputs=(other_words,))
     )
     check_exchange(case)
+
+
+def test_an_actuator_that_cannot_tell_its_torque_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else a run would be judged by the limit of its law, and nobody would hear of it."""
+    monkeypatch.setitem(
+        ACTUATORS.components,
+        "ideal",
+        replace(ideal.COMPONENT, torque=lambda values: values["nowhere"]),
+    )
+    with pytest.raises(ConfigurationError, match="spacecraft_plant: component ideal: torque rais"):
+        scenario({})
 
 
 def test_nodes_refuse_an_estimator_that_does_not_say_when_its_fixes_come(

@@ -295,6 +295,7 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
         for component in chosen:
             configured(component, values)
             component.advice(np.zeros((), component.state)[()])  # a node asks before the first step
+            component.torques(values)  # a verdict asks, and takes another's limit for none
             for column in component.inputs:
                 if column in possible:
                     raise ConfigurationError(
