@@ -43,6 +43,7 @@ from ppc_attitude.science.kernel import (
     dot,
     kernel,
     matrix,
+    norm,
     quaternion,
     scale,
     store,
@@ -58,8 +59,6 @@ MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
 # By the transition speed of a wheel: where it is smooth again, and what it may cross in a part.
 _SMOOTH, _CROSSED = 10.0, 0.5
-_NUTATED = 0.03  # [rad] of nutation in a part; there Runge-Kutta is off by 7e-9 of it
-_MOST_PARTS = 64.0  # of a step
 FREQUENCY = at_start(
     "flexible.frequency",
     [],
@@ -205,11 +204,11 @@ def _parts(state: Any, craft: Any, h: float) -> int:
 
     While a wheel crosses zero, its friction changes its sign within the transition speed, which a
     motor crosses in less than a step; undivided, one crossing at full torque puts a wheel off by
-    1e-3 rad/s. And wheels can make a small craft nutate by more than a radian in a slow step;
-    undivided, that would be damped within seconds, or grow.
+    1e-3 rad/s. A hit can spin a small craft fast, and wheels can make it nutate by more than a
+    radian in a slow step; undivided, that would be damped within seconds, or grow.
     """
-    wheels = craft.wheels
-    most = max(1.0, h * _nutation(state.motion[_SPEED:], craft) / _NUTATED)
+    wheels, rate = craft.wheels, norm(vector(state.motion[_RATE:]))
+    most = max(1.0, h * max(rate, _nutation(state.motion[_SPEED:], craft)) / rigid_body.TURNED)
     for i in range(wheels.count):
         if wheels.static[i] == 0.0:
             continue
@@ -217,7 +216,7 @@ def _parts(state: Any, craft: Any, h: float) -> int:
         transition = wheels.transition_speed[i]
         if abs(state.motion[_SPEED + i]) < change + _SMOOTH * transition:
             most = max(most, change / (_CROSSED * transition))
-    return math.ceil(min(most, _MOST_PARTS))
+    return math.ceil(min(most, rigid_body.MOST_PARTS))
 
 
 @kernel
