@@ -101,6 +101,7 @@ from ppc_attitude.simulation.scenario import load
 bag, *configs = sys.argv[1:]
 recorded, computed = read_run(bag), simulate(load(configs), 2.0)
 assert not recorded.missing, recorded.missing
+assert not recorded.warnings, recorded.warnings
 assert set(recorded.columns) == set(computed.columns), set(recorded.columns) ^ set(computed.columns)
 for name, column in computed.columns.items():
     assert recorded[name].tobytes() == column.tobytes(), name

@@ -156,8 +156,9 @@ class BaseNode(Node):
             publish(encode(stamp_ns, values))
 
         def send_late(stamp_ns: int, values: Sequence[float]) -> None:
-            if any(values):  # a row of zeros is no message
-                publish(encode(stamp_ns - nanoseconds(values[-1]), values[:-1]))
+            valid_ns = stamp_ns - nanoseconds(values[-1])
+            if any(values) and valid_ns >= 0:  # a row of zeros is no message; a run begins at zero
+                publish(encode(valid_ns, values[:-1]))
 
         return send_late if topic.late else send
 

@@ -214,7 +214,8 @@ def step_reference(inputs: Any, state: Any, configuration: Any, outputs: Any) ->
     store_quaternion(outputs.reference_attitude, product(quaternion(configuration.start), turn))
     store(outputs.reference_angular_velocity, (0.0, 0.0, configuration.rate))
     store(outputs.reference_angular_acceleration, (0.0, 0.0, 0.0))
-    arrives = inputs.stamp_ns % _EVERY == _SINCE and inputs.stamp_ns > _EVERY
+    # The first one belongs to before the run.
+    arrives = inputs.stamp_ns == 0 or inputs.stamp_ns % _EVERY == _SINCE
     outputs.turned[0] = configuration.rate * (inputs.t - _AGE) if arrives else 0.0
     outputs.turned[1] = _AGE if arrives else 0.0
 
