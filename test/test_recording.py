@@ -206,3 +206,21 @@ def test_what_is_no_sample_is_written_at_its_time_or_at_that_of_the_newest_state
     bag.recording.event("/clock", 5, b"clock")
     assert bag.written[0] == ("/diagnostics", 0, b"early")
     assert bag.written[-2:] == [("/diagnostics", 20_000_000, b"late"), ("/clock", 5, b"clock")]
+
+
+def test_what_comes_again_with_a_repeated_state_is_written_once() -> None:
+    """A clock, or a fix that belongs to an instant before; what others send twice are two."""
+    bag = Bag()
+    bag.run(range(2))
+    for _ in range(2):
+        bag.recording.event("/clock", 10_000_000, b"10 ms", with_state=True)
+        bag.recording.event("star_tracker/attitude", 0, b"fix", with_state=True)
+        bag.recording.event("battery", None, b"full", with_state=True)
+        bag.recording.event("disturbance/inject", 0, b"hit")
+    events = [name for name, _, data in bag.written if data in (b"10 ms", b"fix", b"full", b"hit")]
+    assert sorted(events) == [
+        "/clock",
+        *("battery",) * 2,
+        *("disturbance/inject",) * 2,
+        "star_tracker/attitude",
+    ]

@@ -45,6 +45,7 @@ from ppc_attitude.contract.topics import (
     ENABLED,
     EVENTS,
     INJECTOR,
+    PLANT,
     RECORDED_TOPIC,
     RECORDER,
     REFERENCE,
@@ -206,7 +207,7 @@ class BagRecorder(BaseNode):
         # events executor fails at that.
         def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
             self._heard += 1
-            recording.event(name, header_stamp(data, msgtype), data)
+            recording.event(name, header_stamp(data, msgtype), data, topic.source == PLANT)
 
         def receive(data: bytes, about: Mapping[str, Any]) -> None:
             self._heard += 1

@@ -176,9 +176,18 @@ class Recording:
         self._heard = inf  # when the first message came, by the wall clock [s]
         self._states: dict[int, None] = {}  # stamps [ns] of the latest ones, in their order
         self._unreported = 0
+        self._with_state: dict[str, bytes] = {}  # the latest of each topic
 
-    def event(self, name: str, stamp_ns: int | None, data: bytes) -> None:
-        """Write a message that is no sample, at its own time or at that of the newest state."""
+    def event(self, name: str, stamp_ns: int | None, data: bytes, with_state: bool = False) -> None:
+        """Write a message that is no sample, at its own time or at that of the newest state.
+
+        What the plant sends `with_state` comes again with a state that it repeats: with one stamp
+        it is one message.
+        """
+        if with_state and stamp_ns is not None:
+            if self._with_state.get(name) == data:
+                return
+            self._with_state[name] = data
         time_ns = max(self.now, 0) if stamp_ns is None or stamp_ns < 0 else stamp_ns
         self._write(name, time_ns, data)
 
