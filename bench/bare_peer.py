@@ -165,7 +165,7 @@ def spinning(make_node: Callable[[], _Peer]) -> Iterator[tuple[_Peer, Executor]]
     executor.add_node(node)
     yield node, executor
     with leaving(0):
-        executor.remove_node(node)
+        executor.shutdown()  # else it uses what it waits for until it is destroyed itself
         node.destroy_node()
         rclpy.utilities.try_shutdown()
 

@@ -162,4 +162,6 @@ def _spin(node: BaseNode, stop: list[int]) -> None:
         node.drain(executor)
     finally:
         node.close()
-        executor.remove_node(node)
+        # Until it is shut down an executor uses what it waits for, and the last user destroys it:
+        # beyond the time that a node has to leave.
+        executor.shutdown()
