@@ -32,6 +32,7 @@ from ppc_attitude.science.kernel import (
     add,
     apply,
     cross,
+    dot,
     inlined,
     kernel,
     matrix,
@@ -141,11 +142,15 @@ def rigid_body_step(
     return runge_kutta(q, h, q1, q2, q3, q4), add(omega, scale(h / 6.0, mean))
 
 
-@inlined
-def parts_of(omega: Vector, h: float) -> int:
-    """Number of parts into which a step of h [s] is divided where a hit has spun the body fast."""
-    turn = h * norm(omega)
-    return 1 if turn <= TURNED else math.ceil(min(turn / TURNED, MOST_PARTS))
+@kernel
+def _divided_step(
+    q: Quaternion, omega: Vector, torque: Vector, inertia: Matrix, inertia_inverse: Matrix, h: float
+) -> tuple[Quaternion, Vector]:
+    """Do as `rigid_body_step`, in parts in which the body turns by at most `TURNED`."""
+    parts = math.ceil(min(h * norm(omega) / TURNED, MOST_PARTS))
+    for _ in range(parts):
+        q, omega = rigid_body_step(q, omega, torque, inertia, inertia_inverse, h / parts)
+    return q, omega
 
 
 @kernel
@@ -160,9 +165,10 @@ def step(inputs: Any, body: Any, configuration: Any, outputs: Any) -> None:
         q, omega = quaternion(body.attitude), vector(body.rate)
         inertia, inverse = matrix(configuration.inertia), matrix(configuration.inertia_inverse)
         h = seconds(inputs.stamp_ns - body.stamp_ns)
-        parts = parts_of(omega, h)
-        for _ in range(parts):
-            q, omega = rigid_body_step(q, omega, torque, inertia, inverse, h / parts)
+        if h * h * dot(omega, omega) <= TURNED * TURNED:
+            q, omega = rigid_body_step(q, omega, torque, inertia, inverse, h)
+        else:  # a hit has spun the body fast
+            q, omega = _divided_step(q, omega, torque, inertia, inverse, h)
         store_quaternion(body.attitude, q)
         store(body.rate, omega)
     body.stamp_ns = inputs.stamp_ns
