@@ -73,7 +73,9 @@ def outside(record: RunRecord, envelope: Envelope) -> Mask:
 def beyond(error: Array, bound: Array) -> Mask:
     """Rows, finite in both, with a component beyond its bound, shape (n,)."""
     larger = np.asarray(np.logical_or.reduce(np.abs(error).T > bound.T))
-    return larger & finite(error) & finite(bound) if larger.any() else larger
+    rows = np.flatnonzero(larger)  # few, if any
+    larger[rows] = finite(error[rows]) & finite(bound[rows])
+    return larger
 
 
 ATTITUDE = Envelope(ATTITUDE_ERROR.column, ATTITUDE_ENVELOPE.column)

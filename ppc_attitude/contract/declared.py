@@ -15,6 +15,7 @@
 """Every topic and column of the contract: the standard ones, and those that components declare."""
 
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any
 
 from ppc_attitude.contract.parameters import SEND_TRUTH
@@ -152,7 +153,12 @@ def bounds_of(
     chosen = [each for node in parameters for each in components_of(node, parameters[node])]
     if controller in CONTROLLERS.components:
         chosen.append(CONTROLLERS.components[controller])
-    own = {column.name: column.bound for each in chosen for column in each.outputs}
+    return _bounds_of(tuple(chosen))
+
+
+@cache
+def _bounds_of(components: tuple[Component, ...]) -> tuple[tuple[str, str], ...]:
+    own = {column.name: column.bound for each in components for column in each.outputs}
     found: dict[str, str] = {}
     for name, bound in BOUNDS:
         if own.get(name, bound) == bound:
