@@ -43,13 +43,7 @@ from ppc_attitude.analysis.drawing import (
     panels,
     time_axis,
 )
-from ppc_attitude.analysis.envelopes import (
-    ATTITUDE,
-    ENVELOPES,
-    Envelope,
-    declared,
-    envelopes_of,
-)
+from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, bound_of
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER, Requirements
@@ -74,8 +68,7 @@ def attitude_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figu
     for run in runs:
         if run.pointing is None:
             raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
-        own = {each.error: each.bound for each in declared(run.record)}
-        bound = own.get(ATTITUDE.error, "")
+        bound = bound_of(run.record, ATTITUDE.error)
         envelope = vectors(run.record, bound) if has(run.record, bound) else None
         series.append((run.t, run.pointing.quaternions, envelope))
     rows = [f"pointing error\n$q_{{ev,{axis}}}$ [1]" for axis in AXES]
@@ -90,8 +83,7 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
     factor, unit = in_degrees(envelope.unit)
     series: list[_Series] = []
     for run in runs:
-        own = {each.error: each.bound for each in envelopes_of(run.record)}
-        bound = own.get(envelope.error, envelope.bound)
+        bound = bound_of(run.record, envelope.error)
         error = factor * np.abs(vectors(run.record, envelope.error))
         series.append((run.t, error, factor * vectors(run.record, bound)))
     widest = max(values.shape[1] for _, values, _ in series)

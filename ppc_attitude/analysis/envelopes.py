@@ -90,6 +90,11 @@ def declared(record: RunRecord) -> tuple[Envelope, ...]:
     return tuple(Envelope(error, bound) for error, bound in pairs)
 
 
+def bound_of(record: RunRecord, error: str) -> str:
+    """Column that bounds an error in a run; empty if the components declare none."""
+    return next((each.bound for each in declared(record) if each.error == error), "")
+
+
 @once
 def envelopes_of(record: RunRecord) -> tuple[Envelope, ...]:
     """Envelopes of which the record has both columns."""

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ppc_attitude.analysis.envelopes import beyond, declared, envelopes_of, outside
+from ppc_attitude.analysis.envelopes import beyond, bound_of, envelopes_of, outside
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
 from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import (
@@ -273,8 +273,7 @@ class Measured:
 
     def _pointing_outside(self) -> float | None:
         """Time of the true attitude error beyond the law's envelope; its own may be inside [s]."""
-        own = {each.error: each.bound for each in declared(self.record)}
-        name = own.get(ATTITUDE_ERROR.column, "")
+        name = bound_of(self.record, ATTITUDE_ERROR.column)
         if self.pointing is None or not has(self.record, name):
             return None
         bound = self.record[name]

@@ -101,8 +101,8 @@ def weakened(plant: Mapping[str, Any], strength: float) -> dict[str, Any]:
     return {name: np.multiply(strength, plant[name]).tolist() for name in names}
 
 
-def see_that_it_has(base: Scenario, kind: Kind, what: str, *names: str) -> None:
-    """See that a selected component has the parameters that somebody is to vary.
+def see_that_it_has(base: Scenario, kind: Kind, what: str, name: str) -> None:
+    """See that a selected component has the parameter that somebody is to vary.
 
     Raises
     ------
@@ -110,12 +110,9 @@ def see_that_it_has(base: Scenario, kind: Kind, what: str, *names: str) -> None:
         It has not, so that nothing would come of it; says what that is.
     """
     component = kind.selected(base.parameters[NODE_OF[kind.name]])
-    if component is None:
-        return
-    lacking = [name for name in names if name not in component.defaults]
-    if lacking:
+    if component is not None and name not in component.defaults:
         raise ConfigurationError(
-            f"{what}: {kind.selector} = {component.name} has no parameter {', '.join(lacking)}"
+            f"{what}: {kind.selector} = {component.name} has no parameter {name}"
         )
 
 
