@@ -35,9 +35,10 @@ from ppc_attitude.science.guidance.orders import GOAL_FRAMES, GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.inertia import inertia_matrix
-from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
+from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, PLANTS, REFERENCES, SENSORS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.performance import nominal
+from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
@@ -73,6 +74,12 @@ def environment_torque(scenario: Scenario, environment: Part) -> float:
     return float(np.linalg.norm(torques, axis=1).max())
 
 
+def _knows_inertia(scenario: Scenario) -> bool:
+    """True if the plant has an inertia; else that on record is of plants that do not run."""
+    plant = PLANTS.selected(scenario.parameters[PLANT])
+    return plant is not None and INERTIA.name in plant.defaults
+
+
 def settling_conditions(
     scenario: Scenario, required: Requirements, q_e: tuple[float, float, float, float]
 ) -> Iterator[Condition]:
@@ -80,6 +87,8 @@ def settling_conditions(
 
     It settles from the attitude error q_e, x y z w, at the start.
     """
+    if not _knows_inertia(scenario):
+        return
     component, whole = required.settled.bounds
     error = np.abs(q_e[:3])
     if error.max() <= component and np.linalg.norm(error) <= whole:
@@ -122,7 +131,7 @@ def _least_turn(scenario: Scenario, required: Requirements, error: Array, angle:
 def slew_conditions(scenario: Scenario, required: Requirements) -> Iterator[Condition]:
     """The needs of a slew: of the actuator's torque, and of the rate that the craft may have."""
     reference = scenario.parameters[REFERENCE]
-    if REFERENCES.selected(reference) is not goal.COMPONENT:
+    if REFERENCES.selected(reference) is not goal.COMPONENT or not _knows_inertia(scenario):
         return
     plant = scenario.parameters[PLANT]
     rate, acceleration, share = (
