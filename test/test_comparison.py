@@ -30,7 +30,7 @@ from ppc_attitude.analysis.comparison import (
     sweep_figure,
 )
 from ppc_attitude.analysis.drawing import BLUE, RED, save
-from ppc_attitude.analysis.envelopes import ENVELOPES
+from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, RATE, Envelope
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER
 
@@ -141,8 +141,16 @@ def test_labels(controllers, sources, labels):
 
 
 def swept(durations, recovery, outside):
-    none = [None] * len(durations)
-    return list(map(SweptHit, durations, recovery, none, outside))
+    return list(map(SweptHit, durations, recovery, [{RATE: each} for each in outside]))
+
+
+def test_a_sweep_draws_each_envelope_that_a_hit_leaves_and_no_other():
+    momentum = Envelope("momentum_error", "momentum_tube")
+    hits = [SweptHit(0.1, 1.0, {ATTITUDE: 0.5, momentum: 0.2})]
+    _, bottom = sweep_figure(hits).axes
+    assert bottom.get_ylabel() == "momentum error outside\nits envelope [s]"
+    assert list(bottom.get_lines()[0].get_ydata()) == [0.2]
+    assert len(sweep_figure([SweptHit(0.1, 1.0, {ATTITUDE: 0.5})]).axes) == 1
 
 
 def test_the_sweep(tmp_path):

@@ -279,6 +279,34 @@ def test_a_law_is_judged_by_its_own_bounds(run_outside: Run, tmp_path: Path) -> 
     assert set(rows[1]) == {f"{which} error outside its envelope" for which in ("attitude", "rate")}
 
 
+def test_a_sweep_tells_the_envelopes_that_the_components_declare(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    """Also one of an estimator, whatever the law."""
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text(POINTS + "[ppc_attitude.estimators]\nbounded = misfits:bounded\n")
+    (tmp_path / "own.yaml").write_text("/**: {ros__parameters: {estimator: bounded}}\n")
+    given = f"sweep {' '.join(CONFIGS)} --config own.yaml --pulse-durations 0.1 --at 1 --duration 2"
+    told = run_outside("-c", EACH, given, f"{given} --json").stdout.splitlines()
+    head = next(line for line in told if line.startswith("hit [s]"))
+    assert "z2 outside [s]  rate change outside [s]  verdict" in head
+    (hit,) = json.loads(told[-1])["hits"]
+    assert hit["time_outside_rate_envelope_s"] is None
+    assert hit["time_outside_rate_limit_s"] > 0.0
+
+
+def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text("[ppc_attitude.plants]\nunnamed = misfits:unnamed\n")
+    (tmp_path / "own.yaml").write_text("spacecraft_plant: {ros__parameters: {plant: unnamed}}\n")
+    given = f"check {' '.join(CONFIGS[:2])}"
+    told = run_outside("-c", EACH, given, f"{given} --config own.yaml").stdout
+    assert told.count("torque authority") == 2
+    assert told.count("time to turn") == 1
+
+
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:
     points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
     points.write_text("[ppc_attitude.controllers]\nblind = misfits:blind\n")

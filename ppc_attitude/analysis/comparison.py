@@ -17,7 +17,7 @@
 Who draws one raises AnalysisError where a run lacks what it shows; then there is none.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -172,23 +172,25 @@ class SweptHit(NamedTuple):
         How long it lasts, positive.
     recovery_time_s : float or None
         None if the run did not recover.
-    time_outside_attitude_envelope_s, time_outside_rate_envelope_s : float or None
-        Of the law's errors in that run; None for a law without the envelope.
+    outside : mapping of Envelope to float
+        Time outside each envelope that the run has [s].
     """
 
     duration_s: float
     recovery_time_s: float | None
-    time_outside_attitude_envelope_s: float | None
-    time_outside_rate_envelope_s: float | None
+    outside: Mapping[Envelope, float]
 
 
 def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Figure:
     """Draw how recovery and time outside depend on how long a hit lasts, with what is required.
 
-    There is at least one hit; they are in the order of their duration.
+    Drawn is the time outside the envelopes of errors that a hit throws out at once. There is at
+    least one hit; they are in the order of their duration.
     """
     durations = [hit.duration_s for hit in hits]
-    figure, (top, bottom) = panels(2, share_x=True)
+    thrown = [each for each in hits[0].outside if each.jumps]
+    figure, shown = panels(1 + len(thrown), share_x=True)
+    top = shown[0]
     # A hit that is not recovered breaks the line: nothing is known between its neighbours.
     known = [np.nan if hit.recovery_time_s is None else hit.recovery_time_s for hit in hits]
     lost = [hit.duration_s for hit in hits if hit.recovery_time_s is None]
@@ -204,17 +206,21 @@ def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Fi
     )
     limit_lines(top, required.recovery, label=f"limit {required.recovery:g} s")
     top.set_ylabel("recovery time [s]")
-    outside = [hit.time_outside_rate_envelope_s or 0.0 for hit in hits]
-    bottom.plot(durations, outside, "s-", color=BLUE, markersize=4, linewidth=1.0, label="outside")
     allowed = required.outside_after_hit
-    if allowed is not None:
-        limit_lines(bottom, allowed, label=f"limit {allowed:g} s")
-    bottom.set_ylabel("rate error outside\nits envelope [s]")
+    for axes, envelope in zip(shown[1:], thrown, strict=True):
+        outside = [hit.outside[envelope] for hit in hits]
+        axes.plot(
+            durations, outside, "s-", color=BLUE, markersize=4, linewidth=1.0, label="outside"
+        )
+        if allowed is not None:
+            limit_lines(axes, allowed, label=f"limit {allowed:g} s")
+        axes.set_ylabel(f"{envelope.name} outside\nits envelope [s]")
+    bottom = shown[-1]
     bottom.set_xlabel("duration of the hit [s]")
     bottom.set_xscale("log")
     bottom.set_xticks(durations, [f"{each:g}" for each in durations])
     bottom.minorticks_off()
-    for axes in (top, bottom):
+    for axes in shown:
         axes.set_ylim(bottom=0.0)
         axes.margins(x=0.1)
         legend(axes)

@@ -24,6 +24,8 @@ from ppc_attitude.contract.declared import (
     ATTITUDE_ERROR,
     BOUNDS,
     BY_COLUMN,
+    RATE_ENVELOPE,
+    RATE_ERROR,
     bounds_of,
 )
 from ppc_attitude.contract.run_record import Array, RunRecord
@@ -79,6 +81,7 @@ def beyond(error: Array, bound: Array) -> Mask:
 
 
 ATTITUDE = Envelope(ATTITUDE_ERROR.column, ATTITUDE_ENVELOPE.column)
+RATE = Envelope(RATE_ERROR.column, RATE_ENVELOPE.column)
 ENVELOPES = tuple(Envelope(error, bound) for error, bound in BOUNDS)
 """Every one that some component declares."""
 

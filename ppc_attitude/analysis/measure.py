@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ppc_attitude.analysis.envelopes import beyond, bound_of, envelopes_of, outside
+from ppc_attitude.analysis.envelopes import Envelope, beyond, bound_of, envelopes_of, outside
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
 from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import (
@@ -65,6 +65,11 @@ _NAMED = {
     RATE_ERROR.column: "time_outside_rate_envelope_s",
 }
 """Errors whose time outside is a metric of its own, whatever bounds them."""
+
+
+def metric_of(envelope: Envelope) -> str:
+    """Name of the metric that is the time outside an envelope."""
+    return _NAMED.get(envelope.error, f"time_outside_{envelope.bound}_s")
 
 
 class Measured:
@@ -193,15 +198,16 @@ class Measured:
         return float(_since(self.t, pulse.start_s)[above[-1]]) if above.size else 0.0
 
     @cached_property
+    def outsides(self) -> dict[Envelope, float]:
+        """Time outside [s] each envelope that the run has."""
+        found = envelopes_of(self.record)
+        return {each: self.time(outside(self.record, each)) for each in found}
+
+    @cached_property
     def metrics(self) -> Metrics:
         """Everything that is measured."""
         deadline = self.span_from_deadline
-        outsides = {
-            _NAMED.get(each.error, f"time_outside_{each.bound}_s"): self.time(
-                outside(self.record, each)
-            )
-            for each in envelopes_of(self.record)
-        }
+        outsides = {metric_of(each): time for each, time in self.outsides.items()}
         sizes = None if self.pointing is None else self.pointing.sizes
         size, limit = self.size(self.required.settled), self.required.settled.limit
         unsettled = np.flatnonzero(self.calm & (size >= limit))

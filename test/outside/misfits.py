@@ -75,6 +75,20 @@ def step_quiet(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
         outside_parts.step_estimator(inputs, state, configuration, outputs)
 
 
+RATE_LIMIT = Column("rate_limit", "mine/rate_limit", VECTOR, BODY, "rad/s", "limit", width=1)
+BOUNDED = tuple(
+    replace(each, bound="rate_limit") if each.name == "rate_change" else each
+    for each in (*outside_parts.ESTIMATOR.outputs, RATE_LIMIT)
+)
+
+
+@kernel
+def step_bounded(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Do as the estimator does, within no limit at all."""
+    outside_parts.step_estimator(inputs, state, configuration, outputs)
+    outputs.rate_limit[0] = 0.0
+
+
 MADE: dict[str, Callable[[], Component]] = {
     "other_column": lambda: with_column(LAW, name="attitude"),
     "other_topic": lambda: with_column(LAW, topic="torque_command"),
@@ -108,6 +122,12 @@ MADE: dict[str, Callable[[], Component]] = {
     "pulse": lambda: pulses.COMPONENT,
     "margin": lambda: replace(LAW, outputs=WITH_MARGIN, step=step_with_margin),
     "quiet": lambda: replace(outside_parts.ESTIMATOR, step=step_quiet),
+    "bounded": lambda: replace(outside_parts.ESTIMATOR, outputs=BOUNDED, step=step_bounded),
+    "unnamed": lambda: replace(
+        PLANT,
+        parameters=(),
+        configure=lambda _: PLANT.configure(PLANT.defaults),
+    ),
     "listening": lambda: replace(LAW, inputs=(*LAW.inputs, outside_parts.RATE_CHANGE)),
     "chatty": lambda: replace(LAW, advice=lambda _: "well"),
     "blind": lambda: Component(

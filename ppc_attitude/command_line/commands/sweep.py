@@ -20,9 +20,10 @@ from typing import NamedTuple
 
 from ppc_attitude.analysis.comparison import SweptHit, sweep_figure
 from ppc_attitude.analysis.drawing import save
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.envelopes import ATTITUDE, RATE
+from ppc_attitude.analysis.measure import Measured, metric_of
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
-from ppc_attitude.analysis.verdict import MET, NOT_MET, Metrics
+from ppc_attitude.analysis.verdict import MET, NOT_MET
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -56,6 +57,7 @@ _PICTURES = {".png": "PNG", ".svg": "<!DOCTYPE svg", ".pdf": "%PDF"}  # with how
 _STRENGTH = 16.0  # times what the actuator gives
 _SHARES = (1 / 1200, 1 / 600, 1 / 300, 1 / 120, 1 / 60)  # of the settling deadline
 _AFTER = 5.0  # settling deadlines after the hit
+_SYMBOLS = {ATTITUDE: "q_ev", RATE: "z2"}  # of the errors that the table always has
 
 
 class Hits(NamedTuple):
@@ -105,21 +107,24 @@ def execute(arguments: argparse.Namespace) -> int:
             f"from {hits.at:g} s on"
         )
     check_memory(scenario.with_values(PLANT, duration=hits.length))
-    runs = [_metrics(scenario, required, hits, duration) for duration in hits.durations]
+    runs = [_measured(scenario, required, hits, duration) for duration in hits.durations]
     swept = [
-        SweptHit(
-            duration,
-            metrics.disturbances[0].recovery_time_s if metrics.disturbances else None,
-            metrics.time_outside_attitude_envelope_s,
-            metrics.time_outside_rate_envelope_s,
-        )
-        for duration, metrics in zip(hits.durations, runs, strict=True)
+        SweptHit(duration, run.hits[0].recovery_time_s if run.hits else None, run.outsides)
+        for duration, run in zip(hits.durations, runs, strict=True)
     ]
     if arguments.json:
-        listed = [each._asdict() for each in swept]
+        listed = [
+            {
+                "duration_s": each.duration_s,
+                "recovery_time_s": each.recovery_time_s,
+                **{metric_of(envelope): None for envelope in _SYMBOLS},
+                **{metric_of(envelope): time for envelope, time in each.outside.items()},
+            }
+            for each in swept
+        ]
         print_json({"torque": hits.torque, "at_s": hits.at, "hits": listed})
     else:
-        _print_table(swept, hits, required, settled=bool(runs[0].settled))
+        _print_table(swept, hits, required, settled=bool(runs[0].metrics.settled))
     if arguments.figure:
         save(sweep_figure(swept, required), arguments.figure)
     return DONE
@@ -138,14 +143,14 @@ def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requireme
     )
 
 
-def _metrics(scenario: Scenario, required: Requirements, hits: Hits, duration: float) -> Metrics:
+def _measured(scenario: Scenario, required: Requirements, hits: Hits, duration: float) -> Measured:
     pulse = {
         "pulse_times": [hits.at],
         "pulse_durations": [duration],
         "pulse_torques": [hits.torque] * 3,
     }
     hit = scenario.overlaid({INJECTOR: pulse, PLANT: {"duration": hits.length}})
-    return analyse(simulate(hit, hits.length), required).metrics
+    return Measured(simulate(hit, hits.length), required)
 
 
 def _print_table(
@@ -159,17 +164,24 @@ def _print_table(
     )
     if not settled:
         print("The craft has not settled when it is hit, so that it cannot recover.")
-    print("\nhit [s]  recovered after [s]  q_ev outside [s]  z2 outside [s]  verdict")
+    # An error is one, whatever bounds it.
+    symbols = {each.error: symbol for each, symbol in _SYMBOLS.items()}
+    errors = symbols | {
+        each.error: each.name for each in swept[0].outside if each.error not in symbols
+    }
+    heads = [f"{told} outside [s]" for told in errors.values()]
+    print("\nhit [s]  recovered after [s]", *heads, "verdict", sep="  ")
     for each in swept:
         recovery = each.recovery_time_s
         after = f"not in {hits.length - hits.at:g}" if recovery is None else f"{recovery:.2f}"
-        outside_q = _number(each.time_outside_attitude_envelope_s)
-        outside_z = _number(each.time_outside_rate_envelope_s)
+        outside = {envelope.error: time for envelope, time in each.outside.items()}
+        times = [
+            f"{_number(outside.get(error)):>{len(head)}}"
+            for error, head in zip(errors, heads, strict=True)
+        ]
         met = recovery is not None and recovery <= required.recovery
-        print(
-            f"{each.duration_s:>7g}  {after:>19}  {outside_q:>16}  {outside_z:>14}  "
-            f"{MET if met else NOT_MET}"
-        )
+        verdict = MET if met else NOT_MET
+        print(f"{each.duration_s:>7g}", f"{after:>19}", *times, verdict, sep="  ")
 
 
 def _number(value: float | None) -> str:
