@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from ppc_attitude.contract.topics import Topic
 from ppc_attitude.runtime.fixes import Fixes
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
@@ -23,17 +24,15 @@ from ppc_attitude.science.sensors.star_tracker import slots as steps_of
 from ppc_attitude.science.stamps import stamp_of
 
 STEP = 10_000_000  # [ns] of 100 Hz
+LATE = Topic("tracker/fix", "", column="fix", width=1)
 
 
 def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int, float, float]]:
     """Stamp, sample and first number of the fix of what became complete, in order."""
     found = []
     for kind, stamp, value in events:
-        if kind == "fix":
-            completed = fixes.fix(stamp, (value,))
-        else:
-            completed = fixes.sample(stamp, (value,), 0.0)
-        found += [(at, sample[0], fix[0]) for at, sample, fix in completed]
+        completed = fixes.take(kind, stamp, (value,), 0.0)
+        found += [(at, parts["sample"][0], parts["fix"][0]) for at, parts in completed]
     return found
 
 
@@ -43,7 +42,7 @@ def slots_of(rate: float, latency: float, initial: bool) -> Slots:
 
 
 def new(**given: Any) -> Fixes:
-    return Fixes(slots_of(10.0, 0.1, initial=True), 1, **given)
+    return Fixes(slots_of(10.0, 0.1, initial=True), LATE, ["sample"], **given)
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 90.0, 1000.0, 3000.0])
@@ -86,18 +85,27 @@ def test_a_sample_waits_for_its_fix_and_others_for_that_sample() -> None:
     events += [("sample", k * STEP, float(k)) for k in range(23)]
     fixes = new()
     assert [at // STEP for at, *_ in joined(fixes, events)] == list(range(20))
-    assert fixes.waits_for_fix
+    assert fixes.missing() == ("fix",)
     late = joined(fixes, [("fix", 10 * STEP, 2.0)])
     assert late == [(20 * STEP, 20.0, 2.0), (21 * STEP, 21.0, 0.0), (22 * STEP, 22.0, 0.0)]
-    assert not fixes.waits_for_fix
+    assert (fixes.waiting(), fixes.missing()) == ("", ("sample",))
+
+
+def test_who_waits_for_a_fix_says_for_which_and_what_came_instead() -> None:
+    fixes = new()
+    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(22))])
+    awaited = "waiting at t = 0.200 s for tracker/fix with the stamp 0.100000 s, as the estimator's"
+    assert fixes.waiting() == f"{awaited} parameters say"
+    joined(fixes, [("fix", 9 * STEP, 1.0)])
+    assert fixes.waiting() == f"{awaited} parameters say; others came, with the stamp 0.090000 s"
 
 
 def test_a_fix_has_its_age() -> None:
     fixes = new()
     joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(20))])
     joined(fixes, [("fix", 10 * STEP, 2.0)])
-    ((_, _, row),) = fixes.sample(20 * STEP, (0.0,), 0.0)
-    assert row == (2.0, 10 * STEP * 1e-9)
+    ((_, parts),) = fixes.take("sample", 20 * STEP, (0.0,), 0.0)
+    assert parts["fix"] == (2.0, 10 * STEP * 1e-9)
 
 
 def test_a_repeated_sample_is_complete_at_once() -> None:
@@ -163,7 +171,7 @@ def test_fixes_of_the_past_are_counted_and_a_repeated_one_is_not() -> None:
 def test_a_fix_that_nobody_waits_for_is_used_with_the_sample_after_it(
     first: int, late: int
 ) -> None:
-    fixes = Fixes(slots_of(10.0, 0.1, initial=False), 1, patience=0.04)
+    fixes = Fixes(slots_of(10.0, 0.1, initial=False), LATE, ["sample"], patience=0.04)
     found, sent = [], []
     for k in range(400):
         found += joined(fixes, [("sample", k * STEP, 0.0)])
@@ -195,7 +203,7 @@ def test_a_fix_that_never_comes_is_given_up_and_nobody_waits_again_until_one_com
     events = [("sample", k * STEP, 0.0) for k in range(45, 51)]
     assert joined(fixes, events)[-1] == (50 * STEP, 0.0, 2.0)
     assert joined(fixes, [("sample", k * STEP, 0.0) for k in range(51, 61)])[-1][0] == 59 * STEP
-    assert fixes.waits_for_fix
+    assert fixes.missing() == ("fix",)
 
 
 def test_a_new_beginning_waits_for_its_first_fix_whatever_was_lost_before() -> None:

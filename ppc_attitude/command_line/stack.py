@@ -153,7 +153,8 @@ class Stack:
         if now is not None and now != self._time:
             self._time, self._advanced = now, time.monotonic()
             self._starved = self._starvation()
-            plant.told.pop(WAITING, None)
+            for node in self._nodes.values():
+                node.told.pop(WAITING, None)
             self._on_time(now)
         ended = {name: code for name, code in self.exit_codes().items() if code is not None}
         finished = ended.get(PLANT, 0 if LINGERS in plant.told else None) == 0
@@ -178,7 +179,8 @@ class Stack:
             return
         paused = [name for name, node in self._nodes.items() if _is_paused(node.process.pid)]
         reason = ", ".join(f"{name} is paused (SIGSTOP)" for name in paused)
-        reason = reason or self._nodes[PLANT].told.get(WAITING, "")
+        waits_for = [node.told.get(WAITING) for node in self._nodes.values()]
+        reason = reason or "; ".join(dict.fromkeys(each for each in waits_for if each))
         if reason:
             raise StackError(f"no step for {_STALLED_AFTER:g} s: {reason}")
 

@@ -15,7 +15,7 @@
 """The estimator: attitude, rate and gyro bias from what the sensors measure."""
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -24,8 +24,8 @@ from ppc_attitude.contract.topics import ESTIMATOR, Topic
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.fixes import Fixes
-from ppc_attitude.runtime.health import STALE, Status
-from ppc_attitude.runtime.stamps import Instant, Values
+from ppc_attitude.runtime.health import Status
+from ppc_attitude.runtime.stamps import Instant
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.sensors.arrivals import Slots, check_slots
 
@@ -36,7 +36,7 @@ class AttitudeEstimator(ComponentNode):
     executable = ESTIMATOR
 
     def new_instant(self, topics: Sequence[Topic]) -> Instant:
-        """Return what collects the samples of an instant; `Fixes` join the fixes to them."""
+        """Return what collects the samples of an instant, and joins the fixes to them."""
         self._fixes: Fixes | None = None
         late = [each for each in topics if each.late]
         if not late:
@@ -49,27 +49,15 @@ class AttitudeEstimator(ComponentNode):
             )
         for component in components_of(self.executable, self.parameters.values):
             check_slots(component)
-        (self._late,) = late
-        self._fixes = Fixes(Slots(self.parameters.values), self._late.width)
-        return super().new_instant([each for each in topics if not each.late])
+        sample = (each.column for each in topics if not each.late)
+        self._fixes = Fixes(Slots(self.parameters.values), late[0], sample)
+        return self._fixes
 
-    def receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:
-        """Take a message; a fix may complete several instants."""
-        if self._fixes is not None and topic.late:
-            self._answer_all(self._fixes.fix(stamp_ns, values))
-        else:
-            super().receive(topic, stamp_ns, values)
-
-    def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
-        """Answer an instant whose samples are all there, and those that waited for no more."""
-        if self._fixes is None:
-            super().on_instant(stamp_ns, parts)
-        else:
-            self._answer_all(self._fixes.sample(stamp_ns, parts, self.now()))
-
-    def _answer_all(self, completed: Iterable[tuple[int, Mapping[str, Values], Values]]) -> None:
-        for stamp, parts, row in completed:
-            super().on_instant(stamp, {**parts, self._late.column: row})
+    def wake(self) -> float:
+        """Say which fix is waited for, if it does not come."""
+        if self._fixes and self._fixes.waiting():
+            self.say_waiting(self._fixes.waiting_since, self._fixes.waiting)
+        return super().wake()
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""
@@ -79,10 +67,7 @@ class AttitudeEstimator(ComponentNode):
 
     def status(self) -> Status:
         """Status of the filter, or that of every component node."""
-        status = super().status()
-        if status.level == STALE and self._fixes and self._fixes.waits_for_fix:
-            return Status(STALE, f"waiting for {self._late.name}", status.details)
-        return self.advised(status)
+        return self.advised(super().status())
 
 
 main = partial(run_node, AttitudeEstimator)

@@ -184,6 +184,7 @@ class BaseNode(Node):
         """Begin to listen once the recorder does; return the time [s] until the next look."""
         if self._is_recorded():
             self.waits = False
+            tell(WAITING, "")
             for begin in self._subscribe:
                 begin()
             return 0.0

@@ -57,7 +57,7 @@ class ComponentNode(BaseNode):
         self._senders = {each.name: self.sender(BY_COLUMN[each.name]) for each in columns}
         self._steps = 0
         for topic in self._topics:
-            self.listen(topic, partial(self.receive, topic))
+            self.listen(topic, partial(self._receive, topic))
 
     def new_instant(self, topics: Sequence[Topic]) -> Instant:
         """Return what collects the messages of an instant on the topics that are read."""
@@ -94,13 +94,12 @@ class ComponentNode(BaseNode):
         """Run the components at an instant; the numbers of all columns by name."""
         return self.chain.step(stamp_ns, inputs)
 
-    def receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:
+    def _receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:
         """Take a message of a topic that is read; step once its instant is complete."""
-        parts = self._instant.add(topic.column, stamp_ns, values)
-        if parts is not None:
-            self.on_instant(stamp_ns, parts)
+        for stamp, parts in self._instant.take(topic.column, stamp_ns, values, self.now()):
+            self._on_instant(stamp, parts)
 
-    def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
+    def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         """Answer an instant [ns] whose messages are all there, by column."""
         name = self._topics[0].name
         for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():

@@ -19,17 +19,19 @@ A fix that nobody waits for is used when it comes: of a tracker that is later th
 has slots of its own.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
-from ppc_attitude.runtime.stamps import StampGuard, StampKind, Values, out_of_order
+from ppc_attitude.contract.topics import Topic
+from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, Values, out_of_order
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
 from ppc_attitude.science.stamps import nanoseconds, seconds
 
-Sample = Mapping[str, Values]  # what comes with every instant
+Parts = dict[str, Values]
 _PENDING = 100  # fixes that may be ahead of the samples
+_TOLD = 3  # of them that are told where another is waited for
 
 
-class Fixes:
+class Fixes(Instant):
     """Join gyro samples and fixes to instants, in the order of the samples.
 
     In lock-step a sample waits for its fix, since nothing else comes. In a loop that runs by itself
@@ -40,8 +42,10 @@ class Fixes:
     ----------
     slots : Slots
         Which fix arrives when.
-    width : int
-        How many numbers a fix has.
+    late : Topic
+        That of the fixes.
+    names : iterable of str
+        What comes with every instant: together these are a sample.
     patience : float, optional
         How much later [s] a sample may be than one that waits for its fix; then that is lost.
 
@@ -53,33 +57,39 @@ class Fixes:
         Fixes that came after a newer one was used.
     """
 
-    def __init__(self, slots: Slots, width: int, patience: float = 0.1) -> None:
+    def __init__(
+        self, slots: Slots, late: Topic, names: Iterable[str], patience: float = 0.1
+    ) -> None:
+        super().__init__(names)
         self._slots = slots
-        self._none = (0.0,) * (width + 1)
+        self._late = late
+        self._none = (0.0,) * (late.width + 1)
         self._patience = nanoseconds(patience)
         self._is_heard = True  # the tracker: false after a lost fix, until one comes in time
         self._guard = StampGuard()
         self._last: int | None = None
         self._used: int | None = None  # validity [ns] of the last fix that was joined
-        self._samples: dict[int, Sample] = {}
+        self._samples: dict[int, Parts] = {}
         self._fixes: dict[int, Values] = {}
         self.lost = self.useless = 0
+        self.waiting_since = 0.0
 
-    def sample(
-        self, stamp_ns: int, values: Sample, now: float
-    ) -> Iterator[tuple[int, Sample, Values]]:
-        """Take a sample that came at a time [s]; yield what is complete.
-
-        Yields
-        ------
-        tuple
-            Stamp [ns], sample, fix with its age [s].
+    def take(
+        self, name: str, stamp_ns: int, values: Values, now: float
+    ) -> Iterator[tuple[int, Parts]]:
+        """Take a message; yield what is complete: each sample with a fix and its age [s].
 
         Raises
         ------
         RefusedError
             The stamp is out of order.
         """
+        if name == self._late.column:
+            yield from self._fix(stamp_ns, values)
+        elif (parts := self.add(name, stamp_ns, values)) is not None:
+            yield from self._sample(stamp_ns, parts, now)
+
+    def _sample(self, stamp_ns: int, parts: Parts, now: float) -> Iterator[tuple[int, Parts]]:
         kind = self._guard.judge(stamp_ns, now)
         if kind is StampKind.STALE:
             raise out_of_order("sample", stamp_ns)
@@ -88,11 +98,12 @@ class Fixes:
             self._fixes = {valid: fix for valid, fix in self._fixes.items() if valid <= stamp_ns}
             self._last = self._used = None
             self._is_heard = True
-        self._samples[stamp_ns] = values
+        if not self._samples:
+            self.waiting_since = now
+        self._samples[stamp_ns] = parts
         yield from self._complete()
 
-    def fix(self, valid_ns: int, values: Values) -> Iterator[tuple[int, Sample, Values]]:
-        """Take the message of a slot; yields and raises as `sample`."""
+    def _fix(self, valid_ns: int, values: Values) -> Iterator[tuple[int, Parts]]:
         newest = self._guard.last
         if newest is not None and valid_ns - newest > StampGuard.LARGEST_STEP:
             raise out_of_order("fix", valid_ns)
@@ -110,16 +121,27 @@ class Fixes:
         del self._fixes[valid_ns]
         self.useless += 1
 
-    @property
-    def waits_for_fix(self) -> bool:
-        """True if a sample waits for its fix."""
-        return bool(self._samples)
+    def missing(self) -> tuple[str, ...]:
+        """The fixes if a sample waits for one, else what no incomplete sample has."""
+        return (self._late.column,) if self._samples else super().missing()
 
-    def _complete(self) -> Iterator[tuple[int, Sample, Values]]:
+    def waiting(self) -> str:
+        """The fix that a sample waits for, in words; empty if none does."""
+        if not self._samples:
+            return ""
+        stamp = next(iter(self._samples))
+        slot = self._slots.due(self._last, stamp)
+        told = f"waiting at t = {seconds(stamp):.3f} s for {self._late.name}"
+        if slot is not None:
+            told += f" with the stamp {seconds(slot):.6f} s, as the estimator's parameters say"
+        others = ", ".join(f"{seconds(valid):.6f} s" for valid in [*self._fixes][-_TOLD:])
+        return f"{told}; others came, with the stamp {others}" if others else told
+
+    def _complete(self) -> Iterator[tuple[int, Parts]]:
         while self._samples:
             stamp = next(iter(self._samples))
             if stamp == self._last:
-                yield stamp, self._samples.pop(stamp), self._none
+                yield stamp, {**self._samples.pop(stamp), self._late.column: self._none}
                 continue
             slot = self._slots.due(self._last, stamp)
             valid = self._unawaited(stamp)
@@ -134,7 +156,7 @@ class Fixes:
                     self.lost += 1
             self._last = stamp
             row = self._none if valid is None else self._taken(valid, stamp)
-            yield stamp, self._samples.pop(stamp), row
+            yield stamp, {**self._samples.pop(stamp), self._late.column: row}
 
     def _unawaited(self, stamp_ns: int) -> int | None:
         """Validity [ns] of the oldest new fix, if no sample from a stamp [ns] on is due with it."""

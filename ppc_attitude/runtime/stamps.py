@@ -130,6 +130,13 @@ class Instant:
             self.dropped += 1
         return None
 
+    def take(
+        self, name: str, stamp_ns: int, values: Values, now: float
+    ) -> Iterable[tuple[int, dict[str, Values]]]:
+        """Take a message that came at a time [s]; the instants [ns] that are complete with it."""
+        parts = self.add(name, stamp_ns, values)
+        return () if parts is None else ((stamp_ns, parts),)
+
     def missing(self) -> tuple[str, ...]:
         """Names that no incomplete instant has; all if there is none, or if they do not pair."""
         present = set().union(*self._parts.values())
