@@ -23,7 +23,7 @@ import pytest
 from bag_helpers import assert_same, messages, record_all, write_messages
 from synthetic import SAMPLED, normal_run, without_columns
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.changes import encode_changes
 from ppc_attitude.bags.custom_data import GAPS_KEY
 from ppc_attitude.bags.errors import BagError
@@ -256,7 +256,7 @@ def test_nodes_of_the_users_own_are_asked_for_nothing(tmp_path: Path) -> None:
     read = read_run(tmp_path / "bag")
     assert_same(read, run)
     assert read.missing_messages == 0
-    assert analyse(read).metrics.terminal_error is None  # too short for one
+    assert Verdict(read).metrics.terminal_error is None  # too short for one
 
 
 @pytest.mark.parametrize("topic", SAMPLED, ids=lambda topic: topic.name)

@@ -27,7 +27,7 @@ from bag_helpers import messages, write_messages
 from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run, without_columns
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.verdict import NOT_JUDGED
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run, read_runs
@@ -96,7 +96,7 @@ def rows(run: RunRecord, column: str) -> list[tuple[int, list[float]]]:
 
 def why(path: Path, **options: Any) -> dict[str, str]:
     """Key of a requirement that is not judged to the reason."""
-    verdict = analyse(read_run(path, **options))
+    verdict = Verdict(read_run(path, **options))
     assert verdict.all_met
     return {each.key: each.note for each in verdict.requirements if each.outcome == NOT_JUDGED}
 
@@ -110,7 +110,7 @@ def test_a_plant_of_ones_own_with_our_law_is_judged_by_what_it_sends(tmp_path: P
     write_run(replace(run, parameters=ours), tmp_path / "bag")
     read = read_run(tmp_path / "bag", whole=True)
     assert (read.warnings, read.missing) == ((), {})
-    verdict = analyse(read)
+    verdict = Verdict(read)
     outcomes = {each.key: each.outcome for each in verdict.requirements}
     assert outcomes["settling_time"] == outcomes["rate"] == "met"
     assert why(tmp_path / "bag") == {"applied_torque": "no topic applied_torque in the bag"}
@@ -126,7 +126,7 @@ def test_an_attitude_alone_is_read_and_says_what_it_lacks(tmp_path: Path) -> Non
 def test_an_attitude_with_its_reference_is_judged_without_rate_and_torque(tmp_path: Path) -> None:
     run = only(normal_run(), "attitude", "reference_attitude")
     write_messages(tmp_path / "bag", list(messages(run)))
-    judged = analyse(read_run(tmp_path / "bag"))
+    judged = Verdict(read_run(tmp_path / "bag"))
     outcomes = {each.key: each.outcome for each in judged.requirements}
     assert outcomes["settling_time"] == outcomes["terminal_error"] == "met"
     assert set(why(tmp_path / "bag")) == {"rate", "applied_torque"}
@@ -195,7 +195,7 @@ def test_topics_with_stamps_of_their_own_are_held(tmp_path: Path) -> None:
     assert np.isnan(read["reference_attitude"][:51]).all()
     assert (read["reference_attitude"][51:] == (0.0, 0.0, 0.0, 1.0)).all()
     assert any("at most 0.5 s old" in each or "0.499999" in each for each in read.warnings)
-    (lost,) = (each for each in analyse(read).requirements if each.key == "lost_messages")
+    (lost,) = (each for each in Verdict(read).requirements if each.key == "lost_messages")
     assert (lost.value, read.missing) == (0.0, {})
 
 

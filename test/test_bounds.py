@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 from process_helpers import PAPER
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line import memory
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.memory import check_memory
@@ -34,9 +34,9 @@ def test_what_is_foreseen_holds_a_run_and_its_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario = load([PAPER], {PLANT: {"duration": 300.0}})
-    analyse(simulate(scenario, 1.0))  # what is loaded once is not of the run
+    Verdict(simulate(scenario, 1.0))  # what is loaded once is not of the run
     tracemalloc.start()
-    analyse(simulate(scenario, 300.0))
+    Verdict(simulate(scenario, 300.0))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
 

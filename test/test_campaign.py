@@ -33,7 +33,7 @@ from conftest import StartProcess
 from craft_helpers import ROOT
 from process_helpers import PATIENCE, workers_of
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER, Requirements, names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
@@ -61,7 +61,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
 
 def test_a_run_is_that_of_its_scenario() -> None:
     of = small()
-    verdict = analyse(simulate(scenario_of_run(of, 7), of.duration))
+    verdict = Verdict(simulate(scenario_of_run(of, 7), of.duration))
     row = run_one(of, 7).row
     assert row["index"] == 7
     assert row["error"] is None
@@ -75,9 +75,9 @@ def test_a_run_is_that_of_its_scenario() -> None:
     assert row["all_met"] == verdict.all_met
     names = varying(of.variables)
     assert {name: row[name] for name in names} == {name: draw(of, 7)[name] for name in names}
-    record, again = rerun(of, 7)
+    again = rerun(of, 7)
     assert again.requirements == verdict.requirements
-    assert record.source == "campaign run 7"
+    assert again.record.source == "campaign run 7"
 
 
 def test_goals_and_cones_of_the_scenario_are_those_of_every_run() -> None:
@@ -123,7 +123,7 @@ def test_a_run_that_raises_becomes_a_row_that_says_why(monkeypatch: pytest.Monke
     def fail(*_: Any) -> Any:
         raise ZeroDivisionError("of all things")
 
-    monkeypatch.setattr(rows, "Judge", fail)
+    monkeypatch.setattr(rows, "Verdict", fail)
     outcome = run_one(small(), 3)
     assert outcome.row["error"] == "ZeroDivisionError: of all things"
     assert outcome.row["index"] == 3
@@ -163,7 +163,7 @@ def test_error_over_time_counts_every_run_in_every_bin(finished: Finished) -> No
     assert len(counts) == len(QUANTITIES) * finished.bands.counts.shape[1]
     at_start = [e for e in kept if e["quantity"] == "attitude_error" and e["from_s"] == 0.0]
     for index in range(RUNS):
-        error = np.abs(pointing_errors(rerun(small(), index)[0]).quaternions[0, :3]).max()
+        error = np.abs(pointing_errors(rerun(small(), index).record).quaternions[0, :3]).max()
         assert any(each["low"] <= error < each["high"] for each in at_start)
 
 

@@ -251,8 +251,8 @@ def test_sensor_numbers_and_a_goal_that_vary_are_in_run_and_row() -> None:
     assert run_one(of, 2).row[bias] != row[bias]
     turned = [row[f"{goal}[{k}]"] for k in range(4)]
     assert 0.0 < rotation_angle((turned[0], turned[1], turned[2], turned[3])) < 0.5
-    record, _ = rerun(of, 1)
-    still, _ = rerun(campaign({}, CRAFT, 3), 1)
+    record = rerun(of, 1).record
+    still = rerun(campaign({}, CRAFT, 3), 1).record
     assert record.parameters[REFERENCE]["goals.attitudes"] == turned
     change = (record["gyro"] - still["gyro"])[0, :3]
     np.testing.assert_allclose(change, [0.0, row[bias], 0.0], atol=2e-5)  # its resolution
@@ -285,8 +285,8 @@ def test_a_fault_that_is_drawn_acts_from_its_time_behind_those_of_the_scenario(
         if lasting:
             text += f" for {row['fault_duration']!r}"
         assert scenario_of_run(of, index).parameters[PLANT]["faults"] == ["wheel/2 drag 2", text]
-    record, _ = rerun(of, 1)
-    other, _ = rerun(without, 1)
+    record = rerun(of, 1).record
+    other = rerun(without, 1).record
     same = (record["attitude"] == other["attitude"]).all(axis=1)
     assert record.t[same][-1] == pytest.approx(rows[1]["fault_time"], abs=0.02)
 
@@ -307,9 +307,10 @@ def test_the_shares_of_each_fault_add_up() -> None:
 def test_a_reference_that_varies_is_no_part_of_what_runs_have_in_common() -> None:
     given = {"parameters": {f"{REFERENCE}.amplitude[0]": UNIFORM}}
     of = campaign(given, base(duration=2.0), 3)
-    record, verdict = rerun(of, 1)
+    verdict = rerun(of, 1)
+    record = verdict.record
     assert run_one(of, 1).row["max_rate_deg_s"] == verdict.metrics.max_rate_deg_s
-    other, _ = rerun(of, 2)
+    other = rerun(of, 2).record
     assert (record["reference_attitude"] != other["reference_attitude"]).any()
 
 

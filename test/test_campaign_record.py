@@ -53,13 +53,13 @@ def test_a_run_through_the_nodes_is_the_run_in_process(
     out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, err  # two seconds are too short to settle: that fails nothing
     of = campaign(declared, load(files, {PLANT: {"duration": 2.0}}), 1)
-    expected, verdict = rerun(of, RUN)
+    verdict = rerun(of, RUN)
     told = json.loads(out)
     assert told["requirements"] == verdict.to_json()["requirements"]
     assert told["bag"] == str(bag)
     recorded = read_run(bag)
     assert (recorded.warnings, recorded.missing) == ((), {})
-    assert_same(recorded, expected)
+    assert_same(recorded, verdict.record)
 
 
 def test_the_shipped_campaign_is_the_default(capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,7 +24,7 @@ import pytest
 from craft_helpers import case, configs
 
 from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE, REFERENCE_ACCELERATION
@@ -236,7 +236,7 @@ def test_a_reference_beyond_the_assumed_bounds_suspends_the_promise(
 
 def test_a_changed_number_is_not_judged() -> None:
     record = record_of("guaranteed", ppc_controller={"momentum_tube.kappa": 15.1})
-    rows = [each for each in analyse(record).requirements if each.key == "certificate"]
+    rows = [each for each in Verdict(record).requirements if each.key == "certificate"]
     assert [row.met for row in rows] == [None]
     assert rows[0].reason == "the certificate is for other numbers"
 

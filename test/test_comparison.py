@@ -92,13 +92,13 @@ def test_a_late_hit_of_any_run_is_shown_closely():
 
 
 def test_rate_errors_are_compared_where_both_have_envelopes(runs):
-    assert list(comparisons_of(runs)) == [
+    assert list(comparisons_of(measured(runs))) == [
         "comparison_attitude_error",
         "comparison_angular_velocity",
         "comparison_rate_error",
     ]
     plain = [runs[0], without_columns(runs[1], "rate_envelope")]
-    assert list(comparisons_of(plain)) == [
+    assert list(comparisons_of(measured(plain))) == [
         "comparison_attitude_error",
         "comparison_angular_velocity",
     ]

@@ -36,7 +36,7 @@ from process_helpers import (
     until,
 )
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER, REFERENCE
@@ -276,7 +276,7 @@ def expect_readable(bag: Path) -> None:
     record = read_run(bag)
     assert record.stamps_ns.size > 100
     assert any("cut" in warning for warning in record.warnings)
-    judged = {each.name: each.met for each in analyse(record).requirements}
+    judged = {each.name: each.met for each in Verdict(record).requirements}
     assert judged["settling time"] is None, "nobody knows what would have come"
 
 

@@ -38,11 +38,11 @@ from ppc_attitude.analysis.figures import error_figure
 from ppc_attitude.analysis.guarantee import certificate_held
 from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.report import write_report
 from ppc_attitude.analysis.requirements import PAPER
-from ppc_attitude.analysis.verdict import verdict_table
 from ppc_attitude.command_line.main import main
+from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.simulation.closed_loop import simulate
@@ -102,7 +102,7 @@ STUCK, WEAK = "actuator/x stuck 0.01", "actuator/y effectiveness 0.5"
 )
 def test_what_acted_is_told_from_when_to_when(record: RunRecord, expected: tuple[str, ...]) -> None:
     assert tuple(map(str, faults_of(record))) == expected
-    verdict = analyse(record)
+    verdict = Verdict(record)
     assert verdict.faults == expected
     assert verdict.to_json()["faults"] == list(expected)
     lines = [line for line in verdict_table(verdict).splitlines() if line.startswith("fault: ")]
@@ -130,7 +130,7 @@ def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
     record = failed([f"{STUCK} from 2 for 3"], (7.0, [f"{WEAK} from 7"]))
     page = tmp_path / "report.html"
     with nothing_drawn():
-        write_report([(record, analyse(record))], page)
+        write_report([Verdict(record)], page)
     text = page.read_text(encoding="utf-8")
     assert f"<h3>Faults</h3>\n<ul><li>{STUCK}, 2 to 5 s</li><li>{WEAK}, 7 to 10 s</li></ul>" in text
     figure = error_figure(Measured(record, PAPER), ENVELOPES[0])
@@ -143,14 +143,14 @@ def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
     assert "fault" in axes.get_legend_handles_labels()[1]
     whole = failed([""])
     with nothing_drawn():
-        write_report([(whole, analyse(whole))], page)
+        write_report([Verdict(whole)], page)
     assert "Faults" not in page.read_text(encoding="utf-8")
     assert not error_figure(Measured(whole, PAPER), ENVELOPES[0]).axes[0].patches
 
 
 def test_a_comparison_shows_the_faults_of_every_run_each_once() -> None:
     runs = [failed([f"{STUCK} from 2 for 3"]), failed([f"{STUCK} from 2 for 3", f"{WEAK} from 7"])]
-    for _, figure in comparisons_of(runs).values():
+    for _, figure in comparisons_of(list(map(Measured, runs))).values():
         assert ends_of(figure.axes[0]) == pytest.approx([2.0, 5.0, 7.0, 10.0])
         assert "fault" in figure.axes[0].get_legend_handles_labels()[1]
 
@@ -161,14 +161,14 @@ def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:
     record = simulate(case("sensors_smallsat", **given), 3.0)
     known = record["attitude"].any(axis=1)
     back = record.t[150:][known[150:]][0]
-    verdict = analyse(record)
+    verdict = Verdict(record)
     rows = {each.key: each for each in verdict.requirements}
     for key in ("outside_attitude_envelope", "outside_rate_envelope"):
         assert rows[key].without == ((1.0, back), (2.5, 3.0))
         assert rows[key].note.endswith(f"without 1 to {back:g}, 2.5 to 3")
     assert rows["rate"].without == ()
     lost = simulate(case("sensors_smallsat", faults=["gyro dead"]), 1.0)
-    rows = {each.key: each for each in analyse(lost).requirements}
+    rows = {each.key: each for each in Verdict(lost).requirements}
     assert rows["outside_attitude_envelope"].outcome == "not judged"
     assert rows["outside_attitude_envelope"].note == "the law was told no attitude from 0 to 1 s"
 

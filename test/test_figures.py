@@ -215,7 +215,7 @@ def test_the_transformed_errors(normal, hit):
 
 
 def test_what_a_law_has_besides_is_drawn_as_it_is_declared(normal):
-    caption, figure = figures_of(normal)["auxiliary_state"]
+    caption, figure = figures_of(Measured(normal))["auxiliary_state"]
     (axes,) = figure.axes
     assert caption == "Anti-saturation state θ"
     assert axes.get_ylabel() == "auxiliary state [1]"
@@ -239,7 +239,7 @@ def test_a_hit_is_marked_and_shown_closely(hit):
 def test_every_line_is_in_a_legend(normal, hit):
     """By its colour and dashes, or, for an envelope, by the black dashes that stand for all."""
     for run in (normal, hit):
-        for name, (_, figure) in figures_of(run).items():
+        for name, (_, figure) in figures_of(Measured(run)).items():
             told = {
                 (line.get_color(), line.get_linestyle() == "-", line.get_marker())
                 for axes in figure.axes
@@ -270,7 +270,7 @@ def test_what_is_shown_closely(hits, window):
 
 def test_every_panel_tells_its_time_and_unit(normal, hit):
     for run in (normal, hit):
-        for name, (_, figure) in figures_of(run).items():
+        for name, (_, figure) in figures_of(Measured(run)).items():
             assert figure.axes[-1].get_xlabel() == "time [s]", name
             assert all(axes.get_ylabel().endswith("]") for axes in figure.axes), name
             assert figure.get_size_inches()[0] == 3.5
@@ -279,7 +279,7 @@ def test_every_panel_tells_its_time_and_unit(normal, hit):
 def test_figures_are_saved_and_nothing_collides(tmp_path, hit, recwarn):
     """A layout that does not fit is told by a warning."""
     folder = tmp_path / "new" / "folder"
-    paths = save_all(figures_of(hit), folder)
+    paths = save_all(figures_of(Measured(hit)), folder)
     assert [path.stem for path in paths] == NAMES
     assert all(path.parent == folder and path.read_bytes().startswith(PNG) for path in paths)
     assert [str(each.message) for each in recwarn if each.category is UserWarning] == []
@@ -287,7 +287,7 @@ def test_figures_are_saved_and_nothing_collides(tmp_path, hit, recwarn):
 
 def test_figures_are_saved_as_drawings_too(tmp_path, normal):
     run = without_columns(normal, "attitude_error", "rate_error", "disturbance_torque")
-    paths = save_all(figures_of(run), tmp_path, ["svg", "pdf"])
+    paths = save_all(figures_of(Measured(run)), tmp_path, ["svg", "pdf"])
     starts = {".svg": b"<?xml", ".pdf": b"%PDF"}
     assert {path.suffix for path in paths} == starts.keys()
     assert len({path.stem for path in paths}) == len(paths) / 2 >= 3
@@ -298,7 +298,7 @@ def test_only_what_the_controller_has(normal):
     plain = without_columns(
         normal, "attitude_envelope", "rate_error", "rate_envelope", "auxiliary_state"
     )
-    assert list(figures_of(plain)) == [
+    assert list(figures_of(Measured(plain))) == [
         "pointing_error",
         "attitude_error",
         "applied_torque",
@@ -323,22 +323,22 @@ def test_nothing_to_draw(normal):
         columns={name: rows[:0] for name, rows in normal.columns.items()},
     )
     with pytest.raises(AnalysisError, match="no sample at all"):
-        figures_of(empty)
+        figures_of(Measured(empty))
     with pytest.raises(AnalysisError, match="nothing to draw"):
-        figures_of(replace(normal, columns={}))
+        figures_of(Measured(replace(normal, columns={})))
 
 
 def test_a_single_instant():
-    for _, figure in figures_of(normal_run(0.0)).values():
+    for _, figure in figures_of(Measured(normal_run(0.0))).values():
         figure.draw_without_rendering()
 
 
 def test_global_state_is_left_alone(normal):
     before = dict(mpl.rcParams)
-    figures_of(normal)
+    figures_of(Measured(normal))
     assert dict(mpl.rcParams) == before
 
 
 def test_where_no_applied_torque_is_on_record_the_commanded_one_is_drawn(normal):
-    assert "torque_command" not in figures_of(normal)
-    assert "torque_command" in figures_of(without_columns(normal, "applied_torque"))
+    assert "torque_command" not in figures_of(Measured(normal))
+    assert "torque_command" in figures_of(Measured(without_columns(normal, "applied_torque")))

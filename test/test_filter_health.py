@@ -24,7 +24,8 @@ from craft_helpers import configs
 
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.filter_health import filter_health
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -37,7 +38,7 @@ def run(seconds: float = 40.0, **nodes: Mapping[str, Any]) -> RunRecord:
 
 
 def rows(record: RunRecord) -> dict[str, Any]:
-    return {each.key: each for each in analyse(record).requirements}
+    return {each.key: each for each in Verdict(record).requirements}
 
 
 def test_a_correct_filter_meets_its_requirements() -> None:
@@ -114,7 +115,7 @@ def test_a_run_without_a_filter_is_not_judged_by_one() -> None:
 
 def test_the_figures_show_the_filters_errors_in_its_own_band() -> None:
     record = run()
-    figures = figures_of(record)
+    figures = figures_of(Measured(record))
     lines = {axes.get_ylabel()[-10:-9]: axes.lines for axes in figures["knowledge_error"][1].axes}
     sigma = np.degrees(np.sqrt(record["estimate"][-1, [4, 7, 9]])) * 3600.0
     for axis, expected in zip("xyz", sigma, strict=True):

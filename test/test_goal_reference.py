@@ -25,7 +25,7 @@ from guidance_helpers import guided, same_sign
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.analysis.keep_out import approaches_of
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.orders import (
@@ -253,11 +253,11 @@ def test_analysis_tells_how_near_the_craft_itself_came() -> None:
     looked = Rotation.from_quat(attitudes).apply([1.0, 0.0, 0.0])
     expected = np.arccos(-np.sum(looked * np.transpose(place), axis=1)).min()
     assert nadir.angle == pytest.approx(expected, abs=1e-3)  # J2 is not in the circle
-    (row,) = (row for row in analyse(record).requirements if row.key == "keep_out")
+    (row,) = (row for row in Verdict(record).requirements if row.key == "keep_out")
     inside = max(each.half_angle - each.angle for each in (fixed, nadir))
     assert row.value == pytest.approx(math.degrees(inside))
     assert row.met is (inside <= 0.0)
-    assert not [row for row in analyse(simulate(tour(), 2.0)).requirements if row.key == "keep_out"]
+    assert not [row for row in Verdict(simulate(tour(), 2.0)).requirements if row.key == "keep_out"]
 
 
 def timed_points(number: int) -> list[float]:

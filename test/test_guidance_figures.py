@@ -29,7 +29,8 @@ from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.flight import flight_of
 from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.keep_out import approaches_of
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import ENABLED, ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.guidance.orders import Orders, schedule_of, scheduled_orders
@@ -113,12 +114,12 @@ def test_a_reference_that_is_started_again_is_flown_and_replayed_anew(record: Ru
     assert found is not None
     assert [word.time for word in found.words] == pytest.approx([5.0, 20.0, 40.0, 60.0])
     assert "order 2 is followed" in found.words[2].text
-    (row,) = (row for row in analyse(started).requirements if row.key == "refused_orders")
+    (row,) = (row for row in Verdict(started).requirements if row.key == "refused_orders")
     assert row.value == 1.0
 
 
 def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
-    (row,) = (row for row in analyse(record).requirements if row.key == "refused_orders")
+    (row,) = (row for row in Verdict(record).requirements if row.key == "refused_orders")
     assert (row.value, row.met) == (1.0, False)
     assert row.reason.startswith("order 3 is refused: it is inside keep-out cone 0")
     # The next order of its instant is followed, and tells nothing of it.
@@ -128,17 +129,17 @@ def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
         goals__attitudes=2 * STRAIGHT,
         spin__rate=0.05,
     )
-    (row,) = (r for r in analyse(simulate(twice, 2.0)).requirements if r.key == "refused_orders")
+    (row,) = (r for r in Verdict(simulate(twice, 2.0)).requirements if r.key == "refused_orders")
     assert (row.value, row.met, row.reason) == (1.0, False, "")
-    obeyed = analyse(simulate(flight(goals__times=[1.0], goals__attitudes=STRAIGHT), 2.0))
+    obeyed = Verdict(simulate(flight(goals__times=[1.0], goals__attitudes=STRAIGHT), 2.0))
     (row,) = (row for row in obeyed.requirements if row.key == "refused_orders")
     assert (row.value, row.met) == (0.0, True)
-    resting = analyse(simulate(flight(), 2.0))
+    resting = Verdict(simulate(flight(), 2.0))
     assert "refused_orders" not in {row.key for row in resting.requirements}
 
 
 def test_figures_show_ways_sky_and_angles(record: RunRecord) -> None:
-    drawn = figures_of(record)
+    drawn = figures_of(Measured(record))
     assert set(drawn) >= OWN
     ways = drawn["slews"][1].axes
     assert [axes.get_ylabel() for axes in ways] == [
@@ -187,7 +188,7 @@ def test_a_turn_that_is_cut_short_after_a_refusal_is_drawn_until_then() -> None:
         ),
         40.0,
     )
-    ways = figures_of(cut)["slews"][1].axes
+    ways = figures_of(Measured(cut))["slews"][1].axes
     spans = [(patch.get_extents().x0, patch.get_extents().x1) for patch in ways[0].patches]
     (turn, brake) = sorted(spans)
     assert turn[1] == pytest.approx(brake[0])
@@ -195,7 +196,7 @@ def test_a_turn_that_is_cut_short_after_a_refusal_is_drawn_until_then() -> None:
 
 def test_every_line_of_the_way_can_be_read_off_by_name(record: RunRecord) -> None:
     """A line without a name has no value in the chart of the page."""
-    slews = figures_of(record)["slews"][1]
+    slews = figures_of(Measured(record))["slews"][1]
     names = [{each.get_label() for each in axes.get_lines()} for axes in slews.axes]
     assert names[0] >= {"craft", "desired"}
     assert all("desired, norm" in each for each in names[1:])
@@ -216,11 +217,11 @@ def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRec
         changes = (Change(10**10, REFERENCE, name, value) for name, value in after.items())
         parameters = {**record.parameters, REFERENCE: {**values, **before}}
         run = replace(record, parameters=parameters, changes=tuple(changes))
-        drawn = figures_of(run)
+        drawn = figures_of(Measured(run))
         told = {text.get_text() for text in drawn["sky_map"][1].axes[0].texts}
         assert told == {"0: 0 0 1", "1: nadir"}
         assert ("cone_angles" in drawn) is (before is not none)
-        (row,) = (each for each in analyse(run).requirements if each.key == "keep_out")
+        (row,) = (each for each in Verdict(run).requirements if each.key == "keep_out")
         assert (row.met, row.reason) == (None, "keep_out.axes was changed in flight")
 
 
@@ -229,7 +230,7 @@ def test_a_run_without_any_order_has_no_legs_to_shade() -> None:
     flown = flight_of(resting)
     assert flown is not None
     assert flown.words == ()
-    assert {"slews", "sky_map"} <= figures_of(resting).keys()
+    assert {"slews", "sky_map"} <= figures_of(Measured(resting)).keys()
 
 
 @pytest.mark.filterwarnings("error")
@@ -242,10 +243,10 @@ def test_a_craft_that_never_knew_its_attitude_flew_nothing() -> None:
     files = configs("paper", "mission", "sensors_smallsat")
     record = simulate(load(files, {PLANT: blind, ESTIMATOR: {"initial_fix": False}}), 2.0)
     assert flight_of(record) is None
-    assert {"gyro_bias", "transformed_errors"} <= figures_of(record).keys()
+    assert {"gyro_bias", "transformed_errors"} <= figures_of(Measured(record)).keys()
 
 
 def test_a_run_without_goals_has_none_of_them() -> None:
     record = simulate(scenario({"spacecraft_plant": {"rate": 20.0}}), 1.0)
     assert flight_of(record) is None
-    assert not OWN & set(figures_of(record))
+    assert not OWN & set(figures_of(Measured(record)))

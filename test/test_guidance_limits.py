@@ -24,7 +24,7 @@ from craft_helpers import configs
 from guidance_helpers import guidance
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line.main import main
 from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, SPINNING, frame_at
 from ppc_attitude.science.guidance.limits import frame_bounds
@@ -117,7 +117,7 @@ def test_a_flight_to_goals_is_promised_and_the_promise_kept(tmp_path: Path) -> N
     given = ["--config", str(goals), "--gains", "0.92", "78.4", "1", "--output", str(gains)]
     assert main(["design", "--config", str(configs("paper")[0]), *given]) == 0
     scenario = load([*configs("paper"), goals, gains])
-    verdict = analyse(simulate(scenario, 120.0))
+    verdict = Verdict(simulate(scenario, 120.0))
     held = [(each.met, each.note) for each in verdict.requirements if each.key == "certificate"]
     assert held == [(True, "")]
 

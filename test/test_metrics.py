@@ -23,8 +23,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import hit_run, normal_run, with_columns, with_error, without_columns
 
-from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import verdict_table
+from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.command_line.verdict_view import verdict_table
 
 
 def requirement(verdict, name):
@@ -45,7 +45,7 @@ def constant_error(run, values):
 
 
 def test_a_good_run_meets_every_requirement():
-    verdict = analyse(normal_run())
+    verdict = Verdict(normal_run())
     assert verdict.all_met
     assert names(verdict) == [
         "settling time",
@@ -58,13 +58,13 @@ def test_a_good_run_meets_every_requirement():
         "difference in the reported attitude error",
         "messages missing or not finite",
     ]
-    assert verdict.steps == 12001
+    assert verdict.t.size == 12001
     assert verdict.duration_s == 120.0
 
 
 def test_the_json_is_the_contract():
     run = hit_run()
-    told = json.loads(json.dumps(analyse(run).to_json(), allow_nan=False))
+    told = json.loads(json.dumps(Verdict(run).to_json(), allow_nan=False))
     assert list(told) == [
         "bag",
         "controller",
@@ -125,7 +125,7 @@ def test_metrics_are_their_definitions():
         applied_torque=torque,
         attitude_envelope=np.where(t[:, None] < 0.65, 0.29, 0.5) * np.ones((1, 3)),
     )
-    metrics = analyse(run).metrics
+    metrics = Verdict(run).metrics
     assert metrics.settling_time_s == 41.3
     assert metrics.error_after_settling_deadline == pytest.approx(4e-3, rel=1e-12)
     assert metrics.terminal_error == pytest.approx(
@@ -141,7 +141,7 @@ def test_metrics_are_their_definitions():
 def test_time_counts_from_the_first_instant():
     run = normal_run()
     later = replace(run, stamps_ns=run.stamps_ns + 1_700_000_000_000_000_000)
-    assert analyse(later).to_json() == analyse(run).to_json()
+    assert Verdict(later).to_json() == Verdict(run).to_json()
 
 
 def begun_late(run, start):
@@ -154,20 +154,20 @@ def begun_late(run, start):
 def test_a_recorder_that_came_late_changes_no_time_of_our_plant():
     run = hit_run()
     late = begun_late(run, 10.0)
-    expected, found = analyse(run), analyse(late)
+    expected, found = Verdict(run), Verdict(late)
     for name in ("settling_time_s", "error_after_settling_deadline", "terminal_error"):
         assert getattr(found.metrics, name) == getattr(expected.metrics, name)
     assert found.metrics.disturbances == expected.metrics.disturbances
     assert found.duration_s == expected.duration_s - 10.0
     assert min(row.span[0] for row in found.requirements if row.span) == 10.0
     # Of somebody else's clock the record is all that is known.
-    other = analyse(replace(late, parameters={}))
+    other = Verdict(replace(late, parameters={}))
     assert other.metrics.disturbances[0].start_s == expected.metrics.disturbances[0].start_s - 10.0
 
 
 @pytest.mark.parametrize(("start", "value"), [(55.0, 55.0), (70.0, None)])
 def test_who_is_settled_when_the_record_begins_settled_by_then(start, value):
-    verdict = analyse(begun_late(normal_run(), start))
+    verdict = Verdict(begun_late(normal_run(), start))
     row = requirement(verdict, "settling time")
     assert (row.value, row.met) == (value, None if value is None else True)
     assert "the record begins" in row.reason
@@ -175,14 +175,14 @@ def test_who_is_settled_when_the_record_begins_settled_by_then(start, value):
 
 
 def test_the_end_of_a_record_that_is_shorter_than_it_is_not_judged():
-    row = requirement(analyse(begun_late(normal_run(), 105.0)), "attitude error in the last 20 s")
+    row = requirement(Verdict(begun_late(normal_run(), 105.0)), "attitude error in the last 20 s")
     assert (row.met, row.reason) == (None, "the record begins at 105 s, within the last 20 s")
 
 
 def test_the_sign_of_the_quaternion_changes_nothing():
     run = hit_run()
     other = with_columns(run, attitude_error=-run["attitude_error"], attitude=-run["attitude"])
-    assert analyse(other).to_json() == analyse(run).to_json()
+    assert Verdict(other).to_json() == Verdict(run).to_json()
 
 
 SPOILT = {
@@ -215,7 +215,7 @@ SPOILT = {
 @pytest.mark.parametrize("name", SPOILT)
 def test_every_requirement_can_fail(name):
     run = normal_run()
-    verdict = analyse(SPOILT[name](run.stamps_ns / 1e9, run))
+    verdict = Verdict(SPOILT[name](run.stamps_ns / 1e9, run))
     assert requirement(verdict, name).met is False
     assert not verdict.all_met
 
@@ -224,7 +224,7 @@ def test_a_limit_reached_exactly():
     run = normal_run()
     full = np.full((run.stamps_ns.size, 3), 0.05)
     assert requirement(
-        analyse(with_columns(run, applied_torque=full)), "applied torque on an axis"
+        Verdict(with_columns(run, applied_torque=full)), "applied torque on an axis"
     ).met
 
 
@@ -232,7 +232,7 @@ def test_a_controller_without_envelopes_skips_their_rows():
     run = without_columns(
         normal_run(), "attitude_envelope", "rate_envelope", "rate_error", "auxiliary_state"
     )
-    verdict = analyse(run)
+    verdict = Verdict(run)
     assert not [name for name in names(verdict) if "envelope" in name]
     assert verdict.metrics.time_outside_rate_envelope_s is None
     assert verdict.all_met
@@ -246,7 +246,7 @@ def test_the_error_is_that_of_the_attitudes_whatever_the_controller_says(columns
         if columns
         else with_columns(run, attitude_error=np.tile([0.0, 0.0, 0.0, 1.0], (12001, 1)))
     )
-    verdict = analyse(told)
+    verdict = Verdict(told)
     assert verdict.metrics.error_after_settling_deadline == pytest.approx(3e-3, rel=1e-12)
     assert requirement(verdict, "attitude error in the last 20 s").met is False
 
@@ -254,7 +254,7 @@ def test_the_error_is_that_of_the_attitudes_whatever_the_controller_says(columns
 def test_a_law_whose_envelope_holds_for_what_it_says_alone_has_the_true_time_beside_it():
     run = normal_run()
     small = np.tile([1e-6, 0.0, 0.0, 1.0], (12001, 1))
-    verdict = analyse(
+    verdict = Verdict(
         with_columns(run, attitude_error=small, attitude_envelope=np.full((12001, 3), 1e-4))
     )
     assert requirement(verdict, "attitude error outside its envelope").met
@@ -277,7 +277,7 @@ NOT_YET = {
     [(10.0, NOT_YET), (59.99, NOT_YET), (79.99, dict(list(NOT_YET.items())[2:])), (80.0, {})],
 )
 def test_a_short_run_is_not_judged_by_what_comes_later_and_fails_nothing(duration, reasons):
-    verdict = analyse(normal_run(duration))
+    verdict = Verdict(normal_run(duration))
     open_rows = {each.name: each.reason for each in verdict.requirements if each.met is None}
     assert open_rows == {name: why.format(duration) for name, why in reasons.items()}
     assert all(each.span is None for each in verdict.requirements if each.met is None)
@@ -288,7 +288,7 @@ def test_the_envelopes_of_any_law_are_judged_by_their_declarations():
     run = normal_run()
     t = run.stamps_ns / 1e9
     tube, turn = np.full((t.size, 3), 0.02), np.full((t.size, 1), 0.3)
-    verdict = analyse(
+    verdict = Verdict(
         with_columns(
             run,
             momentum_error=np.where(t[:, None] < 0.995, 0.03, 0.01) * np.ones((1, 3)),
@@ -304,7 +304,7 @@ def test_the_envelopes_of_any_law_are_judged_by_their_declarations():
 
 
 def test_the_table_tells_every_requirement():
-    verdict = analyse(hit_run())
+    verdict = Verdict(hit_run())
     table = verdict_table(verdict)
     for row in verdict.requirements:
         (line,) = [line for line in table.splitlines() if line.startswith(row.name + "  ")]
@@ -315,7 +315,7 @@ def test_the_table_tells_every_requirement():
     assert "at 80 s, (0.8, 0.8, 0.8) N·m for 0.1 s: recovered after 3." in table
     assert table.splitlines()[1].startswith("judged by `attitude`, which is the truth")
     fast = with_columns(normal_run(10.0), angular_velocity=np.ones((1001, 3)))
-    assert "NOT MET" in verdict_table(analyse(fast))
+    assert "NOT MET" in verdict_table(Verdict(fast))
 
 
 @settings(max_examples=40, deadline=None)
@@ -332,7 +332,7 @@ def test_the_metrics_of_arbitrary_errors(seed, holes, rate):
     holey = {
         name: np.where(known[:, None], run[name], np.nan) for name in ("attitude", "attitude_error")
     }
-    metrics = analyse(with_columns(run, **holey)).metrics
+    metrics = Verdict(with_columns(run, **holey)).metrics
     settling, late, end, outside = 0.0, 0.0, 0.0, 0
     for instant, error, rho, seen in zip(t, values, run["attitude_envelope"], known, strict=True):
         if not seen:

@@ -22,15 +22,15 @@ from craft_helpers import case
 from synthetic import environment, hit_run, normal_run, pulse_torque, with_columns
 from test_metrics import constant_error, names, requirement
 
-from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import disturbance_text, verdict_table
+from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.command_line.verdict_view import disturbance_text, verdict_table
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.simulation.closed_loop import simulate
 
 
 def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
-    verdict = analyse(hit_run())
+    verdict = Verdict(hit_run())
     early, late = verdict.metrics.disturbances
     assert (early.start_s, late.start_s) == (20.0, 80.0)
     assert late.torque == pytest.approx((0.8, 0.8, 0.8), abs=1e-6)
@@ -61,7 +61,7 @@ def test_rate_and_settling_count_before_the_first_hit_only():
     run = hit_run(hits=(80.0,))
     rate = run["angular_velocity"].copy()
     rate[8001:] = 1.0
-    verdict = analyse(with_columns(run, angular_velocity=rate))
+    verdict = Verdict(with_columns(run, angular_velocity=rate))
     row = requirement(verdict, "angular rate (norm)")
     assert (row.met, row.span) == (True, (0.0, 80.0))
     assert verdict.metrics.spans["max_rate_deg_s"] == (0.0, 80.0)
@@ -85,7 +85,7 @@ def hit_with_error(last_bad, start=80.0, end=120.0, extra=()):
 
 @pytest.mark.parametrize(("last_bad", "met"), [(90.0, True), (90.01, False), (99.9, False)])
 def test_recovery_within_ten_seconds(last_bad, met):
-    verdict = analyse(hit_with_error(last_bad))
+    verdict = Verdict(hit_with_error(last_bad))
     row = requirement(verdict, "recovery from a sudden disturbance")
     assert row.value == pytest.approx(last_bad - 80.0, abs=1e-9)
     assert row.met is met
@@ -93,12 +93,12 @@ def test_recovery_within_ten_seconds(last_bad, met):
 
 
 def test_what_rounding_leaves_of_nothing_is_told_as_nothing():
-    (hit,) = analyse(hit_with_error(85.0)).metrics.disturbances
+    (hit,) = Verdict(hit_with_error(85.0)).metrics.disturbances
     assert "(0.1, 0, 0) N·m" in disturbance_text(replace(hit, torque=(0.1, 8.7e-17, -9.1e-16)))
 
 
 def test_no_recovery_is_null():
-    verdict = analyse(hit_with_error(120.0))
+    verdict = Verdict(hit_with_error(120.0))
     assert verdict.metrics.disturbances[0].recovery_time_s is None
     row = requirement(verdict, "recovery from a sudden disturbance")
     assert (row.value, row.met) == (None, False)
@@ -107,22 +107,22 @@ def test_no_recovery_is_null():
 
 
 def test_a_run_that_ends_while_it_may_still_recover_is_not_judged():
-    row = requirement(analyse(hit_with_error(85.0, end=84.0)), "recovery from a sudden disturbance")
+    row = requirement(Verdict(hit_with_error(85.0, end=84.0)), "recovery from a sudden disturbance")
     assert row.met is None
     assert row.reason.startswith("the run ends at 84 s, before the 10 s after")
-    late = analyse(hit_with_error(95.0, end=90.01))
+    late = Verdict(hit_with_error(95.0, end=90.01))
     assert requirement(late, "recovery from a sudden disturbance").met is False
 
 
 def test_a_run_that_is_not_settled_when_it_is_hit_has_no_settling_time():
-    verdict = analyse(hit_with_error(84.0, start=30.0))
+    verdict = Verdict(hit_with_error(84.0, start=30.0))
     assert verdict.metrics.settling_time_s == 29.99  # as the contract defines it
     assert verdict.metrics.settled is False
     assert requirement(verdict, "settling time").value is None
 
 
 def test_a_hit_interrupted_by_the_next_is_judged_with_it():
-    verdict = analyse(hit_with_error(88.0, extra=[(83.0, 0.1, (0.0, 0.5, 0.0))]))
+    verdict = Verdict(hit_with_error(88.0, extra=[(83.0, 0.1, (0.0, 0.5, 0.0))]))
     first, second = verdict.metrics.disturbances
     assert first.recovery_time_s is None
     assert second.recovery_time_s == 5.0
@@ -131,13 +131,13 @@ def test_a_hit_interrupted_by_the_next_is_judged_with_it():
 
 
 def test_an_unrecovered_hit_is_not_excused_by_a_late_successor():
-    verdict = analyse(hit_with_error(97.0, extra=[(95.0, 0.1, (0.0, 0.5, 0.0))]))
+    verdict = Verdict(hit_with_error(97.0, extra=[(95.0, 0.1, (0.0, 0.5, 0.0))]))
     assert not requirement(verdict, "recovery from a sudden disturbance").met
 
 
 @pytest.mark.parametrize(("end", "judged"), [(159.99, False), (160.0, True)])
 def test_the_terminal_error_is_judged_sixty_seconds_after_a_hit(end, judged):
-    verdict = analyse(hit_with_error(84.0, end=end))
+    verdict = Verdict(hit_with_error(84.0, end=end))
     row = requirement(verdict, "attitude error in the last 20 s")
     assert (row.met is True) is judged
     assert verdict.metrics.terminal_error == pytest.approx(1e-5, rel=1e-9)
@@ -149,7 +149,7 @@ def test_an_early_hit_is_judged_by_the_envelope():
     t = run.stamps_ns / 1e9
     envelope = run["attitude_envelope"].copy()
     envelope[(t > 20.5) & (t < 21.5)] = 1e-3
-    verdict = analyse(with_columns(run, attitude_envelope=envelope))
+    verdict = Verdict(with_columns(run, attitude_envelope=envelope))
     assert "recovery from a sudden disturbance" not in names(verdict)
     assert not requirement(verdict, "attitude error outside its envelope").met
 
@@ -159,7 +159,7 @@ def test_the_rate_error_may_be_outside_half_a_second_a_hit():
     z2 = run["rate_error"].copy()
     z2[8000:8051] = 1.0
     row = requirement(
-        analyse(with_columns(run, rate_error=z2)), "rate error outside its envelope, after a hit"
+        Verdict(with_columns(run, rate_error=z2)), "rate error outside its envelope, after a hit"
     )
     assert (row.value, row.met) == (0.51, False)
 
@@ -168,7 +168,7 @@ def test_a_hit_from_the_first_sample_leaves_no_undisturbed_rate():
     run = normal_run()
     t = run.stamps_ns / 1e9
     torque = environment(t) + pulse_torque(t, [(0.0, 0.1, (0.5, 0.0, 0.0))])
-    verdict = analyse(with_columns(run, disturbance_torque=torque))
+    verdict = Verdict(with_columns(run, disturbance_torque=torque))
     assert verdict.metrics.max_rate_deg_s is None
     assert verdict.metrics.settling_time_s is None
     row = requirement(verdict, "angular rate (norm)")
@@ -178,7 +178,7 @@ def test_a_hit_from_the_first_sample_leaves_no_undisturbed_rate():
 def test_of_a_hit_just_before_the_end_nothing_is_known():
     """The error has not yet grown."""
     row = requirement(
-        analyse(hit_with_error(0.0, start=99.9, end=100.0)), "recovery from a sudden disturbance"
+        Verdict(hit_with_error(0.0, start=99.9, end=100.0)), "recovery from a sudden disturbance"
     )
     assert row.met is None
     assert "the run ends at 100 s" in row.reason
@@ -188,7 +188,7 @@ def test_who_is_unsettled_when_a_hit_comes_at_the_deadline_has_not_settled():
     run = hit_with_error(60.0, start=60.0, end=120.0)
     t = run.stamps_ns / 1e9
     unsettled = constant_error(run, np.where(t < 60.0, 0.01, 1e-5))
-    row = requirement(analyse(unsettled), "settling time")
+    row = requirement(Verdict(unsettled), "settling time")
     assert row.met is None
     assert "still not settled" in row.reason
 
@@ -204,8 +204,8 @@ def test_who_is_unsettled_when_a_hit_comes_at_the_deadline_has_not_settled():
 )
 def test_a_limit_that_was_changed_in_flight_is_not_judged(name, overlays, parameter, value):
     run = simulate(case(*overlays), 1.0)
-    assert requirement(analyse(run), name).met is not None
+    assert requirement(Verdict(run), name).met is not None
     node = REFERENCE if parameter.startswith("keep_out") else PLANT
     changed = replace(run, changes=(Change(500_000_000, node, parameter, value),))
-    row = requirement(analyse(changed), name)
+    row = requirement(Verdict(changed), name)
     assert (row.met, row.reason) == (None, f"{parameter} was changed in flight")

@@ -23,12 +23,12 @@ import pytest
 from synthetic import normal_run, with_columns, without_columns
 from test_metrics import requirement
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.series import AnalysisError
 
 
 def test_a_run_without_recorded_disturbance():
-    assert analyse(without_columns(normal_run(), "disturbance_torque")).all_met
+    assert Verdict(without_columns(normal_run(), "disturbance_torque")).all_met
 
 
 @pytest.mark.parametrize("column", ["attitude_error", "angular_velocity", "applied_torque"])
@@ -38,7 +38,7 @@ def test_missing_samples_are_skipped_and_counted(column):
     rows[::7] = np.nan
     rows[1] = np.nan
     lost = int(np.isnan(rows[:, 0]).sum())
-    verdict = analyse(with_columns(run, **{column: rows}))
+    verdict = Verdict(with_columns(run, **{column: rows}))
     json.dumps(verdict.to_json(), allow_nan=False)
     assert requirement(verdict, "messages missing or not finite").value == lost
     assert [each.name for each in verdict.requirements if not each.met] == [
@@ -51,7 +51,7 @@ def test_an_attitude_of_zeros_is_as_good_as_none(column):
     run = normal_run()
     rows = run[column].copy()
     rows[-2000:] = 0.0
-    verdict = analyse(with_columns(run, **{column: rows}))
+    verdict = Verdict(with_columns(run, **{column: rows}))
     assert requirement(verdict, "messages missing or not finite").value == 2000
 
 
@@ -59,7 +59,7 @@ def test_a_reference_that_ends_before_the_craft_has_settled_is_no_disturbance():
     run = normal_run()
     rows = run["reference_attitude"].copy()
     rows[1001:] = np.nan
-    row = requirement(analyse(with_columns(run, reference_attitude=rows)), "settling time")
+    row = requirement(Verdict(with_columns(run, reference_attitude=rows)), "settling time")
     assert row.met is None
     assert row.reason == "no attitude error is known after 10 s, when it was not settled"
 
@@ -67,7 +67,7 @@ def test_a_reference_that_ends_before_the_craft_has_settled_is_no_disturbance():
 def test_what_was_told_of_the_rate_is_no_truth_where_the_truth_is_recorded():
     run = normal_run()
     record = with_columns(run, truth_attitude=run["attitude"])
-    verdict = analyse(record)
+    verdict = Verdict(record)
     rate = requirement(verdict, "angular rate (norm)")
     assert (rate.met, rate.reason) == (None, "no topic truth/angular_velocity in the bag")
 
@@ -76,10 +76,10 @@ def test_what_comes_with_some_instants_only_lacks_nothing_at_the_others():
     run = normal_run()
     fixes = np.full((12001, 3), np.nan)
     fixes[::10] = 1.0
-    assert analyse(with_columns(run, innovation=fixes)).all_met
+    assert Verdict(with_columns(run, innovation=fixes)).all_met
     fixes[10, 1] = np.nan  # a fix of which a part is missing
     row = requirement(
-        analyse(with_columns(run, innovation=fixes)), "messages missing or not finite"
+        Verdict(with_columns(run, innovation=fixes)), "messages missing or not finite"
     )
     assert row.value == 1
 
@@ -89,10 +89,10 @@ def test_missing_messages_count_once_and_infinities_count():
     rows = run["angular_velocity"].copy()
     rows[[3, 4]] = np.nan
     rows[9, 1] = np.inf
-    verdict = analyse(
+    verdict = Verdict(
         replace(with_columns(run, angular_velocity=rows), missing={"angular_velocity": 2})
     )
-    assert verdict.missing_messages == 2
+    assert verdict.record.missing_messages == 2
     assert requirement(verdict, "messages missing or not finite").value == 3
     assert verdict.metrics.max_rate_deg_s < 3
 
@@ -105,7 +105,7 @@ def test_no_sample_at_all():
         columns={name: rows[:0] for name, rows in run.columns.items()},
     )
     with pytest.raises(AnalysisError, match="no sample at all"):
-        analyse(empty)
+        Verdict(empty)
 
 
 LACKING = {
@@ -120,7 +120,7 @@ def test_what_the_record_lacks_is_named_and_the_rest_is_judged(column):
     run = normal_run()
     nothing = with_columns(run, **{column: np.full_like(run[column], np.nan)})
     for lacking in (nothing, without_columns(run, column)):
-        verdict = analyse(lacking)
+        verdict = Verdict(lacking)
         open_rows = [each for each in verdict.requirements if each.met is None]
         assert [each.name for each in open_rows] == LACKING[column]
         assert {each.reason for each in open_rows} == {f"no topic {column} in the bag"}
@@ -135,7 +135,7 @@ def test_without_our_plant_the_torque_is_judged_by_what_the_controller_was_told(
         ({"ppc_controller": {"max_torque": 0.005}}, 0.005),
         ({}, 0.05),
     ):
-        verdict = analyse(replace(run, parameters=parameters))
+        verdict = Verdict(replace(run, parameters=parameters))
         assert requirement(verdict, "applied torque on an axis").limit == limit
 
 
@@ -154,7 +154,7 @@ def test_with_wheels_the_torque_is_judged_by_what_they_give_together(axes, each,
     plant = {"max_torque": 0.05, "wheels.axes": axes, "wheels.max_torque": each}
     for actuator, expected in (("wheels", limit), ("ideal", 0.05)):
         parameters = {"spacecraft_plant": {**plant, "actuator": actuator}}
-        verdict = analyse(replace(normal_run(), parameters=parameters))
+        verdict = Verdict(replace(normal_run(), parameters=parameters))
         judged = requirement(verdict, "applied torque on an axis")
         assert judged.limit == pytest.approx(expected, rel=1e-12)
 
@@ -163,15 +163,15 @@ def test_the_torque_of_an_actuator_that_is_not_installed_is_not_judged():
     """Whatever limit another actuator of the plant's parameters would have."""
     craft = {"actuator": "gimbals", "gimbals.thrust": 0.2, "max_torque": 0.05}
     run = replace(normal_run(), parameters={"spacecraft_plant": craft})
-    row = requirement(analyse(run), "applied torque on an axis")
+    row = requirement(Verdict(run), "applied torque on an axis")
     assert row.met is None
     assert row.reason == "actuator = gimbals is not installed here"
 
 
 def test_one_sample_is_a_run():
     run = normal_run(0.0)
-    verdict = analyse(run)
-    assert (verdict.steps, verdict.duration_s) == (1, 0.0)
+    verdict = Verdict(run)
+    assert (verdict.t.size, verdict.duration_s) == (1, 0.0)
     json.dumps(verdict.to_json(), allow_nan=False)
 
 
@@ -181,17 +181,17 @@ def test_one_sample_is_a_run():
 def test_wheels_whose_limits_nobody_can_read_are_not_judged(plant):
     speeds = np.full((normal_run().stamps_ns.size, 4), 600.0)
     run = with_columns(normal_run(), wheel_speed=speeds)
-    verdict = analyse(replace(run, parameters={"spacecraft_plant": plant}))
+    verdict = Verdict(replace(run, parameters={"spacecraft_plant": plant}))
     judged = requirement(verdict, "speed of a wheel, share of its largest")
     why = "no limits (wheels.max_speed of spacecraft_plant) on record"
     assert (judged.met, judged.reason) == (None, why)
-    assert "wheel_speed" not in {each.key for each in analyse(normal_run()).requirements}
+    assert "wheel_speed" not in {each.key for each in Verdict(normal_run()).requirements}
 
 
 @pytest.mark.parametrize("plant", [{}, {"thrusters.fuel": "full"}, {"thrusters.fuel": math.nan}])
 def test_fuel_of_a_tank_that_nobody_can_read_is_not_judged(plant):
     run = with_columns(normal_run(), fuel_used=np.ones((normal_run().stamps_ns.size, 1)))
-    verdict = analyse(replace(run, parameters={"spacecraft_plant": plant}))
+    verdict = Verdict(replace(run, parameters={"spacecraft_plant": plant}))
     judged = requirement(verdict, "fuel that the thrusters used")
     why = "no tank (thrusters.fuel of spacecraft_plant) on record"
     assert (judged.met, judged.limit, judged.reason) == (None, 0.0, why)
@@ -204,7 +204,7 @@ def test_verdict_says_when_the_wheels_momentum_ran_out():
     run = replace(
         with_columns(normal_run(), wheel_speed=speeds), parameters={"spacecraft_plant": plant}
     )
-    judged = requirement(analyse(run), "speed of a wheel, share of its largest")
+    judged = requirement(Verdict(run), "speed of a wheel, share of its largest")
     full = t[6.0 * t > 0.99 * 600.0][0]
     assert not judged.met
     assert judged.note == f"wheel 1 is above it from {full:g} s on: momentum runs out"

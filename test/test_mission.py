@@ -22,7 +22,7 @@ import pytest
 from craft_helpers import case
 from test_goal_reference import STRAIGHT, flight, tour
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.command_line.proportions import slew_conditions
 from ppc_attitude.contract.topics import PLANT
@@ -72,7 +72,7 @@ def test_shipped_mission_is_flown_and_meets_every_requirement() -> None:
     told = goals_told(mission)
     assert [each.time for each in told] == pytest.approx([10.0, 120.0, 330.0, 480.0])
     assert not any(each.advice.warning for each in told)
-    verdict = analyse(simulate(mission, mission.number("spacecraft_plant", "duration")))
+    verdict = Verdict(simulate(mission, mission.number("spacecraft_plant", "duration")))
     assert verdict.all_met
     (row,) = (row for row in verdict.requirements if row.key == "keep_out")
     assert row.met

@@ -93,7 +93,7 @@ from contextlib import redirect_stdout
 from io import StringIO
 import numpy as np
 from matplotlib.figure import Figure
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
 from ppc_attitude.simulation.closed_loop import simulate
@@ -106,7 +106,7 @@ assert set(recorded.columns) == set(computed.columns), set(recorded.columns) ^ s
 for name, column in computed.columns.items():
     assert recorded[name].tobytes() == column.tobytes(), name
 print(*computed.columns)
-hits = analyse(recorded).to_json()["metrics"]["disturbances"]
+hits = Verdict(recorded).to_json()["metrics"]["disturbances"]
 assert [each["torque"] for each in hits] == [[0.0, 0.03, 0.0]], hits
 told = StringIO()
 with redirect_stdout(told):

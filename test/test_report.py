@@ -30,10 +30,10 @@ from synthetic import hit_run, normal_run, with_columns, without_columns
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.interactive import plotted, replay
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.report import write_report
 from ppc_attitude.analysis.requirements import PAPER
-from ppc_attitude.analysis.verdict import verdict_table
+from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import Change
 
 VOID = {"meta", "img", "input"}
@@ -75,7 +75,7 @@ class Page(HTMLParser):
 
 def report(tmp_path, *runs):
     path = tmp_path / "sub" / "report.html"
-    write_report([(run, analyse(run)) for run in runs], path)
+    write_report([Verdict(run) for run in runs], path)
     text = path.read_text(encoding="utf-8")
     return Page(text), text
 
@@ -102,14 +102,14 @@ def page_of_two(tmp_path_factory):
 
 def test_one_run(one, page_of_one):
     run, (page, _) = one, page_of_one
-    verdict = analyse(run)
+    verdict = Verdict(run)
     for row in verdict.requirements:
         mark = {True: "✓ met", False: "✗ NOT MET", None: "– not judged"}[row.met]
         told = f"{row.name} {row.value_text} {row.limit_text} {row.span_text} {mark} {row.note}"
         assert told.strip() in page.text
     assert "ppc: 1 NOT MET, 2 not judged, 8 met of 11 requirements" in page.text
     assert [image["alt"] for image in page.images] == [
-        caption for caption, _ in figures_of(run).values()
+        caption for caption, _ in figures_of(Measured(run)).values()
     ]
     assert "the clock jumped" in page.text
     assert "missing of torque_command 2" in page.text
@@ -141,7 +141,7 @@ def test_the_page_says_whose_it_is_and_hides_what_did_not_run(tmp_path, undrawn)
     path = tmp_path / "report.html"
     law = {"controller": "log_barrier", "k": 3.0, "log_barrier.K1": 0.5, "inertia": [1.0]}
     run = replace(normal_run(5.0), parameters={"ppc_controller": law})
-    write_report([(run, analyse(run))], path, mission="Aeolus-3", date="2026-11-22 01:00")
+    write_report([Verdict(run)], path, mission="Aeolus-3", date="2026-11-22 01:00")
     page = Page(path.read_text(encoding="utf-8"))
     assert page.text.startswith("Aeolus-3: ppc Aeolus-3: ppc 2026-11-22 01:00")
     assert "log_barrier.K1 0.5" in page.text
@@ -154,14 +154,14 @@ def test_what_was_changed_in_flight_is_told(tmp_path, undrawn):
     run = normal_run(duration=2.0)
     changes = (Change(1_500_000_000, "ppc_controller", "k", 4.0),)
     changed = replace(run, changes=changes)
-    (_, text), verdict = report(tmp_path, changed), analyse(changed)
+    (_, text), verdict = report(tmp_path, changed), Verdict(changed)
     row = "<td>1.5</td><td>ppc_controller</td><td>k</td><td>3.0 → 4.0</td>"
     assert row in text
     assert "<h3>Parameters changed in flight</h3>" not in report(tmp_path, run)[1]
     told = "parameters changed in flight: ppc_controller k 3.0 → 4.0 from 1.5 s on"
     assert verdict_table(verdict).splitlines()[-1] == told
     assert verdict.to_json()["changes"] == ["ppc_controller k 3.0 → 4.0 from 1.5 s on"]
-    many = analyse(replace(run, changes=25 * changes))
+    many = Verdict(replace(run, changes=25 * changes))
     last = verdict_table(many).splitlines()[-1]
     assert last.endswith("from 1.5 s on; 5 more, all of them with --json")
 
@@ -174,7 +174,7 @@ def test_page_and_verdict_tell_one_start_and_torque_of_a_hit(tmp_path, undrawn):
     torque[hit] += [0.1, -1.031e-17, 3.5e-16]
     changes = (Change(215_490_000_000, "ppc_controller", "k", 4.0),)
     run = replace(with_columns(run, disturbance_torque=torque), changes=changes)
-    (page, _), verdict = report(tmp_path, run), verdict_table(analyse(run))
+    (page, _), verdict = report(tmp_path, run), verdict_table(Verdict(run))
     assert "215.49 0.1 0.1, 0, 0 recovered after" in page.text
     assert "sudden disturbance at 215.49 s, (0.1, 0, 0) N·m for 0.1 s" in verdict
     assert "3.0 → 4.0 from 215.49 s on" in verdict
@@ -212,7 +212,7 @@ def test_every_image_is_a_whole_drawing(page_of_one):
 
 def test_figures_can_be_zoomed_on_the_numbers_of_the_drawing(page_of_one):
     """What a browser is given is what the figure's lines show."""
-    figure = figures_of(normal_run(10.0))["applied_torque"][1]
+    figure = figures_of(Measured(normal_run(10.0)))["applied_torque"][1]
     (panel,) = json.loads(re.search(r">(.*)<", plotted(figure))[1])
     assert (panel["label"], panel["scale"]) == ("applied torque [N·m]", "linear")
     told = {line["label"]: line for line in panel["lines"] if line["label"]}
@@ -226,7 +226,7 @@ def test_figures_can_be_zoomed_on_the_numbers_of_the_drawing(page_of_one):
 
 
 def test_a_chart_has_the_envelopes_by_name_the_limits_of_the_drawing_and_no_marks_of_hits():
-    drawn = figures_of(hit_run())
+    drawn = figures_of(Measured(hit_run()))
     panels = {
         name: json.loads(re.search(r">(.*)<", plotted(figure))[1])
         for name, (_, figure) in drawn.items()
@@ -282,7 +282,7 @@ def test_several_runs_are_compared(page_of_two):
 def test_a_comparison_tells_the_spans_and_no_number_where_none_is(tmp_path, undrawn):
     """A hit ends the span of the rate; a run that is too short is not judged."""
     path, runs = tmp_path / "report.html", (hit_run(), normal_run(30.0))
-    write_report([(run, analyse(run)) for run in runs], path)
+    write_report([Verdict(run) for run in runs], path)
     text = Page(path.read_text(encoding="utf-8")).text
     assert "angular rate (norm) 2.397 from 0 to 20 s ✓ met 2.397 from 0 to 30 s ✓ met" in text
     assert "attitude error in the last 20 s – not judged – not judged < 0.0005" in text

@@ -25,7 +25,7 @@ from matplotlib.image import imread
 from synthetic import hit_run, with_columns, without_columns
 
 from ppc_attitude.analysis.drawing import AXIS_COLOURS
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.report import write_report
 from ppc_attitude.contract.run_record import RunRecord
 
@@ -50,7 +50,7 @@ pytestmark = pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium on th
 def seen(run: RunRecord, folder: Path, script: str) -> tuple[str, np.ndarray]:
     """What the page becomes when a reader does what the script does, and a picture of it."""
     page, picture = folder / "report.html", folder / "report.png"
-    write_report([(run, analyse(run))], page)
+    write_report([Verdict(run)], page)
     text = page.read_text(encoding="utf-8")
     page.write_text(text.replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8")
     browser = [CHROMIUM, *OPTIONS, f"--user-data-dir={folder / 'user'}", f"--screenshot={picture}"]

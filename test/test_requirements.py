@@ -23,7 +23,7 @@ from craft_helpers import configs
 from synthetic import normal_run, turned, with_columns, with_error
 from test_metrics import requirement
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import (
     PAPER,
     Accuracy,
@@ -60,14 +60,14 @@ def test_the_shipped_file_is_the_paper() -> None:
 
 def test_a_cubesat_meets_its_own_requirements_and_not_the_papers(tmp_path: Path) -> None:
     own = load_requirements([written(tmp_path, CUBESAT)])
-    verdict = analyse(cubesat_run(), own)
+    verdict = Verdict(cubesat_run(), own)
     assert verdict.all_met
     row = requirement(verdict, "attitude error from 90 s on")
     assert row.value == pytest.approx(0.05, rel=1e-9)
     assert (row.limit, row.unit, row.span) == (0.1, "deg", (90.0, 120.0))
     assert requirement(verdict, "settling time").value == 80.0
     assert verdict.to_json()["required"]["settled"] == "0.1 deg"
-    assert not analyse(cubesat_run()).all_met
+    assert not Verdict(cubesat_run()).all_met
 
 
 def test_later_files_win_and_keep_what_they_do_not_name(tmp_path: Path) -> None:
@@ -84,25 +84,25 @@ def test_later_files_win_and_keep_what_they_do_not_name(tmp_path: Path) -> None:
         limits={"wheel_torque": 0.02, "torque_command": 1.0},
     )
     assert "angular rate (norm)" not in [
-        each.name for each in analyse(cubesat_run(), own).requirements
+        each.name for each in Verdict(cubesat_run(), own).requirements
     ]
 
 
 def test_a_limit_on_any_column_and_on_the_torque(tmp_path: Path) -> None:
     own = load_requirements([written(tmp_path, "limits: {wheel_torque: 0.02}\ntorque: 0.01\n")])
-    verdict = analyse(normal_run(), own)
+    verdict = Verdict(normal_run(), own)
     assert requirement(verdict, "applied torque on an axis").met is False
     row = requirement(verdict, "wheel torque")
     assert (row.met, row.reason) == (None, "no topic wheels/torque in the bag")
     wheels = np.full((12001, 3), -0.03)
-    row = requirement(analyse(with_columns(normal_run(), wheel_torque=wheels), own), row.name)
+    row = requirement(Verdict(with_columns(normal_run(), wheel_torque=wheels), own), row.name)
     assert (row.met, row.value) == (False, 0.03)
 
 
 def test_a_limit_on_a_quaternion_is_one_on_its_vector(tmp_path: Path) -> None:
     own = load_requirements([written(tmp_path, "limits: {attitude_error: 0.5}")])
     turned = np.tile([0.1, -0.4, 0.0, np.sqrt(0.83)], (12001, 1))
-    verdict = analyse(with_columns(normal_run(), attitude_error=turned), own)
+    verdict = Verdict(with_columns(normal_run(), attitude_error=turned), own)
     row = requirement(verdict, "attitude error")
     assert (row.met, row.value, row.limit_text) == (True, 0.4, "≤ 0.5")
 
@@ -155,9 +155,9 @@ def told_with_noise(noise=1e-4, said=1e-4):
 
 
 def test_the_truth_is_judged_and_three_errors_are_kept_apart() -> None:
-    verdict = analyse(told_with_noise())
-    exact = analyse(normal_run())
-    assert verdict.truth == "recorded"
+    verdict = Verdict(told_with_noise())
+    exact = Verdict(normal_run())
+    assert verdict.truth.standing == "recorded"
     for name in ("terminal_error", "settling_time_s", "max_rate_deg_s"):
         assert getattr(verdict.metrics, name) == getattr(exact.metrics, name)
     assert verdict.all_met
@@ -172,12 +172,12 @@ def test_who_is_told_the_truth_makes_no_knowledge_error() -> None:
     """Where sensing is exact and the truth is on record too, no rounding is an error."""
     run = normal_run()
     run = with_columns(run, truth_attitude=run["attitude"])
-    assert analyse(run).errors[-1].name == "knowledge"
-    assert analyse(run).errors[-1].max_deg == 0.0
+    assert Verdict(run).errors[-1].name == "knowledge"
+    assert Verdict(run).errors[-1].max_deg == 0.0
 
 
 def test_a_told_attitude_that_the_noise_does_not_explain_fails() -> None:
-    row = requirement(analyse(told_with_noise(1e-4, 1e-5)), "knowledge error (truth against told)")
+    row = requirement(Verdict(told_with_noise(1e-4, 1e-5)), "knowledge error (truth against told)")
     assert (row.met, row.unit) == (False, "deg")
     assert row.limit == pytest.approx(np.rad2deg(8e-5), rel=1e-12)
 
@@ -185,9 +185,9 @@ def test_a_told_attitude_that_the_noise_does_not_explain_fails() -> None:
 def test_required_knowledge(tmp_path: Path) -> None:
     own = load_requirements([written(tmp_path, "knowledge: 0.01 deg\n")])
     name = "knowledge error (truth against told)"
-    assert requirement(analyse(told_with_noise(), own), name).met is False
-    assert requirement(analyse(normal_run(), own), name).value == 0.0  # sensing is exact
-    verdict = analyse(replace(normal_run(), parameters={}), own)
-    assert verdict.truth == "unknown"
+    assert requirement(Verdict(told_with_noise(), own), name).met is False
+    assert requirement(Verdict(normal_run(), own), name).value == 0.0  # sensing is exact
+    verdict = Verdict(replace(normal_run(), parameters={}), own)
+    assert verdict.truth.standing == "unknown"
     row = requirement(verdict, name)
     assert (row.met, row.reason) == (None, "no topic truth/attitude in the bag")

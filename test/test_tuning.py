@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 import yaml
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign
 from ppc_attitude.campaign.draw import scenario_of_run
@@ -85,7 +85,7 @@ def test_gains_with_which_a_run_diverges_cost_more_than_any_that_are_merely_slow
     def costs(frequency: float) -> float:
         gains = {"quaternion_feedback.natural_frequency": frequency}
         case = scenario_of_run(of, 0).with_values(CONTROLLER, **gains)
-        return cost(analyse(simulate(case, of.duration), of.required))
+        return cost(Verdict(simulate(case, of.duration), of.required))
 
     slow, diverging = costs(1e-3), costs(15.0)  # a sample lasts three times as long
     assert 10.0 < slow < diverging == cost(None)

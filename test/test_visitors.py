@@ -30,7 +30,7 @@ from peer import node_apart
 from process_helpers import LOOP, PATIENCE, Node, Run, end_all, pace, until
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.commands import watch
 from ppc_attitude.command_line.main import main
@@ -155,7 +155,7 @@ def expect_goal(record: RunRecord) -> None:
 
 def expect_hit(record: RunRecord, start: float) -> None:
     """One hit acted, for its duration; the bag alone tells it."""
-    (hit,) = analyse(record).metrics.disturbances
+    (hit,) = Verdict(record).metrics.disturbances
     assert hit.start_s == pytest.approx(start, abs=1e-6)
     assert hit.duration_s == pytest.approx(0.25, abs=1e-9)
     assert hit.torque == pytest.approx(TORQUE, abs=1e-4)

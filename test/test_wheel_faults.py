@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.science import wheels
@@ -230,7 +230,7 @@ def test_momentum_is_spread_over_the_wheels_that_are_left_without_a_torque(
 def test_the_papers_hits_are_recovered_from_with_three_wheels() -> None:
     """An independent study found 9.4 s, without the environment."""
     hit = case("sudden_disturbance", "wheels", faults=["wheel/0 effectiveness 0"])
-    verdict = analyse(simulate(hit.with_values(INJECTOR, environment=False), 120.0))
+    verdict = Verdict(simulate(hit.with_values(INJECTOR, environment=False), 120.0))
     rows = {each.key: each for each in verdict.requirements}
     assert rows["recovery"].value == pytest.approx(9.4, abs=0.2)
     assert rows["recovery"].met
@@ -241,4 +241,4 @@ def test_with_two_wheels_the_attitude_is_lost_but_every_number_stays_finite() ->
     texts = ["wheel/0 effectiveness 0 from 20", "wheel/3 seized from 30"]
     record = simulate(case("wheels", faults=texts), 60.0)
     assert all(np.isfinite(column).all() for column in record.columns.values())
-    assert analyse(record).all_met is False
+    assert Verdict(record).all_met is False

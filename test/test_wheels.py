@@ -31,7 +31,7 @@ from process_helpers import PAPER, Run
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER as PAPER_REQUIREMENTS
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.run_record import RunRecord
@@ -200,7 +200,7 @@ def test_nodes_with_wheels_modes_sensors_and_faults_give_the_bits_of_the_loop(
     at_once = [*schedule, f"wheel/3 stuck 0.01 from {since / 1e9!r}"]
     craft = load([PAPER, *overlays]).with_values(PLANT, faults=at_once)
     assert_flown(record, simulate(craft, 6.0))
-    assert set(analyse(record).faults) == {
+    assert set(Verdict(record).faults) == {
         "gyro bias 1e-4 0 0, 0 to 6 s",
         "wheel/1 effectiveness 0, 0.1 to 6 s",
         "star_tracker blind, 1 to 6 s",
@@ -215,7 +215,7 @@ def flown(**plant: Any) -> RunRecord:
 
 
 def test_the_papers_case_with_wheels_is_as_with_an_ideal_actuator() -> None:
-    verdict = analyse(flown())
+    verdict = Verdict(flown())
     assert all(each.met for each in verdict.requirements)
     rows = {each.key: each for each in verdict.requirements}
     assert rows["settling_time"].value == pytest.approx(48.9)
@@ -224,7 +224,7 @@ def test_the_papers_case_with_wheels_is_as_with_an_ideal_actuator() -> None:
 
 def test_what_friction_does_to_a_drive_that_does_not_know_it() -> None:
     """An independent study found 7.4 s outside ρ_ω and a terminal error of 1.7e-4."""
-    verdict = analyse(
+    verdict = Verdict(
         flown(wheels__friction_knowledge=0.0, wheels__null_speed=0.0, wheels__null_gain=0.0)
     )
     rows = {each.key: each for each in verdict.requirements}
@@ -233,7 +233,7 @@ def test_what_friction_does_to_a_drive_that_does_not_know_it() -> None:
 
 
 def test_a_craft_whose_wheels_are_full_does_not_pass() -> None:
-    verdict = analyse(flown(duration=300.0))
+    verdict = Verdict(flown(duration=300.0))
     rows = {each.key: each for each in verdict.requirements}
     assert rows["wheel_speed"].met is False
     assert rows["wheel_speed"].value == pytest.approx(1.0, abs=1e-3)
@@ -245,11 +245,11 @@ def test_the_momentum_of_the_wheels_is_judged_by_the_users_limit() -> None:
     axes = np.reshape(wheels.AXES.default, (4, 3))
     held = np.linalg.norm(8e-4 * record["wheel_speed"][:, :4] @ axes, axis=1).max()
     for limit, met in ((0.9 * held, False), (1.1 * held, True)):
-        verdict = analyse(record, replace(PAPER_REQUIREMENTS, momentum=limit))
+        verdict = Verdict(record, replace(PAPER_REQUIREMENTS, momentum=limit))
         row = {each.key: each for each in verdict.requirements}["momentum"]
         assert (row.value, row.met, row.unit) == (pytest.approx(held, rel=1e-12), met, "N·m·s")
     without = simulate(case(), 2.0)
-    verdict = analyse(without, replace(PAPER_REQUIREMENTS, momentum=0.1))
+    verdict = Verdict(without, replace(PAPER_REQUIREMENTS, momentum=0.1))
     row = {each.key: each for each in verdict.requirements}["momentum"]
     assert (row.met, row.note) == (None, "no topic wheels/speed in the bag")
 

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.truth import knowledge_errors, pointing_errors
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT
 from ppc_attitude.science.estimators.steady_state import steady_state
@@ -128,9 +128,9 @@ def case(suite: str, seed: int, *overlays: str, plain: bool = False, **plant: An
 def fly(suite: str, seed: int, plain: bool = False) -> Flight:
     """Fly the paper's case of 120 s, and once more with the paper's hits."""
     record = simulate(case(suite, seed, plain=plain), 120.0)
-    found = analyse(record).metrics
+    found = Verdict(record).metrics
     torque = 1e3 * record["torque_command"][record.stamps_ns >= SETTLED * 1e9]
-    hit = analyse(simulate(case(suite, seed, "sudden_disturbance", plain=plain), 120.0)).metrics
+    hit = Verdict(simulate(case(suite, seed, "sudden_disturbance", plain=plain), 120.0)).metrics
     recovery = hit.disturbances[-1].recovery_time_s
     return Flight(
         known(found.terminal_error),
@@ -155,7 +155,7 @@ def fly_blind(suite: str, seed: int) -> Gap:
     return Gap(
         float(knowledge_errors(record).angles[end]) / ARCSEC,
         math.sqrt(variances.sum()) / ARCSEC,
-        known(analyse(record).metrics.terminal_error),
+        known(Verdict(record).metrics.terminal_error),
         float(pointing_errors(record).sizes[-1]),
     )
 

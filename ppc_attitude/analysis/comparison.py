@@ -126,7 +126,7 @@ def run_labels(records: Sequence[RunRecord]) -> list[str]:
     return [f"{name} ({k})" for k, name in enumerate(bags, start=1)]
 
 
-def comparisons_of(records: Sequence[RunRecord], required: Requirements = PAPER) -> Drawn:
+def comparisons_of(runs: Sequence[Measured]) -> Drawn:
     """Draw every comparison for which all of two to six runs have the data.
 
     The first is red and the second blue, as in the paper.
@@ -136,8 +136,7 @@ def comparisons_of(records: Sequence[RunRecord], required: Requirements = PAPER)
     AnalysisError
         If there is nothing that all of them have.
     """
-    labels = run_labels(records)
-    runs = [Measured(record, required) for record in records]
+    labels = run_labels([run.record for run in runs])
     drawn: Drawn = {}
     lacking = ""
     for name, caption, draw_figure in _comparisons():

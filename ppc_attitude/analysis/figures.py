@@ -40,7 +40,7 @@ from ppc_attitude.analysis.envelopes import ATTITUDE, Envelope, declared, envelo
 from ppc_attitude.analysis.filter_figures import bias_figure, innovation_figure, knowledge_figure
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured, known
-from ppc_attitude.analysis.requirements import DEGREES, PAPER, Requirements
+from ppc_attitude.analysis.requirements import DEGREES
 from ppc_attitude.analysis.run_panels import (
     AXES,
     accuracy_limits,
@@ -233,25 +233,24 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
             yield column, caption, partial(column_figure, column=column)
 
 
-def figures_of(record: RunRecord, required: Requirements = PAPER) -> Drawn:
-    """Draw every figure for which the record has the data.
+def figures_of(run: Measured) -> Drawn:
+    """Draw every figure for which the record of a run has the data.
 
     What is required is drawn over the part of the run that is judged.
 
     Raises
     ------
     AnalysisError
-        If the record has no instant, or nothing at all to draw.
+        If the record has nothing at all to draw.
     """
-    run = Measured(record, required)
     drawn: Drawn = {}
-    for name, caption, draw_figure in _drawings(record):
+    for name, caption, draw_figure in _drawings(run.record):
         try:
             drawn[name] = caption, draw_figure(run)
         except AnalysisError:
             continue  # a controller without envelope or θ has no such figure
     if not drawn:
-        raise AnalysisError(f"{record.source}: the record has nothing to draw")
+        raise AnalysisError(f"{run.record.source}: the record has nothing to draw")
     return drawn
 
 

@@ -14,7 +14,7 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cached_property
 from typing import Any, TypeVar
@@ -22,8 +22,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, beyond, bound_of, envelopes_of, outside
+from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
-from ppc_attitude.analysis.requirements import Accuracy, Requirements, component_size
+from ppc_attitude.analysis.requirements import PAPER, Accuracy, Requirements, component_size
 from ppc_attitude.analysis.series import (
     AnalysisError,
     Mask,
@@ -33,6 +34,7 @@ from ppc_attitude.analysis.series import (
     step,
     topic_of,
     vectors,
+    zero_ns,
 )
 from ppc_attitude.analysis.truth import (
     EXACT,
@@ -75,7 +77,7 @@ def metric_of(envelope: Envelope) -> str:
 class Measured:
     """The numbers of one run, for a judgement by what is required."""
 
-    def __init__(self, record: RunRecord, required: Requirements) -> None:
+    def __init__(self, record: RunRecord, required: Requirements = PAPER) -> None:
         self.record, self.required = record, required
         self.t = elapsed(record)
         self.h, self.begin, self.end = step(self.t), float(self.t[0]), float(self.t[-1])
@@ -127,6 +129,26 @@ class Measured:
         )
         self.last_span = (max(self.end - required.terminal_window, self.begin), self.end)
         self.last = self.t >= np.round(self.end - required.terminal_window, 9)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first instant to the last [s]."""
+        return round(self.end - self.begin, 9)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Faults of the plant's hardware that acted, each in a few words."""
+        return tuple(map(str, faults_of(self.record)))
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Parameters that were changed in flight, each in a few words."""
+        told = []
+        for change, before in self.record.told_changes:
+            old = "" if before is None else f"{before} → "
+            since = f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}"
+            told.append(f"{change.node} {change.name} {old}{change.value} from {since} s on")
+        return tuple(told)
 
     def lacks(self, *columns: str) -> str:
         """Why something cannot be judged: the topics that the record lacks; empty if none."""
@@ -289,8 +311,10 @@ class Measured:
         """Time outside [s]: the samples outside, h each."""
         return round(int(np.count_nonzero(instants)) * self.h, 9)
 
-    def error_sizes(self) -> Iterator[ErrorSize]:
+    @cached_property
+    def errors(self) -> tuple[ErrorSize, ...]:
         """Pointing, control and knowledge over the last part of the run."""
+        sizes = []
         for name, meaning, errors in (
             ("pointing", "truth against reference", self.pointing),
             ("control", "told against reference", self.control),
@@ -304,7 +328,8 @@ class Measured:
                 most, rms = float(angles.max()), float(np.sqrt(np.mean(angles**2)))
             elif name == "knowledge" and self.truth.standing == EXACT:
                 most = rms = 0.0
-            yield ErrorSize(name, meaning, most, rms, self.last_span)
+            sizes.append(ErrorSize(name, meaning, most, rms, self.last_span))
+        return tuple(sizes)
 
 
 def known(of: Callable[[RunRecord], _Found], record: RunRecord) -> _Found | None:

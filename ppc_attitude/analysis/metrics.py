@@ -51,12 +51,12 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
 """
 
 from collections.abc import Iterator
-from functools import cached_property
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, envelopes_of, outside
-from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
 from ppc_attitude.analysis.flight import refusals_of
 from ppc_attitude.analysis.guarantee import certificate_held
@@ -71,14 +71,15 @@ from ppc_attitude.analysis.requirements import (
     names_of,
     outside_names,
 )
-from ppc_attitude.analysis.series import has, zero_ns
+from ppc_attitude.analysis.series import has
 from ppc_attitude.analysis.truth import EXACT, RECORDED
 from ppc_attitude.analysis.verdict import (
+    MET,
+    NOT_JUDGED,
+    NOT_MET,
     Disturbance,
     Requirement,
     Span,
-    Verdict,
-    change_text,
     number_text,
     span_text,
 )
@@ -104,8 +105,8 @@ NOISE_EXPLAINS = 8.0
 """Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
 
 
-def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
-    """Judge a run.
+class Verdict(Measured):
+    """One run, judged: its `requirements`, and the numbers behind them.
 
     Parameters
     ----------
@@ -114,44 +115,56 @@ def analyse(record: RunRecord, required: Requirements = PAPER) -> Verdict:
     required : Requirements
         What it is judged by; the paper's by default.
 
-    Returns
-    -------
-    Verdict
-        Requirements and metrics; the module's text says which apply when.
+    Attributes
+    ----------
+    requirements : tuple of Requirement
+        Those that apply to this run; the module's text says which apply when.
 
     Raises
     ------
     AnalysisError
         If the record has no instant.
     """
-    judge = Judge(record, required)
-    return Verdict(
-        source=record.source,
-        controller=record.controller,
-        duration_s=round(judge.end - judge.begin, 9),
-        steps=int(judge.t.size),
-        missing_messages=record.missing_messages,
-        truth=judge.truth.standing,
-        requirements=judge.requirements,
-        metrics=judge.metrics,
-        errors=tuple(judge.error_sizes()),
-        required=required,
-        changes=tuple(change_text(told, zero_ns(record)) for told in record.told_changes),
-        faults=tuple(map(str, faults_of(record))),
-    )
 
+    def __init__(self, record: RunRecord, required: Requirements = PAPER) -> None:
+        super().__init__(record, required)
+        self._names = names_of(required)
+        self.requirements = tuple(self._requirements())
 
-class Judge(Measured):
-    """One run under judgement: `metrics` and `requirements`, without what only a reader wants."""
+    @property
+    def all_met(self) -> bool:
+        """True if no requirement is judged and missed."""
+        return all(each.met is not False for each in self.requirements)
 
-    @cached_property
-    def _names(self) -> dict[str, str]:
-        return names_of(self.required)
+    @property
+    def summary(self) -> str:
+        """How many requirements came out how, in one line."""
+        outcomes = [each.outcome for each in self.requirements]
+        counts = [(outcomes.count(each), each) for each in (NOT_MET, NOT_JUDGED, MET)]
+        told = ", ".join(f"{count} {outcome}" for count, outcome in counts if count)
+        return f"{told} of {len(outcomes)} requirements"
 
-    @cached_property
-    def requirements(self) -> tuple[Requirement, ...]:
-        """The requirements that apply to the run, judged."""
-        return tuple(self._requirements())
+    def to_json(self) -> dict[str, Any]:
+        """Return the object that ``ppc_attitude analyse --json`` prints."""
+        metrics = asdict(self.metrics)
+        metrics |= metrics.pop("further")
+        spans = {name: list(span) for name, span in metrics.pop("spans").items()}
+        for disturbance in metrics["disturbances"]:
+            disturbance["torque"] = list(disturbance["torque"])
+        return {
+            "bag": self.record.source,
+            "controller": self.record.controller,
+            "duration_s": self.duration_s,
+            "steps": self.t.size,
+            "missing_messages": self.record.missing_messages,
+            "requirements": [each.to_json() for each in self.requirements],
+            "metrics": {**metrics, "disturbances": list(metrics["disturbances"]), "spans": spans},
+            "errors": [{**asdict(each), "span": list(each.span)} for each in self.errors],
+            "truth": self.truth.standing,
+            "required": self.required.to_json(),
+            "changes": list(self.changes),
+            "faults": list(self.faults),
+        }
 
     def _requirements(self) -> Iterator[Requirement]:
         required = self.required

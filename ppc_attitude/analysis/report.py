@@ -21,7 +21,7 @@ from pathlib import Path
 from ppc_attitude.analysis.comparison import comparisons_of, run_labels
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.interactive import replay
-from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.page import (
     Html,
     asked,
@@ -34,7 +34,7 @@ from ppc_attitude.analysis.page import (
 )
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.analysis.truth import STANDING
-from ppc_attitude.analysis.verdict import Requirement, Verdict, number_text, span_text, torque_text
+from ppc_attitude.analysis.verdict import Requirement, number_text, span_text, torque_text
 from ppc_attitude.contract.run_record import RunRecord
 
 _METRICS = (
@@ -60,16 +60,14 @@ _METRICS = (
     ("time_outside_rate_envelope_s", "law's rate error outside its envelope, whole run", "s"),
 )
 
-Runs = Sequence[tuple[RunRecord, Verdict]]
 
-
-def write_report(runs: Runs, path: Path, *, mission: str = "", date: str = "") -> None:
+def write_report(runs: Sequence[Verdict], path: Path, *, mission: str = "", date: str = "") -> None:
     """Write the report of one to six runs; several are compared in a table and common figures.
 
     Parameters
     ----------
-    runs : sequence of (RunRecord, Verdict)
-        The runs with their judgements.
+    runs : sequence of Verdict
+        The runs, judged.
     path : Path
         The HTML file, as for `write_page`.
     mission, date : str
@@ -80,56 +78,56 @@ def write_report(runs: Runs, path: Path, *, mission: str = "", date: str = "") -
     AnalysisError
         If a run has nothing to draw.
     """
-    labels = run_labels([record for record, _ in runs])
+    labels = run_labels([run.record for run in runs])
     title = f"{mission or 'Attitude control report'}: {', '.join(labels)}"
     body = [f"<h1>{escape(title)}</h1>", f"<p>{escape(date)}</p>", _heading(runs, labels)]
     if len(runs) > 1:
         body.append(_comparison(runs, labels))
-    for (record, verdict), label in zip(runs, labels, strict=True):
-        body.append(_run_section(record, verdict, label if len(runs) > 1 else "Run"))
+    for run, label in zip(runs, labels, strict=True):
+        body.append(_run_section(run, label if len(runs) > 1 else "Run"))
     write_page(path, title, body)
 
 
-def _heading(runs: Runs, labels: Sequence[str]) -> str:
+def _heading(runs: Sequence[Verdict], labels: Sequence[str]) -> str:
     """Say in one line for each run how it came out."""
     lines = []
-    for (_, verdict), label in zip(runs, labels, strict=True):
+    for verdict, label in zip(runs, labels, strict=True):
         style = "met" if verdict.all_met else "failed"
         lines.append(f'<p class="{style}">{escape(f"{label}: {verdict.summary}")}</p>')
     return "\n".join(lines)
 
 
-def _comparison(runs: Runs, labels: Sequence[str]) -> str:
+def _comparison(runs: Sequence[Verdict], labels: Sequence[str]) -> str:
     """Put the requirements of all runs in one table, then the common figures."""
-    names = list(dict.fromkeys(each.name for _, v in runs for each in v.requirements))
+    names = list(dict.fromkeys(each.name for run in runs for each in run.requirements))
     rows = []
     for name in names:
-        found = [next((r for r in v.requirements if r.name == name), None) for _, v in runs]
+        found = [next((r for r in run.requirements if r.name == name), None) for run in runs]
         limits = dict.fromkeys(each.limit_text for each in found if each)
         told = [_compared(each) if each else "–" for each in found]
         rows.append([name, *told, ", ".join(limits)])
     numbers = [(label, "number") for label in labels]
     compared = table([("requirement", "name"), *numbers, ("limit", "")], rows)
-    records = [record for record, _ in runs]
     try:
-        drawn = figures(comparisons_of(records, runs[0][1].required).values(), "page")
+        drawn = figures(comparisons_of(runs).values(), "page")
     except AnalysisError as error:  # runs of which each lacks what the other has
         drawn = f"<p>{escape(str(error))}</p>"
     return f"<h2>Comparison</h2>\n{compared}{drawn}"
 
 
-def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
+def _run_section(verdict: Verdict, title: str) -> str:
     """Everything about one run."""
+    record = verdict.record
     facts = [
-        ("source", verdict.source),
-        ("controller", verdict.controller),
-        ("duration", f"{verdict.duration_s:g} s in {verdict.steps} instants"),
-        ("truth", STANDING[verdict.truth]),
-        ("missing messages", str(verdict.missing_messages)),
+        ("source", record.source),
+        ("controller", record.controller),
+        ("duration", f"{verdict.duration_s:g} s in {verdict.t.size} instants"),
+        ("truth", STANDING[verdict.truth.standing]),
+        ("missing messages", str(record.missing_messages)),
     ]
     facts += [(f"missing of {topic}", str(count)) for topic, count in record.missing.items()]
     warnings = "".join(f'<p class="warning">{escape(each)}</p>\n' for each in record.warnings)
-    drawn = figures_of(record, verdict.required).values()
+    drawn = figures_of(verdict).values()
     return "\n".join(
         [
             f'<section class="run"><h2>{escape(title)}</h2>',
@@ -146,7 +144,7 @@ def _run_section(record: RunRecord, verdict: Verdict, title: str) -> str:
             "<h3>Figures</h3>",
             figures(drawn, "column"),
             "<h3>Replay</h3>",
-            replay(Measured(record, verdict.required)),
+            replay(verdict),
             asked(verdict.required),
             collapsed("Configuration, as the run began", configuration(record.parameters)),
             collapsed("Versions", pairs(record.metadata.items())),

@@ -12,19 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`Verdict`: what was judged, how it came out, and how it is told (terminal, JSON)."""
+"""The parts of a verdict: requirements and how they came out, and the numbers behind them."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from ppc_attitude.analysis.pulses import Pulse
-from ppc_attitude.analysis.requirements import Requirements
-from ppc_attitude.analysis.truth import EXACT, STANDING
-from ppc_attitude.contract.run_record import ToldChange
 
 MET, NOT_MET, NOT_JUDGED = "met", "NOT MET", "not judged"
-_MOST_CHANGES = 20  # that a terminal shows: a stream of goals has thousands
 
 Span = tuple[float, float]
 
@@ -109,11 +105,6 @@ class Requirement:
         if self.reason:
             told["reason"] = self.reason
         return told
-
-
-def all_met(requirements: Iterable[Requirement]) -> bool:
-    """True if none is judged and missed."""
-    return all(each.met is not False for each in requirements)
 
 
 @dataclass(frozen=True)
@@ -219,152 +210,10 @@ class ErrorSize:
     span: Span
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """The judgement of one run.
-
-    Attributes
-    ----------
-    source : str
-        Where the record comes from: the bag's path, or ``simulate``.
-    controller : str
-        Name of the control law.
-    duration_s : float
-        From the first instant to the last [s].
-    steps : int
-        Number of instants.
-    missing_messages : int
-        How many messages are missing.
-    truth : str
-        What stands for the truth: a key of `truth.STANDING`.
-    requirements : tuple of Requirement
-        Those that apply to this run.
-    metrics : Metrics
-        The numbers behind them.
-    errors : tuple of ErrorSize
-        Pointing, control and knowledge.
-    required : Requirements
-        What was asked for.
-    changes : tuple of str
-        Parameters that were changed in flight, each in a few words.
-    faults : tuple of str
-        Faults of the plant's hardware that acted, each in a few words.
-    """
-
-    source: str
-    controller: str
-    duration_s: float
-    steps: int
-    missing_messages: int
-    truth: str
-    requirements: tuple[Requirement, ...]
-    metrics: Metrics
-    errors: tuple[ErrorSize, ...]
-    required: Requirements
-    changes: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
-
-    @property
-    def all_met(self) -> bool:
-        """True if no requirement is judged and missed."""
-        return all_met(self.requirements)
-
-    @property
-    def summary(self) -> str:
-        """How many requirements came out how, in one line."""
-        outcomes = [each.outcome for each in self.requirements]
-        counts = [(outcomes.count(each), each) for each in (NOT_MET, NOT_JUDGED, MET)]
-        told = ", ".join(f"{count} {outcome}" for count, outcome in counts if count)
-        return f"{told} of {len(outcomes)} requirements"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the object that ``ppc_attitude analyse --json`` prints."""
-        metrics = asdict(self.metrics)
-        metrics |= metrics.pop("further")
-        spans = {name: list(span) for name, span in metrics.pop("spans").items()}
-        for disturbance in metrics["disturbances"]:
-            disturbance["torque"] = list(disturbance["torque"])
-        return {
-            "bag": self.source,
-            "controller": self.controller,
-            "duration_s": self.duration_s,
-            "steps": self.steps,
-            "missing_messages": self.missing_messages,
-            "requirements": [each.to_json() for each in self.requirements],
-            "metrics": {**metrics, "disturbances": list(metrics["disturbances"]), "spans": spans},
-            "errors": [{**asdict(each), "span": list(each.span)} for each in self.errors],
-            "truth": self.truth,
-            "required": self.required.to_json(),
-            "changes": list(self.changes),
-            "faults": list(self.faults),
-        }
-
-
-def verdict_table(verdict: Verdict) -> str:
-    """Tell the verdict to a terminal: what was judged, a table of requirements, disturbances.
-
-    The last line has no line break.
-    """
-    cells = [("requirement", "value", "limit", "judged [s]", "verdict")]
-    cells += [
-        (each.name, each.value_text, each.limit_text, each.span_text, each.outcome)
-        for each in verdict.requirements
-    ]
-    name, value, limit, span, _ = (max(len(row[k]) for row in cells) for k in range(5))
-    rows = [
-        f"{row[0]:<{name}}  {row[1]:>{value}}  {row[2]:<{limit}}  {row[3]:<{span}}  {row[4]}"
-        for row in cells
-    ]
-    lines = [
-        f"{verdict.source}: controller {verdict.controller}, {verdict.duration_s:g} s, "
-        f"{verdict.steps} instants, {verdict.missing_messages} missing messages",
-        STANDING[verdict.truth],
-        "",
-        rows[0],
-        "-" * max(len(row) for row in rows),
-        *rows[1:],
-    ]
-    lines += [f"{each.name}: {each.note}" for each in verdict.requirements if each.note]
-    kinds = verdict.errors[:1] if verdict.truth == EXACT else verdict.errors
-    lines += [error_text(each) for each in kinds if each.max_deg is not None]
-    lines += [disturbance_text(each) for each in verdict.metrics.disturbances]
-    lines += [f"fault: {each}" for each in verdict.faults]
-    if verdict.changes:
-        shown, left = verdict.changes[:_MOST_CHANGES], len(verdict.changes) - _MOST_CHANGES
-        more = (f"{left} more, all of them with --json",) if left > 0 else ()
-        lines.append(f"parameters changed in flight: {'; '.join([*shown, *more])}")
-    return "\n".join(lines)
-
-
-def error_text(error: ErrorSize) -> str:
-    """One of the three attitude errors in one line."""
-    return (
-        f"{error.name} error ({error.meaning}): at most {number_text(error.max_deg or 0.0)} deg, "
-        f"{number_text(error.rms_deg or 0.0)} deg RMS, from {span_text(error.span)} s"
-    )
-
-
 def torque_text(disturbance: Disturbance) -> str:
     """Torque of a sudden disturbance [N·m], by component."""
     # It is a difference of torques: what rounding leaves of nothing is nothing.
     return ", ".join(number_text(round(each, 9) + 0.0) for each in disturbance.torque)
-
-
-def disturbance_text(disturbance: Disturbance) -> str:
-    """One sudden disturbance in one line."""
-    return (
-        f"sudden disturbance at {disturbance.start_s:g} s, ({torque_text(disturbance)}) N·m "
-        f"for {disturbance.duration_s:g} s: {disturbance.outcome}, "
-        f"judged by {disturbance.judged_by}"
-    )
-
-
-def change_text(told: ToldChange, zero_ns: int) -> str:
-    """One parameter that was changed in flight, in a few words; time is zero at a stamp [ns]."""
-    change, before = told
-    old = "" if before is None else f"{before} → "
-    since = f"{(change.stamp_ns - zero_ns) / 1e9:.9g}"
-    return f"{change.node} {change.name} {old}{change.value} from {since} s on"
 
 
 def number_text(value: float) -> str:

@@ -18,15 +18,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias
 
-from ppc_attitude.analysis.metrics import Judge, analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import names_of
 from ppc_attitude.analysis.series import take_for_finite
 from ppc_attitude.analysis.truth import pointing_errors
-from ppc_attitude.analysis.verdict import Metrics, Verdict, all_met
+from ppc_attitude.analysis.verdict import Metrics
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of_run, scenario_with
 from ppc_attitude.campaign.quantile_bands import Levels, levels_of
-from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import Loop, simulate
 from ppc_attitude.simulation.scenario import Scenario
@@ -106,8 +105,8 @@ def _simulated(campaign: Campaign, loop: Loop, scenario: Scenario) -> tuple[Row,
     """Run a scenario; of its samples nothing is kept."""
     record = loop.run(scenario)
     take_for_finite(record, loop.whole)
-    judge = Judge(record, campaign.required)
-    return _judged(judge), levels_of(record, pointing_errors(record).sizes)
+    judged = _judged(Verdict(record, campaign.required))
+    return judged, levels_of(record, pointing_errors(record).sizes)
 
 
 def loop_of(campaign: Campaign) -> Loop:
@@ -145,7 +144,7 @@ def run_chunk(campaign: Campaign, start: int, stop: int, loop: Loop | None = Non
     return [outcome for outcome in ended if outcome is not None]
 
 
-def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
+def rerun(campaign: Campaign, index: int) -> Verdict:
     """Run one index again and keep all of it.
 
     Raises
@@ -158,7 +157,7 @@ def rerun(campaign: Campaign, index: int) -> tuple[RunRecord, Verdict]:
     scenario = scenario_of_run(campaign, index)
     record = simulate(scenario, campaign.duration)
     record = replace(record, source=f"campaign run {index}", metadata=campaign.made_with)
-    return record, analyse(record, campaign.required)
+    return Verdict(record, campaign.required)
 
 
 def broken(
@@ -169,13 +168,13 @@ def broken(
     return Outcome(row, None)
 
 
-def _judged(judge: Judge) -> Row:
-    metrics = judge.metrics
+def _judged(verdict: Verdict) -> Row:
+    metrics = verdict.metrics
     row: Row = {name: getattr(metrics, name) for name in METRICS}
     if metrics.disturbances:
         row["recovery_time_s"] = metrics.disturbances[-1].recovery_time_s
-    row["converged"], row["all_met"] = metrics.converged, all_met(judge.requirements)
-    for each in judge.requirements:
+    row["converged"], row["all_met"] = metrics.converged, verdict.all_met
+    for each in verdict.requirements:
         told = (each.met, each.value, each.limit_text, each.note)
         row |= {f"{part}_{each.key}": it for part, it in zip(PARTS, told, strict=True)}
     return row

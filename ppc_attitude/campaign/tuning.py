@@ -29,9 +29,8 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.series import AnalysisError
-from ppc_attitude.analysis.verdict import Verdict
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.draw import scenario_of_run
 from ppc_attitude.campaign.summary import Fraction
@@ -171,7 +170,7 @@ def _verdict(campaign: Campaign, index: int, gains: Mapping[str, float]) -> Verd
     """Verdict of one run with these gains; None if they are impossible or the run breaks."""
     try:
         scenario = scenario_of_run(campaign, index).with_values(CONTROLLER, **gains)
-        return analyse(simulate(scenario, campaign.duration), campaign.required)
+        return Verdict(simulate(scenario, campaign.duration), campaign.required)
     except (AnalysisError, ConfigurationError):
         return None
 
@@ -179,18 +178,18 @@ def _verdict(campaign: Campaign, index: int, gains: Mapping[str, float]) -> Verd
 def _judged(
     campaign: Campaign, gains: Mapping[str, float], tried: int, indices: range, executor: Executor
 ) -> Tuned:
-    verdicts = list(executor.map(lambda k: _verdict(campaign, k, gains), indices))
-    met = sum(each is not None and each.all_met for each in verdicts)
-    times = [math.inf if each is None else _settling(each, math.inf) for each in verdicts]
+    def fly(index: int) -> tuple[bool, float, list[str]]:
+        verdict = _verdict(campaign, index, gains)
+        if verdict is None:
+            return False, math.inf, []
+        missed = [each.name for each in verdict.requirements if each.met is False]
+        return verdict.all_met, _settling(verdict, math.inf), missed
+
+    flown = list(executor.map(fly, indices))
+    met, times = sum(each for each, _, _ in flown), [time for _, time, _ in flown]
     settling = float(np.median(times)), max(times)
-    missed = Counter(
-        each.name
-        for verdict in verdicts
-        if verdict is not None
-        for each in verdict.requirements
-        if each.met is False
-    )
-    return Tuned(gains, tried, Fraction(met, len(verdicts)), settling, dict(missed.most_common()))
+    missed = Counter(name for *_, names in flown for name in names)
+    return Tuned(gains, tried, Fraction(met, len(flown)), settling, dict(missed.most_common()))
 
 
 def _rounded(value: float) -> float:

@@ -23,10 +23,11 @@ from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import TextIO
 
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
-from ppc_attitude.analysis.verdict import Verdict, verdict_table
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.paths import new_file, new_folder, some_path
+from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
@@ -179,7 +180,7 @@ def requirements_of(arguments: argparse.Namespace) -> Requirements:
 
 
 def write_report_of(
-    arguments: argparse.Namespace, judged: Sequence[tuple[RunRecord, Verdict]], output: TextIO
+    arguments: argparse.Namespace, judged: Sequence[Verdict], output: TextIO
 ) -> None:
     """Write the report that was asked for, and say so."""
     if arguments.report:

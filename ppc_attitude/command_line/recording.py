@@ -23,7 +23,7 @@ from typing import IO, Any, TypeAlias
 
 from tqdm import tqdm
 
-from ppc_attitude.analysis.verdict import Verdict
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.memory import check_memory
@@ -96,7 +96,7 @@ class Recording:
             print(f"warning: {warning}", file=sys.stderr)
         return record
 
-    def judge(self, record: RunRecord, verdict: Verdict, file: IO[str] | None = None) -> int:
+    def judge(self, verdict: Verdict, file: IO[str] | None = None) -> int:
         """Say where the bag is and what it lacks, when everything else has been said.
 
         Returns
@@ -110,6 +110,7 @@ class Recording:
             Messages are missing, or the user interrupted.
         """
         print(self.told, file=file)
+        record = verdict.record
         if record.missing_messages:
             lost = ", ".join(f"{count} of {name}" for name, count in record.missing.items())
             raise RunError(f"the bag lacks messages: {lost}")

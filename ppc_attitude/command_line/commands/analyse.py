@@ -17,7 +17,7 @@
 import argparse
 import sys
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line.options import (
     add_figures_options,
     add_judging_options,
@@ -53,15 +53,14 @@ def execute(arguments: argparse.Namespace) -> int:
     """Read, judge, print, draw."""
     see_that_none_is_idle(arguments, arguments.figures, "figures: --figures DIR", "figure-format")
     required = requirements_of(arguments)
-    record = record_of(arguments)
-    verdict = analyse(record, required)
+    verdict = Verdict(record_of(arguments), required)
     print_verdict(verdict, as_json=arguments.json)
     if arguments.figures:
         from ppc_attitude.analysis.drawing import save_all
         from ppc_attitude.analysis.figures import figures_of
 
-        drawn = figures_of(record, required)
+        drawn = figures_of(verdict)
         for path in save_all(drawn, arguments.figures, arguments.figure_format):
             print(f"figure: {path}", file=sys.stderr)
-    write_report_of(arguments, [(record, verdict)], sys.stderr)
+    write_report_of(arguments, [verdict], sys.stderr)
     return exit_code(verdict)

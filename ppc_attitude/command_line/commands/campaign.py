@@ -22,8 +22,7 @@ from datetime import datetime
 
 from tqdm import tqdm
 
-from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import Verdict
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, load_campaign
 from ppc_attitude.campaign.draw import draw, scenario_of_run, varying
@@ -48,7 +47,6 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.paths import new_folder, shipped_config, some_path
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
-from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED, RunError
@@ -144,25 +142,23 @@ def execute(arguments: argparse.Namespace) -> int:
 def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
     """Run one index again, in process or through the nodes, and judge it as any run."""
     if not (arguments.record or arguments.bag):
-        record, verdict = rerun(campaign, arguments.only)
-        tell_concerns(scenario_of_run(campaign, arguments.only), record)
-        _tell_one(arguments, campaign, record, verdict)
+        verdict = rerun(campaign, arguments.only)
+        tell_concerns(scenario_of_run(campaign, arguments.only), verdict.record)
+        _tell_one(arguments, campaign, verdict)
         return exit_code(verdict)
     recording = Recording(arguments.bag)
     record = recording.run(scenario_of_run(campaign, arguments.only))
-    verdict = analyse(record, campaign.required)
-    _tell_one(arguments, campaign, record, verdict)
-    return recording.judge(record, verdict, sys.stderr if arguments.json else sys.stdout)
+    verdict = Verdict(record, campaign.required)
+    _tell_one(arguments, campaign, verdict)
+    return recording.judge(verdict, sys.stderr if arguments.json else sys.stdout)
 
 
-def _tell_one(
-    arguments: argparse.Namespace, campaign: Campaign, record: RunRecord, verdict: Verdict
-) -> None:
+def _tell_one(arguments: argparse.Namespace, campaign: Campaign, verdict: Verdict) -> None:
     drawn, names = draw(campaign, arguments.only), varying(campaign.variables)
     print_verdict(verdict, as_json=arguments.json, drawn=drawn)
     if not arguments.json:
         print("drawn: " + ", ".join(f"{n} {v:.6g}" for n in names if (v := drawn[n]) is not None))
-    write_report_of(arguments, [(record, verdict)], sys.stderr)
+    write_report_of(arguments, [verdict], sys.stderr)
 
 
 def _tell(

@@ -19,8 +19,7 @@ import sys
 
 from ppc_attitude.analysis.comparison import comparisons_of
 from ppc_attitude.analysis.drawing import RUN_COLOURS, save_all
-from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import verdict_table
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.options import (
     add_figures_options,
@@ -32,6 +31,7 @@ from ppc_attitude.command_line.options import (
     write_report_of,
 )
 from ppc_attitude.command_line.paths import some_path
+from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.errors import ConfigurationError
 
@@ -70,10 +70,10 @@ def execute(arguments: argparse.Namespace) -> int:
     for record in records:
         for warning in record.warnings:
             print(f"warning: {record.source}: {warning}", file=sys.stderr)
-    judged = [(record, analyse(record, required)) for record in records]
-    print("\n\n".join(verdict_table(verdict) for _, verdict in judged))
+    judged = [Verdict(record, required) for record in records]
+    print("\n\n".join(map(verdict_table, judged)))
     if arguments.figures:
-        drawn = comparisons_of(records, required)
+        drawn = comparisons_of(judged)
         for path in save_all(drawn, arguments.figures, arguments.figure_format):
             print(f"figure: {path}")
     write_report_of(arguments, judged, sys.stdout)

@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import verdict_table
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line.options import (
     PAPER_DURATION,
     POSITIVE,
@@ -34,6 +33,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stack import private_environment
+from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
 from ppc_attitude.processes.exits import DONE, RunError
 
@@ -82,9 +82,9 @@ def execute(arguments: argparse.Namespace) -> int:
     record = recording.run(
         scenario, lockstep=False, watch=lambda goes_on: _print(measure(lambda first: goes_on()))
     )
-    verdict = analyse(record)
+    verdict = Verdict(record)
     print(verdict_table(verdict))
-    return recording.judge(record, verdict)
+    return recording.judge(verdict)
 
 
 def _live(duration: float) -> Callable[[float | None], bool]:

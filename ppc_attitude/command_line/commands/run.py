@@ -17,8 +17,7 @@
 import argparse
 import sys
 
-from ppc_attitude.analysis.metrics import analyse
-from ppc_attitude.analysis.verdict import verdict_table
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_judging_options,
@@ -29,6 +28,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paths import new_folder
 from ppc_attitude.command_line.recording import Recording
+from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.processes.exits import RunError
 
 HELP = "run the five nodes, record, and judge"
@@ -68,9 +68,9 @@ def execute(arguments: argparse.Namespace) -> int:
     recording = Recording(arguments.bag, arguments.secure)
     record = recording.run(scenario_of(arguments), lockstep=not arguments.realtime)
     try:
-        verdict = analyse(record, required)
+        verdict = Verdict(record, required)
         print(verdict_table(verdict))
-        write_report_of(arguments, [(record, verdict)], sys.stdout)
-        return recording.judge(record, verdict)
+        write_report_of(arguments, [verdict], sys.stdout)
+        return recording.judge(verdict)
     except KeyboardInterrupt:
         raise RunError(f"interrupted; the run had ended\n{recording.told}") from None

@@ -19,7 +19,7 @@ import shlex
 import sys
 from dataclasses import replace
 
-from ppc_attitude.analysis.metrics import analyse
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
@@ -79,7 +79,7 @@ def execute(arguments: argparse.Namespace) -> int:
     tell_concerns(scenario, record)
     _see_that_it_is_bounded(scenario, record)
     record = replace(record, metadata={**versions(), "command": shlex.join(sys.argv)})
-    verdict = analyse(record, required)
+    verdict = Verdict(record, required)
     print_verdict(verdict, as_json=arguments.json)
     output = sys.stderr if arguments.json else sys.stdout
     if arguments.bag:
@@ -89,7 +89,7 @@ def execute(arguments: argparse.Namespace) -> int:
         if lacking := export(record, arguments.export):
             print(f"warning: {lacking}", file=sys.stderr)
         print(f"table: {arguments.export}", file=output)
-    write_report_of(arguments, [(record, verdict)], output)
+    write_report_of(arguments, [verdict], output)
     return exit_code(verdict)
 
 
