@@ -26,7 +26,7 @@ from test_campaign_distributions import CRAFT, base
 from ppc_attitude.campaign.declaration import campaign, load_campaign
 from ppc_attitude.campaign.draw import draw, scenario_of_run
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.topics import ESTIMATOR, PLANT
+from ppc_attitude.contract.topics import ALLOCATOR, ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import load
 
@@ -95,7 +95,18 @@ def test_a_noise_that_the_sensors_do_not_have_is_not_drawn(
     main(["campaign", "--campaign", str(file), "--only", "0", *given])
     told, said = capsys.readouterr()
     assert "not drawn: attitude_noise, rate_noise; gyro_star_tracker has no such number" in said
-    assert "attitude_noise 0, rate_noise 0" in told
+    assert "actuator_strength 1" in told
+    assert "_noise" not in told.split("drawn: ")[1].splitlines()[0]
+
+
+def test_every_node_with_noise_has_the_seed_of_the_run() -> None:
+    """The magnetometer of an allocator is no sensor of the plant's."""
+    case = ("paper", "wheels", "orbit", "unloading", "allocator_unloading")
+    given = campaign({}, load(configs(*case)), 0)
+    runs = [(scenario_of_run(given, k).parameters, draw(given, k)["noise_seed"]) for k in range(2)]
+    assert [run[ALLOCATOR]["seed"] for run, _ in runs] == [seed for _, seed in runs]
+    assert [run[PLANT]["seed"] for run, _ in runs] == [seed for _, seed in runs]
+    assert runs[0][1] != runs[1][1]
 
 
 @pytest.mark.parametrize(

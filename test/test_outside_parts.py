@@ -301,10 +301,37 @@ def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
     points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
     points.write_text("[ppc_attitude.plants]\nunnamed = misfits:unnamed\n")
     (tmp_path / "own.yaml").write_text("spacecraft_plant: {ros__parameters: {plant: unnamed}}\n")
-    given = f"check {' '.join(CONFIGS[:2])}"
-    told = run_outside("-c", EACH, given, f"{given} --config own.yaml").stdout
-    assert told.count("torque authority") == 2
-    assert told.count("time to turn") == 1
+    (tmp_path / "goal.yaml").write_text(
+        "reference_generator: {ros__parameters: {mode: goal, goals.times: [1.0], "
+        "goals.attitudes: [0.0, 0.0, 0.0, 1.0]}}\n"
+    )
+    paper = f"check {' '.join(CONFIGS[:2])}"
+    checks = [
+        f"{each} {own}"
+        for each in (paper, f"{paper} --config goal.yaml")
+        for own in ("", "--config own.yaml")
+    ]
+    told = run_outside("-c", EACH, *checks).stdout
+    assert told.count("torque authority") == 4
+    assert told.count("last goal") == 2
+    assert told.count("time to turn") == told.count("slew torque") == 1
+
+
+def test_a_campaign_draws_nothing_of_parts_that_do_not_run(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
+    points.write_text("[ppc_attitude.plants]\nunnamed = misfits:unnamed\n")
+    (tmp_path / "own.yaml").write_text("spacecraft_plant: {ros__parameters: {plant: unnamed}}\n")
+    (tmp_path / "one.yaml").write_text("campaign: {rate_noise: 1e-6}\n")
+    given = " ".join(CONFIGS[:2])
+    campaign = f"campaign {given} --campaign one.yaml --duration 1 --only 0"
+    done = run_outside("-c", EACH, campaign, f"{campaign} --config own.yaml")
+    ours, theirs = [line for line in done.stdout.splitlines() if line.startswith("drawn: ")]
+    assert "initial_error_angle" in ours
+    assert "inertia_error" in ours
+    assert theirs.split(", ")[0] == "drawn: actuator_strength 1"
+    assert theirs.endswith("rate_noise 1e-06")
 
 
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:

@@ -27,7 +27,8 @@ from numpy.random import Generator
 
 from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables, with_fault
 from ppc_attitude.campaign.distributions import random_axes
-from ppc_attitude.campaign.varied import values_of
+from ppc_attitude.campaign.varied import SHORT, values_of
+from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
@@ -35,10 +36,16 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.references import goal
+from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.simulation.scenario import Scenario, agreed, check_components, weakened
 
-_LARGEST_NOISE_SEED = 2**53
 _ELEMENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+_OF_PLANT = {
+    "initial_attitude": [f"initial_attitude_{axis}" for axis in "xyzw"],
+    "initial_angular_velocity": [f"initial_rate_{axis}" for axis in "xyz"],
+    "inertia": [f"inertia_{min(i, j)}{max(i, j)}" for i in "xyz" for j in "xyz"],
+}
+"""Parameters of the plant, and the drawn columns that have their numbers."""
 
 DRAWN: dict[str, str] = {
     **{f"initial_attitude_{axis}": "1" for axis in "xyzw"},
@@ -56,7 +63,8 @@ DRAWN: dict[str, str] = {
     "rate_noise": "rad/s",
     "noise_seed": "",
 }
-"""Columns that every campaign draws, and their units; those of the pulse may be null."""
+"""Columns that every campaign draws, and their units; null without a pulse, or if no component
+that runs has such a parameter."""
 
 _VARYING = (
     "initial_error_angle",
@@ -114,19 +122,29 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | str | None]:
         varied |= zip(each.columns(name), numbers, strict=True)
     values = _overlaid(campaign, values_of(campaign.scenario, variables.parameters, varied))
     plant, strength, fault = values[PLANT], variables.actuator_strength, variables.fault
+    drawn: dict[str, Any] = dict.fromkeys(drawn_columns(variables))
+    if _has(PLANT, plant, "initial_attitude"):
+        drawn |= _attitude(campaign, index, values)
+    if _has(PLANT, plant, "initial_angular_velocity"):
+        drawn |= _rate(campaign, index, plant)
+    if _has(PLANT, plant, "inertia"):
+        drawn |= _inertia(campaign, index, plant)
+    for name in SHORT:
+        if _has(PLANT, plant, name):
+            drawn[name] = float(plant[name])
     own = stream(campaign, index, "actuator_strength")
-    return {
-        **_attitude(campaign, index, values),
-        **_rate(campaign, index, plant),
-        **_inertia(campaign, index, plant),
-        **_pulse(variables.disturbance, stream(campaign, index, "disturbance")),
-        "actuator_strength": 1.0 if strength is None else strength.draw(own),
-        "attitude_noise": float(plant["attitude_noise"]),
-        "rate_noise": float(plant["rate_noise"]),
-        **(fault.draw(stream(campaign, index, "fault")) if fault else {}),
-        "noise_seed": int(stream(campaign, index, "noise_seed").integers(_LARGEST_NOISE_SEED)),
-        **varied,
-    }
+    drawn["actuator_strength"] = 1.0 if strength is None else strength.draw(own)
+    if variables.disturbance is not None:
+        drawn |= _pulse(variables.disturbance, stream(campaign, index, "disturbance"))
+    if fault:
+        drawn |= fault.draw(stream(campaign, index, "fault"))
+    drawn["noise_seed"] = int(stream(campaign, index, "noise_seed").integers(int(SEED.high)))
+    return drawn | varied
+
+
+def _has(node: str, values: Mapping[str, Any], parameter: str) -> bool:
+    """True if a component of a node has a parameter and runs."""
+    return any(parameter in component.defaults for component in components_of(node, values))
 
 
 def scenario_of_run(campaign: Campaign, index: int) -> Scenario:
@@ -154,19 +172,19 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     variables = campaign.variables
     changed = values_of(campaign.scenario, variables.parameters, drawn)
     values = _overlaid(campaign, changed)
+    numbers = {name: [drawn[each] for each in columns] for name, columns in _OF_PLANT.items()}
     changed[PLANT] = {
         **changed.get(PLANT, {}),
-        "initial_attitude": [drawn[f"initial_attitude_{axis}"] for axis in "xyzw"],
-        "initial_angular_velocity": [drawn[f"initial_rate_{axis}"] for axis in "xyz"],
-        "inertia": _matrix(drawn).ravel().tolist(),
+        **{name: each for name, each in numbers.items() if None not in each},
         **weakened(values[PLANT], drawn["actuator_strength"]),
-        "seed": drawn["noise_seed"],
     }
     if variables.fault:
         changed[PLANT][FAULTS.name] = with_fault(values[PLANT], drawn)
     for node in SOURCES:
         names = [name for name in agreed(node, values[node]) if name in changed[PLANT]]
         told = {name: changed[PLANT][name] for name in names}
+        if _has(node, values[node], SEED.name):
+            told[SEED.name] = drawn["noise_seed"]
         if told:
             changed[node] = {**told, **changed.get(node, {})}  # unless it was drawn by itself
     if drawn["pulse_torque"]:
@@ -195,13 +213,16 @@ def _attitude(
     q = (x, y, z, w)
     if campaign.variables.initial_attitude is not None:
         q = campaign.variables.initial_attitude.draw(stream(campaign, index, "initial_attitude"), q)
+    named = {f"initial_attitude_{a}": value for a, value in zip("xyzw", q, strict=True)}
     reference = values[REFERENCE]
-    desired = unit_quaternion("initial_attitude", reference["initial_attitude"]).tolist()
     if REFERENCES.selected(reference) is goal.COMPONENT:
         desired = q  # it begins where the craft is
-    angle = rotation_angle(attitude_error(q, tuple(desired)))
-    named = {f"initial_attitude_{a}": value for a, value in zip("xyzw", q, strict=True)}
-    return {**named, "initial_error_angle": float(angle)}
+    elif _has(REFERENCE, reference, "initial_attitude"):
+        x, y, z, w = unit_quaternion("initial_attitude", reference["initial_attitude"]).tolist()
+        desired = (x, y, z, w)
+    else:
+        return named
+    return {**named, "initial_error_angle": float(rotation_angle(attitude_error(q, desired)))}
 
 
 def _rate(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[str, float]:
@@ -247,16 +268,7 @@ def perturbed_inertia(inertia: Array, error: float, own: Generator) -> Array:
     return np.asarray(0.5 * (result + result.T))
 
 
-def _matrix(drawn: Mapping[str, Any]) -> Array:
-    matrix = np.zeros((3, 3))
-    for name, (row, column) in _ELEMENTS.items():
-        matrix[row, column] = matrix[column, row] = drawn[f"inertia_{name}"]
-    return matrix
-
-
-def _pulse(pulse: Pulse | None, own: Generator) -> dict[str, float | None]:
-    if pulse is None:
-        return dict.fromkeys(name for name in DRAWN if name.startswith("pulse_"))
+def _pulse(pulse: Pulse, own: Generator) -> dict[str, float]:
     time, duration, size = (part.draw(own) for part in (pulse.time, pulse.duration, pulse.torque))
     parts = zip("xyz", pulse.direction(own), strict=True)
     return {

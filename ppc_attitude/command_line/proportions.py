@@ -131,7 +131,7 @@ def _least_turn(scenario: Scenario, required: Requirements, error: Array, angle:
 def slew_conditions(scenario: Scenario, required: Requirements) -> Iterator[Condition]:
     """The needs of a slew: of the actuator's torque, and of the rate that the craft may have."""
     reference = scenario.parameters[REFERENCE]
-    if REFERENCES.selected(reference) is not goal.COMPONENT or not _knows_inertia(scenario):
+    if REFERENCES.selected(reference) is not goal.COMPONENT:
         return
     plant = scenario.parameters[PLANT]
     rate, acceleration, share = (
@@ -141,14 +141,15 @@ def slew_conditions(scenario: Scenario, required: Requirements) -> Iterator[Cond
     # In a frame that turns by ω_f a slew is accelerated by ω × ω_f too; a spin may be nearly as
     # fast as V.
     crossed = rate * abs(reference[goal.SPIN_RATE.name]) if spins else 0.0
-    yield _at_most(
-        "slew torque",
-        slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration + crossed),
-        share * actuator_torque(scenario),
-        "N·m",
-        f"max‖J e‖ {'(A + V |spin.rate|)' if spins else 'A'} + max‖ω × J ω‖ leaves the law its "
-        "margin (guidance.torque_share)",
-    )
+    if _knows_inertia(scenario):
+        yield _at_most(
+            "slew torque",
+            slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration + crossed),
+            share * actuator_torque(scenario),
+            "N·m",
+            f"max‖J e‖ {'(A + V |spin.rate|)' if spins else 'A'} + max‖ω × J ω‖ leaves the law its "
+            "margin (guidance.torque_share)",
+        )
     times = reference[GOAL_TIMES.name]
     end = scenario.number(PLANT, "duration")
     if times and end:
