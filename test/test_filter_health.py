@@ -23,7 +23,6 @@ import pytest
 from craft_helpers import configs
 
 from ppc_attitude.analysis.figures import figures_of
-from ppc_attitude.analysis.filter_health import filter_health
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.run_record import Change, RunRecord
@@ -64,27 +63,22 @@ def test_wrong_noise_numbers_show_in_the_innovations() -> None:
 
 def test_a_gate_that_is_too_narrow_refuses_good_fixes() -> None:
     record = run(attitude_estimator={"gate": 4.0})
-    health = filter_health(record)
-    assert health is not None
+    row = rows(record)["refused_fixes"]
     # χ²_3 beyond 4: 26 % of the good fixes; they are good by the gate's own measure.
-    assert health.refused is not None and health.refused_limit is not None
-    assert health.refused > 10.0 > health.refused_limit
-    assert rows(record)["refused_fixes"].met is False
+    assert row.value > 10.0 > row.limit
+    assert row.met is False
 
 
 def test_exact_fixes_that_are_refused_are_good_ones() -> None:
     exact = {"star_tracker.cross_noise": 0.0, "star_tracker.boresight_noise": 0.0}
     bias = {"gyro.initial_bias": [0.01, 0.0, 0.0]}  # much more than the filter believes
-    health = filter_health(run(spacecraft_plant={**exact, **bias}))
-    assert health is not None and health.refused is not None
-    assert health.refused >= 1.0
+    assert rows(run(spacecraft_plant={**exact, **bias}))["refused_fixes"].value >= 1.0
 
 
 def test_false_fixes_that_are_refused_are_no_good_ones() -> None:
     given = {"star_tracker.outlier_probability": 0.1, "star_tracker.outlier_size": 0.05}
     record = run(spacecraft_plant={"seed": 4, **given})
-    health = filter_health(record)
-    assert health is not None and health.refused == 0.0
+    assert rows(record)["refused_fixes"].value == 0.0
     refused = np.square(record["innovation"]).sum(axis=1) > 25.0
     assert refused.sum() > 20
 
@@ -109,7 +103,6 @@ def test_innovations_are_not_judged_by_a_gate_that_was_changed() -> None:
 
 def test_a_run_without_a_filter_is_not_judged_by_one() -> None:
     record = simulate(load(configs("paper")), 1.0)
-    assert filter_health(record) is None
     assert not {"knowledge_outside", "nis", "refused_fixes"} & set(rows(record))
 
 

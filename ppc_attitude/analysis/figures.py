@@ -39,7 +39,7 @@ from ppc_attitude.analysis.drawing import (
 from ppc_attitude.analysis.envelopes import ATTITUDE, Envelope, declared, envelopes_of
 from ppc_attitude.analysis.filter_figures import bias_figure, innovation_figure, knowledge_figure
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
-from ppc_attitude.analysis.measure import Measured, known
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES
 from ppc_attitude.analysis.run_panels import (
     AXES,
@@ -53,7 +53,7 @@ from ppc_attitude.analysis.run_panels import (
     points,
     symbols,
 )
-from ppc_attitude.analysis.series import AnalysisError, has, samples, vectors
+from ppc_attitude.analysis.series import AnalysisError, has, known, samples, vectors
 from ppc_attitude.analysis.truth import EXACT, reference_rates_in_body, truth_of
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord

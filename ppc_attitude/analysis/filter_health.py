@@ -20,12 +20,15 @@ it is right, or is not judged; many runs together decide.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import elapsed, has, is_finite, samples
 from ppc_attitude.analysis.truth import knowledge_errors
+from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ESTIMATOR, TRUE_ATTITUDE
 from ppc_attitude.science.attitude import conjugate, logarithm, product
@@ -41,50 +44,38 @@ ATTITUDE_VARIANCES, RATE_VARIANCES = [4, 7, 9], [13, 16, 18]
 """Where the variances lie among the numbers of an estimate."""
 
 
-class FilterHealth(NamedTuple):
-    """The health of a filter, as a record shows it; None where it shows nothing.
-
-    Attributes
-    ----------
-    outside : float or None
-        Largest share of the instants from `SETTLED` on with an axis outside 3σ.
-    nis_offset, nis_limit : float or None
-        |mean NIS − 3| of the fixes that were used, and three standard deviations of that mean.
-    refused, refused_limit : float or None
-        Good fixes that were refused, and how many may be.
-    """
-
-    outside: float | None
-    nis_offset: float | None
-    nis_limit: float | None
-    refused: float | None
-    refused_limit: float | None
-
-
-def filter_health(record: RunRecord) -> FilterHealth | None:
-    """Judge the filter of a run; None if it had none."""
+def judge_filter(run: Measured) -> Iterator[Requirement]:
+    """Compare a filter's errors with the covariance that it tells, and count what it refused."""
+    record = run.record
     if not has(record, _ESTIMATE):
-        return None
+        return
+    outside, why = _outside(record), ""
+    if outside is None:
+        why = run.ends_before(SETTLED, "the filter settles")
+    elif outside > OUTSIDE_LIMIT:
+        why = f"{outside:.3g}, but one run cannot tell: errors correlate over minutes"
+    span = (min(max(SETTLED, run.begin), run.end), run.end)
+    row = ("knowledge_outside", outside, OUTSIDE_LIMIT, "", why, span)
+    yield run.row(*row, without=run.untold)
     settings = record.parameters.get(ESTIMATOR, {})
     gate = settings.get("gate")
-    changed = {change.name for change in record.changes if change.node == ESTIMATOR}
-    if gate is None or not has(record, _INNOVATION) or changed & {"gate", MOUNTING.name}:
-        return FilterHealth(_outside(record), None, None, None, None)
+    if gate is None or not has(record, _INNOVATION):
+        return
+    if run.changed(ESTIMATOR, "gate", MOUNTING.name):
+        return
     told = np.flatnonzero(is_finite(record, _INNOVATION))
     nis = np.square(record[_INNOVATION][told]).sum(axis=1)
     used = nis <= gate
-    count = int(used.sum())
+    if count := int(used.sum()):
+        # Three standard deviations of the mean of so many χ²₃.
+        limit = 3.0 * math.sqrt(6.0 / count)
+        yield run.row("nis", abs(float(nis[used].mean()) - 3.0), limit)
     refused = None
     if has(record, TRUE_ATTITUDE.column) and has(record, _FIX):
-        rows = told[~used]
-        refused = float(sum(_is_good(record, settings, row) for row in rows.tolist()))
-    return FilterHealth(
-        _outside(record),
-        abs(float(nis[used].mean()) - 3.0) if count else None,
-        3.0 * math.sqrt(6.0 / count) if count else None,
-        refused,
-        max(1.0, 1e-3 * float(told.size)),
-    )
+        rows = told[~used].tolist()
+        refused = float(sum(_is_good(record, settings, row) for row in rows))
+    limit = max(1.0, 1e-3 * float(told.size))
+    yield run.row("refused_fixes", refused, limit, "", run.lacks(TRUE_ATTITUDE.column))
 
 
 def sigmas_of(record: RunRecord, variances: list[int]) -> Array:

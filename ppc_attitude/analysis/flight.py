@@ -25,7 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.keep_out import cone_names, guidance_values
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import has, is_finite
+from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ENABLED, REFERENCE
 from ppc_attitude.science.attitude import rotate
@@ -198,3 +200,11 @@ def pointed(attitudes: Array, axis: Any) -> Array:
     """Body axis in inertial axes, shape (m, 3), at attitudes x y z w, shape (m, 4)."""
     x, y, z = map(float, axis)
     return np.array([rotate((q[0], q[1], q[2], q[3]), (x, y, z)) for q in attitudes.tolist()])
+
+
+def judge_orders(run: Measured) -> Iterator[Requirement]:
+    """Judge that every order was followed: a refused one leaves the reference where it was."""
+    found = refusals_of(run.record)
+    if found is not None:
+        refused, reason = found
+        yield run.row("refused_orders", float(refused), 0.0, note=reason)

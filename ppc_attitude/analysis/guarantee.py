@@ -25,8 +25,10 @@ import numpy as np
 from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, RATE_VARIANCES, sigmas_of
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import Mask, has
 from ppc_attitude.analysis.truth import knowledge_errors, truth_of
+from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -228,3 +230,11 @@ def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
         known = (knowledge_errors(record).angles <= e_A + _ROUNDING) & (off <= e_W)
         found["an estimate that was worse than assumed"] = ~known
     return found
+
+
+def judge_certificate(run: Measured) -> Iterator[Requirement]:
+    """Judge how long the run broke its certificate's promise while the assumptions held."""
+    held = certificate_held(run.record)
+    if held is not None:
+        time = run.time(held.outside)
+        yield run.row("certificate", time, 0.0, "s", held.reason, note=held.note)

@@ -14,16 +14,23 @@
 
 """How near a run came to its keep-out cones: by the truth, so that the craft's error is in it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import has, is_finite, samples
 from ppc_attitude.analysis.truth import truth_of
+from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE
-from ppc_attitude.science.guidance.cones import DIRECTIONS, HALF_ANGLES, one_for_each
+from ppc_attitude.science.guidance.cones import (
+    CONE_PARAMETERS,
+    DIRECTIONS,
+    HALF_ANGLES,
+    one_for_each,
+)
 from ppc_attitude.science.guidance.sight import cone_angles
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.orbit import CURSOR
@@ -94,3 +101,16 @@ def approaches_of(record: RunRecord) -> list[Approach]:
         Approach(*each)
         for each in zip(cone_names(values), nearest, values[HALF_ANGLES.name], strict=True)
     ]
+
+
+def judge_cones(run: Measured) -> Iterator[Requirement]:
+    """Judge how far the craft came into its worst keep-out cone; negative: it stayed out."""
+    approaches = approaches_of(run.record)
+    why = run.changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
+    if approaches:
+        worst = max(approaches, key=lambda each: each.half_angle - each.angle)
+        angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
+        note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
+        yield run.row("keep_out", float(half_angle - angle), 0.0, "deg", why, note=note)
+    elif why:  # cones that came in flight
+        yield run.row("keep_out", None, 0.0, "deg", why)

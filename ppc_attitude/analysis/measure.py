@@ -14,7 +14,7 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
 from typing import Any, TypeVar
@@ -24,13 +24,19 @@ import numpy as np
 from ppc_attitude.analysis.envelopes import Envelope, beyond, bound_of, envelopes_of, outside
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
-from ppc_attitude.analysis.requirements import PAPER, Accuracy, Requirements, component_size
+from ppc_attitude.analysis.requirements import (
+    PAPER,
+    Accuracy,
+    Requirements,
+    component_size,
+    names_of,
+)
 from ppc_attitude.analysis.series import (
-    AnalysisError,
     Mask,
     elapsed,
     has,
-    is_finite,
+    known,
+    largest,
     step,
     topic_of,
     vectors,
@@ -44,7 +50,14 @@ from ppc_attitude.analysis.truth import (
     pointing_errors,
     truth_of,
 )
-from ppc_attitude.analysis.verdict import Disturbance, ErrorSize, Metrics, Span
+from ppc_attitude.analysis.verdict import (
+    Disturbance,
+    ErrorSize,
+    Metrics,
+    Requirement,
+    Span,
+    span_text,
+)
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN, RATE_ERROR
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
@@ -69,6 +82,10 @@ _NAMED = {
 """Errors whose time outside is a metric of its own, whatever bounds them."""
 
 
+SUMMATION = 1e-12
+"""Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
+
+
 def metric_of(envelope: Envelope) -> str:
     """Name of the metric that is the time outside an envelope."""
     return _NAMED.get(envelope.error, f"time_outside_{envelope.bound}_s")
@@ -79,6 +96,7 @@ class Measured:
 
     def __init__(self, record: RunRecord, required: Requirements = PAPER) -> None:
         self.record, self.required = record, required
+        self.names = names_of(required)
         self.t = elapsed(record)
         self.h, self.begin, self.end = step(self.t), float(self.t[0]), float(self.t[-1])
         self.whole = (self.begin, self.end)
@@ -203,6 +221,29 @@ class Measured:
         changed = {change.name for change in self.record.changes if change.node == node}
         found = changed.intersection(names)
         return f"{min(found)} was changed in flight" if found else ""
+
+    def row(
+        self,
+        key: str,
+        value: float | None,
+        limit: float,
+        unit: str = "",
+        why: str = "",
+        span: Span | None = None,
+        *,
+        strict: bool = False,
+        without: tuple[Span, ...] = (),
+        note: str = "",
+    ) -> Requirement:
+        """Compare a value with its limit, unless there is a reason why not; span: the whole run."""
+        span = span or self.whole
+        if value is None and not why:
+            why = f"there is no finite sample from {span_text(span)} s"
+        name = self.names[key]
+        if why or value is None:
+            return Requirement(key, name, None, limit, unit, None, None, strict, why)
+        met = value < limit if strict else value <= limit * (1.0 + SUMMATION)
+        return Requirement(key, name, value, limit, unit, met, span, strict, note, without)
 
     def size(self, accuracy: Accuracy) -> Array:
         """Pointing error in the unit of a limit, shape (n,); NaN where it is not known."""
@@ -332,14 +373,6 @@ class Measured:
         return tuple(sizes)
 
 
-def known(of: Callable[[RunRecord], _Found], record: RunRecord) -> _Found | None:
-    """What a function finds in a record; None if the record lacks a column for it."""
-    try:
-        return of(record)
-    except AnalysisError:
-        return None
-
-
 def _since(t: Array, start: float) -> Array:
     """Time since an instant [s], in whole nanoseconds: 90 s − 80 s is 10 s."""
     return np.asarray(np.round(t - start, 9))
@@ -349,36 +382,3 @@ def window(t: Array, hit: Pulse, hits: Sequence[Pulse]) -> Mask:
     """Instants from the start of a hit to that of the next, shape (n,)."""
     following = min((each.start_s for each in hits if each.start_s > hit.start_s), default=np.inf)
     return np.asarray((t >= hit.start_s) & (t < following))
-
-
-def largest(values: Array | None, where: Mask | slice = slice(None)) -> float | None:
-    """Largest finite number of those picked; None if there is none."""
-    if values is None:
-        return None
-    picked = values[where]
-    if picked.size and np.isfinite(most := picked.max()):
-        return float(most)
-    finite = picked[np.isfinite(picked)]
-    return float(finite.max()) if finite.size else None
-
-
-def lost(record: RunRecord) -> int:
-    """Messages that are missing, and samples that are there but not finite.
-
-    What a run is judged by is always known: an attitude of zeros says as little as NaN. What is
-    told beside a recorded truth may be unknown, while a filter has no estimate.
-    """
-    attitudes = (truth_of(record).attitude, REFERENCE_ATTITUDE.column)
-    count = record.missing_messages
-    for column, rows in record.columns.items():
-        known = is_finite(record, column)
-        if column not in attitudes and known.all():
-            continue
-        lacks = ~known
-        if column in attitudes:
-            lacks |= ~np.logical_or.reduce(rows.T)
-        late = column in BY_COLUMN and BY_COLUMN[column].late
-        if late or column in record.held:  # it comes with some instants only
-            lacks &= ~np.logical_and.reduce(np.isnan(rows.T))
-        count += max(int(np.count_nonzero(lacks)) - record.missing.get(topic_of(column), 0), 0)
-    return count

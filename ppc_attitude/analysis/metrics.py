@@ -57,50 +57,37 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, envelopes_of, outside
-from ppc_attitude.analysis.filter_health import OUTSIDE_LIMIT, SETTLED, filter_health
-from ppc_attitude.analysis.flight import refusals_of
-from ppc_attitude.analysis.guarantee import certificate_held
-from ppc_attitude.analysis.keep_out import approaches_of
-from ppc_attitude.analysis.measure import Measured, largest, lost, window
-from ppc_attitude.analysis.momentum import RESERVE, runs_out, wheel_momentum, wheel_shares
+from ppc_attitude.analysis.filter_health import judge_filter
+from ppc_attitude.analysis.flight import judge_orders
+from ppc_attitude.analysis.guarantee import judge_certificate
+from ppc_attitude.analysis.keep_out import judge_cones
+from ppc_attitude.analysis.measure import Measured, window
 from ppc_attitude.analysis.requirements import (
     DEGREES,
     PAPER,
     Accuracy,
     Requirements,
-    names_of,
     outside_names,
 )
-from ppc_attitude.analysis.series import has
-from ppc_attitude.analysis.truth import EXACT, RECORDED
+from ppc_attitude.analysis.reserves import judge_fuel, judge_wheels
+from ppc_attitude.analysis.series import has, largest
+from ppc_attitude.analysis.truth import EXACT, RECORDED, lost
 from ppc_attitude.analysis.verdict import (
     MET,
     NOT_JUDGED,
     NOT_MET,
     Disturbance,
     Requirement,
-    Span,
     number_text,
     span_text,
 )
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import (
-    APPLIED_TORQUE,
-    ATTITUDE,
-    PLANT,
-    REFERENCE,
-    TRUE_ATTITUDE,
-)
-from ppc_attitude.science import wheels
-from ppc_attitude.science.guidance.cones import CONE_PARAMETERS
+from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, TRUE_ATTITUDE
 from ppc_attitude.science.kinds import SENSORS
-from ppc_attitude.science.thrusters import FUEL, FUEL_USED
 
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""
-SUMMATION = 1e-12
-"""Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
 NOISE_EXPLAINS = 8.0
 """Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
 
@@ -128,7 +115,6 @@ class Verdict(Measured):
 
     def __init__(self, record: RunRecord, required: Requirements = PAPER) -> None:
         super().__init__(record, required)
-        self._names = names_of(required)
         self.requirements = tuple(self._requirements())
 
     @property
@@ -176,7 +162,7 @@ class Verdict(Measured):
             why = self.lacks_rate or self.lacks_calm
             rate = self.metrics.max_rate_deg_s
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
-            yield self._row("rate", rate, required.rate, "deg/s", why, self.calm_span, note=note)
+            yield self.row("rate", rate, required.rate, "deg/s", why, self.calm_span, note=note)
         if required.torque is not None:
             why = self.lacks_torque_limit
             yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit, why)
@@ -187,38 +173,15 @@ class Verdict(Measured):
             yield self._recovered(late)
         for column, limit in required.limits.items():
             yield self._column(f"limit_{column}", column, limit)
-        yield from self._wheels()
-        yield from self._thrusters()
-        yield from self._obeyed()
-        yield from self._kept_out()
-        yield from self._certificate()
+        yield from judge_wheels(self)
+        yield from judge_fuel(self)
+        yield from judge_orders(self)
+        yield from judge_cones(self)
+        yield from judge_certificate(self)
         yield from self._reported()
         yield from self._knowledge()
-        yield from self._filter()
-        yield self._row("lost_messages", float(lost(self.record)), 0.0)
-
-    def _row(
-        self,
-        key: str,
-        value: float | None,
-        limit: float,
-        unit: str = "",
-        why: str = "",
-        span: Span | None = None,
-        *,
-        strict: bool = False,
-        without: tuple[Span, ...] = (),
-        note: str = "",
-    ) -> Requirement:
-        """Compare a value with its limit, unless there is a reason why not; span: the whole run."""
-        span = span or self.whole
-        if value is None and not why:
-            why = f"there is no finite sample from {span_text(span)} s"
-        name = self._names[key]
-        if why or value is None:
-            return Requirement(key, name, None, limit, unit, None, None, strict, why)
-        met = value < limit if strict else value <= limit * (1.0 + SUMMATION)
-        return Requirement(key, name, value, limit, unit, met, span, strict, note, without)
+        yield from judge_filter(self)
+        yield self.row("lost_messages", float(lost(self.record)), 0.0)
 
     @staticmethod
     def _whole_run(judged: float | None, whole: float | None, unit: str) -> str:
@@ -243,7 +206,7 @@ class Verdict(Measured):
             if not self.hits:
                 why = f"no attitude error is known after {value:g} s, when it was not settled"
         key, span = "settling_time", self.calm_span
-        return self._row(key, value, deadline, "s", why, span, strict=True, note=note)
+        return self.row(key, value, deadline, "s", why, span, strict=True, note=note)
 
     def _after_deadline(self) -> Requirement:
         accuracy, why = self.required.settled, self.lacks_settled
@@ -251,7 +214,7 @@ class Verdict(Measured):
         if not why and not self.settled.any():
             within = f"{self.required.recovery:g} s of a sudden disturbance"
             why = f"every instant from {span_text(span)} s is within {within}"
-        return self._row(
+        return self.row(
             "error_after_deadline",
             largest(self.size(accuracy), self.settled),
             accuracy.limit,
@@ -270,7 +233,7 @@ class Verdict(Measured):
         begins = ""
         if self.shorter_than_window:
             begins = f"the record begins at {self.begin:g} s, within the last {last:g} s"
-        return self._row(
+        return self.row(
             "terminal_error",
             largest(self.size(accuracy), self.last),
             accuracy.limit,
@@ -284,7 +247,7 @@ class Verdict(Measured):
         """Judge the largest number of a column over the whole run, unless a reason is given."""
         unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
         value, why = self.largest_of(column), self.lacks(column) or why
-        return self._row(key, value, limit, "" if unit == "1" else unit, why)
+        return self.row(key, value, limit, "" if unit == "1" else unit, why)
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
@@ -296,11 +259,11 @@ class Verdict(Measured):
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
             why = why or f"the law was told no attitude from {span_text(span)} s"
-        yield self._row(key, time, 0.0, "s", why, span, without=without, note=note)
+        yield self.row(key, time, 0.0, "s", why, span, without=without, note=note)
         limit = self.required.outside_after_hit
         if envelope.jumps and self.hits and limit is not None:
             longest = max(self.time(beyond[window(self.t, hit, self.hits)]) for hit in self.hits)
-            yield self._row(after_hit[0], longest, limit, "s", span=(self.first_hit, self.end))
+            yield self.row(after_hit[0], longest, limit, "s", span=(self.first_hit, self.end))
 
     def _recovered(self, hits: list[Disturbance]) -> Requirement:
         """Judge the slowest recovery from the hits that are judged by it."""
@@ -319,59 +282,9 @@ class Verdict(Measured):
                 after = f"after the sudden disturbance at {hit.start_s:g} s are over"
                 why = why or f"the run ends at {self.end:g} s, before the {limit:g} s {after}"
         if never and not why:
-            name = self._names["recovery"]
+            name = self.names["recovery"]
             return Requirement("recovery", name, None, limit, "s", False, span, reason=never)
-        return self._row("recovery", slowest, limit, "s", why, span)
-
-    def _obeyed(self) -> Iterator[Requirement]:
-        """Judge that every order was followed: a refused one leaves the reference where it was."""
-        found = refusals_of(self.record)
-        if found is not None:
-            refused, reason = found
-            yield self._row("refused_orders", float(refused), 0.0, note=reason)
-
-    def _kept_out(self) -> Iterator[Requirement]:
-        """Judge how far the craft came into its worst keep-out cone; negative: it stayed out."""
-        approaches = approaches_of(self.record)
-        why = self.changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
-        if approaches:
-            worst = max(approaches, key=lambda each: each.half_angle - each.angle)
-            angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
-            note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
-            yield self._row("keep_out", float(half_angle - angle), 0.0, "deg", why, note=note)
-        elif why:  # cones that came in flight
-            yield self._row("keep_out", None, 0.0, "deg", why)
-
-    def _certificate(self) -> Iterator[Requirement]:
-        """Judge how long the run broke its certificate's promise while the assumptions held."""
-        held = certificate_held(self.record)
-        if held is not None:
-            time = self.time(held.outside)
-            yield self._row("certificate", time, 0.0, "s", held.reason, note=held.note)
-
-    def _wheels(self) -> Iterator[Requirement]:
-        """Judge the wheels' momentum, and whether they could take it up."""
-        if self.required.momentum is not None:
-            held, why = wheel_momentum(self.record), self.lacks(wheels.SPEED.name)
-            if held is None and not why:
-                why = f"no numbers of the wheels ({wheels.INERTIA.name} of {PLANT}) on record"
-            yield self._row("momentum", largest(held), self.required.momentum, "N·m·s", why)
-        if has(self.record, wheels.SPEED.name):
-            shares, why = wheel_shares(self.record), self.changed(PLANT, wheels.MAX_SPEED.name)
-            if shares is None and not why:
-                why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
-            note = "" if shares is None else runs_out(shares, self.t)
-            yield self._row("wheel_speed", largest(shares), RESERVE, "", why, note=note)
-
-    def _thrusters(self) -> Iterator[Requirement]:
-        """Judge whether the fuel lasted."""
-        if not has(self.record, FUEL_USED.name):
-            return
-        tank, why = self.plant.get(FUEL.name), self.changed(PLANT, FUEL.name)
-        if not (isinstance(tank, float) and np.isfinite(tank)):  # what somebody wrote into a bag
-            tank, why = 0.0, why or f"no tank ({FUEL.name} of {PLANT}) on record"
-        used = self.largest_of(FUEL_USED.name)
-        yield self._row("fuel", used, tank, FUEL_USED.unit, why, strict=True)
+        return self.row("recovery", slowest, limit, "s", why, span)
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""
@@ -382,7 +295,7 @@ class Verdict(Measured):
         apart = np.maximum.reduce(np.abs(reported - computed).T)
         if not (apart < 0.5).all():  # else the opposite of a unit quaternion is farther away
             apart = np.minimum(apart, np.maximum.reduce(np.abs(reported + computed).T))
-        yield self._row("reported_error", largest(apart), ROUNDING)
+        yield self.row("reported_error", largest(apart), ROUNDING)
 
     def _knowledge(self) -> Iterator[Requirement]:
         """Judge the knowledge error, by the requirement or else by the noise that explains it."""
@@ -397,21 +310,4 @@ class Verdict(Measured):
         why = self.lacks(TRUE_ATTITUDE.column, ATTITUDE.column)
         if standing == EXACT:
             value, why = 0.0, ""
-        yield self._row("knowledge", value, accuracy.limit, accuracy.unit, why, strict=True)
-
-    def _filter(self) -> Iterator[Requirement]:
-        """Compare a filter's errors with the covariance that it tells."""
-        found = filter_health(self.record)
-        if found is None:
-            return
-        span = (min(max(SETTLED, self.begin), self.end), self.end)
-        why = "" if found.outside is not None else self.ends_before(SETTLED, "the filter settles")
-        if found.outside is not None and found.outside > OUTSIDE_LIMIT:
-            why = f"{found.outside:.3g}, but one run cannot tell: errors correlate over minutes"
-        row = ("knowledge_outside", found.outside, OUTSIDE_LIMIT, "", why, span)
-        yield self._row(*row, without=self.untold)
-        if found.nis_limit is not None:
-            yield self._row("nis", found.nis_offset, found.nis_limit)
-        if found.refused_limit is not None:
-            why = self.lacks(TRUE_ATTITUDE.column)
-            yield self._row("refused_fixes", found.refused, found.refused_limit, "", why)
+        yield self.row("knowledge", value, accuracy.limit, accuracy.unit, why, strict=True)

@@ -158,3 +158,22 @@ def finite(rows: Array) -> Mask:
         return np.ones(len(rows), np.bool_)
     # Column by column: a reduction along so short an axis costs six times as much.
     return np.asarray(np.logical_and.reduce(list(known)))
+
+
+def known(of: Callable[[RunRecord], _Found], record: RunRecord) -> _Found | None:
+    """What a function finds in a record; None if the record lacks a column for it."""
+    try:
+        return of(record)
+    except AnalysisError:
+        return None
+
+
+def largest(values: Array | None, where: Mask | slice = slice(None)) -> float | None:
+    """Largest finite number of those picked; None if there is none."""
+    if values is None:
+        return None
+    picked = values[where]
+    if picked.size and np.isfinite(most := picked.max()):
+        return float(most)
+    finite = picked[np.isfinite(picked)]
+    return float(finite.max()) if finite.size else None

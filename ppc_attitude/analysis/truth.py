@@ -28,8 +28,8 @@ from functools import cached_property
 import numpy as np
 
 from ppc_attitude.analysis.requirements import DEGREES, Accuracy, component_size
-from ppc_attitude.analysis.series import has, once, samples, vectors
-from ppc_attitude.contract.declared import is_told_the_truth
+from ppc_attitude.analysis.series import has, is_finite, once, samples, topic_of, vectors
+from ppc_attitude.contract.declared import BY_COLUMN, is_told_the_truth
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -176,3 +176,25 @@ def reference_rates_in_body(record: RunRecord) -> Array:
             for rate, (x, y, z, w) in zip(rates.tolist(), errors.tolist(), strict=True)
         ]
     )
+
+
+def lost(record: RunRecord) -> int:
+    """Messages that are missing, and samples that are there but not finite.
+
+    What a run is judged by is always known: an attitude of zeros says as little as NaN. What is
+    told beside a recorded truth may be unknown, while a filter has no estimate.
+    """
+    attitudes = (truth_of(record).attitude, REFERENCE_ATTITUDE.column)
+    count = record.missing_messages
+    for column, rows in record.columns.items():
+        known = is_finite(record, column)
+        if column not in attitudes and known.all():
+            continue
+        lacks = ~known
+        if column in attitudes:
+            lacks |= ~np.logical_or.reduce(rows.T)
+        late = column in BY_COLUMN and BY_COLUMN[column].late
+        if late or column in record.held:  # it comes with some instants only
+            lacks &= ~np.logical_and.reduce(np.isnan(rows.T))
+        count += max(int(np.count_nonzero(lacks)) - record.missing.get(topic_of(column), 0), 0)
+    return count

@@ -97,9 +97,9 @@ class ComponentNode(BaseNode):
     def _receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:
         """Take a message of a topic that is read; step once its instant is complete."""
         for stamp, parts in self._instant.take(topic.column, stamp_ns, values, self.now()):
-            self._on_instant(stamp, parts)
+            self.on_instant(stamp, parts)
 
-    def _on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
+    def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         """Answer an instant [ns] whose messages are all there, by column."""
         name = self._topics[0].name
         for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():

@@ -12,20 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Momentum that the reaction wheels of a recorded run hold, and how much of their speed it takes.
+"""What the actuators of a run have left: the wheels' speed for more momentum, and fuel.
 
-Both need numbers of the wheels, which are the plant's parameters; a bag may lack them.
+Numbers of wheels and tank are the plant's parameters; a bag may lack them.
 """
 
+from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
 
-from ppc_attitude.analysis.series import has
+from ppc_attitude.analysis.measure import Measured
+from ppc_attitude.analysis.series import has, largest
+from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science import wheels
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.thrusters import FUEL, FUEL_USED
 
 RESERVE = 0.99
 """Largest share of its largest speed that a wheel may reach [1]."""
@@ -56,3 +60,29 @@ def runs_out(shares: Array, t: Array) -> str:
     for first, wheel in np.argwhere(shares > RESERVE)[:1].tolist():
         return f"wheel {wheel} is above it from {t[first]:.6g} s on: momentum runs out"
     return ""
+
+
+def judge_wheels(run: Measured) -> Iterator[Requirement]:
+    """Judge the wheels' momentum, and whether they could take it up."""
+    if run.required.momentum is not None:
+        held, why = wheel_momentum(run.record), run.lacks(wheels.SPEED.name)
+        if held is None and not why:
+            why = f"no numbers of the wheels ({wheels.INERTIA.name} of {PLANT}) on record"
+        yield run.row("momentum", largest(held), run.required.momentum, "N·m·s", why)
+    if has(run.record, wheels.SPEED.name):
+        shares, why = wheel_shares(run.record), run.changed(PLANT, wheels.MAX_SPEED.name)
+        if shares is None and not why:
+            why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
+        note = "" if shares is None else runs_out(shares, run.t)
+        yield run.row("wheel_speed", largest(shares), RESERVE, "", why, note=note)
+
+
+def judge_fuel(run: Measured) -> Iterator[Requirement]:
+    """Judge whether the fuel lasted."""
+    if not has(run.record, FUEL_USED.name):
+        return
+    tank, why = run.plant.get(FUEL.name), run.changed(PLANT, FUEL.name)
+    if not (isinstance(tank, float) and np.isfinite(tank)):  # what somebody wrote into a bag
+        tank, why = 0.0, why or f"no tank ({FUEL.name} of {PLANT}) on record"
+    used = run.largest_of(FUEL_USED.name)
+    yield run.row("fuel", used, tank, FUEL_USED.unit, why, strict=True)
