@@ -69,8 +69,12 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
         "domain, with mode: goal?",
     )
     heard.clear()
-    publisher.publish(goal)
-    await_answer(node, lambda: bool(heard), f"no answer on {GUIDANCE_STATUS.name}")
+    await_answer(
+        node,
+        lambda: bool(heard),
+        f"no answer on {GUIDANCE_STATUS.name}",
+        lambda: publisher.publish(goal),
+    )
     return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)
 
 

@@ -14,7 +14,6 @@
 
 """One injection: a short-lived node that asks the injector, and hears what it answers."""
 
-import time
 from typing import Any
 from uuid import uuid4
 
@@ -26,8 +25,6 @@ from ppc_attitude.contract.cdr import finite
 from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.errors import ConfigurationError
-
-_AGAIN = 2.0  # [s] after which a request whose answer does not come is sent again
 
 
 def inject(torque: tuple[float, ...], at: float, duration: float | None, namespace: str) -> str:
@@ -63,17 +60,13 @@ def _ask(node: Node, wishes: dict[str, object]) -> str:
     ]
     request = SetParametersAtomically.Request(parameters=parameters)
     calls: list[Any] = []
-    sent_at = 0.0
-
-    def answered() -> bool:
-        nonlocal sent_at
-        if not calls or time.monotonic() - sent_at > _AGAIN:
-            calls.append(client.call_async(request))
-            sent_at = time.monotonic()
-        return any(each.done() for each in calls)
-
     unknown = "whether the torque acts is not known; disturbance/torque shows it"
-    await_answer(node, answered, f"{name} did not answer: {unknown}")
+    await_answer(
+        node,
+        lambda: any(each.done() for each in calls),
+        f"{name} did not answer: {unknown}",
+        lambda: calls.append(client.call_async(request)),
+    )
     result = next(each for each in calls if each.done()).result().result
     if not result.successful:
         raise ConfigurationError(result.reason)

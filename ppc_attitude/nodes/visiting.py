@@ -35,6 +35,7 @@ from ppc_attitude.processes.leaving import leaving
 
 _PATIENCE = 30.0  # [s] to be found and to answer, for who is asked; a machine may be busy
 _LOOK = 0.05  # [s] between two looks for an answer
+_AGAIN = 2.0  # [s] after which a question whose answer does not come is asked again
 
 
 @contextmanager
@@ -85,17 +86,29 @@ def absolute_namespace(text: str) -> str:
     return result
 
 
-def await_answer(node: Node, condition: Callable[[], bool], complaint: str) -> None:
-    """Let a node work until a condition holds.
+def await_answer(
+    node: Node,
+    condition: Callable[[], bool],
+    complaint: str,
+    ask: Callable[[], object] = lambda: None,
+) -> None:
+    """Let a node work until a condition holds; it asks at the start, and again now and then.
+
+    What is sent to a reader that does not know its sender yet is lost, also where it is reliable.
 
     Raises
     ------
     TimeoutError
         It did not hold in time; says the complaint.
     """
-    end = time.monotonic() + _PATIENCE
+    begin = asked = time.monotonic()
+    ask()
     with listening(node) as listen:
         while not condition():
-            if time.monotonic() > end:
+            now = time.monotonic()
+            if now > begin + _PATIENCE:
                 raise TimeoutError(f"{complaint} (waited {_PATIENCE:g} s)")
+            if now > asked + _AGAIN:
+                asked = now
+                ask()
             listen(_LOOK)
