@@ -81,6 +81,11 @@ def run_outside(tmp_path: Path) -> Run:
     return run
 
 
+def name_points(tmp_path: Path, text: str) -> None:
+    """Let the package have these entry points instead."""
+    (tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt").write_text(text)
+
+
 # Several commands in one process.
 EACH = """
 import shlex, sys
@@ -144,10 +149,10 @@ def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> 
 
 
 def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: Path) -> None:
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text(
+    name_points(
+        tmp_path,
         "[ppc_attitude.controllers]\nbroken = outside_parts:NOWHERE\nwrong = outside_parts:RING\n"
-        "script = leaving:LAW\n[ppc_attitude.plants]\nshare = outside_parts:LAW\n"
+        "script = leaving:LAW\n[ppc_attitude.plants]\nshare = outside_parts:LAW\n",
     )
     (tmp_path / "installed/leaving.py").write_text("raise SystemExit(5)\n")
     code = (
@@ -202,13 +207,12 @@ MISFITS = {
 def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
     run_outside: Run, tmp_path: Path
 ) -> None:
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
     lines = [
         line
         for kind, misfits in MISFITS.items()
         for line in (f"[ppc_attitude.{kind}]", *(f"{name} = misfits:{name}" for name in misfits))
     ]
-    points.write_text("\n".join(lines))
+    name_points(tmp_path, "\n".join(lines))
     code = (
         "import sys\nfrom ppc_attitude.command_line.main import main\n"
         "from ppc_attitude.science.kinds import all_components\n"
@@ -230,8 +234,7 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
 def test_an_advice_that_is_none_is_refused_before_anything_runs(
     run_outside: Run, tmp_path: Path
 ) -> None:
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text("[ppc_attitude.controllers]\nchatty = misfits:chatty\n")
+    name_points(tmp_path, "[ppc_attitude.controllers]\nchatty = misfits:chatty\n")
     command = ["simulate", *CONFIGS[:2], "--controller", "chatty", "--duration", "1"]
     done = run_outside("-m", "ppc_attitude.command_line.main", *command, code=2)
     assert "component share: advice raised TypeError: 'well'; allowed: an Advice" in done.stderr
@@ -254,8 +257,7 @@ def test_the_law_is_checked_for_the_reference_that_is_selected(
 
 
 def test_a_law_is_judged_by_its_own_bounds(run_outside: Run, tmp_path: Path) -> None:
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text("[ppc_attitude.controllers]\nmargin = misfits:margin\n")
+    name_points(tmp_path, "[ppc_attitude.controllers]\nmargin = misfits:margin\n")
     given = f"{' '.join(CONFIGS[:2])} --controller"
     runs = [f"simulate {given} {law} --duration 1 --json" for law in ("margin", "ppc")]
     (tmp_path / "one.yaml").write_text("campaign: {initial_attitude: so3}\n")
@@ -283,8 +285,7 @@ def test_a_sweep_tells_the_envelopes_that_the_components_declare(
     run_outside: Run, tmp_path: Path
 ) -> None:
     """Also one of an estimator, whatever the law."""
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text(POINTS + "[ppc_attitude.estimators]\nbounded = misfits:bounded\n")
+    name_points(tmp_path, POINTS + "[ppc_attitude.estimators]\nbounded = misfits:bounded\n")
     (tmp_path / "own.yaml").write_text("/**: {ros__parameters: {estimator: bounded}}\n")
     given = f"sweep {' '.join(CONFIGS)} --config own.yaml --pulse-durations 0.1 --at 1 --duration 2"
     told = run_outside("-c", EACH, given, f"{given} --json").stdout.splitlines()
@@ -295,12 +296,16 @@ def test_a_sweep_tells_the_envelopes_that_the_components_declare(
     assert hit["time_outside_rate_limit_s"] > 0.0
 
 
+def select_unnamed_plant(tmp_path: Path) -> None:
+    """Let own.yaml select a plant that has none of our parameters."""
+    name_points(tmp_path, "[ppc_attitude.plants]\nunnamed = misfits:unnamed\n")
+    (tmp_path / "own.yaml").write_text("spacecraft_plant: {ros__parameters: {plant: unnamed}}\n")
+
+
 def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
     run_outside: Run, tmp_path: Path
 ) -> None:
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text("[ppc_attitude.plants]\nunnamed = misfits:unnamed\n")
-    (tmp_path / "own.yaml").write_text("spacecraft_plant: {ros__parameters: {plant: unnamed}}\n")
+    select_unnamed_plant(tmp_path)
     (tmp_path / "goal.yaml").write_text(
         "reference_generator: {ros__parameters: {mode: goal, goals.times: [1.0], "
         "goals.attitudes: [0.0, 0.0, 0.0, 1.0]}}\n"
@@ -320,9 +325,7 @@ def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
 def test_a_campaign_draws_nothing_of_parts_that_do_not_run(
     run_outside: Run, tmp_path: Path
 ) -> None:
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text("[ppc_attitude.plants]\nunnamed = misfits:unnamed\n")
-    (tmp_path / "own.yaml").write_text("spacecraft_plant: {ros__parameters: {plant: unnamed}}\n")
+    select_unnamed_plant(tmp_path)
     (tmp_path / "one.yaml").write_text("campaign: {rate_noise: 1e-6}\n")
     given = " ".join(CONFIGS[:2])
     campaign = f"campaign {given} --campaign one.yaml --duration 1 --only 0"
@@ -335,8 +338,7 @@ def test_a_campaign_draws_nothing_of_parts_that_do_not_run(
 
 
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text("[ppc_attitude.controllers]\nblind = misfits:blind\n")
+    name_points(tmp_path, "[ppc_attitude.controllers]\nblind = misfits:blind\n")
     given = f"{' '.join(CONFIGS[:2])} --controller blind"
     done = run_outside("-c", EACH, f"simulate {given} --duration 0.1 --json", f"check {given}")
     flown, _, checked = done.stdout.partition("\n")
@@ -348,14 +350,14 @@ def test_a_law_that_hears_its_estimator_later_is_checked_too(
     run_outside: Run, tmp_path: Path
 ) -> None:
     """As if told the truth there would be no estimator, and nothing that the law reads."""
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
     kinds = {"estimators": "quiet", "controllers": "listening", "sensors": "rounding"}
     chosen = {"sensors": "outside_parts:SENSORS"}
-    points.write_text(
+    name_points(
+        tmp_path,
         "".join(
             f"[ppc_attitude.{kind}]\n{name} = {chosen.get(kind, f'misfits:{name}')}\n"
             for kind, name in kinds.items()
-        )
+        ),
     )
     (tmp_path / "pair.yaml").write_text(
         "/**: {ros__parameters: {sensors: rounding, estimator: quiet, controller: listening}}\n"
@@ -369,8 +371,9 @@ def test_the_truth_is_on_record_whatever_sensors_from_outside_say_of_themselves(
     run_outside: Run, tmp_path: Path
 ) -> None:
     """These round, and the estimator behind them takes the mean of two rates."""
-    points = tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text(f"{POINTS}[ppc_attitude.sensors]\nsure = misfits:sure\n".replace(SENSORS, ""))
+    name_points(
+        tmp_path, f"{POINTS}[ppc_attitude.sensors]\nsure = misfits:sure\n".replace(SENSORS, "")
+    )
     (tmp_path / "sure.yaml").write_text("spacecraft_plant: {ros__parameters: {sensors: sure}}\n")
     command = ["simulate", *CONFIGS, "--config", "sure.yaml", "--duration", "1", "--json"]
     told = json.loads(run_outside("-m", "ppc_attitude.command_line.main", *command).stdout)
@@ -396,8 +399,7 @@ ENVIRONMENT = Component(name="table", outputs=(ENVIRONMENT_TORQUE,), step=step)
 def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path: Path) -> None:
     installed, selection = tmp_path / "installed", tmp_path / "selection.yaml"
     (installed / "alone.py").write_text(RAISING)
-    points = installed / "outside_parts-1.0.dist-info/entry_points.txt"
-    points.write_text("[ppc_attitude.environments]\ntable = alone:ENVIRONMENT\n")
+    name_points(tmp_path, "[ppc_attitude.environments]\ntable = alone:ENVIRONMENT\n")
     selection.write_text("disturbance_injector: {ros__parameters: {environment: table}}\n")
     command = ["-m", "ppc_attitude.command_line.main", "simulate", "--duration", "0.5"]
     done = run_outside(*command, "--config", str(selection), code=3)

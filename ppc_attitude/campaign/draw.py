@@ -28,12 +28,13 @@ from numpy.random import Generator
 from ppc_attitude.campaign.declaration import Campaign, Pulse, Variables, with_fault
 from ppc_attitude.campaign.distributions import random_axes
 from ppc_attitude.campaign.varied import SHORT, values_of
-from ppc_attitude.contract.declared import components_of
+from ppc_attitude.contract.declared import has_parameter
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS
+from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors.direct import SEED
@@ -123,14 +124,14 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | str | None]:
     values = _overlaid(campaign, values_of(campaign.scenario, variables.parameters, varied))
     plant, strength, fault = values[PLANT], variables.actuator_strength, variables.fault
     drawn: dict[str, Any] = dict.fromkeys(drawn_columns(variables))
-    if _has(PLANT, plant, "initial_attitude"):
+    if has_parameter(PLANT, plant, "initial_attitude"):
         drawn |= _attitude(campaign, index, values)
-    if _has(PLANT, plant, "initial_angular_velocity"):
+    if has_parameter(PLANT, plant, "initial_angular_velocity"):
         drawn |= _rate(campaign, index, plant)
-    if _has(PLANT, plant, "inertia"):
+    if has_parameter(PLANT, plant, "inertia"):
         drawn |= _inertia(campaign, index, plant)
     for name in SHORT:
-        if _has(PLANT, plant, name):
+        if has_parameter(PLANT, plant, name):
             drawn[name] = float(plant[name])
     own = stream(campaign, index, "actuator_strength")
     drawn["actuator_strength"] = 1.0 if strength is None else strength.draw(own)
@@ -140,11 +141,6 @@ def draw(campaign: Campaign, index: int) -> dict[str, float | int | str | None]:
         drawn |= fault.draw(stream(campaign, index, "fault"))
     drawn["noise_seed"] = int(stream(campaign, index, "noise_seed").integers(int(SEED.high)))
     return drawn | varied
-
-
-def _has(node: str, values: Mapping[str, Any], parameter: str) -> bool:
-    """True if a component of a node has a parameter and runs."""
-    return any(parameter in component.defaults for component in components_of(node, values))
 
 
 def scenario_of_run(campaign: Campaign, index: int) -> Scenario:
@@ -183,7 +179,7 @@ def scenario_with(campaign: Campaign, drawn: Mapping[str, Any]) -> Scenario:
     for node in SOURCES:
         names = [name for name in agreed(node, values[node]) if name in changed[PLANT]]
         told = {name: changed[PLANT][name] for name in names}
-        if _has(node, values[node], SEED.name):
+        if has_parameter(node, values[node], SEED.name):
             told[SEED.name] = drawn["noise_seed"]
         if told:
             changed[node] = {**told, **changed.get(node, {})}  # unless it was drawn by itself
@@ -209,20 +205,23 @@ def _overlaid(
 def _attitude(
     campaign: Campaign, index: int, values: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, float]:
-    x, y, z, w = unit_quaternion("initial_attitude", values[PLANT]["initial_attitude"]).tolist()
-    q = (x, y, z, w)
+    q = _first_attitude(values[PLANT])
     if campaign.variables.initial_attitude is not None:
         q = campaign.variables.initial_attitude.draw(stream(campaign, index, "initial_attitude"), q)
-    named = {f"initial_attitude_{a}": value for a, value in zip("xyzw", q, strict=True)}
+    named = dict(zip(_OF_PLANT["initial_attitude"], q, strict=True))
     reference = values[REFERENCE]
     if REFERENCES.selected(reference) is goal.COMPONENT:
         desired = q  # it begins where the craft is
-    elif _has(REFERENCE, reference, "initial_attitude"):
-        x, y, z, w = unit_quaternion("initial_attitude", reference["initial_attitude"]).tolist()
-        desired = (x, y, z, w)
+    elif has_parameter(REFERENCE, reference, "initial_attitude"):
+        desired = _first_attitude(reference)
     else:
         return named
     return {**named, "initial_error_angle": float(rotation_angle(attitude_error(q, desired)))}
+
+
+def _first_attitude(values: Mapping[str, Any]) -> Quaternion:
+    x, y, z, w = unit_quaternion("initial_attitude", values["initial_attitude"]).tolist()
+    return x, y, z, w
 
 
 def _rate(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[str, float]:
@@ -231,7 +230,7 @@ def _rate(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[str,
         size, direction = campaign.variables.initial_rate
         own = stream(campaign, index, "initial_rate")
         rate = rate + size.draw(own) * np.array(direction(own))
-    named = {f"initial_rate_{axis}": float(v) for axis, v in zip("xyz", rate, strict=True)}
+    named = dict(zip(_OF_PLANT["initial_angular_velocity"], rate.tolist(), strict=True))
     return {**named, "initial_rate": float(np.linalg.norm(rate))}
 
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.requirements import Requirements
+from ppc_attitude.contract.declared import has_parameter
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators import ideal
@@ -35,7 +36,7 @@ from ppc_attitude.science.guidance.orders import GOAL_FRAMES, GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.inertia import inertia_matrix
-from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, PLANTS, REFERENCES, SENSORS
+from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.performance import nominal
 from ppc_attitude.science.plants.rigid_body import INERTIA
@@ -74,12 +75,6 @@ def environment_torque(scenario: Scenario, environment: Part) -> float:
     return float(np.linalg.norm(torques, axis=1).max())
 
 
-def _knows_inertia(scenario: Scenario) -> bool:
-    """True if the plant has an inertia; else that on record is of plants that do not run."""
-    plant = PLANTS.selected(scenario.parameters[PLANT])
-    return plant is not None and INERTIA.name in plant.defaults
-
-
 def settling_conditions(
     scenario: Scenario, required: Requirements, q_e: tuple[float, float, float, float]
 ) -> Iterator[Condition]:
@@ -87,7 +82,7 @@ def settling_conditions(
 
     It settles from the attitude error q_e, x y z w, at the start.
     """
-    if not _knows_inertia(scenario):
+    if not has_parameter(PLANT, scenario.parameters[PLANT], INERTIA.name):
         return
     component, whole = required.settled.bounds
     error = np.abs(q_e[:3])
@@ -141,7 +136,7 @@ def slew_conditions(scenario: Scenario, required: Requirements) -> Iterator[Cond
     # In a frame that turns by ω_f a slew is accelerated by ω × ω_f too; a spin may be nearly as
     # fast as V.
     crossed = rate * abs(reference[goal.SPIN_RATE.name]) if spins else 0.0
-    if _knows_inertia(scenario):
+    if has_parameter(PLANT, plant, INERTIA.name):
         yield _at_most(
             "slew torque",
             slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration + crossed),

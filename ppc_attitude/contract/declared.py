@@ -172,6 +172,11 @@ def components_of(node: str, values: Mapping[str, Any]) -> tuple[Component, ...]
     return tuple(component for component in chosen if component is not None)
 
 
+def has_parameter(node: str, values: Mapping[str, Any], name: str) -> bool:
+    """True if a component that a node runs has a parameter; else its value is of no meaning."""
+    return any(name in component.defaults for component in components_of(node, values))
+
+
 def not_installed(parameters: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Selections in nodes' parameters of components that nobody has installed."""
     return [
