@@ -113,7 +113,7 @@ def mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 WRONG = [
     ("", "COMMAND"),
     ("fly", "invalid choice: 'fly'"),
-    ("run --speed 3", "--speed"),
+    ("run --speed 3", "unrecognized arguments: --speed 3 (see ppc_attitude run --help)"),
     ("run --config", "--config"),
     ("run --config empty", "empty"),
     ("run --config no_yaml.yaml", "no_yaml.yaml"),

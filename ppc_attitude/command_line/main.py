@@ -67,9 +67,9 @@ class Parser(argparse.ArgumentParser):
         (file or sys.stderr).write(message)
 
 
-def build_parser(only: str = "") -> argparse.ArgumentParser:
-    """Build the parser with every command, or with one: each costs its imports."""
-    return _parsers((only,) if only in COMMANDS else COMMANDS)[0]
+def build_parser() -> argparse.ArgumentParser:
+    """Build the parser with every command."""
+    return _parsers(COMMANDS)[0]
 
 
 def _complete() -> None:
@@ -125,12 +125,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if "_ARGCOMPLETE" in os.environ:
         _complete()
-    parser = build_parser(words[0] if words else "")
+    named = [word for word in words[:1] if word in COMMANDS]
+    parser, commands = _parsers(named or COMMANDS)  # each costs its imports
     for word in words:
         if word != word.encode(errors="replace").decode():  # no page, bag or table can name it
             parser.error(f"argument {printable(word)}; allowed: text in UTF-8")
     try:
-        parsed = parser.parse_args(words)
+        parsed, unknown = parser.parse_known_args(words)
+        if unknown:  # it is the command's help that lists what there is
+            own = commands.choices[parsed.command]
+            own.error(f"unrecognized arguments: {' '.join(unknown)}")
         interrupt()
         return int(parsed.execute(parsed))
     except RunError as error:
