@@ -129,6 +129,23 @@ def test_of_two_roots_the_larger_t1() -> None:
     assert solve_envelope("envelope", table).t1 == pytest.approx(roots.max(), abs=2e-4)
 
 
+@pytest.mark.parametrize(
+    ("table", "t1", "a1"),
+    [
+        (EnvelopeTable(1.0, 0.01, 10.0, 100.0, 5e-3), 1.14892940280188397, 5.12727751478108958e-7),
+        (EnvelopeTable(0.08, 3e-5, 20.0, 40.0, 2e-5), 0.747843117851019698, 6.50699962675103600e-9),
+    ],
+)
+def test_an_envelope_that_falls_fast_for_long_is_joined_too(
+    table: EnvelopeTable, t1: float, a1: float
+) -> None:
+    """The growth e^(l t2) is beyond any float; the joints were solved with 30 digits."""
+    envelope = solve_envelope("envelope", table)
+    assert (envelope.t1, envelope.a1) == pytest.approx((t1, a1), rel=1e-11)
+    before, after = (nominal(t, envelope.shape())[0] for t in (math.nextafter(t1, 0.0), t1))
+    assert before == pytest.approx(after, abs=1e-12)
+
+
 @settings(max_examples=300)
 @given(tables)
 def test_feasible_envelopes_are_smooth_and_infeasible_ones_get_remedies(

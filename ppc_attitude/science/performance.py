@@ -144,15 +144,20 @@ def feasibility(table: EnvelopeTable) -> float:
 def _width(table: EnvelopeTable) -> float | None:
     """Width x = l (t2 − t1) of the larger t1 ≥ 0; None if there is none."""
     largest = table.decay * table.settling_time * (1.0 + _ROUNDING)
-    return min((x for x in _roots(feasibility(table)) if 0.0 < x <= largest), default=None)
+    return min((x for x in _roots(table) if 0.0 < x <= largest), default=None)
 
 
-def _roots(r: float) -> list[float]:
+def _roots(table: EnvelopeTable) -> list[float]:
     """Real roots x of (1 − x/2) eˣ = r."""
+    r = feasibility(table)
     if r > R_LIMIT * (1.0 + _ROUNDING):
         return []
-    from scipy.special import lambertw  # costs 0.1 s, and most processes never solve one
+    from scipy.special import lambertw, wrightomega  # costs 0.1 s; most processes never solve one
 
+    if r < 0.0:  # W by the logarithm of its argument, because r may be beyond any float
+        gap = table.exponential_terminal - table.terminal
+        ratio = math.log(2.0 * gap) - math.log(table.initial - table.exponential_terminal)
+        return [2.0 + float(wrightomega(ratio + table.decay * table.settling_time - 2.0))]
     argument = max(-2.0 * r * math.exp(-2.0), -math.exp(-1.0))
     roots = [2.0 + float(lambertw(argument, 0).real)]
     if r > 1.0:
