@@ -111,7 +111,7 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
     ------
     ConfigurationError
         Lists of different lengths, wheels or modes with more inertia than the craft, or a mode too
-        fast for the steps.
+        fast for the steps, or damped too fast.
     """
     body, modes = rigid_body.configure(values), _modes(values)
     record = filled(CONFIGURATION, values, body=body, wheels=wheels, modes=modes)
@@ -124,7 +124,7 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
             f"{spin.tolist()}, and modes, {(inertia - spin - rest).tolist()}"
         )
     record["body"]["inertia_inverse"] = np.linalg.inv(rest)
-    _see_that_steps_follow(modes, inertia - spin, float(values["rate"]))
+    _see_that_steps_follow(values, modes, inertia - spin)
     return record
 
 
@@ -145,17 +145,30 @@ def _modes(values: Mapping[str, Any]) -> Any:
     return record
 
 
-def _see_that_steps_follow(modes: Any, inertia: NDArray[np.float64], rate: float) -> None:
-    """Refuse a mode that turns too far in a step; free, it is faster than with the body held."""
-    delta = modes["coupling"]
+def _see_that_steps_follow(
+    values: Mapping[str, Any], modes: Any, inertia: NDArray[np.float64]
+) -> None:
+    """Refuse a mode that turns too far in a step, or whose damping takes more than its speed.
+
+    Free, it is faster than with the body held, and damped faster.
+    """
+    delta, rate = modes["coupling"], float(values["rate"])
     mass = np.eye(MAX_MODES) - delta @ np.linalg.solve(inertia, delta.T)
     squares = np.linalg.eigvals(np.linalg.solve(mass, np.diag(modes["frequency"] ** 2)))
     free = math.sqrt(max(squares.real)) / (2.0 * math.pi)  # [Hz]
     fastest = _MAX_PHASE * rate / (2.0 * math.pi)
     if free > fastest:
         raise ConfigurationError(
-            f"{FREQUENCY.name} = {(modes['frequency'] / (2.0 * math.pi)).tolist()} Hz: the fastest "
-            f"mode swings with {free:.3g} Hz; allowed at rate = {rate:g} Hz: up to {fastest:.3g}"
+            f"{FREQUENCY.name} = {values[FREQUENCY.name]} Hz: the fastest mode swings with "
+            f"{free:.3g} Hz; allowed at rate = {rate:g} Hz: up to {fastest:.3g}"
+        )
+    damping = np.diag(2.0 * modes["damping"] * modes["frequency"])
+    decay = max(np.linalg.eigvals(np.linalg.solve(mass, damping)).real) / rate
+    if decay > 1.0:
+        raise ConfigurationError(
+            f"{DAMPING.name} = {values[DAMPING.name]}: in a step of {1.0 / rate:g} s it takes "
+            f"{decay:.3g} times the speed of a mode; allowed: at most 1, by less damping, less "
+            f"{COUPLING.name}, or a larger rate"
         )
 
 
