@@ -102,6 +102,8 @@ def test_clipping_then_rounding() -> None:
     assert read((0.5, -0.5, 0.0), gyro__full_scale=0.1) == (0.1, -0.1, 0.0)
     rounded = read((0.024, -0.026, 0.5), gyro__resolution=0.02, gyro__full_scale=0.2)
     assert rounded == pytest.approx((0.02, -0.02, 0.2))
+    for finest in (0.0, 1e-320):
+        assert read((0.024, -0.026, 0.0), gyro__resolution=finest) == (0.024, -0.026, 0.0)
 
 
 def test_scale_factors_and_misalignments_are_where_the_page_says() -> None:

@@ -53,6 +53,7 @@ INITIAL_BIAS_SIGMA = _size(
     "rad/s",
 )
 RESOLUTION = _size("gyro.resolution", 0.0, "LSB of the gyro; 0: not rounded", "rad/s")
+_MOST_COUNTS = 2.0**52  # a float64 beyond has nothing behind the point
 _added = partial(Parameter, low=0.0, high=0.1)
 PARAMETERS = (
     ANGULAR_RANDOM_WALK,
@@ -199,9 +200,10 @@ def walked_bias(gyro: Any, bias: Vector, noise: Vector, h: float) -> Vector:
 @kernel
 def _read_axis(rate: float, resolution: float, full_scale: float) -> float:
     limited = min(max(rate, -full_scale), full_scale)
-    if resolution == 0.0:
+    counts = limited / resolution
+    if not abs(counts) < _MOST_COUNTS:  # the resolution is zero, or finer than the number itself
         return limited
-    return float(resolution * np.floor(limited / resolution + 0.5))
+    return float(resolution * np.floor(counts + 0.5))
 
 
 @kernel
