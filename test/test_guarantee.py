@@ -351,6 +351,15 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
         envelope.recovery(0.15, 0.1, 5e-3)
 
 
+def test_who_begins_within_the_accuracy_is_not_promised_to_stay_there_at_once() -> None:
+    """While the brake sets in nothing holds φ back: just below it took less than just above."""
+    envelope = Envelope(Bounds(*guaranteed(), FLOATS))
+    drift, stop = envelope.stop(0.01)
+    begin = envelope.settled(5e-3) - drift
+    below, above = (envelope.near_time(begin + each, 0.01, 5e-3) for each in (-1e-9, 1e-9))
+    assert below == above > stop + 0.1
+
+
 @pytest.mark.parametrize("share", [0.2, 0.27, 0.4])
 def test_a_refusal_shows_numbers_that_fail(share: float) -> None:
     """An infinite bound had no room to compare: any refusal could be told for the nearest."""

@@ -139,12 +139,13 @@ class Envelope:
         """Time [s] from φ [rad] where the brake sets in after a stop, whose length may be known."""
         arithmetic, step, one = self._arithmetic, self._step, self._arithmetic.number(1.0)
         drift, time = self.stop(rate, stop)
-        phi = arithmetic.upper(phi + self._e_A + drift)
         reserve, limit = self._bounds.reserve, self.settled(accuracy)
+        # Who begins within the accuracy may still drift out of it while the brake sets in.
+        phi = arithmetic.upper(arithmetic.largest(phi + self._e_A + drift, limit))
         r = arithmetic.number(0.0)
         before = phi
         for n in range(_PATIENCE):
-            if phi <= limit:
+            if phi < limit:
                 return arithmetic.outward(time + n * step)[1]
             rising = reserve / self.speed_above(before, self._fastest, self._bounds.a_most)
             fall = r * self.speed(self._lowest(phi), self._slowest)
