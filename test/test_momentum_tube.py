@@ -25,6 +25,7 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.brake import BLEND, brake, capped_brake, deceleration
+from ppc_attitude.science.controllers.momentum_tube import _advance
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import simulate, stamps_of
@@ -151,6 +152,16 @@ def test_ramps_use_no_more_than_B_from_half_the_tube_on() -> None:
         allowed = momentum_tube.ramp_torque(memory, gains, tuple(-share * gains["Y"]))
         expected = gains["B"] + more * (gains["B_ramp"] - gains["B"])
         assert allowed == pytest.approx(tuple(expected), rel=1e-12)
+
+
+def test_the_envelope_allows_in_a_short_sample_for_what_a_whole_one_may_be_wrong() -> None:
+    """V_rate has the error of the attitude by the certificate's sample: half was missing."""
+    memory, gains = state_of(momentum_tube.COMPONENT), law_of(V_rate=0.1)
+    h = float(gains["h"])
+    memory["envelope"], memory["cap"], memory["a"], memory["r"] = 3.0, 0.04, 0.01, 1.0
+    _advance(memory, gains, 0.5 * h)
+    expected = 3.0 + 0.5 * h * (gains["z_bar"] - (0.04 - 0.1 * h))
+    assert memory["envelope"] == pytest.approx(expected, rel=1e-12)
 
 
 def test_recovers_when_a_hit_makes_the_craft_tumble() -> None:

@@ -100,8 +100,9 @@ def room(feedforward: Vector, direction: Vector, limit: Vector) -> float:
 def _advance(memory: Any, gains: Any, h: float) -> None:
     """Carry ramps and envelope Φ over the h [s] since the last sample."""
     reach = max(memory.envelope - h * memory.cap, 0.0)
-    floor = max(memory.cap - h * gains.V_rate, 0.0)
-    a = max(memory.a - h * gains.a_rate, 0.0)
+    whole = max(h, gains.h)  # a shorter sample is told V and a no better than a whole one
+    floor = max(memory.cap - whole * gains.V_rate, 0.0)
+    a = max(memory.a - whole * gains.a_rate, 0.0)
     fall = memory.r * capped_brake(reach, gains.k, a, floor)[0]
     memory.envelope += h * (memory.p * norm(vector(memory.residual)) + gains.z_bar - fall)
     memory.p = max(memory.p + h * memory.p_rate, 0.0)
