@@ -26,13 +26,21 @@ from craft_helpers import case, configs
 from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.run_record import Change, RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE, REFERENCE_ACCELERATION
+from ppc_attitude.contract.run_record import Array, Change, RunRecord
+from ppc_attitude.contract.topics import (
+    CONTROLLER,
+    PLANT,
+    REFERENCE,
+    REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
+)
 from ppc_attitude.science.guarantee import design
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.surroundings import _rate_lag
-from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.closed_loop import Loop, simulate, stamps_of
+from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import load
 
 FLAGSHIP = [f"--config={file}" for file in configs("paper", "sensors_flagship")]
@@ -232,6 +240,56 @@ def test_a_reference_beyond_the_assumed_bounds_suspends_the_promise(
     held = held_by(replace(record, columns={**record.columns, column: motion}))
     assert told in held.note
     assert told not in held_by(record).note
+
+
+def with_inputs(changed: dict[str, Array]) -> RunRecord:
+    """Run the shipped certificate with other numbers of what depends on time alone."""
+    scenario = load(configs("paper", "guaranteed"))
+    stamps = stamps_of(100.0, 25.0)
+    table = Diagram(scenario.parameters, ahead=True)
+    samples, first = table.run(stamps), 0
+    for column in table.columns:
+        if column.name in changed:
+            samples[first : first + column.width] = changed[column.name].T
+        first += column.width
+    return Loop(scenario, stamps, samples).run(scenario)
+
+
+def test_a_reference_that_tells_another_rate_than_it_has_suspends_the_promise() -> None:
+    """Each of its numbers is within its bound; the certificate was blamed all the same."""
+    rate = REFERENCE_RATE.column
+    told = record_of("guaranteed")[rate].copy()
+    told[2000:] *= 0.5
+    held = held_by(with_inputs({rate: told}))
+    assert not held.outside.any()
+    assert held.note == (
+        "suspended: a reference that turns otherwise than it tells at 501 instants, "
+        "a reference whose rate jumps at 501 instants"
+    )
+
+
+def test_a_reference_that_steps_suspends_the_promise() -> None:
+    desired = record_of("guaranteed")[REFERENCE_ATTITUDE.column].copy()
+    desired[2000:2002] = desired[1999]
+    note = held_by(with_inputs({REFERENCE_ATTITUDE.column: desired})).note
+    assert note == "suspended: a reference that turns otherwise than it tells at 3 instants"
+
+
+def test_what_a_torque_led_out_of_the_tube_is_suspended_until_it_is_back() -> None:
+    """It was blamed on the certificate from the second sample after the torque on."""
+    torque = np.full((2501, 3), -4.37e-3)
+    torque[1500:1520], torque[1520:1540], torque[1540:] = -0.0195, 0.0195, 4.37e-3
+    record = with_inputs({"environment_torque": torque})
+    held = held_by(record)
+    assert held.note == "suspended: a torque beyond the assumed one at 40 instants"
+    left = (np.abs(record["momentum_error"]) > record["momentum_tube"]).any(axis=1)
+    assert left[1545]
+    assert not held.outside.any()
+    # From then on the promise counts again.
+    error = record["momentum_error"].copy()
+    error[1600] = 2.0 * record["momentum_tube"][1600]
+    outside = held_by(replace(record, columns={**record.columns, "momentum_error": error})).outside
+    assert np.flatnonzero(outside).tolist() == [1600]
 
 
 def test_a_changed_number_is_not_judged() -> None:

@@ -27,9 +27,9 @@ from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, RATE_VARIANCES, sigmas_of
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import Mask, has
-from ppc_attitude.analysis.truth import knowledge_errors, truth_of
+from ppc_attitude.analysis.truth import errors_of, knowledge_errors, truth_of
 from ppc_attitude.analysis.verdict import Requirement
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -41,6 +41,7 @@ from ppc_attitude.contract.topics import (
     PLANT,
     REFERENCE,
     REFERENCE_ACCELERATION,
+    REFERENCE_ATTITUDE,
     REFERENCE_RATE,
     TRUE_ATTITUDE,
     TRUE_RATE,
@@ -74,6 +75,8 @@ from ppc_attitude.science.wheels import SPEED
 # The law sees a torque at the next sample, and begins anew with the one after it.
 _SEEN_AFTER = 2
 _ROUNDING = 1e-12  # [rad] of the angle between equal attitudes
+_INEXACT = 1e-9  # [rad], [rad/s] that a reference may be off from sample to sample by its rounding
+_MOTION = ("W", "W1", "W2")  # bounds of ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''‖
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,18 @@ def certificate_held(record: RunRecord) -> Held | None:
     note = "suspended: " + ", ".join(causes) if causes else ""
     if suspended.all():  # then nothing was promised at any instant
         return Held(nothing, note, "")
-    return Held(outside & ~suspended, "", note)
+    return Held(outside & ~_until_inside(suspended, outside), "", note)
+
+
+def _until_inside(suspended: Mask, outside: Mask) -> Mask:
+    """Suspended instants, and those after them until the craft is within its bounds again.
+
+    What led out of the bounds while nothing was promised is not undone at once.
+    """
+    instants = np.arange(suspended.size)
+    last = np.maximum.accumulate(np.where(suspended, instants, -1))
+    inside = np.maximum.accumulate(np.where(suspended | outside, -1, instants))
+    return np.asarray(last > inside)
 
 
 def _in_flight(record: RunRecord) -> Iterator[Mapping[str, Mapping[str, Any]]]:
@@ -184,20 +198,49 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
     if has(record, DISTURBANCE.column):
         torque = np.abs(record[DISTURBANCE.column]).max(axis=1)
         found["a torque beyond the assumed one"] = torque > external
-    W, W1, W2 = (values[f"{PREFIX}assumed.{name}"] for name in ("W", "W1", "W2"))
-    if has(record, REFERENCE_RATE.column):
-        rate = np.linalg.norm(record[REFERENCE_RATE.column], axis=1)
-        found["a faster reference"] = rate > W
-    if has(record, REFERENCE_ACCELERATION.column):
-        acceleration = record[REFERENCE_ACCELERATION.column]
-        change = np.diff(acceleration, axis=0, prepend=acceleration[:1])
-        limit = np.diff(record.t, prepend=record.t[0]) * W2 + _ROUNDING
-        harder = np.linalg.norm(acceleration, axis=1) > W1
-        found["a reference that turns harder"] = harder | (np.linalg.norm(change, axis=1) > limit)
+    found.update(_reference(record, *(values[f"{PREFIX}assumed.{each}"] for each in _MOTION)))
     found.update(_knowledge(record, values[PREFIX + "e_A"], values[f"{PREFIX}assumed.e_W"]))
     gaps = np.diff(record.stamps_ns, prepend=record.stamps_ns[0])
     found["a late sample"] = gaps > 1e9 * values[PREFIX + "h"] + 1.0
     return found
+
+
+def _reference(record: RunRecord, W: float, W1: float, W2: float) -> dict[str, Mask]:
+    """Instants at which the reference went beyond its bounds, or otherwise than it told.
+
+    A rate that is Lipschitz differs from the trapezoid of its derivatives by h² W2/4 in a sample,
+    and the attitude, whose rotations do not commute, by h³ (W2 + W W1)/12.
+    """
+    found = {}
+    h = np.diff(record.t, prepend=record.t[0])
+    if has(record, REFERENCE_RATE.column):
+        rate = record[REFERENCE_RATE.column]
+        found["a faster reference"] = np.linalg.norm(rate, axis=1) > W
+        if has(record, REFERENCE_ATTITUDE.column):
+            attitude = record[REFERENCE_ATTITUDE.column]
+            error = errors_of(attitude, np.roll(attitude, 1, axis=0)).quaternions
+            turned = 2.0 * np.sign(error[:, 3:]) * error[:, :3]  # but for (h W)³/24
+            limit = h**3 * ((W2 + W * W1) / 12.0 + W**3 / 24.0)
+            found["a reference that turns otherwise than it tells"] = _jumps(turned, rate, h, limit)
+    if has(record, REFERENCE_ACCELERATION.column):
+        acceleration = record[REFERENCE_ACCELERATION.column]
+        change = np.diff(acceleration, axis=0, prepend=acceleration[:1])
+        harder = np.linalg.norm(acceleration, axis=1) > W1
+        harder |= np.linalg.norm(change, axis=1) > h * W2 + _ROUNDING
+        found["a reference that turns harder"] = harder
+        if has(record, REFERENCE_RATE.column):
+            gained = np.diff(rate, axis=0, prepend=rate[:1])
+            limit = 0.25 * h**2 * W2
+            found["a reference whose rate jumps"] = _jumps(gained, acceleration, h, limit)
+    return found
+
+
+def _jumps(change: Array, slope: Array, h: Array, limit: Array) -> Mask:
+    """Samples over which a change is not what the slopes at both ends make of it, to a limit."""
+    expected = 0.5 * h[:, None] * (slope + np.roll(slope, 1, axis=0))
+    jumps = np.linalg.norm(change - expected, axis=1) > limit + _INEXACT
+    jumps[:1] = False
+    return np.asarray(jumps)
 
 
 def _momentum(record: RunRecord, plant: Mapping[str, Any], most: float) -> dict[str, Mask]:
