@@ -18,7 +18,7 @@ import pytest
 
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.runtime.fixes import Fixes
-from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.runtime.stamps import RefusedError, StampGuard
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
 from ppc_attitude.science.sensors.star_tracker import slots as steps_of
 from ppc_attitude.science.stamps import stamp_of
@@ -93,7 +93,10 @@ def test_a_sample_waits_for_its_fix_and_others_for_that_sample() -> None:
 
 def test_who_waits_for_a_fix_says_for_which_and_what_came_instead() -> None:
     fixes = new()
-    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(22))])
+    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(20))])
+    for now in (5.0, 6.0):
+        assert not [*fixes.take("sample", round(15 + now) * STEP, (0.0,), now)]
+    assert fixes.waiting_since == 5.0
     awaited = "waiting at t = 0.200 s for tracker/fix with the stamp 0.100000 s, as the estimator's"
     assert fixes.waiting() == f"{awaited} parameters say"
     joined(fixes, [("fix", 9 * STEP, 1.0)])
@@ -115,10 +118,14 @@ def test_a_repeated_sample_is_complete_at_once() -> None:
 
 
 def test_time_that_begins_again_begins_with_slot_zero() -> None:
+    """What waited, and a fix that lies ahead now, are of the time before."""
     fixes = new()
-    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(8))])
+    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(22))])
+    joined(fixes, [("fix", 25 * STEP, 9.0)])
     assert joined(fixes, [("sample", 0, 0.0)]) == []
-    assert joined(fixes, [("fix", 0, 3.0)]) == [(0, 0.0, 3.0)]
+    assert joined(fixes, [("fix", 0, 3.0), ("fix", 10 * STEP, 4.0)]) == [(0, 0.0, 3.0)]
+    found = joined(fixes, [("sample", k * STEP, 0.0) for k in range(1, 30)])
+    assert [(at // STEP, fix) for at, _, fix in found if fix] == [(20, 4.0)]
 
 
 def test_who_begins_in_the_middle_waits_for_no_fix_of_before() -> None:
@@ -149,8 +156,16 @@ def test_a_sample_of_another_time_is_refused_and_holds_nobody_up(stamp: int) -> 
 
 def test_a_fix_of_the_future_is_refused() -> None:
     fixes = of_the_first_second()
-    with pytest.raises(RefusedError, match=r"fix: stamp 90.000000 s is out of order"):
-        joined(fixes, [("fix", 9000 * STEP, 0.0)])
+    furthest = 100 * STEP + StampGuard.LARGEST_STEP
+    joined(fixes, [("fix", furthest, 0.0)])
+    with pytest.raises(RefusedError, match=r"fix: stamp .* s is out of order"):
+        joined(fixes, [("fix", furthest + 1, 0.0)])
+
+
+def test_no_more_than_a_hundred_fixes_are_kept_for_samples_to_come() -> None:
+    fixes = of_the_first_second()
+    joined(fixes, [("fix", 101 * STEP + k, 0.0) for k in range(150)])
+    assert fixes.useless == 50
 
 
 def test_fixes_of_the_past_are_counted_and_a_repeated_one_is_not() -> None:

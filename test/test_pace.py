@@ -189,6 +189,17 @@ def test_lockstep_keeps_the_pace_that_is_asked_for() -> None:
     assert bench.shown == steps(len(bench.shown))
 
 
+def test_a_state_whose_answers_came_before_it_was_due_waits_for_nobody_when_it_is() -> None:
+    bench = Bench(Lockstep, factor=1.0)
+    for name, values in ((COMMAND, TORQUE), (DISTURBANCE, ZERO)):
+        bench.give(name, values, ahead=1)
+    bench.answer()
+    assert (bench.pace.step, bench.shown) == (1, steps(1))
+    bench.now += 1.5 * PERIOD
+    bench.wake()
+    assert (bench.pace.step, bench.shown) == (2, steps(2))
+
+
 def test_an_input_that_is_ahead_alone_drives_the_loop() -> None:
     bench = Bench(Lockstep, wait_for=(DISTURBANCE,))
     bench.give(DISTURBANCE, ZERO)
@@ -224,6 +235,7 @@ def test_lockstep_waits_for_a_recorder_that_lags_and_for_no_other() -> None:
     assert bench.pace.step == 7000 + 2501
     bench.absent.add(RECORDED_TOPIC.name)
     bench.wake()
+    assert bench.pace.step == 7000 + 2502, "the answers that have come are enough"
     for _ in range(4000):
         bench.answer()
     assert bench.pace.step > 13000
@@ -256,16 +268,20 @@ def test_time_does_not_drift_from_the_wall_clock() -> None:
 def test_a_step_that_is_late_is_caught_up_and_counted() -> None:
     bench = Bench(FreeRunning)
     bench.runs(0.1)
-    assert bench.pace.overruns == 0
+    bench.passes(0.5 * PERIOD)
+    bench.passes(1.4 * PERIOD)
+    assert bench.pace.overruns == 0, "less than a period late"
+    bench.passes(2.2 * PERIOD)  # for steps that are 2.1, 1.1 and 0.1 periods late
+    assert bench.pace.overruns == 2
     bench.passes(0.2)
-    assert bench.time == pytest.approx(0.3, abs=PERIOD)
-    assert bench.pace.overruns > 0
+    assert bench.time == pytest.approx(0.34, abs=PERIOD)
 
 
 def test_a_long_pause_moves_the_time_base_and_leaves_no_gap() -> None:
     bench = Bench(FreeRunning)
-    bench.passes(0.1)
+    bench.runs(0.1)
     bench.passes(30.0)
+    assert bench.pace.overruns == 1
     assert bench.time < 0.7, "half a minute is not caught up"
     bench.passes(1.0)
     assert bench.shown == steps(len(bench.shown))
@@ -275,6 +291,7 @@ def test_a_long_pause_moves_the_time_base_and_leaves_no_gap() -> None:
 def test_a_command_acts_a_sample_late_and_not_for_ever() -> None:
     bench = Bench(FreeRunning)
     bench.runs(0.05)
+    assert bench.pace.late_commands == bench.pace.step > 0, "none has come at all"
     bench.give(COMMAND, TORQUE)
     given_at = bench.time
     while bench.torque != TORQUE:
@@ -287,7 +304,10 @@ def test_a_command_acts_a_sample_late_and_not_for_ever() -> None:
     assert silent == pytest.approx(0.5, abs=2.5 * PERIOD)
     assert bench.pace.status(bench.now) == (WARN, f"no {COMMAND}: zero torque")
 
+    late = bench.pace.late_commands
     bench.give(COMMAND, TORQUE)
+    bench.passes(PERIOD)
+    assert bench.pace.late_commands == late
     bench.passes(3 * PERIOD)
     assert bench.torque == TORQUE
     assert bench.pace.status(bench.now) == (OK, "running")
@@ -324,3 +344,4 @@ def test_free_running_time_begins_with_the_first_answers_if_it_is_to_wait() -> N
     bench.begun = bench.now
     bench.runs(1.0)
     assert bench.time == pytest.approx(1.0, abs=2.0 * PERIOD)
+    assert not any("paused" in text for text in bench.said), "the wait is no pause"

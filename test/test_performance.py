@@ -13,6 +13,7 @@
 # limitations under the License.
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -89,24 +90,30 @@ BEYOND = {  # the side on which each number is infeasible when r is too large
 }
 
 
+@pytest.mark.parametrize("table", [TABLE_2_PRINTED, EnvelopeTable(0.5, 0.01, 0.1, 40.0, 0.03)])
 @pytest.mark.parametrize("field", FIELDS)
-def test_nearest_value_is_feasible_and_a_little_beyond_is_not(field: str) -> None:
-    values = nearest(TABLE_2_PRINTED)
+def test_nearest_value_is_feasible_and_a_little_beyond_is_not(
+    field: str, table: EnvelopeTable
+) -> None:
+    values = nearest(table)
     assert set(values) == set(FIELDS)
-    changed = vars(TABLE_2_PRINTED) | {field: values[field]}
+    changed = vars(table) | {field: values[field]}
     assert is_feasible(EnvelopeTable(**changed))
     assert not is_feasible(EnvelopeTable(**(changed | {field: values[field] * BEYOND[field]})))
 
 
 def test_too_short_a_time_names_the_shortest() -> None:
-    table = EnvelopeTable(1.0, 1e-4, 0.05, 10.0, 5e-3)
+    table = EnvelopeTable(0.2, 1e-4, 0.05, 10.0, 5e-3)
     with pytest.raises(ConfigurationError, match=r"t1 < 0 with decay·settling_time = 0\.5"):
         solve_envelope("attitude_envelope", table)
-    shortest = nearest(table)["settling_time"]
+    remedies = nearest(table)
+    shortest, slowest, highest = (remedies[each] for each in ("settling_time", "decay", "terminal"))
     # t1 = 0 in the printed condition: l t2/2 − 1 + gap/A = 0.
-    assert 0.5 * 0.05 * shortest - 1.0 + 4.9e-3 / 0.9999 == pytest.approx(0.0, abs=1e-5)
-    assert is_feasible(EnvelopeTable(1.0, 1e-4, 0.05, shortest, 5e-3))
-    assert not is_feasible(EnvelopeTable(1.0, 1e-4, 0.05, shortest * 0.999, 5e-3))
+    assert 0.5 * 0.05 * shortest - 1.0 + 4.9e-3 / 0.1999 == pytest.approx(0.0, abs=1e-5)
+    assert slowest == pytest.approx(0.05 * shortest / 10.0, rel=1e-5)
+    assert 0.25 - 1.0 + (highest - 1e-4) / 0.1999 == pytest.approx(0.0, abs=1e-5)
+    assert is_feasible(replace(table, settling_time=shortest))
+    assert not is_feasible(replace(table, settling_time=shortest * 0.999))
 
 
 def test_an_envelope_must_fall() -> None:

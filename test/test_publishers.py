@@ -80,16 +80,16 @@ def test_who_repeats_an_unanswered_state_lives_and_a_flood_of_copies_does_not() 
         publishers, ours = Publishers(), numbers(1)
         for k in range(1, 30):
             for number, stamp in (*(next(ours) for _ in range(100)), (k, 5 * PERIOD)):
-                publishers.hear(number, stamp, k * pause)
+                publishers.hear(number, stamp, 1000.0 + k * pause)
         assert publishers.several == expected
 
 
 def test_who_has_ended_is_forgotten_but_what_was_is_not() -> None:
     publishers = Publishers()
     for number, stamp in alternating(1, 1, 30):
-        publishers.hear(number, stamp, 1.0)
-    assert publishers.lasts(2.0)
-    assert not publishers.lasts(10.0)
+        publishers.hear(number, stamp, 1001.0)
+    assert publishers.lasts(1002.0)
+    assert not publishers.lasts(1010.0)
     assert publishers.several
 
 
