@@ -143,13 +143,13 @@ class Envelope:
         # Who begins within the accuracy may still drift out of it while the brake sets in.
         phi = arithmetic.upper(arithmetic.largest(phi + self._e_A + drift, limit))
         r = arithmetic.number(0.0)
-        before = phi
         for n in range(_PATIENCE):
             if phi < limit:
                 return arithmetic.outward(time + n * step)[1]
-            rising = reserve / self.speed_above(before, self._fastest, self._bounds.a_most)
+            highest = phi + step * self._z  # φ within the step
+            rising = reserve / self.speed_above(highest, self._fastest, self._bounds.a_most)
             fall = r * self.speed(self._lowest(phi), self._slowest)
-            before, phi = phi, arithmetic.upper(phi + step * (self._z - fall))
+            phi = arithmetic.upper(phi + step * (self._z - fall))
             r = -arithmetic.upper(
                 -arithmetic.least(r + step * arithmetic.least(self._k, rising), one)
             )
