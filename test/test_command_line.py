@@ -229,6 +229,7 @@ WRONG = [
     ("inject 1 2", "Z"),
     ("inject 1 2 x", "invalid float value: 'x'"),
     ("inject nan 0 0", "nan"),
+    ("inject 0 -inf 0", "torque = (0.0, -inf, 0.0) N·m"),
     ("inject 1 0 0 --duration -1", "-1"),
     ("inject 1 0 0 --at 1e300", "argument --at: 1e300; allowed: finite numbers from 0 to 1e+08 s"),
     ("goto --euler 0 0 9 --at 1e30", "argument --at: 1e30; allowed: finite numbers"),
@@ -299,6 +300,14 @@ def test_without_ros_one_line_says_what_is_missing_and_what_to_do(
     assert told.startswith("error: this needs rclpy, which is not installed: source ROS 2 Jazzy")
     assert told.count("\n") == 1
     assert sorted(mistakes.rglob("*")) == before
+
+
+@pytest.mark.parametrize("word", ["-1", "-1e-3", "-.5e1", "-1E+2"])
+def test_a_negative_number_is_no_option_however_it_is_written(word: str) -> None:
+    parsed = build_parser("inject").parse_args(["inject", "0", word, "0", "--at", "1e1"])
+    assert (parsed.y, parsed.at) == (float(word), 10.0)
+    parsed = build_parser("goto").parse_args(["goto", "--euler", "0", word, "0"])
+    assert parsed.euler == [0.0, float(word), 0.0]
 
 
 def test_the_bar_of_a_run_ends_at_its_end(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,6 +17,7 @@
 
 import argparse
 import os
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -56,7 +57,14 @@ class _Formatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong, like every other error of this command."""
+    """Says in one line what is wrong, like every other error of this command.
+
+    It takes a word such as -1e-3 or -inf for a number, as -0.001, and not for an option.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._negative_number_matcher = re.compile(r"-(\.?\d|inf)")
 
     def error(self, message: str) -> NoReturn:
         """End with exit code 2."""
