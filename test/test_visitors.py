@@ -16,6 +16,7 @@
 
 import re
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from itertools import chain, repeat
@@ -210,6 +211,25 @@ def test_a_request_whose_answer_is_lost_is_sent_again_by_its_name(
     monkeypatch.setattr(visiting, "listening", lambda node: nullcontext(lambda patience: None))
     assert [inject.inject(TORQUE, 0.0, None, "") for _ in range(2)] == ["acts", "acts"]
     assert sent[0] == sent[1] == sent[2] != sent[3]
+
+
+def test_a_stack_that_takes_no_goals_is_told_from_none_as_soon_as_it_says_its_mode(
+    ros_domain: int,
+    tmp_path: Path,
+    start_process: StartProcess,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: Shown,
+) -> None:
+    with monkeypatch.context() as hasty:
+        hasty.setattr(visiting, "_PATIENCE", 0.1)
+        assert main(["goto", "--euler", "0", "0", "30"]) == exits.BROKEN
+    assert "nobody listens on /goal_pose" in capfd.readouterr().err
+    Node(start_process, tmp_path, REFERENCE).says("ready")
+    begin = time.monotonic()
+    assert main(["goto", "--euler", "0", "0", "30"]) == exits.BAD_INPUT
+    assert time.monotonic() - begin < visiting._PATIENCE
+    told = "error: reference_generator: mode = 'paper'; allowed: 'goal', for goals\n"
+    assert capfd.readouterr().err == told
 
 
 @long

@@ -19,17 +19,21 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseStamped, Quaternion
+from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
 from rclpy.time import Time
 from std_msgs.msg import Header
 
-from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS
+from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS, REFERENCE
 from ppc_attitude.nodes.guidance_desk import ASKED, pose_asked
 from ppc_attitude.nodes.messages import publisher_of, subscribe
 from ppc_attitude.nodes.publisher_watch import node_of
 from ppc_attitude.nodes.visiting import await_answer
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import REFERENCES
+from ppc_attitude.science.references.goal import COMPONENT as GOAL
 from ppc_attitude.science.stamps import nanoseconds
 
 
@@ -48,6 +52,8 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
 
     Raises
     ------
+    ConfigurationError
+        The stack's reference generator says that it has another mode, in which it takes no goals.
     TimeoutError
         Nobody listens, or nobody answers.
     """
@@ -62,11 +68,17 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
 
     answers = subscribe(node, GUIDANCE_STATUS, hear)
     publisher = publisher_of(node, GOAL_POSE)
+    mode = _Mode(node)
     await_answer(
         node,
-        lambda: answers.get_publisher_count() > 0 and _all_listen(node, publisher),
+        lambda: (
+            mode.takes_goals()
+            and answers.get_publisher_count() > 0
+            and _all_listen(node, publisher)
+        ),
         f"nobody listens on {node.resolve_topic_name(GOAL_POSE.name)}: is a stack running in this "
         "domain, with mode: goal?",
+        mode.ask,
     )
     heard.clear()
     await_answer(
@@ -76,6 +88,35 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
         lambda: publisher.publish(goal),
     )
     return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)
+
+
+class _Mode:
+    """Whether the stack's reference generator takes goals, as far as it has told its mode."""
+
+    def __init__(self, node: Node) -> None:
+        self._client = node.create_client(GetParameters, f"{REFERENCE}/get_parameters")
+        self._calls: list[Any] = []
+
+    def ask(self) -> None:
+        """Ask, if it is there."""
+        if self._client.service_is_ready():
+            request = GetParameters.Request(names=[REFERENCES.selector])
+            self._calls.append(self._client.call_async(request))
+
+    def takes_goals(self) -> bool:
+        """True unless it has said otherwise.
+
+        Raises
+        ------
+        ConfigurationError
+            It has.
+        """
+        for call in self._calls:
+            for value in call.result().values if call.done() else ():
+                if value.string_value not in {GOAL.name, ""}:
+                    told = f"{REFERENCE}: {REFERENCES.selector} = {value.string_value!r}"
+                    raise ConfigurationError(f"{told}; allowed: {GOAL.name!r}, for goals")
+        return True
 
 
 def _all_listen(node: Node, publisher: Publisher) -> bool:

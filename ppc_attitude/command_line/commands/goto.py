@@ -27,7 +27,8 @@ HELP = "turn a running stack to an attitude"
 DESCRIPTION = (
     "Publishes on goal_pose, in the domain that ROS_DOMAIN_ID names, and prints what "
     "guidance/status says of it. The stack's reference generator has mode: goal. Exit codes: 0 "
-    "followed; 1 refused, or followed with a warning; 2 bad input; 3 nobody answered."
+    "followed; 1 refused, or followed with a warning; 2 bad input, or a stack in another mode; 3 "
+    "nobody answered."
 )
 EXAMPLES = (
     "ROS_DOMAIN_ID=42 ppc_attitude goto --euler 0 0 90",
