@@ -25,13 +25,14 @@ from typing import Any
 
 import pytest
 from conftest import StartProcess
-from peer import peer
+from peer import node_apart, peer
 from process_helpers import PAPER, Node, Run, pace
 from rclpy.duration import Duration
 from rclpy.qos import HistoryPolicy, QoSProfile
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.parameter_file import parameter_file
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     ATTITUDE,
     CONTROLLER,
@@ -42,9 +43,10 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
 )
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.messages import message_class, publisher_of
 from ppc_attitude.nodes.publisher_watch import PublisherWatch
 from ppc_attitude.processes.telling import LINGERS
+from ppc_attitude.science.stamps import NANOSECONDS
 from ppc_attitude.simulation.scenario import load
 
 ros = pytest.mark.ros
@@ -82,6 +84,27 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
     told = f"{found[1]} came from several nodes: /{name}, /{name}"
     warnings = read_run(run.bag).warnings
     assert any(told in warning for warning in warnings), (found[1], warnings, run.err)
+
+
+@ros
+def test_a_publisher_whose_stamp_stands_still_is_named_with_what_is_refused(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    injector = Node(start_process, tmp_path, INJECTOR)
+    injector.says("ready")
+    stale, new = (
+        Codec(ATTITUDE).encode(seconds * NANOSECONDS, (0.0, 0.0, 0.0, 1.0)) for seconds in (5, 6)
+    )
+    found = "stamp 5.000000 s is out of order; it has several publishers: /peer, /stuck"
+    with peer(ATTITUDE) as stack, node_apart("stuck") as stuck:
+        publisher = publisher_of(stuck, ATTITUDE)
+
+        def sent_until_told() -> bool:
+            stack.send(ATTITUDE, new)
+            publisher.publish(stale)
+            return found in injector.err
+
+        stack.until(sent_until_told, found)
 
 
 @long

@@ -37,7 +37,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import Inbox, changed, diagnostics, publisher_of, subscribe
 from ppc_attitude.nodes.parameters import NodeParameters
-from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of
+from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of, publishing_nodes
 from ppc_attitude.processes.exits import BROKEN, DONE
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
@@ -208,9 +208,16 @@ class BaseNode(Node):
             self.get_logger().warning(text())
 
     def refuse(self, kind: str, reason: str) -> None:
-        """Count a refusal and log it, at most once a second for each kind."""
+        """Count a refusal and log it, at most once a second for each kind, such as a topic.
+
+        Several that publish the topic are named: what they send may be what others take for time
+        out of order, and proves to no `PublisherWatch` that two are alive.
+        """
         self.health.refused[kind] += 1
-        self.complain(kind, f"refused {reason}")
+        if self.health.may_log(kind, self.now()):
+            nodes = sorted(set(filter(None, publishing_nodes(self, kind).values())))
+            named = f"; it has several publishers: {', '.join(nodes)}" if len(nodes) > 1 else ""
+            self.get_logger().warning(f"refused {reason}{named}")
 
     def complain(self, kind: str, text: str) -> None:
         """Log a warning, at most once a second for each kind."""
