@@ -111,14 +111,17 @@ def call_services(asker: Peer) -> None:
 
 
 def publish(asker: Peer) -> None:
-    """`ros2 topic pub --once TOPIC TYPE VALUES`."""
-    ((topic, kind, values),) = (c.words[4:] for c in lines("ros2", "topic", "pub", "--once"))
+    """`ros2 topic pub --once -w LISTENERS TOPIC TYPE VALUES`."""
+    ((wait, listeners, topic, kind, values),) = (
+        command.words[4:] for command in lines("ros2", "topic", "pub", "--once")
+    )
+    assert wait == "-w"
     assert kind == "geometry_msgs/msg/WrenchStamped"
     message = WrenchStamped()
     fill(message, yaml.safe_load(values))
     before = accepted(asker)
     publisher = asker.node.create_publisher(WrenchStamped, topic, 10)
-    asker.until(lambda: publisher.get_subscription_count() > 0, f"a subscriber of {topic}")
+    asker.until(lambda: publisher.get_subscription_count() >= int(listeners), f"readers of {topic}")
     publisher.publish(message)
     asker.until(lambda: accepted(asker) > before, "the injection")
 
