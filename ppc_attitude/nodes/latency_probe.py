@@ -45,10 +45,14 @@ class Latencies(NamedTuple):
         return self.states - int(np.count_nonzero(self.answered <= self.period))
 
 
-def measure(goes_on: Callable[[float | None], bool], namespace: str = "") -> Latencies:
+def measure(
+    goes_on: Callable[[float | None], bool], namespace: str = "", joining: float = 0.0
+) -> Latencies:
     """Listen to states and torque commands as long as `goes_on` is true.
 
-    It is told when the first state came, by `time.perf_counter` [s]; None until then.
+    It is told when the first state came, by `time.perf_counter` [s]; None until then. States that
+    come within the time `joining` [s] after it do not count: who joins a topic that is under way
+    gets its first messages late and all at once, and those of another topic at another time.
     """
     arrivals: dict[int, float] = {}
     answers: dict[int, float] = {}
@@ -64,8 +68,9 @@ def measure(goes_on: Callable[[float | None], bool], namespace: str = "") -> Lat
         with listening(node) as listen:
             while goes_on(next(iter(arrivals.values()), None)):
                 listen(_LOOK)
+    begin = min(arrivals.values(), default=0.0) + joining
     # The last state may be answered after the measurement.
-    stamps = sorted(arrivals)[:-1]
+    stamps = sorted(stamp for stamp, arrival in arrivals.items() if arrival >= begin)[:-1]
     steps = np.diff([seconds(stamp) for stamp in stamps])
     trips = [answers[stamp] - arrivals[stamp] for stamp in stamps if stamp in answers]
     period = float(np.median(steps)) if len(steps) else np.nan

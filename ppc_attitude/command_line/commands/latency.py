@@ -50,6 +50,7 @@ EXAMPLES = (
     "ppc_attitude latency --live --duration 10",
 )
 _FIRST_STATE = 15.0  # [s] how long a live graph may take to show a state
+_JOINING = 1.0  # [s] after it in which a live graph is not measured
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +72,8 @@ def execute(arguments: argparse.Namespace) -> int:
     from ppc_attitude.nodes.latency_probe import measure  # before a run: it takes its time
 
     if live:
-        result = measure(_live(arguments.duration or PAPER_DURATION), arguments.namespace)
+        duration = _JOINING + (arguments.duration or PAPER_DURATION)
+        result = measure(_live(duration), arguments.namespace, _JOINING)
         if not result.answered.size:
             raise RunError(f"none of {result.states} states was answered on {TORQUE_COMMAND.name}")
         _print(result)
