@@ -30,6 +30,7 @@ from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, PLANT, RECORDER, REFERENCE
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.stamps import stamp_of
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
@@ -60,6 +61,28 @@ def test_what_one_run_sends_at_best_effort_is_recorded_as_of_that_run(tmp_path: 
     beside.close()
     rclpy.try_shutdown()
     assert read_run(bag, namespace="/craft").stamps_ns.size > 0
+
+
+@pytest.mark.ros
+def test_a_recorder_ends_although_its_stack_runs_on(tmp_path: Path) -> None:
+    """It waited for a silence that does not come."""
+    bag, most = tmp_path / "bag", 3000
+    rclpy.init(args=["--ros-args", "-p", f"bag:={bag}"])
+    beside = Beside(BagRecorder(), ATTITUDE)
+    beside.meet()
+    steps = iter(range(most))
+
+    def send() -> None:
+        if (step := next(steps, None)) is not None:
+            beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
+
+    beside.peer.create_timer(0.01, send)
+    beside.node.drain(beside.executor)
+    sent = next(steps)
+    beside.close()
+    rclpy.try_shutdown()
+    assert beside.node.exit_code == DONE
+    assert 0 < read_run(bag).stamps_ns.size < sent < most
 
 
 @pytest.mark.ros

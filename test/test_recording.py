@@ -62,6 +62,17 @@ def test_what_was_sent_beyond_the_end_is_no_part_of_the_record() -> None:
     assert bag.gaps() == []
 
 
+def test_the_record_of_a_run_that_goes_on_ends_with_a_whole_instant() -> None:
+    bag = Bag()
+    bag.run(range(20))
+    bag.take(STATE, 20)
+    bag.recording.end()
+    bag.take(TORQUE, 20)
+    bag.run(range(21, 60))
+    assert bag.steps(STATE) == bag.steps(TORQUE) == bag.steps(AHEAD) == [*range(21)]
+    assert bag.gaps() == []
+
+
 def test_what_was_sent_ahead_of_an_instant_that_never_came_is_in_no_record() -> None:
     """A plant of whole milliseconds is foreseen now and then, and comes otherwise."""
     before, after = Bag(), Bag()

@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Mapping
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -68,9 +69,10 @@ from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.runtime.recording import Recording
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.stamps import nanoseconds, seconds
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
+_RUNS_ON = 1.0  # [s] after it is asked to end; who sends later than that has not been asked
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _CALM = 0.05  # [s] without a message after which the executor waits for the next: 0.5 ms for each
 _LISTEN = 0.05  # [s] between two looks at the topics that were silent
@@ -110,6 +112,7 @@ class BagRecorder(BaseNode):
         self._executor = SingleThreadedExecutor()
         self._heard = 0  # messages, whether the executor took them or `wake`
         self._heard_at = 0.0  # time of the last look that found any
+        self._about: Mapping[str, Any] = {}  # what rclpy says of the last one
         self._written = 0
         self._now = 0.0
         self._looked = -_LOOK
@@ -206,11 +209,11 @@ class BagRecorder(BaseNode):
         # Who takes two arguments is told the number, also of what the executor has taken; rclpy's
         # events executor fails at that.
         def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
-            self._heard += 1
+            self._heard, self._about = self._heard + 1, about
             recording.event(name, header_stamp(data, msgtype), data, topic.source == PLANT)
 
         def receive(data: bytes, about: Mapping[str, Any]) -> None:
-            self._heard += 1
+            self._heard, self._about = self._heard + 1, about
             if self.wake_at:  # the executor took the first after a silence: `wake` takes the others
                 self.wake_now()
             number = about["publication_sequence_number"]
@@ -307,11 +310,25 @@ class BagRecorder(BaseNode):
         return self._heard != before
 
     def drain(self, executor: Executor) -> None:
-        """Take all that was sent before the stop: until nothing has come for a while."""
+        """Take all that was sent before the stop: until nothing has come for a while.
+
+        The record of a stack that runs on ends with the newest state.
+        """
         begun = self._now = time.monotonic()
-        while not self.failure and self._now - max(begun, self._heard_at) < _QUIET:
+        late = time.time_ns() + nanoseconds(_RUNS_ON)
+        end = inf
+        while not self.failure and self._now < min(max(begun, self._heard_at) + _QUIET, end):
             self._take_gathered()
+            if end == inf and self._is_sent_after(late):
+                end = self._now + _QUIET
+                for recording in self._recordings.values():
+                    recording.end()
             executor.spin_once(timeout_sec=_BATCH)
+
+    def _is_sent_after(self, time_ns: int) -> bool:
+        """True if the last message was sent after a time [ns]; the sender's clock may be wrong."""
+        times = [self._about.get(each, 0) for each in ("source_timestamp", "received_timestamp")]
+        return bool(min(times) > time_ns)
 
     def close(self) -> None:
         """Finish the bag, and say whether it is complete."""

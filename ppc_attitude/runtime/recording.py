@@ -173,6 +173,7 @@ class Recording:
         self._ahead: dict[tuple[int, int], list[tuple[str, bytes, bool]]] = {}
         self._waiting = 0  # how many messages those are
         self.now = -1  # the newest state [ns]; -1: none has come
+        self._end = inf  # the last state [ns], once it is known
         self._heard = inf  # when the first message came, by the wall clock [s]
         self._states: dict[int, None] = {}  # stamps [ns] of the latest ones, in their order
         self._unreported = 0
@@ -208,6 +209,8 @@ class Recording:
         """
         if stamp_ns is None or stamp_ns < 0:
             self.event(name, stamp_ns, data)
+            return
+        if stamp_ns > self._end:
             return
         self._heard = min(self._heard, now)
         lane = self._lanes[name]
@@ -298,6 +301,10 @@ class Recording:
             lane.last, lane.data = stamp_ns, data
             self._completeness.add(name, stamp_ns)
         self._write(name, stamp_ns, data)
+
+    def end(self) -> None:
+        """Leave out what comes of later instants than the newest state."""
+        self._end = self.now
 
     def progress(self) -> int | None:
         """Newest recorded state [ns], once in a while, so that a plant that waits may go on."""
