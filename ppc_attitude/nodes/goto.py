@@ -68,17 +68,30 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
 
     answers = subscribe(node, GUIDANCE_STATUS, hear)
     publisher = publisher_of(node, GOAL_POSE)
-    mode = _Mode(node)
+    modes: list[str] = []  # as the generator tells them; empty where it has no such parameter
+    client = node.create_client(GetParameters, f"{REFERENCE}/get_parameters")
+
+    def ask_mode() -> None:
+        if client.service_is_ready():
+            called = client.call_async(GetParameters.Request(names=[REFERENCES.selector]))
+            called.add_done_callback(
+                lambda told: modes.extend(each.string_value for each in told.result().values)
+            )
+
+    def can_go() -> bool:
+        if others := set(modes) - {GOAL.name, ""}:
+            raise ConfigurationError(
+                f"{REFERENCE}: {REFERENCES.selector} = {others.pop()!r}; allowed: {GOAL.name!r}, "
+                "for goals"
+            )
+        return answers.get_publisher_count() > 0 and _all_listen(node, publisher)
+
     await_answer(
         node,
-        lambda: (
-            mode.takes_goals()
-            and answers.get_publisher_count() > 0
-            and _all_listen(node, publisher)
-        ),
+        can_go,
         f"nobody listens on {node.resolve_topic_name(GOAL_POSE.name)}: is a stack running in this "
         "domain, with mode: goal?",
-        mode.ask,
+        ask_mode,
     )
     heard.clear()
     await_answer(
@@ -88,35 +101,6 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
         lambda: publisher.publish(goal),
     )
     return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)
-
-
-class _Mode:
-    """Whether the stack's reference generator takes goals, as far as it has told its mode."""
-
-    def __init__(self, node: Node) -> None:
-        self._client = node.create_client(GetParameters, f"{REFERENCE}/get_parameters")
-        self._calls: list[Any] = []
-
-    def ask(self) -> None:
-        """Ask, if it is there."""
-        if self._client.service_is_ready():
-            request = GetParameters.Request(names=[REFERENCES.selector])
-            self._calls.append(self._client.call_async(request))
-
-    def takes_goals(self) -> bool:
-        """True unless it has said otherwise.
-
-        Raises
-        ------
-        ConfigurationError
-            It has.
-        """
-        for call in self._calls:
-            for value in call.result().values if call.done() else ():
-                if value.string_value not in {GOAL.name, ""}:
-                    told = f"{REFERENCE}: {REFERENCES.selector} = {value.string_value!r}"
-                    raise ConfigurationError(f"{told}; allowed: {GOAL.name!r}, for goals")
-        return True
 
 
 def _all_listen(node: Node, publisher: Publisher) -> bool:
