@@ -130,10 +130,13 @@ def certificate_held(record: RunRecord) -> Held | None:
             causes.append(f"{what} at {np.count_nonzero(broken)} instants")
             for late in range(_SEEN_AFTER + 1):
                 suspended[late:] |= broken[: broken.size - late]
+    forgiven = outside & _until_inside(suspended, outside)
+    if left := np.count_nonzero(forgiven & ~suspended):
+        causes.append(f"not yet back within the bounds at {left} instants")
     note = "suspended: " + ", ".join(causes) if causes else ""
     if suspended.all():  # then nothing was promised at any instant
         return Held(nothing, note, "")
-    return Held(outside & ~_until_inside(suspended, outside), "", note)
+    return Held(outside & ~forgiven, "", note)
 
 
 def _until_inside(suspended: Mask, outside: Mask) -> Mask:
