@@ -212,6 +212,7 @@ def shared_pages(bag: Path) -> None:
     assert content[start] == 5  # a page of branches
     (cells,) = struct.unpack_from(">H", content, start + 3)
     places = [start + at for at in struct.unpack_from(f">{cells}H", content, start + 12)]
+    places.append(start + 8)  # the last branch
     for place in places:
         content[place : place + 4] = content[places[0] : places[0] + 4]
     content[28:32] = struct.pack(">I", 2_000)  # pages, most of those that nothing leads to left out
