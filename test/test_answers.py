@@ -59,6 +59,7 @@ def test_stamps_that_are_rounded_are_never_foreseen(rate: float) -> None:
     node = Node(ahead=True)
     stamps = [stamp_of(step, rate) for step in range(400)]
     for stamp in stamps:
+        assert node.answers.period_ns == 0
         assert list(node.state(stamp)) == [stamp]
 
 
@@ -83,6 +84,10 @@ def test_after_lost_states_nothing_is_foreseen_until_the_rhythm_is_back() -> Non
         node.state(stamp_of(step, 100.0))
     assert node.sent == [0, 10_000_000, 20_000_000, 50_000_000]
     assert list(node.state(stamp_of(6, 100.0))) == [60_000_000, 70_000_000]
+    late = Node(ahead=True)  # the first step that it sees is a long one
+    for step in (0, 5, 6):
+        late.state(stamp_of(step, 100.0))
+    assert late.sent == [0, 50_000_000, 100_000_000, 60_000_000, 70_000_000]
 
 
 def test_time_that_begins_again_is_told_and_answered_anew() -> None:

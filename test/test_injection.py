@@ -99,6 +99,8 @@ def test_overlapping_ones_add_up_each_with_its_own_duration() -> None:
     injector = Injector()
     injector.accept(0.0, 0.02)
     injector.accept(0.0, 0.04)
+    injector.accept(9.0, 0.04)
+    assert injector.injections.pending == 3
     injector.runs(6)
     assert injector.acted == pytest.approx([0.2, 0.2, 0.1, 0.1, 0.0, 0.0])
 

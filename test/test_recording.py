@@ -87,6 +87,13 @@ def test_what_was_sent_ahead_of_an_instant_that_never_came_is_in_no_record() -> 
     for bag in (before, after):
         assert sorted(bag.steps(AHEAD)) == [0, 8, 19, 27, 37]
         assert bag.gaps() == []
+    for step in (0, 8, 16, 27):  # time begins again, and no state comes at 19
+        after.take(STATE, step)
+        after.take(TORQUE, step)
+    for step in (0, 8, 16, 19, 27):
+        after.take(AHEAD, step)
+    assert after.steps(AHEAD)[5:] == [0, 8, 16, 27]
+    assert after.gaps() == []
 
 
 @pytest.mark.parametrize("silent", [range(10, 300), range(10, 500), range(300)])
@@ -214,9 +221,14 @@ def test_what_is_no_sample_is_written_at_its_time_or_at_that_of_the_newest_state
     bag.recording.event("/diagnostics", None, b"early")
     bag.run(range(3))
     bag.recording.event("/diagnostics", None, b"late")
+    bag.recording.event("/clock", 0, b"first")
     bag.recording.event("/clock", 5, b"clock")
     assert bag.written[0] == ("/diagnostics", 0, b"early")
-    assert bag.written[-2:] == [("/diagnostics", 20_000_000, b"late"), ("/clock", 5, b"clock")]
+    assert bag.written[-3:] == [
+        ("/diagnostics", 20_000_000, b"late"),
+        ("/clock", 0, b"first"),
+        ("/clock", 5, b"clock"),
+    ]
 
 
 def test_what_comes_again_with_a_repeated_state_is_written_once() -> None:
