@@ -24,16 +24,16 @@ from scipy.spatial.transform import Rotation
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.controllers import momentum_tube, tube_parameters
-from ppc_attitude.science.controllers.brake import BLEND, brake, capped_brake, deceleration
+from ppc_attitude.science.controllers.brake import deceleration
 from ppc_attitude.science.controllers.momentum_tube import _advance
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import scenario
 
 LAW = {"controller": "momentum_tube"}
-STEP = 1e-6
 
 
 def run(duration: float = 120.0, **nodes: dict[str, Any]) -> RunRecord:
@@ -55,47 +55,6 @@ def inside(record: RunRecord) -> bool:
 
 def hit(torque: float, time: float, duration: float) -> dict[str, Any]:
     return {"pulse_times": [time], "pulse_durations": [duration], "pulse_torques": [torque] * 3}
-
-
-@pytest.mark.parametrize("cap", [0.01, 0.03, 0.06])
-def test_brake_is_smooth_and_never_asks_for_more_than_its_deceleration(cap: float) -> None:
-    k, a = 1.0, 0.0127
-    for phi in np.linspace(1e-4, 4.0, 2001):
-        f, f_phi, f_cap, f_a = capped_brake(phi, k, a, cap)
-        right, left = (capped_brake(phi + d, k, a, cap)[0] for d in (STEP, -STEP))
-        assert f_phi == pytest.approx((right - left) / (2 * STEP), abs=2e-6)
-        right, left = (capped_brake(phi, k, a, cap + d)[0] for d in (STEP, -STEP))
-        assert f_cap == pytest.approx((right - left) / (2 * STEP), abs=1e-4)
-        right, left = (capped_brake(phi, k, a + d, cap)[0] for d in (STEP, -STEP))
-        assert f_a == pytest.approx((right - left) / (2 * STEP), abs=1e-3)
-        assert f <= min(brake(phi, k, a)[0], cap) * (1 + 1e-15)
-        assert f * f_phi <= a * (1 + 1e-12)
-
-
-def test_deceleration_is_what_the_torque_allows_about_each_axis() -> None:
-    random = np.random.default_rng(2)
-    J = np.array([[2.8, 0.2, -0.1], [0.2, 2.5, 0.3], [-0.1, 0.3, 1.9]])
-    inertia, torque, most = tuple(map(tuple, J)), (0.034, 0.03, 0.036), 0.017
-    for _ in range(200):
-        n, omega = (each / np.linalg.norm(each) for each in random.normal(size=(2, 3)))
-        n_rate = np.cross(omega, n)
-        a, a_rate = deceleration(tuple(n), tuple(n_rate), inertia, torque, most)
-        allowed = min(most, *(np.array(torque) / np.abs(J @ n)))
-        assert 4.0 ** (-1 / 16) * allowed * (1 - 1e-12) <= a <= allowed
-
-        def at(t: float, n: Any = n, omega: Any = omega) -> float:
-            turned = Rotation.from_rotvec(t * omega).apply(n)
-            return deceleration(tuple(turned), (0.0, 0.0, 0.0), inertia, torque, most)[0]
-
-        assert a_rate == pytest.approx((at(STEP) - at(-STEP)) / (2 * STEP), abs=1e-7)
-    assert deceleration((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), inertia, torque, most) == (most, 0.0)
-
-
-def test_full_cap_and_no_cap_meet_the_parabola() -> None:
-    k, a, cap = 1.0, 0.0127, 0.03
-    for x, f in ((1.0 - BLEND, 1.0 - BLEND), (1.0 + BLEND, 1.0)):
-        phi = ((x * cap) ** 2 + (a / k) ** 2) / (2 * a)  # where g = x V
-        assert capped_brake(phi, k, a, cap)[0] == pytest.approx(f * cap, rel=1e-12)
 
 
 # The numbers that an independent implementation of the law ran with, about every axis the same.
@@ -164,11 +123,47 @@ def test_the_envelope_allows_in_a_short_sample_for_what_a_whole_one_may_be_wrong
     assert memory["envelope"] == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("left", [1.0, 1e-6])
+@pytest.mark.parametrize(
+    ("p", "done", "f"), [(1.0, 0.0, 0.1), (0.0, 0.0, 0.1), (0.0, 1.0, 0.1), (0.0, 1.0, 0.01)]
+)
+def test_a_ramp_moves_as_fast_as_the_torque_allows_or_ends(
+    p: float, done: float, f: float, left: float
+) -> None:
+    """And F has just the torque that its rate needs: −J v' of v = p ω_res − r f n."""
+    memory, gains = state_of(momentum_tube.COMPONENT), law_of()
+    J, n, f_cap, cap = np.array(gains["inertia"]), np.array([0.6, -0.64, 0.48]), 0.7, 2.0
+    residual, before = np.array([0.03, 0.05, -0.02]), np.array([0.01, -0.02, 0.005])
+    memory["residual"], memory["p"], memory["done"] = residual, p * left, done
+    memory["sigma"], memory["r"] = cap - left, 1.0 - left
+    given = (matrix(J), tuple(n), (f, f_cap, cap), (0.0, 0.0, 0.0))
+    after = np.array(momentum_tube._allocated(memory, gains, tuple(before), *given))
+    rates = np.array([memory[name] for name in ("p_rate", "sigma_rate", "r_rate")])
+    needed = J @ np.outer(residual, [-1, 0, 0]) + J @ np.outer(n, [0, f_cap, f])
+    assert after == pytest.approx(before + needed @ rates, rel=1e-12)
+    most = np.maximum(gains["B"], gains["B_ramp"])
+    if left < 1.0:
+        assert np.abs(rates).max() == pytest.approx(left / gains["h"], rel=1e-6)
+    elif f == 0.01:  # r falls no faster than the brake
+        assert rates[2] == gains["k"]
+    else:
+        assert np.abs(after / most).max() == pytest.approx(1.0, rel=1e-12)
+
+
+def test_the_disturbance_estimate_is_bounded_and_follows_what_is_unexplained() -> None:
+    memory, gains = state_of(momentum_tube.COMPONENT), law_of()
+    most = np.array(gains["d_max"]) * np.ones(3)
+    unexplained = (2.0 * most[0], 1e6, -1e6)
+    momentum_tube._observe(memory, gains, (0.0, 0.0, 0.0), unexplained, 0.01)
+    assert memory["d_hat"] == pytest.approx((0.02 * most[0], most[1], -most[2]), rel=1e-12)
+
+
 def test_recovers_when_a_hit_makes_the_craft_tumble() -> None:
     record = run(140.0, disturbance_injector=hit(0.8, 80.0, 1.0))
     assert settled_after(record, 80.0) < 48.0
     tumbling = record["attitude_envelope"][:, 0] == 1.0
     assert tumbling.any()
+    assert np.all(record["momentum_error"][record["turn_envelope"][:, 0] == 2.0 * math.pi] == 0.0)
     assert inside(record)
 
 
@@ -190,14 +185,19 @@ def measurement_of(error: Rotation, rate: Any) -> Any:
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.01, 0.3, 2.0, math.pi])
-@pytest.mark.parametrize("speed", [0.0, 0.01, 0.1])
+@pytest.mark.parametrize("speed", [0.0, 0.01, -0.03, -0.1])
 def test_an_event_forgives_the_momentum_error(angle: float, speed: float) -> None:
     measurement = measurement_of(
         Rotation.from_rotvec(angle * np.array([0.6, -0.64, 0.48])), speed * np.array([0.8, 0.6, 0])
     )
     memory, command = new_records()
-    momentum_tube.step(measurement, memory, law_of(), command)
+    gains = law_of()
+    momentum_tube.step(measurement, memory, gains, command)
     assert memory["events"] == 1
+    useful = max(-0.096 * speed, 0.0) if angle else 0.0  # −n·ω
+    waits = angle < gains["far"] or abs(speed) > gains["w_far"]
+    expected = (0.0, 1.0, 0.0) if waits else (1.0, 0.0, useful)
+    assert [memory[name] for name in ("r", "done", "sigma")] == pytest.approx(expected, abs=1e-12)
     assert np.all(command["momentum_error"] == 0.0)
     assert memory["envelope"] == pytest.approx(angle, abs=1e-7)
     assert command["attitude_envelope"] == pytest.approx(np.sin(angle / 2), abs=1e-7)
@@ -234,11 +234,35 @@ def test_a_quaternion_and_its_negative_are_the_same_attitude() -> None:
     assert memory["events"] == 1
 
 
-def test_feedforward_is_what_the_commanded_rate_needs() -> None:
-    """y' = F + τ + d exactly: without disturbance and dead band y stays orders inside its tube."""
-    still = {"environment": False}
-    record = run(60.0, spacecraft_plant={"min_torque": 0.0}, disturbance_injector=still)
-    assert (np.abs(record["momentum_error"]) / record["momentum_tube"]).max() < 0.02
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("seed", range(30))
+def test_feedforward_is_what_the_commanded_rate_needs(seed: int, way: float) -> None:
+    """y' = F + τ + d, here of a craft that nothing turns, with all ramps at their ends."""
+    random, gains = np.random.default_rng(seed), law_of()
+    J, desired = np.array(gains["inertia"]), Rotation.random(random_state=random)
+    axis, angle = random.normal(size=3), 10.0 ** random.uniform(-2.0, 0.4)
+    error = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    omega, omega_d, acceleration_d = random.uniform(-0.02, 0.02, (3, 3))
+    acceleration = -np.linalg.solve(J, np.cross(omega, J @ omega))
+
+    def told_at(t: float) -> Any:
+        measurement = measurement_of(
+            desired * error * Rotation.from_rotvec(t * omega + 0.5 * t * t * acceleration),
+            omega + t * acceleration,
+        )
+        turned = Rotation.from_rotvec(t * omega_d + 0.5 * t * t * acceleration_d)
+        measurement["reference_attitude"] = (desired * turned).as_quat()
+        measurement["reference_angular_velocity"] = omega_d + t * acceleration_d
+        measurement["reference_angular_acceleration"] = acceleration_d
+        memory, command = new_records()
+        memory["started"] = memory["r"] = memory["done"] = 1.0
+        memory["error"], memory["way"] = way * error.as_quat(canonical=True), way
+        momentum_tube.step(measurement, memory, gains, command)
+        assert memory["events"] == 0
+        return memory
+
+    changed = (told_at(1e-4)["y"] - told_at(-1e-4)["y"]) / 2e-4
+    assert told_at(0.0)["feedforward"] == pytest.approx(changed, abs=1e-6)
 
 
 def test_tumbling_ends_whatever_the_start() -> None:
@@ -279,6 +303,17 @@ def test_torque_that_was_short_twice_is_not_counted_on_and_said() -> None:
     told = momentum_tube.advice(memory)
     assert told.warning
     assert told.text.startswith("the guarantee is suspended: torque was short 2 times, so 20 %")
+    gains, rotvec = law_of(), np.array([1.2, 0.0, 0.0])
+    momentum_tube.step(
+        measurement_of(Rotation.from_rotvec(rotvec), (0.0, 0.0, 0.0)),
+        memory,
+        gains,
+        outputs_of(momentum_tube.COMPONENT),
+    )
+    torque = (1.0 - 0.2 / 0.85) * gains["brake"]  # 15 % of the torque is not the brake's anyway
+    n, still = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    expected = deceleration(n, still, matrix(gains["inertia"]), tuple(torque), gains["a_most"])[0]
+    assert memory["a"] == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(
