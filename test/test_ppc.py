@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from test_virtual_control import paper_virtual_control
 
 from ppc_attitude.science.controllers import ppc
-from ppc_attitude.science.kernel import matrix, vector
+from ppc_attitude.science.kernel import ZERO, matrix, vector
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -268,6 +268,11 @@ def test_auxiliary_system_converges_to_its_equation() -> None:
 def test_auxiliary_system_is_stable_however_stiff() -> None:
     gains = configured()
     inverse = matrix(np.array(gains["inertia_inverse"]))
+    push = 3e4 * np.array(inverse) @ np.tanh((10.0, -5.0, 3.0))
+    pull = 3e4 * np.array(inverse) @ (10.0, -5.0, 3.0)
+    decay = gains["K_a"] + gains["K_b"] * (pull @ pull) / 1e-3**2  # δ² alone divides at θ = 0
+    theta = ppc.auxiliary_step(ZERO, (10.0, -5.0, 3.0), (3e4, 3e4, 3e4), inverse, gains, 0.02)
+    assert theta == pytest.approx(tuple(0.02 * push / (1.0 + 0.02 * decay)), rel=1e-12)
     theta = (1e-4, -1e-4, 1e-4)
     for _ in range(1000):
         theta = ppc.auxiliary_step(theta, (10.0, -5.0, 3.0), (3e4, 3e4, 3e4), inverse, gains, 0.02)
@@ -280,7 +285,13 @@ def test_auxiliary_system_is_stable_however_stiff() -> None:
 def test_saturation_opens_every_axis_that_it_couples_to() -> None:
     inverse = np.linalg.inv(np.reshape(FULL, (3, 3)))
     expected = np.abs(inverse) @ np.abs(np.tanh(DELTA_TAU))
-    assert np.allclose(ppc.saturation_drive(DELTA_TAU, matrix(inverse)), expected, rtol=1e-12)
+    drive = ppc.saturation_drive(DELTA_TAU, matrix(inverse))
+    assert np.allclose(drive, expected, rtol=1e-12)
+    gains, memory = configured(inertia=FULL), state_of(ppc.COMPONENT)
+    memory["delta_tau"] = DELTA_TAU
+    ppc.integrate(memory, gains, drive, 0.01, 1e-9)  # so short that nothing falls meanwhile
+    for name, gain in (("delta_rho_omega", "B_tau"), ("delta_rho_q", "C_tau")):
+        assert memory[name] == pytest.approx(1e-9 * gains[gain] * expected / 0.01, rel=1e-5)
 
 
 def test_without_widening_the_envelopes_are_the_tables() -> None:
@@ -320,5 +331,8 @@ def test_attitude_envelope_never_passes_one() -> None:
     )
     assert rho_q == (1.0, pytest.approx(0.95), pytest.approx(0.9))
     assert rho_q_rate[0] <= 0.0
-    assert ppc.is_outside((0.0, 0.96, 0.0), rho_q)
     assert not ppc.is_outside((1.0, 0.94, -0.89), rho_q)
+    for axis, sign in np.ndindex(3, 2):
+        q = (-1.0) ** sign * np.eye(3)[axis]
+        assert not ppc.is_outside(tuple(0.99 * (0.9 - 0.1 * axis) * q), (0.9, 0.8, 0.7))
+        assert ppc.is_outside(tuple(1.01 * (0.9 - 0.1 * axis) * q), (0.9, 0.8, 0.7))
