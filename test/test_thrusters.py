@@ -246,7 +246,7 @@ def test_a_specific_impulse_so_small_that_the_flow_is_no_number_is_refused() -> 
         case("thrusters", thrusters__specific_impulse=5e-324)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, 1, 21])  # of 21 the worst torque lies on an edge of the box
 def test_what_thrusters_give_on_every_axis(seed: int) -> None:
     """No torque of the box needs longer than a period, and some torque needs all of it."""
     random = np.random.default_rng(seed)
