@@ -165,9 +165,10 @@ def test_the_rate_has_the_variance_of_a_sample_by_the_filters_own_numbers() -> N
     fix = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     for k in range(3):  # a gyro that tells no variance
         part.step(k * STEP_NS, (0.0, 0.0, 0.0, 0.0, *(fix if k == 0 else (0.0,) * 8)))
-    h, estimate = 0.01, part.output("estimate")
+    h, estimate = 0.01, np.array(part.output("estimate"))
     white = values["gyro.angular_random_walk"] ** 2 / h + values["gyro.resolution"] ** 2 / 12.0
-    assert estimate[13] - part.output("gyro_bias_sigma")[0] ** 2 == pytest.approx(white, rel=1e-6)
+    rest = estimate[[13, 16, 18]] - np.square(part.output("gyro_bias_sigma"))
+    assert rest == pytest.approx(white, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["star_tracker.cross_noise", "star_tracker.boresight_noise"])
@@ -270,3 +271,15 @@ def test_the_filter_says_what_it_thinks_of_itself() -> None:
     assert (lost.warning, lost.failed) == (True, True)
     assert after(good).text.startswith("tracking")
     assert part.advices == 8  # every change of mind, once
+    for share, told in ((1.001, "tracking"), (0.999, "lost")):
+        limit = share * math.radians(30.0 / 3600.0)
+        other = Part(mekf.COMPONENT, {**values, "lost_sigma": limit})
+        other.step(0, (*(0.0, 0.0, 0.0, 0.0), *good))
+        assert other.advice.text.startswith(told)
+    part.step(10**12, (*(0.0, 0.0, 0.0, -1.0), *no_fix))
+    assert part.advice[:3] == ("lost: the gyro gives no rate", True, True)
+    estimate = np.zeros(19)
+    estimate[[4, 13]] = -1.0  # not known
+    assert part.output("estimate") == pytest.approx(estimate, abs=0.0)
+    assert part.output("gyro_bias") == part.output("gyro_bias_sigma") == (0.0, 0.0, 0.0)
+    assert after(good).text.startswith("tracking")
