@@ -74,6 +74,7 @@ def test_cap_is_where_the_commanded_rate_reaches_its_limit_however_the_axis_turn
 ) -> None:
     random = np.random.default_rng(3)
     still, limit = (0.0, 0.0, 0.0), 0.05
+    assert speed_limit(still, still, (0.0, 0.03, 0.0), still, limit) == (pytest.approx(0.04), 0.0)
     for error in Rotation.random(200, random_state=random):
         omega, omega_d, acceleration_d = random.uniform(-0.02, 0.02, (3, 3))
 

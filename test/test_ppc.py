@@ -272,7 +272,7 @@ def test_auxiliary_system_is_stable_however_stiff() -> None:
     pull = 3e4 * np.array(inverse) @ (10.0, -5.0, 3.0)
     decay = gains["K_a"] + gains["K_b"] * (pull @ pull) / 1e-3**2  # δ² alone divides at θ = 0
     theta = ppc.auxiliary_step(ZERO, (10.0, -5.0, 3.0), (3e4, 3e4, 3e4), inverse, gains, 0.02)
-    assert theta == pytest.approx(tuple(0.02 * push / (1.0 + 0.02 * decay)), rel=1e-12)
+    assert theta == pytest.approx(tuple(0.02 * push / (1.0 + 0.02 * decay)), rel=1e-12, abs=0.0)
     theta = (1e-4, -1e-4, 1e-4)
     for _ in range(1000):
         theta = ppc.auxiliary_step(theta, (10.0, -5.0, 3.0), (3e4, 3e4, 3e4), inverse, gains, 0.02)
@@ -291,7 +291,8 @@ def test_saturation_opens_every_axis_that_it_couples_to() -> None:
     memory["delta_tau"] = DELTA_TAU
     ppc.integrate(memory, gains, drive, 0.01, 1e-9)  # so short that nothing falls meanwhile
     for name, gain in (("delta_rho_omega", "B_tau"), ("delta_rho_q", "C_tau")):
-        assert memory[name] == pytest.approx(1e-9 * gains[gain] * expected / 0.01, rel=1e-5)
+        opened = 1e-9 * gains[gain] * expected / 0.01
+        assert memory[name] == pytest.approx(opened, rel=1e-5, abs=0.0)
 
 
 def test_without_widening_the_envelopes_are_the_tables() -> None:
