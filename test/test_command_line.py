@@ -304,9 +304,9 @@ def test_without_ros_one_line_says_what_is_missing_and_what_to_do(
 
 @pytest.mark.parametrize("word", ["-1", "-1e-3", "-.5e1", "-1E+2"])
 def test_a_negative_number_is_no_option_however_it_is_written(word: str) -> None:
-    parsed = build_parser("inject").parse_args(["inject", "0", word, "0", "--at", "1e1"])
+    parsed = build_parser().parse_args(["inject", "0", word, "0", "--at", "1e1"])
     assert (parsed.y, parsed.at) == (float(word), 10.0)
-    parsed = build_parser("goto").parse_args(["goto", "--euler", "0", word, "0"])
+    parsed = build_parser().parse_args(["goto", "--euler", "0", word, "0"])
     assert parsed.euler == [0.0, float(word), 0.0]
 
 

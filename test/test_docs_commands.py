@@ -115,8 +115,9 @@ def check_ros2(words: list[str]) -> None:
     elif words[:2] == ["launch", "ppc_attitude"]:
         assert (ROOT / "launch" / words[2]).is_file()
     elif words[:3] == ["topic", "pub", "--once"]:
-        assert BY_NAME[words[3].lstrip("/")].msgtype == words[4]
-        assert isinstance(yaml.safe_load(words[5]), dict)
+        topic, msgtype, content = words[-3:]
+        assert BY_NAME[topic.lstrip("/")].msgtype == msgtype
+        assert isinstance(yaml.safe_load(content), dict)
     elif words[:2] == ["param", "set"]:
         check_parameter(words[2].lstrip("/"), words[3], words[4])
     elif words[:2] == ["service", "call"]:
