@@ -22,10 +22,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ppc_attitude.command_line.commands import latency
+from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
 from ppc_attitude.nodes import latency_probe
-from ppc_attitude.nodes.latency_probe import measure
+from ppc_attitude.nodes.latency_probe import Latencies, measure
+from ppc_attitude.processes import exits
+from ppc_attitude.processes.exits import RunError
 
 Handle = Callable[[bytes], None]
 STEPS, STEP, TRIP = 200, 0.01, 0.001  # how many, how long [s], and until the command [s]
@@ -72,3 +76,26 @@ def test_what_comes_while_a_probe_joins_is_not_measured(graph: list[float]) -> N
 
 def test_a_stack_of_ones_own_is_measured_from_its_first_state_on(graph: list[float]) -> None:
     assert measure(lambda first: graph[0] < 1.9).answered[0] == pytest.approx(TRIP - JOINED)
+
+
+@pytest.mark.parametrize("states", [0, 1])
+def test_too_few_states_to_tell_a_period_are_told(
+    states: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = Latencies(states, np.nan, np.full(states, TRIP))
+    monkeypatch.setattr(latency_probe, "measure", lambda *_: few)
+    assert main(["latency", "--live", "--duration", "0.01"]) == exits.BROKEN
+    text = f"{states} states were measured; two and more tell their period"
+    assert capsys.readouterr() == ("", f"error: {text}\n")
+    latency._print(few)  # of a run of its own
+    assert capsys.readouterr().out == f"{text}\n"
+
+
+def test_a_graph_without_states_is_told_with_namespace_and_domain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(latency, "_FIRST_STATE", 0.0)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    goes_on = latency._live(1.0, "chaser")
+    with pytest.raises(RunError, match="no state in chaser within 0 s in ROS domain 7;"):
+        goes_on(None)

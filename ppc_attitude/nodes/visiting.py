@@ -27,10 +27,10 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.validate_namespace import validate_namespace
 
-from ppc_attitude.nodes.discovery import check_discovery
+from ppc_attitude.nodes.discovery import DOMAIN, check_discovery
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.running import check_name, refusals_of_ros
-from ppc_attitude.processes.exits import BROKEN
+from ppc_attitude.processes.exits import BROKEN, RunError
 from ppc_attitude.processes.leaving import leaving
 
 _PATIENCE = 30.0  # [s] to be found and to answer, for who is asked; a machine may be busy
@@ -84,6 +84,15 @@ def absolute_namespace(text: str) -> str:
     result = f"/{text.strip('/')}"
     check_name(validate_namespace, result, f"namespace {text!r}")
     return result
+
+
+def no_state(namespace: str, patience: float) -> RunError:
+    """Return what is wrong if no state came within a time [s]: it tells where none came."""
+    domain = os.environ.get(DOMAIN) or "0"  # an empty one is none, as ROS reads it
+    return RunError(
+        f"no state{f' in {namespace}' if namespace else ''} within {patience:g} s "
+        f"in ROS domain {domain}; `ppc_attitude run` prints the domain that it uses"
+    )
 
 
 def await_answer(

@@ -34,7 +34,7 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stack import private_environment
 from ppc_attitude.command_line.verdict_view import verdict_table
-from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.contract.topics import TORQUE_COMMAND
 from ppc_attitude.processes.exits import DONE, RunError
 
 if TYPE_CHECKING:
@@ -73,9 +73,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
     if live:
         duration = _JOINING + (arguments.duration or PAPER_DURATION)
-        result = measure(_live(duration), arguments.namespace, _JOINING)
-        if not result.answered.size:
-            raise RunError(f"none of {result.states} states was answered on {TORQUE_COMMAND.name}")
+        result = measure(_live(duration, arguments.namespace), arguments.namespace, _JOINING)
+        if lack := _lack(result):
+            raise RunError(lack)
         _print(result)
         return DONE
     scenario = scenario_of(arguments, **({"rate": arguments.rate} if arguments.rate else {}))
@@ -89,22 +89,33 @@ def execute(arguments: argparse.Namespace) -> int:
     return recording.judge(verdict)
 
 
-def _live(duration: float) -> Callable[[float | None], bool]:
+def _live(duration: float, namespace: str) -> Callable[[float | None], bool]:
     """Return a function that ends a measurement some time [s] after its first state."""
+    from ppc_attitude.nodes.visiting import no_state
+
     begin = time.perf_counter()
 
     def goes_on(first: float | None) -> bool:
         now = time.perf_counter()
         if first is None and now - begin > _FIRST_STATE:
-            raise RunError(f"no message on {ATTITUDE.name} within {_FIRST_STATE:g} s")
+            raise no_state(namespace, _FIRST_STATE)
         return first is None or now - first < duration
 
     return goes_on
 
 
-def _print(result: "Latencies") -> None:
+def _lack(result: "Latencies") -> str:
+    """Say why a measurement tells nothing; empty if it does."""
+    if result.states < 2:
+        return f"{result.states} states were measured; two and more tell their period"
     if not result.answered.size:
-        print(f"states {result.states}, none answered")
+        return f"none of {result.states} states was answered on {TORQUE_COMMAND.name}"
+    return ""
+
+
+def _print(result: "Latencies") -> None:
+    if lack := _lack(result):
+        print(lack)
         return
     p50, p99, p999 = (1e3 * np.percentile(result.answered, (50.0, 99.0, 99.9))).tolist()
     print(

@@ -15,7 +15,6 @@
 """`ppc_attitude watch`: a running stack in the terminal, for machines without a screen."""
 
 import argparse
-import os
 import sys
 import time
 from contextlib import suppress
@@ -23,8 +22,7 @@ from typing import TYPE_CHECKING
 
 from ppc_attitude.command_line.options import POSITIVE, add_namespace_option, see_that_none_is_idle
 from ppc_attitude.contract.topics import ATTITUDE
-from ppc_attitude.nodes.discovery import DOMAIN
-from ppc_attitude.processes.exits import DONE, RunError
+from ppc_attitude.processes.exits import DONE
 
 if TYPE_CHECKING:
     from ppc_attitude.nodes.onlooker import Onlooker
@@ -74,15 +72,12 @@ def _show_once(onlooker: "Onlooker", timeout: float, namespace: str) -> None:
     from rich.console import Console
 
     from ppc_attitude.command_line.watch_view import view
+    from ppc_attitude.nodes.visiting import no_state
 
     end = time.monotonic() + timeout
     while ATTITUDE.name not in (snapshot := onlooker.look(_PERIOD)).samples:
         if time.monotonic() > end:
-            domain = os.environ.get(DOMAIN) or "0"  # an empty one is none, as ROS reads it
-            raise RunError(
-                f"no state{f' in {namespace}' if namespace else ''} within {timeout:g} s "
-                f"in ROS domain {domain}; `ppc_attitude run` prints the domain that it uses"
-            )
+            raise no_state(namespace, timeout)
     end = time.monotonic() + _SETTLE
     while not snapshot.complete and time.monotonic() < end:
         snapshot = onlooker.look(_PERIOD)
