@@ -30,7 +30,7 @@ from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.reader import read_run, read_runs
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
@@ -93,6 +93,7 @@ def test_a_run_in_a_namespace_has_the_parameters_of_its_own_nodes(tmp_path: Path
         read_run(bag)
     with pytest.raises(BagError, match=r"has no run in the namespace /foo; it has: /a, /b/c"):
         read_run(bag, namespace="foo")
+    assert [each.source for each in read_runs(bag)] == [f"{bag} /a", f"{bag} /b/c"]
     assert read_run(bag, namespace="/a").controller == "log_barrier"
     read = read_run(bag, namespace="b/c/")
     assert_same(read, run)

@@ -116,7 +116,8 @@ def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str])
 def run_labels(records: Sequence[RunRecord]) -> list[str]:
     """Name each run as shortly as tells it from the others.
 
-    By the controllers if they differ; else by the names of the bags; else by these with numbers.
+    By the controllers if they differ; else by the names of the bags, or of the namespaces in one;
+    else by these with numbers.
     """
     controllers = [record.controller for record in records]
     bags = [Path(record.source).name or record.source for record in records]

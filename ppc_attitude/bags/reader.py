@@ -15,6 +15,7 @@
 """Reading a recorded run, finished or cut, into a `RunRecord`."""
 
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from itertools import chain
 from operator import attrgetter
 from pathlib import Path
@@ -89,7 +90,7 @@ def read_run(
 
 
 def read_runs(path: Path | str, topics: Mapping[str, str] | None = None) -> list[RunRecord]:
-    """Read every run of a bag, by namespace in alphabetical order.
+    """Read every run of a bag, by namespace in alphabetical order; each of several names its own.
 
     Raises
     ------
@@ -100,7 +101,13 @@ def read_runs(path: Path | str, topics: Mapping[str, str] | None = None) -> list
     bag = Bag(path)
     collected = _collect(bag, None, names, or_ours=True)  # of several bags some may have ours
     homes = [] if names else _run_namespaces(bag)
-    return [_record(bag, collected, home) for home in homes or [_only_namespace(bag, names)]]
+    records = [_record(bag, collected, home) for home in homes or [_only_namespace(bag, names)]]
+    if len(records) == 1:
+        return records
+    return [
+        replace(record, source=f"{record.source} {home or '/'}")
+        for record, home in zip(records, homes, strict=True)
+    ]
 
 
 def _checked(topics: Mapping[str, str]) -> dict[Topic, str]:

@@ -82,7 +82,8 @@ class RunRecord:
     Attributes
     ----------
     source : str
-        Where it comes from: the bag's path, or ``simulate``.
+        Where it comes from: the bag's path, with the namespace if several runs of it are read, or
+        ``simulate``.
     controller : str
         Name of the control law.
     stamps_ns : ndarray of int64, shape (n,)
