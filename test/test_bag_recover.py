@@ -20,13 +20,22 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from bag_helpers import assert_prefix, assert_same, cut_copy, hot, storage_file, unfinished
+from bag_helpers import (
+    assert_prefix,
+    assert_same,
+    cut_copy,
+    hot,
+    messages,
+    storage_file,
+    unfinished,
+)
 from mcap.reader import make_reader
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.marks import UNFINISHED
+from ppc_attitude.bags.marks import METADATA, UNFINISHED
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
@@ -110,6 +119,26 @@ def test_what_sqlite_left_half_done_is_undone(tmp_path: Path) -> None:
     recover(killed)
     assert_same(read_run(killed), RUN)
     assert not journal.exists()
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_messages_that_were_compressed_one_by_one_are_recovered(
+    tmp_path: Path, storage: StoragePlugin
+) -> None:
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=storage)
+    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    types = get_typestore(Stores.ROS2_JAZZY)
+    with writer:
+        connections = {
+            topic: writer.add_connection(f"/{topic.name}", topic.msgtype, typestore=types)
+            for topic in SAMPLED
+        }
+        for topic, stamp, data in messages(RUN):
+            writer.write(connections[topic], stamp, data)
+    (tmp_path / "bag" / METADATA).unlink()  # it alone says that they are compressed
+    assert_same(read_run(tmp_path / "bag"), RUN)
+    recover(tmp_path / "bag")
+    assert_same(read_run(tmp_path / "bag"), RUN)
 
 
 def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd_file
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
 from ppc_attitude.bags.mcap_source import McapSource
-from ppc_attitude.bags.source import Block, Channel, decompressed, merge_blocks
+from ppc_attitude.bags.source import Block, Channel, are_compressed, decompressed, merge_blocks
 from ppc_attitude.bags.sqlite_source import SqliteSource
 from ppc_attitude.contract.yaml_file import FAST, LARGEST, parsed, parsed_json
 
@@ -102,7 +102,8 @@ class Bag:
     ) -> Iterator[tuple[Mapping[int, Channel], Block]]:
         by_message = str(self._information.get("compression_mode", "")).lower() == "message"
         for raw in merge_blocks(source.blocks()):
-            block = decompressed(raw, allowance) if by_message else raw
+            compressed = by_message or are_compressed(raw)  # a bag without metadata does not say so
+            block = decompressed(raw, allowance) if compressed else raw
             self._count(source.channels, block)
             yield source.channels, block
         for channel in source.channels.values():

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+import zstandard
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
@@ -94,6 +95,14 @@ def block_of(channel: list[int], time: ArrayLike, payloads: list[bytes]) -> Bloc
         np.cumsum(length) - length,
         length,
     )
+
+
+def are_compressed(block: Block) -> bool:
+    """Whether all messages of a block are zstd frames, as no message in CDR is."""
+    frame = zstandard.FRAME_HEADER
+    if not len(block.channel) or block.data[block.offset[0] :][: len(frame)].tobytes() != frame:
+        return False  # as in nearly every bag, without a look at all
+    return all(payload.startswith(frame) for payload in payloads_of(block))
 
 
 def decompressed(block: Block, allowance: Allowance) -> Block:
