@@ -157,6 +157,14 @@ def test_a_recorder_is_told_what_comes_at_each_instant_and_what_does_not() -> No
     assert {topic.source for topic in declared.SAMPLED if topic.late} == {PLANT, ESTIMATOR}
 
 
+def test_a_recorder_is_told_what_a_node_of_the_user_s_has_to_send() -> None:
+    """Its name is unknown, so the recorder did not listen to it, and the plant waited for that."""
+    told = run_info({f"/craft/{PLANT}": {"actuator": "wheel_motors"}})
+    samples = json.loads(told)["samples"][f"/craft/{PLANT}"]
+    assert BY_COLUMN["wheel_torque_command"].name in samples
+    assert not {TORQUE_COMMAND.name, DISTURBANCE.name} & set(samples)
+
+
 def test_nodes_of_the_users_own_promise_nothing() -> None:
     law = names({CONTROLLER: {"controller": "ppc"}})
     assert law == {topic.name for topic in SAMPLED if topic.source == CONTROLLER}

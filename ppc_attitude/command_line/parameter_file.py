@@ -22,8 +22,9 @@ from typing import Any
 
 import yaml
 
-from ppc_attitude.contract.declared import nodes_of, samples_of
-from ppc_attitude.contract.topics import RECORDER
+from ppc_attitude.contract.declared import BY_COLUMN, components_of, nodes_of, samples_of
+from ppc_attitude.contract.topics import RECORDER, STANDARD
+from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.simulation.scenario import Scenario
 
 
@@ -48,12 +49,21 @@ def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
 def run_info(nodes: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the recorder is to know of a run.
 
-    It is told the parameters by node, on which topics each node has a message at every instant,
-    for it loads no component, and the command.
+    It is told the parameters by node, on which topics each node has a message at every instant, for
+    it loads no component, and the command.
     """
-    samples = {
-        name: [topic.name for topic in samples_of(name.rpartition("/")[2], values)]
-        for name, values in nodes.items()
-    }
+    samples = {name: _topics(name.rpartition("/")[2], values) for name, values in nodes.items()}
     metadata = {"command": shlex.join(sys.argv)}
     return json.dumps({"parameters": nodes, "samples": samples, "metadata": metadata})
+
+
+def _topics(node: str, values: Mapping[str, Any]) -> list[str]:
+    """Topics that a node sends at every instant, and those that it reads.
+
+    What it reads may come from a node of the user's, whose name nobody knows; topics that every run
+    has are known, and need not come.
+    """
+    read = read_from_elsewhere(components_of(node, values))
+    wanted = [BY_COLUMN[column.name] for column in read if not column.late]
+    topics = (*samples_of(node, values), *(topic for topic in wanted if topic not in STANDARD))
+    return [topic.name for topic in topics]

@@ -182,23 +182,28 @@ class BaseNode(Node):
 
     def await_recorder(self) -> float:
         """Begin to listen once the recorder does; return the time [s] until the next look."""
-        if self._is_recorded():
+        unheard = self._unrecorded()
+        if not unheard:
             self.waits = False
             tell(WAITING, "")
             for begin in self._subscribe:
                 begin()
             return 0.0
-        self.say_waiting(self._born, lambda: f"waiting for {RECORDER} to listen")
+        topics = ", ".join(unheard)
+        self.say_waiting(self._born, lambda: f"waiting for {RECORDER} to listen to {topics}")
         BaseNode.wake(self)
         return _GRAPH_PERIOD
 
-    def _is_recorded(self) -> bool:
-        """True if a recorder listens to every topic that this node sends or reads."""
+    def _unrecorded(self) -> list[str]:
+        """Topics that this node sends or reads, and to which no recorder listens."""
         sent = [publisher.topic_name for publisher in self._outgoing]
-        return all(
-            any(end.node_name == RECORDER for end in self.get_subscriptions_info_by_topic(topic))
+        return [
+            topic
             for topic in (*sent, *self._incoming, PARAMETER_EVENTS_TOPIC.name)
-        )
+            if not any(
+                end.node_name == RECORDER for end in self.get_subscriptions_info_by_topic(topic)
+            )
+        ]
 
     def say_waiting(self, since: float, text: Callable[[], str]) -> None:
         """Log every few seconds what is waited for since a time [s] of the monotonic clock."""

@@ -49,9 +49,10 @@ _NAMES = {topic.name for topic in STANDARD}
 class RunGraph:
     """Topics of the nodes of some runs.
 
-    A node is of a run if it has the name of one of ours, or publishes on a topic of the contract,
-    in the namespace of the run. At each instant there is a message of what is between the nodes,
-    and of what the starter has told to be so; of the rest nobody knows.
+    A node is of a run if it has the name of one of ours, or publishes on a topic of the contract or
+    one that the starter has told, in the namespace of the run. At each instant there is a message
+    of what is between the nodes, and of what the starter has told to be so; of the rest nobody
+    knows.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ class RunGraph:
             if home not in self._known or name == RECORDER:
                 continue
             topics = dict(self._topics(home, name, namespace))
-            if name in self._known[home] or _NAMES & topics.keys():
+            if name in self._known[home] or (_NAMES | self.promised[home]) & topics.keys():
                 self.nodes.add((home, name))
                 for short, msgtype in topics.items():
                     if short in _NAMES:
