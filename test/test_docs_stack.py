@@ -112,7 +112,7 @@ def call_services(asker: Peer) -> None:
 
 def publish(asker: Peer) -> None:
     """`ros2 topic pub --once -w LISTENERS TOPIC TYPE VALUES`."""
-    ((wait, listeners, topic, kind, values),) = (
+    ((wait, _, topic, kind, values),) = (
         command.words[4:] for command in lines("ros2", "topic", "pub", "--once")
     )
     assert wait == "-w"
@@ -121,7 +121,8 @@ def publish(asker: Peer) -> None:
     fill(message, yaml.safe_load(values))
     before = accepted(asker)
     publisher = asker.node.create_publisher(WrenchStamped, topic, 10)
-    asker.until(lambda: publisher.get_subscription_count() >= int(listeners), f"readers of {topic}")
+    # This stack has no recorder, which is the other listener of the page.
+    asker.until(lambda: publisher.get_subscription_count() > 0, f"a subscriber of {topic}")
     publisher.publish(message)
     asker.until(lambda: accepted(asker) > before, "the injection")
 
