@@ -20,6 +20,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED
 
 from ppc_attitude.bags.custom_data import encode_custom_data
@@ -60,6 +62,23 @@ def write_messages(
         for count, (topic, _, data) in enumerate(sequence):
             for namespace in namespaces:
                 writer.write(f"{namespace}/{topic.name}", count, data)
+    return path
+
+
+def written_by_rosbags(
+    path: Path, storage: StoragePlugin, mode: CompressionMode, run: RunRecord
+) -> Path:
+    """Write the messages of a run, compressed or not, as rosbags itself does."""
+    writer = Writer(path, version=8, storage_plugin=storage)
+    types = get_typestore(Stores.ROS2_JAZZY)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connections = {
+            topic: writer.add_connection(f"/{topic.name}", topic.msgtype, typestore=types)
+            for topic in SAMPLED
+        }
+        for topic, stamp, data in messages(run):
+            writer.write(connections[topic], stamp, data)
     return path
 
 

@@ -85,6 +85,8 @@ def impossible(topic: Topic) -> Iterator[bytes]:
             yield Codec(replace(topic, frame_id=frame)).encode(stamp, numbers)
     for negative in (-1, -NANOSECONDS, -(2**31) * NANOSECONDS):
         yield codec.encode(negative, numbers)
+    if topic is INJECT:
+        yield codec.encode(FUTURE, numbers)  # of the wall clock: such a torque would never act
     whole = codec.encode(stamp, numbers)
     yield whole[:20]
     yield whole[: len(whole) - 8]

@@ -21,12 +21,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bag_helpers import assert_prefix, assert_same, messages, storage_file, write_messages
+from bag_helpers import (
+    assert_prefix,
+    assert_same,
+    messages,
+    storage_file,
+    write_messages,
+    written_by_rosbags,
+)
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as PlainMcapWriter
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
@@ -36,7 +42,6 @@ from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
 
-JAZZY = get_typestore(Stores.ROS2_JAZZY)
 RUN = normal_run(duration=1.0)
 STEPS = len(RUN.stamps_ns)
 
@@ -170,16 +175,7 @@ def test_every_message_in_another_encoding(tmp_path: Path) -> None:
 def test_bags_of_others_compressed_or_not(
     tmp_path: Path, storage: StoragePlugin, mode: CompressionMode
 ) -> None:
-    writer = Writer(tmp_path / "bag", version=8, storage_plugin=storage)
-    writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        connections = {
-            topic: writer.add_connection(f"/{topic.name}", topic.msgtype, typestore=JAZZY)
-            for topic in SAMPLED
-        }
-        for topic, stamp, data in messages(RUN):
-            writer.write(connections[topic], stamp, data)
-    read = read_run(tmp_path / "bag")
+    read = read_run(written_by_rosbags(tmp_path / "bag", storage, mode, RUN))
     assert_same(read, RUN)
     assert read.warnings == ()
 

@@ -25,13 +25,12 @@ from bag_helpers import (
     assert_same,
     cut_copy,
     hot,
-    messages,
     storage_file,
     unfinished,
+    written_by_rosbags,
 )
 from mcap.reader import make_reader
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
@@ -125,20 +124,11 @@ def test_what_sqlite_left_half_done_is_undone(tmp_path: Path) -> None:
 def test_messages_that_were_compressed_one_by_one_are_recovered(
     tmp_path: Path, storage: StoragePlugin
 ) -> None:
-    writer = Writer(tmp_path / "bag", version=9, storage_plugin=storage)
-    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
-    types = get_typestore(Stores.ROS2_JAZZY)
-    with writer:
-        connections = {
-            topic: writer.add_connection(f"/{topic.name}", topic.msgtype, typestore=types)
-            for topic in SAMPLED
-        }
-        for topic, stamp, data in messages(RUN):
-            writer.write(connections[topic], stamp, data)
-    (tmp_path / "bag" / METADATA).unlink()  # it alone says that they are compressed
-    assert_same(read_run(tmp_path / "bag"), RUN)
-    recover(tmp_path / "bag")
-    assert_same(read_run(tmp_path / "bag"), RUN)
+    bag = written_by_rosbags(tmp_path / "bag", storage, CompressionMode.MESSAGE, RUN)
+    (bag / METADATA).unlink()  # it alone says that they are compressed
+    assert_same(read_run(bag), RUN)
+    recover(bag)
+    assert_same(read_run(bag), RUN)
 
 
 def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) -> None:

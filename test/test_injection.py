@@ -130,15 +130,6 @@ def test_too_much_is_refused_with_what_is_allowed_and_changes_nothing() -> None:
     assert injector.injections.pending == 1
 
 
-def test_a_start_that_no_run_reaches_is_refused_for_it_would_never_act() -> None:
-    injector = Injector()
-    injector.runs(7)
-    told = r"start = 1.79577e\+09 s; allowed: up to 1e\+08, in simulated time"
-    with pytest.raises(RefusedError, match=told):
-        injector.accept(1_795_769_638.4, 0.1)  # as who stamps by the wall clock
-    assert not injector.injections.accepted
-
-
 def asked(name: str, type_: int, **value: object) -> Parameter:
     return Parameter(name=name, value=ParameterValue(type=type_, **value))
 

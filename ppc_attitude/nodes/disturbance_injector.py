@@ -33,7 +33,7 @@ from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError, Values
 from ppc_attitude.science.disturbances.pulses import configuration_of, scheduled_pulses
-from ppc_attitude.science.stamps import LATEST, nanoseconds
+from ppc_attitude.science.stamps import LATEST, nanoseconds, seconds
 
 _NUMBER = (RosParameter.Type.DOUBLE.name, RosParameter.Type.INTEGER.name)
 _TYPES = {
@@ -87,6 +87,7 @@ class DisturbanceInjector(ComponentNode):
 
     def _on_message(self, stamp_ns: int, torque: Values) -> None:
         try:
+            _seconds("start", seconds(stamp_ns), lowest=0.0)
             self._inject(torque, stamp_ns, self.parameters["injection_duration"])
         except RefusedError as reason:
             raise RefusedError(f"{INJECT.name}: {reason}") from None
@@ -139,7 +140,8 @@ def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None
 
 def _seconds(name: str, value: float, lowest: float) -> float:
     if not lowest <= value <= LATEST:
-        raise RefusedError(f"{name} = {value:g} s; allowed: {lowest:g} to {LATEST:g}")
+        allowed = f"{lowest:g} to {LATEST:g} of simulated time"
+        raise RefusedError(f"{name} = {value:g} s; allowed: {allowed}")
     return float(value)
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.disturbances.pulses import pulse
-from ppc_attitude.science.stamps import LATEST, nanoseconds, seconds
+from ppc_attitude.science.stamps import nanoseconds, seconds
 
 _MOST = 1000  # pulses that may be pending or active at a time
 _REMEMBERED = 100  # requests whose answers are kept for who asks again
@@ -64,17 +64,14 @@ class Injections:
         Raises
         ------
         RefusedError
-            The torque is larger than the limit per axis [N·m], or would act at no stamp, or later
-            than any run lasts, or too many pulses are pending.
+            The torque is larger than the limit per axis [N·m], or would act at no stamp, or too
+            many pulses are pending.
         """
         if request in self._answers:
             return self._answers[request]
         if max(map(abs, torque)) > limit:
             allowed = f"up to {limit} N·m per axis (max_injected_torque)"
             raise RefusedError(f"torque = {torque} N·m; allowed: {allowed}")
-        if start_ns > nanoseconds(LATEST):
-            allowed = f"up to {LATEST:g}, in simulated time, not that of the wall clock"
-            raise RefusedError(f"start = {seconds(start_ns):g} s; allowed: {allowed}")
         self.pulses = [each for each in self.pulses if each["end_ns"][0] > self._stamp]
         if self.pending >= _MOST:
             raise RefusedError(f"{_MOST} pulses are pending already")
