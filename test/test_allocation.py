@@ -18,9 +18,10 @@ import numpy as np
 import pytest
 import truth_tables
 from estimation_helpers import Array
+from scipy.linalg import null_space
 from scipy.optimize import linprog
 
-from ppc_attitude.science.allocation import WheelArray, allocate, certain_torque
+from ppc_attitude.science.allocation import WheelArray, allocate, certain_torque, idle_speeds
 
 
 def arrays() -> dict[str, Array]:
@@ -122,3 +123,19 @@ def test_what_an_array_gives_in_every_direction(name: str) -> None:
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     heaviest = max(allocated(certain * each, axes, -limits, limits)[0] for each in directions)
     assert 0.98 < heaviest < 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("number", [4, 6])
+def test_idle_speeds_cancel_and_are_those_of_every_basis_and_processor(number: int) -> None:
+    """Rounding says which of equally fast wheels is the fastest; it must not say how they turn."""
+    round_z = 2.0 * np.pi / number * np.arange(number)
+    axes = np.stack([np.cos(round_z), np.sin(round_z), np.full(number, 0.7)], axis=1)
+    inertia, free = np.full(number, 8e-4), null_space(axes.T)
+    speeds = idle_speeds(free, inertia)
+    assert axes.T @ speeds == pytest.approx(np.zeros(3), abs=1e-12)
+    assert np.abs(speeds) == pytest.approx(np.ones(number))
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        turn = np.linalg.qr(rng.standard_normal((number - 3, number - 3)))[0]
+        other = free @ turn * (1.0 + 2e-16 * rng.standard_normal(free.shape))
+        assert idle_speeds(other, inertia) == pytest.approx(speeds)

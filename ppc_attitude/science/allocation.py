@@ -208,7 +208,8 @@ def idle_speeds(free: NDArray[np.float64], inertia: NDArray[np.float64]) -> NDAr
     """Speeds of wheels whose momenta cancel, by that of the fastest one, 1.
 
     With more than one way to cancel, the slowest wheel is as fast as by any pattern of signs. A
-    wheel that is in no such way has to stand.
+    wheel that is in no such way has to stand. Of equally fast wheels the last one turns forwards:
+    which one rounding makes the fastest, and the basis itself, differ between processors.
 
     Parameters
     ----------
@@ -224,4 +225,5 @@ def idle_speeds(free: NDArray[np.float64], inertia: NDArray[np.float64]) -> NDAr
         moving = np.linalg.norm(free, axis=1) > FLAT
         slowest = np.abs(every)[:, moving].min(axis=1) / np.abs(every).max(axis=1)
         ways = every[np.argmax(slowest > slowest.max() - FLAT)]
-    return np.asarray(ways / ways[np.argmax(np.abs(ways))])
+    fast = np.abs(ways)
+    return np.asarray(ways / ways[np.flatnonzero(fast > (1.0 - FLAT) * fast.max())[-1]])
