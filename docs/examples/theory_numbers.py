@@ -64,7 +64,7 @@ def task(paper: Scenario) -> None:
     start = simulate(paper, 120.0)
     rates = np.degrees(np.linalg.norm(start["reference_angular_velocity"], axis=1))
     show("largest |omega_d| in 120 s", rates.max(), "deg/s")
-    torques = [np.linalg.norm(environment_torque(t)) for t in np.arange(0.0, 700.0, 0.1)]
+    torques = [np.linalg.norm(environment_torque(t)) for t in np.arange(0.0, 700.0, 0.1).tolist()]
     show("largest |d| of the environment, a whole period", max(torques), "N·m")
     q_e = start["attitude_error"][0].tolist()
     print("initial error q_e", " ".join(f"{each:.5f}" for each in q_e))

@@ -90,7 +90,7 @@ def sigmas_of(record: RunRecord, variances: list[int]) -> Array:
         If the record has no estimate.
     """
     squares = samples(record, _ESTIMATE).T[variances].T  # by component, as the loop gives them
-    return np.sqrt(np.where(squares > 0.0, squares, np.nan))
+    return np.asarray(np.sqrt(np.where(squares > 0.0, squares, np.nan)))
 
 
 def _outside(record: RunRecord) -> float | None:

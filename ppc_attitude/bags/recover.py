@@ -73,7 +73,8 @@ def recover(path: Path | str) -> Recovery:
             with contextlib.suppress(FileNotFoundError):
                 shutil.rmtree(folder / _WORK)
     except OSError as error:
-        raise BagError(f"{folder} cannot be recovered: {error.strerror or error}") from error
+        reason = error.strerror or error.args[0]
+        raise BagError(f"{folder} cannot be recovered: {reason}") from error
 
 
 def _cut(folder: Path) -> Bag:

@@ -235,7 +235,8 @@ def _rate(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[str,
 
 
 def _inertia(campaign: Campaign, index: int, plant: Mapping[str, Any]) -> dict[str, float]:
-    inertia, error = np.array(plant["inertia"]).reshape(3, 3), 0.0
+    inertia: Array = np.array(plant["inertia"]).reshape(3, 3)
+    error = 0.0
     if campaign.variables.inertia_error is not None:
         own = stream(campaign, index, "inertia_error")
         error = campaign.variables.inertia_error.draw(own)

@@ -174,9 +174,9 @@ class Codec:
             False where a row is not a message of this topic's type.
         """
         count = len(rows)
-        stamps = np.zeros(count, np.int64)
+        stamps: NDArray[np.int64] = np.zeros(count, np.int64)
         values = np.full((count, self.topic.width), np.nan)
-        alike = np.zeros(count, np.bool_)
+        alike: NDArray[np.bool_] = np.zeros(count, np.bool_)
         if count == 0:
             return stamps, values, alike
         try:

@@ -161,7 +161,7 @@ class KnownReference:
         Roughly, if it is less than is known.
         """
         longest = 0.0
-        cells = np.arange(6 * _FACES[0] ** 2)
+        cells: NDArray[np.int64] = np.arange(6 * _FACES[0] ** 2)
         for face in _FACES:
             centres, radius = sphere_cells(face)
             times = self._times(centres[cells], radius[cells], angles, rate, accuracy)
@@ -198,7 +198,8 @@ class KnownReference:
             turned=nu * (drift + assumed.e_A),
             sigma=np.zeros(count),
         )
-        found, cells = np.zeros(count), np.arange(count)
+        found = np.zeros(count)
+        cells: NDArray[np.int64] = np.arange(count)
         times = begin + _STEP * np.arange(round((_LONGEST - begin) / _STEP))
         for t, omega_d in zip(times, self._rate_at(times), strict=True):
             keep = state.above > 2.0 * accuracy
