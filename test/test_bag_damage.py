@@ -74,7 +74,7 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path: Path) -> None:
         file.write_text("no storage, but some text that is long enough to look like one")
         refused(file, message)
         file.write_bytes(b"")
-        refused(file, "is empty")
+        refused(file, "holds nothing")
     (tmp_path / "gone").mkdir()
     (tmp_path / "gone" / "metadata.yaml").write_text(
         "rosbag2_bagfile_information: {version: 9, relative_file_paths: [gone.mcap]}"

@@ -36,6 +36,7 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.reader import read_run, read_runs
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
@@ -63,8 +64,23 @@ def test_a_bag_that_is_not_compressed_is_read_without_a_temporary_folder(
     tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_run(RUN, tmp_path / "bag", storage=storage)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))  # a kill would leave it
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
     assert_same(read_run(tmp_path / "bag"), RUN)
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_of_a_compressed_file_no_copy_outlasts_a_kill_and_none_is_named(
+    tmp_path: Path, storage: StoragePlugin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = written_by_rosbags(tmp_path / "bag", storage, CompressionMode.FILE, RUN)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    for _ in Bag(bag).blocks():
+        assert not list((tmp_path / "temporary").iterdir())
+    (file,) = bag.glob("*.zstd")
+    file.write_bytes(file.read_bytes()[:1000])
+    with pytest.raises(BagError, match=f"^{file} holds nothing$"):
+        read_run(bag)
 
 
 @pytest.mark.parametrize("amid", ["add_topic", "write"])

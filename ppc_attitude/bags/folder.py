@@ -17,7 +17,6 @@
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
@@ -89,10 +88,8 @@ class Bag:
         """
         try:
             for path in self.files:
-                with ExitStack() as stack:
-                    allowance = Allowance(path)
-                    source = self._source(path, stack, allowance)
-                    yield from self._blocks_of(source, allowance)
+                allowance = Allowance(path)
+                yield from self._blocks_of(self._source(path, allowance), allowance)
         except OSError as error:
             raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
         self._compare_counts()
@@ -112,19 +109,18 @@ class Bag:
             self.flaws.append(source.cut)
         self.custom_data = {**source.custom_data, **self.custom_data}
 
-    def _source(self, path: Path, stack: ExitStack, allowance: Allowance) -> Source:
-        """Storage file; where rosbag2 has compressed it whole, a copy, as long as the stack is."""
-        if path.suffix == _COMPRESSED:
-            plain = Path(stack.enter_context(TemporaryDirectory())) / path.stem
+    def _source(self, path: Path, allowance: Allowance) -> Source:
+        """Storage file; where rosbag2 has compressed it whole, a copy."""
+        if path.suffix != _COMPRESSED:
+            return _opened(path, path, allowance, self._finished)
+        with TemporaryDirectory() as folder:  # gone before a message is read: a kill leaves none
+            plain = Path(folder) / path.stem
             try:
                 with plain_file(path) as compressed, plain.open("wb") as target:
                     unzstd_file(compressed, target, allowance)
             except BagError as error:
                 self.flaws.append(f"{path.name} is damaged: {error}")
-            path = plain
-        if path.suffix == ".mcap":
-            return McapSource(path, allowance)
-        return SqliteSource(path, finished=self._finished)
+            return _opened(plain, path, allowance, finished=True)
 
     def _count(self, channels: Mapping[int, Channel], block: Block) -> None:
         for channel in channels.values():
@@ -188,6 +184,12 @@ class Bag:
         for file in found:
             demand_plain(file)
         return found
+
+
+def _opened(path: Path, known: Path, allowance: Allowance, finished: bool) -> Source:
+    if path.suffix == ".mcap":
+        return McapSource(path, known, allowance)
+    return SqliteSource(path, known, finished=finished)
 
 
 def _kind(path: Path) -> str:

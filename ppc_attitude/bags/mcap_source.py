@@ -26,7 +26,6 @@ three times where it only hands out chunks; it allocates what a chunk claims.
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 from zlib import crc32
 
 import numpy as np
@@ -55,14 +54,19 @@ class _DamageError(Exception):
 class McapSource:
     """An MCAP file, whose chunks may become as large as the allowance says.
 
+    It is `known` by another path where rosbag2 has compressed it. It stays open up to the end of
+    `blocks`, so that it may be removed as soon as this is made.
+
     Raises
     ------
     BagError
         The file is empty or no MCAP file.
     """
 
-    def __init__(self, path: Path, allowance: Allowance | None = None) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, known: Path | None = None, allowance: Allowance | None = None
+    ) -> None:
+        self._name = path.name
         self._allowance = allowance or Allowance(path)
         self.channels: dict[int, Channel] = {}
         self.custom_data: dict[str, str] = {}
@@ -70,33 +74,34 @@ class McapSource:
         self._schemas: dict[int, str] = {}
         self._size = path.stat().st_size  # of a bag being recorded what is there now is read
         if self._size == 0:
-            raise BagError(f"{path} is empty")
-        with plain_file(path) as file:
-            magic = file.read(len(_MAGIC))
+            raise BagError(f"{known or path} holds nothing")
+        self._file = plain_file(path)
+        self._sum = crc32(magic := self._file.read(len(_MAGIC)))
         if not _MAGIC.startswith(magic):
-            raise BagError(f"{path} is no MCAP file")
+            self._file.close()
+            raise BagError(f"{known or path} is no MCAP file")
 
     def blocks(self) -> Iterator[Block]:
         """Messages in the order of the file, a block a chunk."""
-        with plain_file(self.path) as file:
+        with self._file:
             try:
-                yield from self._records(file)
+                yield from self._records()
             except (_DamageError, struct.error) as error:
-                self._flaw(f"{self.path.name} is damaged near byte {file.tell()}: {error}")
+                self._flaw(f"{self._name} is damaged near byte {self._file.tell()}: {error}")
             except EOFError:
-                self._flaw(f"{self.path.name} ends without its index after {self._size} bytes")
+                self._flaw(f"{self._name} ends without its index after {self._size} bytes")
 
     def _flaw(self, text: str) -> None:
         if text not in self.cut and len(self.cut) < _LONGEST_FLAW:
             self.cut = f"{self.cut}; {text}" if self.cut else text
 
-    def _records(self, file: BinaryIO) -> Iterator[Block]:
-        self._sum = crc32(file.read(len(_MAGIC)))
+    def _records(self) -> Iterator[Block]:
+        file = self._file
         while True:
             if self._size - file.tell() < _RECORD.size:
                 raise EOFError
             before = self._sum
-            opcode, length = _RECORD.unpack(self._read(file, _RECORD.size))
+            opcode, length = _RECORD.unpack(self._read(_RECORD.size))
             if opcode == 0:
                 raise _DamageError("record of kind 0")
             left = self._size - file.tell()
@@ -107,41 +112,41 @@ class McapSource:
             if opcode == _MESSAGE:
                 file.seek(-_RECORD.size, 1)
                 self._sum = before
-                yield self._bare_messages(file, length)
+                yield self._bare_messages(length)
             elif opcode == _CHUNK:
-                content = self._read(file, min(length, left))
+                content = self._read(min(length, left))
                 yield from self._chunk(content, complete=length <= left)
             elif length > left:
                 raise EOFError
             else:
-                content = self._read(file, length)
+                content = self._read(length)
                 if opcode in (_SCHEMA, _CHANNEL, _METADATA):
                     self._define(opcode, content)
                 elif opcode == _DATA_END and int.from_bytes(content, "little") not in (0, before):
-                    self._flaw(f"the checksum of the data in {self.path.name} is wrong")
+                    self._flaw(f"the checksum of the data in {self._name} is wrong")
             if length > left:
                 raise EOFError
 
-    def _read(self, file: BinaryIO, length: int) -> bytes:
+    def _read(self, length: int) -> bytes:
         """Bytes of the file, which count for the checksum at its end."""
-        content = file.read(length)
+        content = self._file.read(length)
         self._sum = crc32(content, self._sum)
         return content
 
-    def _bare_messages(self, file: BinaryIO, first_length: int) -> Block:
+    def _bare_messages(self, first_length: int) -> Block:
         """Messages outside a chunk, as many as a window holds."""
-        start = file.tell()
+        start = self._file.tell()
         needed = first_length + _RECORD.size
         if needed > self._size - start:
             raise EOFError
         window = min(max(_WINDOW, needed), self._size - start)
-        data = np.frombuffer(file.read(window), np.uint8)
+        data = np.frombuffer(self._file.read(window), np.uint8)
         table = _table_for(data)
         count, stop = _scan(data, 0, table, 0)
         if stop == 0:
             raise _DamageError(f"message of {first_length} bytes")
-        file.seek(start)
-        self._read(file, stop)
+        self._file.seek(start)
+        self._read(stop)
         return self._block(data, table[:, :count])
 
     def _chunk(self, content: bytes, *, complete: bool) -> Iterator[Block]:
@@ -163,7 +168,7 @@ class McapSource:
             if complete and checksum and crc32(records) != checksum:
                 raise BagError("its checksum is wrong")
         except BagError as error:  # where the next one begins is known
-            self._flaw(f"a chunk of {self.path.name} is left out: {error}")
+            self._flaw(f"a chunk of {self._name} is left out: {error}")
             return
         yield from self._chunk_records(np.frombuffer(records, np.uint8), complete=complete)
 
@@ -219,7 +224,7 @@ class McapSource:
         try:
             self.custom_data = custom_data_of(parsed(text, FAST)) or self.custom_data
         except ValueError as error:
-            self._flaw(f"the metadata in {self.path.name} are damaged: {error}")
+            self._flaw(f"the metadata in {self._name} are damaged: {error}")
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

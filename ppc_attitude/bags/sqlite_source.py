@@ -53,29 +53,32 @@ _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 class SqliteSource:
     """A SQLite file; of a finished one, which nobody writes any more, no journal is its own.
 
+    It is `known` by another path where rosbag2 has compressed it. It stays open up to the end of
+    `blocks`, so that a finished one may be removed as soon as this is made.
+
     Raises
     ------
     BagError
         The file is empty or no rosbag2 database.
     """
 
-    def __init__(self, path: Path, *, finished: bool = False) -> None:
+    def __init__(self, path: Path, known: Path | None = None, *, finished: bool = False) -> None:
         self.path = path
-        self._finished = finished
         self.custom_data: dict[str, str] = {}
         self.cut = ""
         self._held = self._size = 0
-        self._opened = path
+        self._is_settled = finished  # nobody writes it any more
         if path.stat().st_size == 0:
-            raise BagError(f"{path} is empty")
-        with self._open() as database:
-            try:
-                _demand_tables(database)
-                self.channels = self._read_channels(database)
-            except _DAMAGE as error:
-                raise BagError(
-                    f"{path} cannot be read as a rosbag2 database: {_told(error)}"
-                ) from error
+            raise BagError(f"{known or path} holds nothing")
+        self._database = self._open(finished)
+        try:
+            _demand_tables(self._database)
+            self.channels = self._read_channels()
+        except _DAMAGE as error:
+            self._database.close()
+            raise BagError(
+                f"{known or path} cannot be read as a rosbag2 database: {_told(error)}"
+            ) from error
 
     def blocks(self) -> Iterator[Block]:
         """Messages in the order of the file.
@@ -84,16 +87,16 @@ class SqliteSource:
         not keep a recorder from writing.
         """
         last = _BELOW_ALL_IDS
-        with self._open() as database:
+        with contextlib.closing(self._database):
             try:
-                while block := self._block(database, last):
+                while block := self._block(last):
                     last, found = block
                     yield found
             except _DAMAGE as error:
                 aside = f"{self.cut}; " if self.cut else ""
                 self.cut = f"{aside}{self.path.name} is damaged: {_told(error)}"
 
-    def _block(self, database: sqlite3.Connection, last: int) -> tuple[int, Block] | None:
+    def _block(self, last: int) -> tuple[int, Block] | None:
         """Messages behind an id, and the last one's; SQLite joins them, which costs less than rows.
 
         How large each is comes first: in a forged file all may hold the same large part.
@@ -101,7 +104,7 @@ class SqliteSource:
         behind = f"FROM messages WHERE id > {last} ORDER BY id LIMIT"
         numbers = [
             np.fromstring(text or "", np.int64, sep=",")
-            for text in database.execute(
+            for text in self._database.execute(
                 "SELECT group_concat(id), group_concat(topic_id), group_concat(timestamp), "
                 "group_concat(size) FROM "
                 f"(SELECT id, topic_id, timestamp, length(data) AS size {behind} {_ROWS})"
@@ -118,7 +121,7 @@ class SqliteSource:
         self._demand_room(self._held)
         if ids[0] <= last or (ids[1:] <= ids[:-1]).any():
             raise ValueError(f"messages behind message {last} are out of order")
-        (data,) = database.execute(
+        (data,) = self._database.execute(
             f"SELECT CAST(group_concat(data, '') AS BLOB) FROM (SELECT data {behind} {ids.size})"
         ).fetchone()
         if len(data) != size:
@@ -126,7 +129,7 @@ class SqliteSource:
         topics = set(channel.tolist())
         if not self.channels.keys() >= topics:
             # A recorder may have met another topic meanwhile.
-            self.channels = self._read_channels(database)
+            self.channels = self._read_channels()
         for unknown in topics - self.channels.keys():
             raise ValueError(f"message of topic {unknown}, which is not defined")
         offset = np.cumsum(length) - length
@@ -134,38 +137,38 @@ class SqliteSource:
 
     def _demand_room(self, held: int) -> None:
         """Refuse rows of which several lie at the same place of a forged file."""
+        if held > self._size and not self._is_settled:
+            self._size = self.path.stat().st_size  # a recorder may have gone on
         if held > self._size:
-            self._size = self._opened.stat().st_size  # a recorder may have gone on
-            if held > self._size:
-                raise ValueError(f"its rows claim more than the {self._size} bytes of the file")
+            raise ValueError(f"its rows claim more than the {self._size} bytes of the file")
 
-    def _read_channels(self, database: sqlite3.Connection) -> dict[int, Channel]:
-        names = [row[1] for row in database.execute("PRAGMA table_xinfo(topics)")]
+    def _read_channels(self) -> dict[int, Channel]:
+        names = [row[1] for row in self._database.execute("PRAGMA table_xinfo(topics)")]
         qos = "offered_qos_profiles" if "offered_qos_profiles" in names else "''"
         channels, held = {}, 0
         query = f"SELECT id, name, type, serialization_format, {qos} FROM topics"
-        for key, *texts in database.execute(query):
+        for key, *texts in self._database.execute(query):
             held += len("".join(texts))
             self._demand_room(held)
             channels[key] = Channel(*texts)
         return channels
 
-    @contextlib.contextmanager
-    def _open(self) -> Iterator[sqlite3.Connection]:
-        with contextlib.ExitStack() as stack:
-            path, immutable = self.path, self._finished
-            torn = _bytes_of_torn_page(path)
-            if torn or (not immutable and _is_half_done(path)):
-                folder = Path(stack.enter_context(TemporaryDirectory()))
-                path, immutable = _settled(path, folder, journals=not self._finished), True
-            flaws = [f"{self.path.name} ends within a page"] if torn else []
-            if left := _left_aside(self.path, self._finished):
-                flaws.append(f"the unfinished transaction in {left} was left aside")
-            self.cut = "; ".join(flaws)
-            database = stack.enter_context(contextlib.closing(_connect(path, immutable)))
-            self._opened, self._held = path, 0
-            database.set_authorizer(_only_reading_of_tables)
-            yield database
+    def _open(self, finished: bool) -> sqlite3.Connection:
+        path = self.path
+        torn = _bytes_of_torn_page(path)
+        flaws = [f"{path.name} ends within a page"] if torn else []
+        if left := _left_aside(path, finished):
+            flaws.append(f"the unfinished transaction in {left} was left aside")
+        self.cut = "; ".join(flaws)
+        copied = bool(torn) or (not finished and _is_half_done(path))
+        self._is_settled |= copied
+        with TemporaryDirectory() if copied else contextlib.nullcontext() as folder:
+            if folder:  # SQLite keeps open what it has opened, so a kill leaves no copy
+                path = _settled(path, Path(folder), journals=not finished)
+            self._size = path.stat().st_size
+            database = _connect(path, self._is_settled)
+        database.set_authorizer(_only_reading_of_tables)
+        return database
 
 
 def _told(error: Exception) -> str:
