@@ -80,7 +80,8 @@ class Collected:
                 readable &= stamps >= 0  # every node refuses what was before time
                 if channel.msgtype == topic.msgtype:  # another type has another header's frame
                     self._look_at_frames(channel.topic, Codec(topic), rows, readable)
-                received = None if stamps.any() else block.time[indices]
+                told = stamps[readable]
+                received = block.time[indices] if (told == told[:1]).all() else None
                 part = Series(stamps, values, indices + self._met, received)
                 bad = len(rows) - int(readable.sum())
                 if bad:
@@ -119,16 +120,17 @@ class Collected:
         return found
 
     def _joined(self, name: str, msgtype: str, parts: list[Series]) -> Series:
-        """One series of the parts, by receipt where there are no stamps, or only zeros."""
+        """One series of the parts, by receipt where there are no stamps, or one for all."""
         stamps = np.concatenate([part.stamps for part in parts])
         values = np.concatenate([part.values for part in parts])
         arrival = np.concatenate([part.arrival for part in parts])
         received = [part.received for part in parts if part.received is not None]
-        never = len(received) == len(parts)
+        alike = len(received) == len(parts) and (stamps == stamps[0]).all()
         parts.clear()
-        if never and (not is_stamped(msgtype) or (values != values[0]).any()):
+        if alike and (not is_stamped(msgtype) or (values[1:] != values[0]).any()):
+            told = "one stamp for all messages" if stamps[0] else "no stamps"
+            self._notes.append(f"{name} has {told}: the times of receipt are taken")
             stamps = np.concatenate(received)
-            self._notes.append(f"{name} has no stamps: the times of receipt are taken")
         order = np.argsort(arrival, kind="stable")
         joined = Series(stamps, values, arrival)
         return joined[order] if (np.diff(order) != 1).any() else joined

@@ -52,7 +52,7 @@ class Series:
     stamps: Integers  # [ns]
     values: Array  # a row each
     arrival: Integers  # their places in the bag, increasing
-    received: Integers | None = None  # when [ns], where none of them has a stamp
+    received: Integers | None = None  # when [ns], where none has a stamp, or all have one
 
     def __getitem__(self, which: slice | Integers | NDArray[np.bool_]) -> "Series":
         """Some of the messages."""
