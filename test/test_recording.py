@@ -154,6 +154,20 @@ def test_a_stranger_s_messages_are_told_apart_and_make_no_gap() -> None:
     assert 400 not in bag.steps(TORQUE)
 
 
+@pytest.mark.parametrize("name", [TORQUE, AHEAD])
+def test_strangers_who_send_no_stamp_end_no_record(name: str) -> None:
+    """`ros2 topic pub` sends zero; a reset of the plant does so too."""
+    bag = Bag()
+    for epoch in range(2):
+        for step in range(20):
+            bag.run(range(step, step + 1))
+            if step in (7, 8, 12):
+                bag.take(name, 0, b"%d without a stamp" % step)
+                bag.take(name, 0, b"another without a stamp")
+        assert bag.gaps() == []
+        assert bag.recording.surplus() == {name: 6 * (epoch + 1)}
+
+
 def test_a_lost_message_is_a_gap() -> None:
     bag = Bag()
     bag.run(range(10))

@@ -23,6 +23,7 @@ it grows, in memory that does not grow with it.
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from math import inf
 from statistics import median_low
 
@@ -43,59 +44,26 @@ _MOST_JUMPS = 5  # that are told one by one
 Write = Callable[[str, int, bytes], None]
 
 
-@dataclass
-class _Tally:
-    count: int = 0
-    total: int = 0  # sum of the stamps: equal counts with other stamps give another sum
-    last: int = -1
-    previous: int = -1
-
-    def until(self, stamp_ns: int) -> tuple[int, int]:
-        """Count and sum of the stamps up to one that is the last or the last but one."""
-        if self.last > stamp_ns and self.previous == stamp_ns:
-            return self.count - 1, self.total - self.last
-        return self.count, self.total
-
-
-class Completeness:
-    """Compare every topic's stamps with those of the states.
-
-    A run that is stopped may lack the answers to its last state; any other difference is a gap.
-    After a reset of the plant time begins again: what came before is compared by itself.
-    """
+class _Rhythm:
+    """The steps from state to state, and which of them are longer than usual."""
 
     def __init__(self) -> None:
-        # Of each topic, one a stretch of time without a reset; the last is the present one's.
-        self._tallies: defaultdict[str, list[_Tally]] = defaultdict(lambda: [_Tally()])
-        self._period: int | None = None
+        self._period = 0  # [ns]; 0 until it is known
         self._steps: list[tuple[int, int]] = []  # pairs of states that are not yet weighed
         self._weighed = self._steady = self._jumped = 0
         self._jumps: list[str] = []
 
-    def add(self, name: str, stamp_ns: int) -> None:
-        """Count one message of a topic."""
-        tallies = self._tallies[name]
-        if stamp_ns == 0 < tallies[-1].last:
-            tallies.append(_Tally())
-        tally = tallies[-1]
-        if name == _LEAD and tally.count:
-            self._look_for_jump(tally.last, stamp_ns)
-        tally.count += 1
-        tally.total += stamp_ns
-        tally.previous, tally.last = tally.last, stamp_ns
+    def add(self, last: int, stamp_ns: int) -> None:
+        """Take a step from one stamp [ns] to the next."""
+        self._steps.append((last, stamp_ns))
+        if self._period or len(self._steps) == _FIRST:
+            self._weigh()
 
-    def _look_for_jump(self, last: int, stamp_ns: int) -> None:
-        if stamp_ns > last:
-            self._steps.append((last, stamp_ns))
-        if self._period is not None or len(self._steps) == _FIRST:
-            self._weigh_steps()
-
-    def _weigh_steps(self) -> None:
-        """See which steps are longer than usual."""
-        if self._period is None and self._steps:
+    def _weigh(self) -> None:
+        if not self._period and self._steps:
             self._period = median_low(after - before for before, after in self._steps)
         for before, after in self._steps:
-            ratio = (after - before) / (self._period or 1)
+            ratio = (after - before) / self._period
             self._weighed += 1
             self._steady += abs(ratio - 1.0) <= STEADY
             if ratio > 1.5:
@@ -105,60 +73,49 @@ class Completeness:
                     self._jumps.append(text)
         self._steps.clear()
 
-    def _told_jumps(self) -> list[str]:
+    def jumps(self) -> list[str]:
         """Describe the gaps of the states; a rhythm that changes has none."""
-        self._weigh_steps()
+        self._weigh()
         if 4 * self._steady < 3 * self._weighed:
             return []
         more = self._jumped - len(self._jumps)
         return self._jumps + ([f"{_LEAD} jumps {more} times more"] if more else [])
 
-    def gaps(self, expected: Iterable[str] = ()) -> list[str]:
-        """Describe what is missing; empty if nothing is.
 
-        The expected topics must have come, once a state has been answered.
-        """
-        if _LEAD not in self._tallies:
-            others = [f"{name} without {_LEAD}" for name in self._tallies]
-            return others or [f"{_LEAD} never came"]
-        found = self._told_jumps()
-        *earlier, present = self._tallies[_LEAD]
-        if earlier or present.count > 1:
-            found += [f"{name} never came" for name in expected if name not in self._tallies]
-        for name, tallies in self._tallies.items():
-            if len(tallies) != len(earlier) + 1:
-                found.append(f"{name} begins again at another time than {_LEAD}")
-        for k in range(len(earlier)):
-            ended = {name: each[k] for name, each in self._tallies.items() if k < len(each) - 1}
-            found += self._compare(ended)
-        return found + self._compare({name: each[-1] for name, each in self._tallies.items()})
+@dataclass(slots=True)
+class _Stretch:
+    """The samples of a topic, one an instant, written between two beginnings of time."""
 
-    def _compare(self, tallies: dict[str, _Tally]) -> list[str]:
-        """Compare the topics over a stretch of time without a reset."""
-        states = tallies[_LEAD]
-        found = []
-        for name, tally in tallies.items():
-            end = min(tally.last, states.last)
-            if tally.until(end) != states.until(end):
-                found.append(
-                    f"{name} has {tally.count} messages until {seconds(tally.last):.6f} s, "
-                    f"{_LEAD} {states.count} until {seconds(states.last):.6f} s"
-                )
-        return found
+    count: int = 0
+    total: int = 0  # sum of the stamps: equal counts with other stamps give another sum
+    last: tuple[int, bytes] = (-1, b"")  # stamp [ns] and bytes of the newest
+    before: tuple[int, bytes] = (-1, b"")  # the same of the one before
+
+    def until(self, stamp_ns: int) -> tuple[int, int]:
+        """Count and sum of the stamps up to one that is the last or the last but one."""
+        if self.last[0] > stamp_ns and self.before[0] == stamp_ns:
+            return self.count - 1, self.total - self.last[0]
+        return self.count, self.total
 
 
 @dataclass(slots=True)
 class _Lane:
     """One topic with a sample at each instant."""
 
-    epoch: int = 0  # how often its time has begun again
+    stretches: list[_Stretch] = field(default_factory=lambda: [_Stretch()])  # the last is present
     heard: int = -1  # the latest stamp [ns]
-    written: int = 0  # of which epoch the last sample was that was written
-    last: int = -1  # the newest stamp [ns] that was written of that epoch
-    data: bytes = b""  # what was written with it
-    before: tuple[int, bytes] = (-1, b"")  # the same of the sample before
+    ended: int = -1  # the latest one before its time began again
     surplus: int = 0  # messages beside the first one of their instant
     publishers: Publishers = field(default_factory=Publishers)
+
+    @property
+    def epoch(self) -> int:
+        """How often its time has begun again."""
+        return len(self.stretches) - 1
+
+
+def _until(stretch: _Stretch) -> str:
+    return f"{seconds(max(stretch.last[0], 0)):.6f} s"
 
 
 class Recording:
@@ -166,18 +123,22 @@ class Recording:
 
     def __init__(self, write: Write) -> None:
         self._write = write
-        self._completeness = Completeness()
+        self._rhythm = _Rhythm()
         self._lanes: defaultdict[str, _Lane] = defaultdict(_Lane)
-        self._ends: list[int] = []  # the last state [ns] before each new beginning
+        self._states = self._lanes[_LEAD]
         # What waits for its state: topic, bytes, and if it was sent ahead, by epoch and stamp [ns].
         self._ahead: dict[tuple[int, int], list[tuple[str, bytes, bool]]] = {}
         self._waiting = 0  # how many messages those are
-        self.now = -1  # the newest state [ns]; -1: none has come
         self._end = inf  # the last state [ns], once it is known
         self._heard = inf  # when the first message came, by the wall clock [s]
-        self._states: dict[int, None] = {}  # stamps [ns] of the latest ones, in their order
+        self._latest: dict[int, None] = {}  # stamps [ns] of the latest states, in their order
         self._unreported = 0
         self._with_state: dict[str, bytes] = {}  # the latest of each topic
+
+    @property
+    def now(self) -> int:
+        """The newest state [ns]; -1: none has come."""
+        return self._states.stretches[-1].last[0]
 
     def event(self, name: str, stamp_ns: int | None, data: bytes, with_state: bool = False) -> None:
         """Write a message that is no sample, at its own time or at that of the newest state.
@@ -212,72 +173,78 @@ class Recording:
             return
         if stamp_ns > self._end:
             return
-        self._heard = min(self._heard, now)
+        if now < self._heard:
+            self._heard = now
         lane = self._lanes[name]
         if number is not None:
             lane.publishers.hear(number, stamp_ns, now)
         if stamp_ns == 0 < lane.heard:
             self._begin_again(name, lane)
+        elif lane.heard == 0 and stamp_ns > lane.ended and lane.epoch > self._states.epoch:
+            self._take_back(name, lane)
         lane.heard = stamp_ns
-        if stamp_ns <= lane.last and self._is_repeated(lane, stamp_ns, data):
+        epoch, present = lane.epoch, lane.stretches[-1]
+        if stamp_ns <= present.last[0] and (stamp_ns, data) in (present.last, present.before):
             return  # a peer's repeated answer to a repeated state
         if name == _LEAD:
-            self._keep(name, lane, lane.epoch, stamp_ns, data)
+            self._keep(name, epoch, stamp_ns, data)
             self._lead(stamp_ns, now)
-        elif self._is_present(lane, stamp_ns):
-            if not ahead or self._has_state(lane, stamp_ns):
-                self._keep(name, lane, lane.epoch, stamp_ns, data)
-        elif lane.epoch >= len(self._ends):
-            self._wait(name, lane, stamp_ns, data, ahead)
+        elif self._is_present(epoch, stamp_ns):
+            if not ahead or self._has_state(epoch, stamp_ns):
+                self._keep(name, epoch, stamp_ns, data)
+        elif epoch >= self._states.epoch:
+            self._wait(name, epoch, stamp_ns, data, ahead)
 
     def _begin_again(self, name: str, lane: _Lane) -> None:
-        lane.epoch += 1
+        lane.ended = lane.heard
+        lane.stretches.append(_Stretch())
         if name == _LEAD:
-            self._ends.append(self.now)
-            self.now = -1
-            self._states.clear()
+            self._latest.clear()
             self._ahead = {key: each for key, each in self._ahead.items() if key[0] >= lane.epoch}
             self._waiting = sum(map(len, self._ahead.values()))
 
-    def _is_repeated(self, lane: _Lane, stamp_ns: int, data: bytes) -> bool:
-        latest = lane.last, lane.data
-        return lane.written == lane.epoch and (stamp_ns, data) in (latest, lane.before)
+    def _take_back(self, name: str, lane: _Lane) -> None:
+        """Go on after messages without a stamp, as of `ros2 topic pub`: no time has begun again."""
+        waiting = self._ahead.get((lane.epoch, 0), [])
+        lane.stretches.pop()
+        for stray in [each for each in waiting if each[0] == name]:
+            waiting.remove(stray)
+            self._waiting -= 1
+            self._keep(name, lane.epoch, 0, stray[1])
 
-    def _is_present(self, lane: _Lane, stamp_ns: int) -> bool:
+    def _is_present(self, epoch: int, stamp_ns: int) -> bool:
         """True if the state of this instant has come, or a later one."""
-        begun = len(self._ends)
-        if lane.epoch == begun:
-            return stamp_ns <= self.now
-        return lane.epoch < begun and stamp_ns <= self._ends[lane.epoch]
+        states = self._states.stretches
+        return epoch < len(states) and stamp_ns <= states[epoch].last[0]
 
-    def _has_state(self, lane: _Lane, stamp_ns: int) -> bool:
+    def _has_state(self, epoch: int, stamp_ns: int) -> bool:
         """True if an instant that has passed was a state's, as far as these are remembered."""
-        oldest = next(iter(self._states), 0)
-        return lane.epoch < len(self._ends) or stamp_ns < oldest or stamp_ns in self._states
+        oldest = next(iter(self._latest), 0)
+        return epoch < self._states.epoch or stamp_ns < oldest or stamp_ns in self._latest
 
-    def _wait(self, name: str, lane: _Lane, stamp_ns: int, data: bytes, ahead: bool) -> None:
-        waiting = self._ahead.setdefault((lane.epoch, stamp_ns), [])
+    def _wait(self, name: str, epoch: int, stamp_ns: int, data: bytes, ahead: bool) -> None:
+        waiting = self._ahead.setdefault((epoch, stamp_ns), [])
         if (name, data, ahead) in waiting:
             return
         if self._waiting >= _MOST_AHEAD:  # no run is so far ahead: no states come any more
-            self._pass((lane.epoch, stamp_ns))
-            waiting = self._ahead.setdefault((lane.epoch, stamp_ns), [])
+            self._pass((epoch, stamp_ns))
+            waiting = self._ahead.setdefault((epoch, stamp_ns), [])
         self._waiting += 1
         waiting.append((name, data, ahead))
 
     def _lead(self, stamp_ns: int, now: float) -> None:
-        """Take a state, and write the messages that were ahead of it."""
-        present = len(self._ends), stamp_ns
+        """Take a state that is written, and write the messages that were ahead of it."""
+        present = self._states.epoch, stamp_ns
         # Who joins a run hears answers to states that it has not heard: they are left out.
-        self._pass(present, joins=self.now < 0 and now < self._heard + _JOINS)
-        self.now = max(self.now, stamp_ns)
+        is_first = self._states.stretches[-1].count == 1
+        self._pass(present, joins=is_first and now < self._heard + _JOINS)
         self._unreported += 1
-        self._states[stamp_ns] = None
-        if len(self._states) > _REMEMBERED:
-            del self._states[next(iter(self._states))]
+        self._latest[stamp_ns] = None
+        if len(self._latest) > _REMEMBERED:
+            del self._latest[next(iter(self._latest))]
         for name, data, _ in self._ahead.pop(present, ()):
             self._waiting -= 1
-            self._keep(name, self._lanes[name], len(self._ends), stamp_ns, data)
+            self._keep(name, *present, data)
 
     def _pass(self, until: tuple[int, float], joins: bool = False) -> None:
         """Write what was sent at instants whose states have not come, unless the recorder `joins`.
@@ -288,18 +255,21 @@ class Recording:
             for name, data, ahead in self._ahead.pop(first):
                 self._waiting -= 1
                 if first[0] == until[0] and not (ahead or joins):
-                    self._keep(name, self._lanes[name], *first, data)
+                    self._keep(name, *first, data)
 
-    def _keep(self, name: str, lane: _Lane, epoch: int, stamp_ns: int, data: bytes) -> None:
+    def _keep(self, name: str, epoch: int, stamp_ns: int, data: bytes) -> None:
         """Write a sample, and count it if it is the first one of its instant."""
-        if epoch > lane.written:
-            lane.written, lane.last, lane.data = epoch, -1, b""
-        if stamp_ns <= lane.last:
+        lane = self._lanes[name]
+        stretch = lane.stretches[epoch]
+        last = stretch.last[0]
+        if stamp_ns <= last:
             lane.surplus += 1
         else:
-            lane.before = lane.last, lane.data
-            lane.last, lane.data = stamp_ns, data
-            self._completeness.add(name, stamp_ns)
+            if lane is self._states and stretch.count:
+                self._rhythm.add(last, stamp_ns)
+            stretch.count += 1
+            stretch.total += stamp_ns
+            stretch.before, stretch.last = stretch.last, (stamp_ns, data)
         self._write(name, stamp_ns, data)
 
     def end(self) -> None:
@@ -314,10 +284,32 @@ class Recording:
         return self.now
 
     def gaps(self, expected: Iterable[str]) -> list[str]:
-        """Describe what is missing, or not of one node alone, at the end; empty if nothing is."""
+        """Describe what is missing, or not of one node alone, at the end; empty if nothing is.
+
+        The expected topics must have come, once a state has been answered. A run that is stopped
+        may lack the answers to its last state; after a reset of the plant time begins again: what
+        came before is compared by itself.
+        """
+        states = self._states.stretches
         if self.now >= 0 and len(self._ahead) > _FEW:  # states come no more, and others go on
-            self._pass((len(self._ends), inf))
-        return self._completeness.gaps(expected) + [
+            self._pass((self._states.epoch, inf))
+        written = {
+            name: lane.stretches
+            for name, lane in self._lanes.items()
+            if any(each.count for each in lane.stretches)
+        }
+        found = self._rhythm.jumps() if _LEAD in written else [f"{_LEAD} never came"]
+        if self._states.epoch or states[0].count > 1:
+            found += [f"{name} never came" for name in expected if name not in written]
+        for name, stretches in written.items():
+            for own, led in zip_longest(stretches, states, fillvalue=_Stretch()):
+                end = min(own.last[0], led.last[0])
+                if own.until(end) != led.until(end):
+                    found.append(
+                        f"{name} has {own.count} messages until {_until(own)}, "
+                        f"{_LEAD} {led.count} until {_until(led)}"
+                    )
+        return found + [
             f"{name} came from several nodes: {lane.publishers.nodes}"
             for name, lane in self._lanes.items()
             if lane.publishers.several
