@@ -104,7 +104,7 @@ class _Lane:
 
     stretches: list[_Stretch] = field(default_factory=lambda: [_Stretch()])  # the last is present
     heard: int = -1  # the latest stamp [ns]
-    ended: int = -1  # the latest one before its time began again
+    ended: int = 0  # the latest one before its time began again, if it did
     surplus: int = 0  # messages beside the first one of their instant
     publishers: Publishers = field(default_factory=Publishers)
 
@@ -180,7 +180,9 @@ class Recording:
             lane.publishers.hear(number, stamp_ns, now)
         if stamp_ns == 0 < lane.heard:
             self._begin_again(name, lane)
-        elif lane.heard == 0 and stamp_ns > lane.ended and lane.epoch > self._states.epoch:
+        elif lane.heard == 0 < lane.ended < stamp_ns and (
+            name == _LEAD or lane.epoch > self._states.epoch
+        ):
             self._take_back(name, lane)
         lane.heard = stamp_ns
         epoch, present = lane.epoch, lane.stretches[-1]
@@ -200,13 +202,11 @@ class Recording:
         lane.stretches.append(_Stretch())
         if name == _LEAD:
             self._latest.clear()
-            self._ahead = {key: each for key, each in self._ahead.items() if key[0] >= lane.epoch}
-            self._waiting = sum(map(len, self._ahead.values()))
 
     def _take_back(self, name: str, lane: _Lane) -> None:
         """Go on after messages without a stamp, as of `ros2 topic pub`: no time has begun again."""
         waiting = self._ahead.get((lane.epoch, 0), [])
-        lane.stretches.pop()
+        lane.surplus += lane.stretches.pop().count
         for stray in [each for each in waiting if each[0] == name]:
             waiting.remove(stray)
             self._waiting -= 1
@@ -237,7 +237,8 @@ class Recording:
         present = self._states.epoch, stamp_ns
         # Who joins a run hears answers to states that it has not heard: they are left out.
         is_first = self._states.stretches[-1].count == 1
-        self._pass(present, joins=is_first and now < self._heard + _JOINS)
+        if stamp_ns:  # of before zero nothing waits but that of a time that may go on
+            self._pass(present, joins=is_first and now < self._heard + _JOINS)
         self._unreported += 1
         self._latest[stamp_ns] = None
         if len(self._latest) > _REMEMBERED:
