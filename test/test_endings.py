@@ -329,7 +329,7 @@ class Held(DisturbanceInjector):
     def destroy_node(self):  # as rclpy does it: the middleware is waited for with Python's lock
         ctypes.PyDLL(None).sleep(600)
 
-leaving._PATIENCE = 1.5
+leaving._PATIENCE = 2
 sys.exit(running.run_node(Held, ["node"]))
 """
 

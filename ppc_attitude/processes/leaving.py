@@ -23,33 +23,16 @@ thread of Python can end the wait, and no handler of a signal runs; a timer of t
 
 import ctypes
 import faulthandler
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_THREAD = 2  # SIGEV_THREAD: at its time the timer calls a function in a thread of its own
 _MONOTONIC = 1  # CLOCK_MONOTONIC
-_PATIENCE = 10.0  # [s] for the middleware to let a process go that has nothing left to do
+_THREAD = 2  # SIGEV_THREAD: at its time the timer calls a function in a thread of its own
+_NOTICE = struct.Struct("@PiiP40x")  # struct sigevent of Linux: value, signal, what, function
+_TIMES = struct.Struct("@4l")  # struct itimerspec: a period, and the time until then [s, ns]
+_PATIENCE = 10  # [s] for the middleware to let a process go that has nothing left to do
 _SAYS_BEFORE = 0.5  # [s] before its end the process prints where it hangs
-
-
-class _Notice(ctypes.Structure):
-    """``struct sigevent`` of Linux: what a timer does."""
-
-    _fields_ = (
-        ("value", ctypes.c_void_p),
-        ("signal", ctypes.c_int),
-        ("notify", ctypes.c_int),
-        ("function", ctypes.c_void_p),
-        ("rest", ctypes.c_void_p * 5),
-    )
-
-
-class _Times(ctypes.Structure):
-    """``struct itimerspec``: a period, here none, and the time until then."""
-
-    _fields_ = tuple(
-        (name, ctypes.c_long) for name in ("period", "period_ns", "seconds", "nanoseconds")
-    )
 
 
 @contextmanager
@@ -60,14 +43,12 @@ def leaving(code: int) -> Iterator[None]:
     """
     library, timer = ctypes.CDLL(None), ctypes.c_void_p()
     leave = ctypes.cast(library._exit, ctypes.c_void_p).value
-    notice = ctypes.byref(_Notice(value=code, notify=_THREAD, function=leave))
+    notice = _NOTICE.pack(code, 0, _THREAD, leave)
     create = getattr(library, "timer_create", lambda *_: -1)
     if create(_MONOTONIC, notice, ctypes.byref(timer)) != 0:
         yield
         return
-    seconds, rest = divmod(_PATIENCE, 1.0)
-    times = _Times(seconds=int(seconds), nanoseconds=int(1e9 * rest))
-    library.timer_settime(timer, 0, ctypes.byref(times), None)
+    library.timer_settime(timer, 0, _TIMES.pack(0, 0, _PATIENCE, 0), None)
     faulthandler.dump_traceback_later(_PATIENCE - _SAYS_BEFORE)
     try:
         yield
