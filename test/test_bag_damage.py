@@ -40,6 +40,7 @@ from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Source
+from ppc_attitude.bags.foreign import Allowance
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
@@ -177,9 +178,10 @@ def test_a_file_that_grows_is_read_as_far_as_it_went_when_it_was_opened(
     random = Random(3)
     for length in (*range(8, 60), *(random.randrange(8, len(content)) for _ in range(50))):
         bag = cut_copy(whole, tmp_path / "cut", length)
-        expected = messages_of(McapSource(storage_file(bag)))
-        source = McapSource(storage_file(bag))
-        storage_file(bag).write_bytes(content)
+        file = storage_file(bag)
+        expected = messages_of(McapSource(file, file, Allowance(file)))
+        source = McapSource(file, file, Allowance(file))
+        file.write_bytes(content)
         assert messages_of(source) == expected
         assert source.cut, length
 
@@ -191,7 +193,7 @@ def messages_of(source: Source) -> list[bytes]:
 @pytest.mark.parametrize("whole", ["sqlite3"], indirect=True)
 def test_a_slow_reader_does_not_keep_a_recorder_from_writing(tmp_path: Path, whole: Path) -> None:
     bag = cut_copy(whole, tmp_path / "bag", storage_file(whole).stat().st_size)
-    source = SqliteSource(storage_file(bag))
+    source = SqliteSource(storage_file(bag), storage_file(bag), finished=False)
     blocks = source.blocks()
     before = len(payloads_of(next(blocks)))
     with contextlib.closing(sqlite3.connect(storage_file(bag), timeout=0.0)) as recorder:

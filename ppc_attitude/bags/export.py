@@ -74,13 +74,7 @@ def export_parquet(record: RunRecord, target: Path) -> str:
         "ppc_attitude.missing": json.dumps(dict(record.missing)),
         "ppc_attitude.warnings": json.dumps(record.warnings, ensure_ascii=False),
     }
-    changed, lacking = _changed(record)
-    columns = {
-        "stamp_ns": record.stamps_ns,
-        "t": record.t,
-        **dict(_numbers(record)),
-        **changed,
-    }
+    columns, lacking = _table(record)
     table = pyarrow.table(columns).replace_schema_metadata(facts)
     with _new_file(target) as file:
         pyarrow.parquet.write_table(table, file)
@@ -89,16 +83,13 @@ def export_parquet(record: RunRecord, target: Path) -> str:
 
 def export_csv(record: RunRecord, target: Path) -> str:
     """Write a run as CSV; every number reads back to the last bit. Else as `export_parquet`."""
-    names, columns = zip(*_numbers(record), strict=True)
-    changed, lacking = _changed(record)
+    columns, lacking = _table(record)
     with _new_file(target) as binary, TextIOWrapper(binary, "utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(("stamp_ns", "t", *names, *changed))
+        writer.writerow(columns)
         for start in range(0, len(record.stamps_ns), _ROWS):
-            rows = slice(start, start + _ROWS)
-            cells = [_cells(column[rows]) for column in (record.t, *columns)]
-            cells += [column[rows] for column in changed.values()]
-            writer.writerows(zip(record.stamps_ns[rows].tolist(), *cells, strict=True))
+            cells = (_cells(column[start : start + _ROWS]) for column in columns.values())
+            writer.writerows(zip(*cells, strict=True))
     return lacking
 
 
@@ -113,8 +104,15 @@ def _new_file(target: Path) -> Iterator[BinaryIO]:
         raise BagError(f"{target} cannot be written: {error.strerror or error}") from error
 
 
+def _table(record: RunRecord) -> tuple[dict[str, Any], str]:
+    """Every column of the table by its name, and what is left out."""
+    changed, lacking = _changed(record)
+    samples = dict(_numbers(record))
+    return {"stamp_ns": record.stamps_ns, "t": record.t, **samples, **changed}, lacking
+
+
 def _numbers(record: RunRecord) -> Iterator[tuple[str, Array]]:
-    """Name and numbers of each column of the table, without the time."""
+    """Name and numbers of each column of samples."""
     order = {name: place for place, name in enumerate(BY_COLUMN)}
     for name in sorted(record.columns, key=lambda each: order.get(each, len(order))):
         numbers = record[name].T
@@ -163,5 +161,8 @@ def _number(value: Any) -> Any:
     return value if is_number or value is None else json.dumps(value, ensure_ascii=False)
 
 
-def _cells(numbers: Array) -> list[float | None]:
-    return [None if np.isnan(number) else number for number in numbers.tolist()]
+def _cells(column: Any) -> list[Any]:
+    """What of a column is written; nothing for NaN."""
+    if isinstance(column, list):
+        return column
+    return [None if np.isnan(number) else number for number in column.tolist()]

@@ -189,7 +189,7 @@ class Bag:
 def _opened(path: Path, known: Path, allowance: Allowance, finished: bool) -> Source:
     if path.suffix == ".mcap":
         return McapSource(path, known, allowance)
-    return SqliteSource(path, known, finished=finished)
+    return SqliteSource(path, known, finished)
 
 
 def _kind(path: Path) -> str:

@@ -63,23 +63,21 @@ class McapSource:
         The file is empty or no MCAP file.
     """
 
-    def __init__(
-        self, path: Path, known: Path | None = None, allowance: Allowance | None = None
-    ) -> None:
+    def __init__(self, path: Path, known: Path, allowance: Allowance) -> None:
         self._name = path.name
-        self._allowance = allowance or Allowance(path)
+        self._allowance = allowance
         self.channels: dict[int, Channel] = {}
         self.custom_data: dict[str, str] = {}
         self.cut = ""
         self._schemas: dict[int, str] = {}
         self._size = path.stat().st_size  # of a bag being recorded what is there now is read
         if self._size == 0:
-            raise BagError(f"{known or path} holds nothing")
+            raise BagError(f"{known} holds nothing")
         self._file = plain_file(path)
         self._sum = crc32(magic := self._file.read(len(_MAGIC)))
         if not _MAGIC.startswith(magic):
             self._file.close()
-            raise BagError(f"{known or path} is no MCAP file")
+            raise BagError(f"{known} is no MCAP file")
 
     def blocks(self) -> Iterator[Block]:
         """Messages in the order of the file, a block a chunk."""

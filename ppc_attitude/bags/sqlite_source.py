@@ -62,14 +62,14 @@ class SqliteSource:
         The file is empty or no rosbag2 database.
     """
 
-    def __init__(self, path: Path, known: Path | None = None, *, finished: bool = False) -> None:
+    def __init__(self, path: Path, known: Path, finished: bool) -> None:
         self.path = path
         self.custom_data: dict[str, str] = {}
         self.cut = ""
         self._held = self._size = 0
         self._is_settled = finished  # nobody writes it any more
         if path.stat().st_size == 0:
-            raise BagError(f"{known or path} holds nothing")
+            raise BagError(f"{known} holds nothing")
         self._database = self._open(finished)
         try:
             _demand_tables(self._database)
@@ -77,7 +77,7 @@ class SqliteSource:
         except _DAMAGE as error:
             self._database.close()
             raise BagError(
-                f"{known or path} cannot be read as a rosbag2 database: {_told(error)}"
+                f"{known} cannot be read as a rosbag2 database: {_told(error)}"
             ) from error
 
     def blocks(self) -> Iterator[Block]:

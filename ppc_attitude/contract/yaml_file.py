@@ -41,7 +41,7 @@ _JSON = re.compile(r'"(?:[^"\\]|\\.)*"?|[][{}]', re.DOTALL)
 _ITS_ERRORS = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
 
-def parsed(text: str, loader: Any = yaml.SafeLoader) -> Any:
+def parsed(text: str, loader: Any) -> Any:
     """Content of a text.
 
     Raises

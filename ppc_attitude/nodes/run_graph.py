@@ -121,9 +121,9 @@ class ParameterSurvey:
         self._node = node
         self._graph = graph
         self._on_answer = on_answer
-        self._told: set[tuple[str, str]] = set()  # namespace and name of who has answered
         self._clients: dict[tuple[str, str], tuple[Any, Any]] = {}
-        self._answered: set[bytes] = set()  # by what no two starts of a node have in common
+        # Namespace and name of who has answered, by what no two starts of a node have in common.
+        self._answered: dict[bytes, tuple[str, str]] = {}
         # By the steady clock: simulated time, which a node may be told to use, may not have begun.
         node.create_timer(_PERIOD, self._ask, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -157,14 +157,13 @@ class ParameterSurvey:
         response = future.result()
         if start in self._answered or response is None or len(response.values) != len(names):
             return
-        self._answered.add(start)
+        self._answered[start] = who
         values = map(parameter_value_to_python, response.values)
         told = dict(zip(names, (unquoted(with_lists(each)) for each in values), strict=True))
-        self._told.add(who)
         self._on_answer(*who, told)
 
     def close(self) -> None:
         """Say who has not answered."""
-        if silent := sorted(map("/".join, self._graph.nodes - self._told)):
+        if silent := sorted(map("/".join, self._graph.nodes.difference(self._answered.values()))):
             text = f"the parameters of {', '.join(silent)} are not on record: no answer yet"
             self._node.get_logger().warning(text)

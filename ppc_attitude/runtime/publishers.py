@@ -53,7 +53,6 @@ class Publishers:
 
     def __init__(self) -> None:
         self._known: list[_Publisher] = []  # the one that spoke last first
-        self._turned = False
         self._proof = 0
         self._proved_at = self._last_proof = 0.0
         self._nodes: dict[Hashable, str] = {}
@@ -80,32 +79,31 @@ class Publishers:
     def hear(self, number: int, stamp_ns: int, now: float) -> None:
         """Take the number that a publisher gave to a message, and the stamp [ns] in it."""
         known = self._known
-        if not known or known[0].number != number - 1:  # else who spoke last speaks on
-            self._turn_to(number, stamp_ns, now)
+        goes_on = bool(known) and known[0].number == number - 1  # who spoke last
+        turned = not goes_on and self._turn_to(number, stamp_ns, now)
         speaker = known[0]
         before = speaker.stamp_ns
         repeats = stamp_ns == before and now - speaker.at >= _REPEATS
         advances = before >= 0 and (0 < stamp_ns - before <= _LARGEST_STEP or repeats)
-        if self._turned:
-            self._turned = False
+        if turned:
             if advances:
                 self._prove(min(speaker.stretch, known[1].stretch, _MOST_AT_ONCE), now)
             speaker.stretch = 0
         speaker.stretch += advances
         speaker.number, speaker.stamp_ns, speaker.at = number, stamp_ns, now
 
-    def _turn_to(self, number: int, stamp_ns: int, now: float) -> None:
-        """Put first who gave this number: one who is known, or a new one."""
+    def _turn_to(self, number: int, stamp_ns: int, now: float) -> bool:
+        """Put first who gave this number: true for one who is known, false for a new one."""
         known = self._known
         for place, publisher in enumerate(known):
             if publisher.number == number - 1:
                 known.insert(0, known.pop(place))
-                self._turned = True
-                return
+                return True
         # A message was lost: its publisher is the one that spoke last, unless that had got further.
         if not known or number <= known[0].number:
             known.insert(0, _Publisher(number, stamp_ns, now))
             del known[_MOST:]
+        return False
 
     def _prove(self, messages: int, now: float) -> None:
         if messages:
