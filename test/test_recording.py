@@ -12,19 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is written of a run: each sample once its state has come, and nothing that never got one."""
+"""What is written of a run, each sample once its state has come, and every gap that is told."""
 
 import itertools
 from random import Random
 
 import pytest
+from synthetic import SAMPLED
 
-from ppc_attitude.contract.topics import ATTITUDE, DISTURBANCE, TORQUE_COMMAND
+from ppc_attitude.contract.topics import ATTITUDE, DISTURBANCE, PLANT, TORQUE_COMMAND, Topic
 from ppc_attitude.runtime.recording import Recording
 from ppc_attitude.science.stamps import stamp_of
 
 STATE, TORQUE, AHEAD = ATTITUDE.name, TORQUE_COMMAND.name, DISTURBANCE.name
 ALL = (STATE, TORQUE, AHEAD)
+SENT = [topic.name for topic in SAMPLED]
+STEPS = 50
 
 
 class Bag:
@@ -253,3 +256,91 @@ def test_what_comes_again_with_a_repeated_state_is_written_once() -> None:
         *("disturbance/inject",) * 2,
         "star_tracker/attitude",
     ]
+
+
+# What is missing
+
+
+def gaps_of(*events: tuple[Topic, int], expected: list[str] = SENT) -> list[str]:
+    recording = Recording(lambda *message: None)
+    for topic, step in events:
+        recording.sample(topic.name, stamp_of(step, 100.0), b"", None, 0.0)
+    return recording.gaps(expected)
+
+
+def steps_of(steps: range, *left_out: Topic) -> list[tuple[Topic, int]]:
+    topics = [topic for topic in SAMPLED if topic not in left_out]
+    return [(topic, step) for step, topic in itertools.product(steps, topics)]
+
+
+def test_a_whole_run_has_no_gap() -> None:
+    assert gaps_of(*steps_of(range(STEPS))) == []
+
+
+@pytest.mark.parametrize("topic", [t for t in SAMPLED if t is not ATTITUDE], ids=lambda t: t.name)
+def test_a_topic_that_never_came_is_a_gap(topic: Topic) -> None:
+    assert gaps_of(*steps_of(range(STEPS), topic)) == [f"{topic.name} never came"]
+    others = [name for name in SENT if name != topic.name]
+    assert gaps_of(*steps_of(range(STEPS), topic), expected=others) == []
+
+
+def test_nothing_at_all_is_no_complete_run() -> None:
+    assert gaps_of() == ["attitude never came"]
+    assert gaps_of((TORQUE_COMMAND, 0)) == ["attitude never came"]
+
+
+def test_the_last_state_may_be_unanswered() -> None:
+    unanswered = [(topic, STEPS) for topic in SAMPLED if topic.source == PLANT]
+    assert gaps_of(*steps_of(range(STEPS)), *unanswered) == []
+    assert gaps_of((ATTITUDE, 0)) == []
+    assert "torque_command never came" in gaps_of((ATTITUDE, 0), (ATTITUDE, 1))
+
+
+@pytest.mark.parametrize("lost", [0, 1, 20, STEPS - 2])
+def test_a_lost_message_is_a_gap(lost: int) -> None:
+    events = [event for event in steps_of(range(STEPS)) if event != (TORQUE_COMMAND, lost)]
+    (gap,) = gaps_of(*events)
+    assert gap.startswith(f"torque_command has {STEPS - 1} messages until 0.490000 s, attitude 50")
+
+
+def test_a_lost_instant_is_a_gap() -> None:
+    (gap,) = gaps_of(*steps_of(range(20)), *steps_of(range(21, STEPS)))
+    assert gap == "attitude jumps from 0.190000 s to 0.210000 s"
+
+
+def test_the_first_step_of_a_plant_may_be_shorter_than_others() -> None:
+    """A bridge's first state is at zero, and the next one when its clock comes round."""
+    for second in (1, 4, 9):
+        first = [*steps_of(range(1)), *steps_of(range(second, 100, 10))]
+        assert gaps_of(*first) == gaps_of(*first, *steps_of(range(second + 100, 300, 10))) == []
+        (gap,) = gaps_of(*first, *steps_of(range(second + 120, 300, 10)))
+        assert gap.startswith("attitude jumps from 0.9")
+
+
+def test_a_first_step_that_is_longer_hides_no_gap() -> None:
+    gaps = gaps_of(*steps_of(range(1)), *steps_of(range(3, 20)), *steps_of(range(22, STEPS)))
+    assert gaps[1:] == ["attitude jumps from 0.190000 s to 0.220000 s"]
+
+
+def test_a_rhythm_that_changes_has_no_gaps() -> None:
+    lengths = itertools.cycle((12, 3, 17, 8, 5))
+    steps = list(itertools.accumulate(itertools.islice(lengths, 43)))
+    events = [event for step in steps for event in steps_of(range(step, step + 1))]
+    assert gaps_of(*events) == []
+    assert gaps_of(*(each for each in events if each != (TORQUE_COMMAND, steps[-1]))) == []
+
+
+def test_many_gaps_are_counted_and_only_the_first_are_told() -> None:
+    steps = [step for step in range(1000) if step % 10]
+    gaps = gaps_of(*(event for step in steps for event in steps_of(range(step, step + 1))))
+    assert gaps[0] == "attitude jumps from 0.090000 s to 0.110000 s"
+    assert (len(gaps), gaps[-1]) == (6, "attitude jumps 94 times more")
+
+
+def test_each_side_of_a_reset_is_compared_by_itself() -> None:
+    assert gaps_of(*steps_of(range(30)), *steps_of(range(20))) == []
+    before = [event for event in steps_of(range(30)) if event != (DISTURBANCE, 7)]
+    (gap,) = gaps_of(*before, *steps_of(range(20)))
+    assert gap.startswith("disturbance/torque has 29 messages")
+    (gap,) = gaps_of(*steps_of(range(30)), *steps_of(range(20), DISTURBANCE))
+    assert gap == "disturbance/torque has 0 messages until 0.000000 s, attitude 20 until 0.190000 s"

@@ -30,7 +30,7 @@ from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.source import Block, Channel, are_compressed, decompressed, merge_blocks
 from ppc_attitude.bags.sqlite_source import SqliteSource
-from ppc_attitude.contract.yaml_file import FAST, LARGEST, parsed, parsed_json
+from ppc_attitude.contract.yaml_file import LARGEST, parsed, parsed_json
 
 STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 """Suffix of a storage file to the name of its storage."""
@@ -143,7 +143,7 @@ class Bag:
             return {}
         found: Any = None
         if os.path.lexists(self.path / METADATA):
-            found = self._content(METADATA, lambda text: dict(parsed(text, FAST)[_INFORMATION]))
+            found = self._content(METADATA, lambda text: dict(parsed(text)[_INFORMATION]))
         else:
             self.flaws.append(f"it has no {METADATA}")
         if not found and os.path.lexists(self.path / UNFINISHED):

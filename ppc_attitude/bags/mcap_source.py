@@ -34,7 +34,7 @@ from ppc_attitude.bags.custom_data import custom_data_of
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, plain_file, unlz4, unzstd
 from ppc_attitude.bags.source import Block, Bytes, Channel, Integers
-from ppc_attitude.contract.yaml_file import FAST, parsed
+from ppc_attitude.contract.yaml_file import parsed
 from ppc_attitude.science.kernel import kernel
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -220,7 +220,7 @@ class McapSource:
         if name != "rosbag2" or "custom_data" not in text:
             return
         try:
-            self.custom_data = custom_data_of(parsed(text, FAST)) or self.custom_data
+            self.custom_data = custom_data_of(parsed(text)) or self.custom_data
         except ValueError as error:
             self._flaw(f"the metadata in {self._name} are damaged: {error}")
 

@@ -30,7 +30,7 @@ from ppc_attitude.bags.source import Channel, payloads_of
 from ppc_attitude.bags.sqlite_source import settle
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.whole_file import unfinished_of
-from ppc_attitude.contract.yaml_file import FAST, parsed
+from ppc_attitude.contract.yaml_file import parsed
 
 _WORK = ".recovering"
 
@@ -143,7 +143,7 @@ def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
 
 def _announce(writer: BagWriter, channel: Channel) -> None:
     try:
-        qos = parse_qos(parsed(channel.offered_qos, FAST))
+        qos = parse_qos(parsed(channel.offered_qos))
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise BagError(f"the QoS of {channel.topic} cannot be read: {error}") from error
     writer.add_topic(channel.topic, channel.msgtype, qos)

@@ -27,7 +27,7 @@ import yaml
 
 from ppc_attitude.science.errors import ConfigurationError
 
-FAST: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_FAST: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 LARGEST = 4 * 2**20  # characters
 _DEEPEST = 64
 _NODE = 32
@@ -41,7 +41,7 @@ _JSON = re.compile(r'"(?:[^"\\]|\\.)*"?|[][{}]', re.DOTALL)
 _ITS_ERRORS = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
 
-def parsed(text: str, loader: Any) -> Any:
+def parsed(text: str, loader: Any = _FAST) -> Any:
     """Content of a text.
 
     Raises
@@ -83,7 +83,7 @@ def _measure(text: str) -> None:
     size = 0
     sizes: dict[str | None, int] = {}  # of what an anchor names
     begun: list[tuple[str | None, int]] = []
-    for event in yaml.parse(text, FAST):
+    for event in yaml.parse(text, _FAST):
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes:
                 raise ValueError(f"*{event.anchor} stands before the end of what it means")

@@ -37,7 +37,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
 from ppc_attitude.contract.parameters import PARAMETERS, is_of_ros
-from ppc_attitude.contract.yaml_file import FAST, parsed
+from ppc_attitude.contract.yaml_file import parsed
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import LARGEST, Parameter, Value, resolved, unknown
 
@@ -213,7 +213,7 @@ def _quoted(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     try:
-        told = parsed(value, FAST)
+        told = parsed(value)
     except ValueError:
         told = {}
     return json.dumps(value, ensure_ascii=False) if isinstance(told, dict | date) else value

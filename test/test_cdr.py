@@ -12,15 +12,94 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The uses of sensor_msgs/JointState, against rclpy's own serialiser and by hand."""
+"""CDR of Imu and JointState, against the serialisers of rosbags and rclpy, and by hand."""
 
 import struct
+from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
 from ppc_attitude.contract.cdr import CdrError, Codec
 from ppc_attitude.contract.declared import BY_COLUMN
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+MSGTYPE = "sensor_msgs/msg/Imu"
+STAMP = 12_345_678_901_234
+NONE = [-1.0] + [0.0] * 8  # REP 145: there is no such quantity
+
+
+def message(data: bytes) -> Any:
+    return STORE.deserialize_cdr(data, MSGTYPE)
+
+
+def symmetric(a: list[float]) -> list[float]:
+    xx, xy, xz, yy, yz, zz = a
+    return [xx, xy, xz, xy, yy, yz, xz, yz, zz]
+
+
+def numbers(vector: Any) -> list[float]:
+    return [getattr(vector, name) for name in ("x", "y", "z", "w") if hasattr(vector, name)]
+
+
+def sent(column: str) -> tuple[list[float], Any]:
+    topic = BY_COLUMN[column]
+    values = [0.5 * k + 0.25 for k in range(topic.width)]
+    data = Codec(topic).encode(STAMP, values)
+    read = message(data)
+    assert read.header.frame_id == topic.frame_id
+    assert read.header.stamp.sec * 10**9 + read.header.stamp.nanosec == STAMP
+    assert numbers(read.linear_acceleration) == [0.0] * 3
+    assert read.linear_acceleration_covariance.tolist() == NONE
+    return values, read
+
+
+def test_a_gyro_sample_has_no_orientation() -> None:
+    values, read = sent("gyro")
+    assert read.orientation_covariance.tolist() == NONE
+    assert numbers(read.angular_velocity) == values[:3]
+    v = values[3]
+    assert read.angular_velocity_covariance.tolist() == [v, 0, 0, 0, v, 0, 0, 0, v]
+
+
+def test_a_fix_has_no_rate() -> None:
+    values, read = sent("star_fix")
+    assert numbers(read.orientation) == values[:4]
+    a, b, c = values[4:]
+    assert read.orientation_covariance.tolist() == [a, 0, 0, 0, b, 0, 0, 0, c]
+    assert numbers(read.angular_velocity) == [0.0] * 3
+    assert read.angular_velocity_covariance.tolist() == NONE
+
+
+def test_an_estimate_has_both_with_whole_covariances() -> None:
+    values, read = sent("estimate")
+    assert numbers(read.orientation) == values[:4]
+    assert read.orientation_covariance.tolist() == symmetric(values[4:10])
+    assert numbers(read.angular_velocity) == values[10:13]
+    assert read.angular_velocity_covariance.tolist() == symmetric(values[13:19])
+
+
+@pytest.mark.parametrize("column", ["gyro", "star_fix", "estimate"])
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_what_was_sent_is_read_again(column: str, little_endian: bool) -> None:
+    topic = BY_COLUMN[column]
+    codec = Codec(topic)
+    rows = np.random.default_rng(3).normal(size=(5, topic.width))
+    encoded = [codec.encode(STAMP + k, row.tolist()) for k, row in enumerate(rows)]
+    data = [
+        bytes(STORE.serialize_cdr(message(each), MSGTYPE, little_endian=little_endian))
+        for each in encoded
+    ]
+    for k, each in enumerate(data):
+        sample = codec.decode(each)
+        assert (sample.stamp_ns, sample.frame_id) == (STAMP + k, topic.frame_id)
+        assert list(sample.values) == rows[k].tolist()
+    stamps, values, readable = codec.decode_rows(np.array([list(each) for each in data], np.uint8))
+    assert readable.all()
+    assert stamps.tolist() == [STAMP + k for k in range(5)]
+    assert np.array_equal(values, rows)
+
 
 # Part, how many, and which list of position, velocity and effort.
 USES = {
@@ -31,7 +110,7 @@ USES = {
 COLUMNS = pytest.mark.parametrize("column", USES)
 
 
-def sent(column: str) -> tuple[float, ...]:
+def row_of(column: str) -> tuple[float, ...]:
     return tuple(k - 3.5 for k in range(USES[column][1]))
 
 
@@ -74,14 +153,14 @@ def test_a_number_for_each_part_is_a_joint_state(column: str) -> None:
     from sensor_msgs.msg import JointState
 
     part, count, place = USES[column]
-    data = Codec(BY_COLUMN[column]).encode(12_000_000_345, sent(column))
+    data = Codec(BY_COLUMN[column]).encode(12_000_000_345, row_of(column))
     message = deserialize_message(data, JointState)
     assert message.name == [f"{part}_{k}" for k in range(count)]
     lists = [tuple(each) for each in (message.position, message.velocity, message.effort)]
-    assert lists.pop(place) == sent(column)
+    assert lists.pop(place) == row_of(column)
     assert lists == [(), ()]
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 345)
-    assert Codec(BY_COLUMN[column]).decode(serialize_message(message)).values == sent(column)
+    assert Codec(BY_COLUMN[column]).decode(serialize_message(message)).values == row_of(column)
 
 
 @COLUMNS
@@ -89,7 +168,7 @@ def test_a_number_for_each_part_is_a_joint_state(column: str) -> None:
 def test_the_joint_states_of_others_are_read(column: str, representation: int) -> None:
     codec, place = Codec(BY_COLUMN[column]), USES[column][2]
     lists = [[1.0] * 5, [2.0], [3.0]]
-    lists[place] = list(sent(column))
+    lists[place] = list(row_of(column))
     rows = [
         joint_state(representation, frame, names, *lists)
         for frame in ("other", "a", "")
@@ -97,14 +176,14 @@ def test_the_joint_states_of_others_are_read(column: str, representation: int) -
     ]
     for row in rows:
         told = codec.decode(row)
-        assert (told.stamp_ns, told.values) == (12_000_000_345, sent(column))
+        assert (told.stamp_ns, told.values) == (12_000_000_345, row_of(column))
     assert codec.decode(rows[0]).frame_id == "other"
     for length in {len(row) for row in rows}:
         alike = [row for row in rows if len(row) == length]
         stamps, values, readable = codec.decode_rows(np.array([list(row) for row in alike], "u1"))
         assert readable.all()
         assert stamps.tolist() == [12_000_000_345] * len(alike)
-        assert values.tolist() == [list(sent(column))] * len(alike)
+        assert values.tolist() == [list(row_of(column))] * len(alike)
 
 
 @COLUMNS
@@ -113,9 +192,9 @@ def test_joints_in_another_order_are_refused(column: str, representation: int) -
     """They are told apart by their places: the numbers would be those of other wheels."""
     codec, (part, count, place) = Codec(BY_COLUMN[column]), USES[column]
     lists: list[list[float]] = [[], [], []]
-    lists[place] = list(sent(column))
+    lists[place] = list(row_of(column))
     names = [f"{part}_{k}" for k in range(count)]
-    assert codec.decode(joint_state(representation, "body", names, *lists)).values == sent(column)
+    assert codec.decode(joint_state(representation, "body", names, *lists)).values == row_of(column)
     message = f"{names[-1]} at place 0; allowed: {part}s in their order"
     with pytest.raises(CdrError, match=message):
         codec.decode(joint_state(representation, "body", names[::-1], *lists))
@@ -126,7 +205,7 @@ def test_joints_in_another_order_are_refused(column: str, representation: int) -
 def test_what_is_no_joint_state_of_all_parts_is_refused(column: str, representation: int) -> None:
     codec, (part, count, place) = Codec(BY_COLUMN[column]), USES[column]
     lists: list[list[float]] = [[], [], []]
-    lists[place] = list(sent(column))
+    lists[place] = list(row_of(column))
     whole = joint_state(representation, "body", [part] * count, *lists)
     for length in range(len(whole) - 4):
         with pytest.raises(CdrError):
