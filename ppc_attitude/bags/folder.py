@@ -97,10 +97,9 @@ class Bag:
     def _blocks_of(
         self, source: Source, allowance: Allowance
     ) -> Iterator[tuple[Mapping[int, Channel], Block]]:
-        by_message = str(self._information.get("compression_mode", "")).lower() == "message"
         for raw in merge_blocks(source.blocks()):
-            compressed = by_message or are_compressed(raw)  # a bag without metadata does not say so
-            block = decompressed(raw, allowance) if compressed else raw
+            # The metadata say so too, where there are any.
+            block = decompressed(raw, allowance) if are_compressed(raw) else raw
             self._count(source.channels, block)
             yield source.channels, block
         for channel in source.channels.values():
