@@ -38,13 +38,13 @@ from ppc_attitude.analysis.requirements import PAPER, Requirements, names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished, run_campaign
-from ppc_attitude.campaign.declaration import Campaign, campaign
-from ppc_attitude.campaign.draw import draw, scenario_of_run, varying
+from ppc_attitude.campaign.declaration import Campaign, campaign, draw, scenario_of_run
 from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.quantile_bands import QUANTITIES
 from ppc_attitude.campaign.results import BATCH
 from ppc_attitude.campaign.rows import CampaignError, Outcome, rerun, row_types, run_chunk
+from ppc_attitude.campaign.variables import varying
 from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate

@@ -23,8 +23,7 @@ import pytest
 from craft_helpers import configs
 from test_campaign_distributions import CRAFT, base
 
-from ppc_attitude.campaign.declaration import campaign, load_campaign
-from ppc_attitude.campaign.draw import draw, scenario_of_run
+from ppc_attitude.campaign.declaration import campaign, draw, load_campaign, scenario_of_run
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import ALLOCATOR, ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
@@ -83,8 +82,8 @@ def test_a_noise_that_the_sensors_do_not_have_is_not_drawn(
     """One declaration serves every craft; what does nothing is not reported as drawn."""
     noise = {"attitude_noise": 1e-6, "rate_noise": 1e-7}
     paper, sensing = load(configs("paper")), load(configs("paper", "sensors_cubesat"))
-    assert set(campaign(noise, paper, 0).variables.parameters) == set(noise)
-    assert not campaign(noise, sensing, 0).variables.parameters
+    assert campaign(noise, paper, 0).variables.keys() >= noise.keys()
+    assert not campaign(noise, sensing, 0).variables.keys() & noise.keys()
     with pytest.raises(ConfigurationError, match="rate_noise = 'much'; allowed"):
         campaign({"rate_noise": "much"}, sensing, 0)
     file = tmp_path / "noise.yaml"

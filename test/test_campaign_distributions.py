@@ -25,11 +25,17 @@ from craft_helpers import ROOT, configs
 from docs_helpers import blocks
 from scipy import linalg, stats
 
-from ppc_attitude.campaign.declaration import Campaign, campaign
+from ppc_attitude.campaign.declaration import (
+    Campaign,
+    campaign,
+    draw,
+    scenario_of_run,
+    stream,
+)
 from ppc_attitude.campaign.distributions import Range, number, on_sphere
-from ppc_attitude.campaign.draw import DRAWN, draw, perturbed_inertia, scenario_of_run, stream
 from ppc_attitude.campaign.rows import rerun
 from ppc_attitude.campaign.summary import Summary
+from ppc_attitude.campaign.variables import DRAWN, perturbed_inertia
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
@@ -240,6 +246,9 @@ def test_a_product_of_inertia_acts_whichever_of_its_two_places_is_named() -> Non
     )
     assert above["inertia_xz"] == above[f"{PLANT}.inertia[2]"] != 0.0
     assert below["inertia_xz"] == below[f"{PLANT}.inertia[6]"] != 0.0
+    beside = {"inertia_error": 0.0, "parameters": {f"{PLANT}.inertia[2]": UNIFORM}}
+    drawn: dict[str, Any] = draw(campaign(beside, CRAFT, 3), 1)
+    assert drawn["inertia_xz"] == pytest.approx(above["inertia_xz"], rel=1e-9)
 
 
 def test_sensor_numbers_and_a_goal_that_vary_are_in_run_and_row() -> None:

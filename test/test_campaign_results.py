@@ -35,8 +35,6 @@ from ppc_attitude.analysis.requirements import PAPER, names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
 from ppc_attitude.campaign.campaign import Finished
-from ppc_attitude.campaign.declaration import Variables
-from ppc_attitude.campaign.draw import DRAWN
 from ppc_attitude.campaign.figures import bands_figure, failing_figure, telling_variables
 from ppc_attitude.campaign.quantile_bands import (
     EDGES,
@@ -48,6 +46,7 @@ from ppc_attitude.campaign.quantile_bands import (
 )
 from ppc_attitude.campaign.report import write_campaign_report
 from ppc_attitude.campaign.summary import WORST, Fraction, Summary
+from ppc_attitude.campaign.variables import DRAWN
 from ppc_attitude.command_line.main import main
 
 
@@ -144,7 +143,7 @@ def test_summary_counts_what_the_rows_say(finished: Finished) -> None:
 
 
 def test_a_broken_run_meets_nothing() -> None:
-    summary = Summary(PAPER, Variables())
+    summary = Summary(PAPER, {})
     summary.add(rows.broken(small(), 4, "lost").row)
     assert summary.fraction == Fraction(0, 1)
     assert summary.first_broken == (4, "lost")

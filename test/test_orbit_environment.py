@@ -24,8 +24,7 @@ from guidance_helpers import mean_anomaly
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
-from ppc_attitude.campaign.declaration import campaign
-from ppc_attitude.campaign.draw import scenario_of_run
+from ppc_attitude.campaign.declaration import campaign, scenario_of_run
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT

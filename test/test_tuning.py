@@ -25,8 +25,7 @@ import yaml
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Requirements
-from ppc_attitude.campaign.declaration import Campaign, campaign
-from ppc_attitude.campaign.draw import scenario_of_run
+from ppc_attitude.campaign.declaration import Campaign, campaign, scenario_of_run
 from ppc_attitude.campaign.tuning import GAINS, Tuned, cost, tuned
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER

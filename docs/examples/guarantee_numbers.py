@@ -31,8 +31,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.analysis.guarantee import certificate_held
-from ppc_attitude.campaign.draw import perturbed_inertia
 from ppc_attitude.campaign.pools import cores
+from ppc_attitude.campaign.variables import perturbed_inertia
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario, load
 

@@ -34,9 +34,9 @@ from ppc_attitude.analysis.page import (
 from ppc_attitude.analysis.verdict import number_text
 from ppc_attitude.campaign.campaign import Finished
 from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.draw import varying
 from ppc_attitude.campaign.figures import bands_figure, failing_figure
 from ppc_attitude.campaign.summary import SAMPLE_SIZE, Fraction, Summary
+from ppc_attitude.campaign.variables import varying
 
 _BANDS = (
     "Attitude error of all runs (top) and the part of its envelope that it fills (bottom): "

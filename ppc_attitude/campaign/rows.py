@@ -23,9 +23,9 @@ from ppc_attitude.analysis.requirements import names_of
 from ppc_attitude.analysis.series import take_for_finite
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.analysis.verdict import Metrics
-from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.draw import draw, drawn_columns, scenario_of_run, scenario_with
+from ppc_attitude.campaign.declaration import Campaign, drawn_run, scenario_of_run
 from ppc_attitude.campaign.quantile_bands import Levels, levels_of
+from ppc_attitude.campaign.variables import drawn_columns
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import Loop, simulate
 from ppc_attitude.simulation.scenario import Scenario
@@ -92,8 +92,8 @@ def _steps(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Iterator[O
     """
     drawn: Mapping[str, Any] = {}
     try:
-        drawn = draw(campaign, index)
-        scenario = scenario_with(campaign, drawn)
+        drawn, changed = drawn_run(campaign, index)
+        scenario = campaign.scenario.overlaid(changed)
         yield None
         judged, levels = _simulated(campaign, loop, scenario)
         yield Outcome(empty | {"index": index, **drawn} | judged, levels)

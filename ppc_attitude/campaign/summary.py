@@ -15,13 +15,13 @@
 """The result of a campaign: how many runs meet a requirement, the worst ones, a sample to draw."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from ppc_attitude.analysis.requirements import Requirements, names_of
-from ppc_attitude.campaign.declaration import Variables
-from ppc_attitude.campaign.draw import varying
 from ppc_attitude.campaign.rows import PARTS, Row
+from ppc_attitude.campaign.variables import Variable, varying
 
 WORST = 5
 """Runs that are listed as the worst of each requirement."""
@@ -107,7 +107,7 @@ class Tally:
 class Summary:
     """Accumulates rows in a memory that does not grow with their number."""
 
-    def __init__(self, required: Requirements, variables: Variables) -> None:
+    def __init__(self, required: Requirements, variables: Mapping[str, Variable]) -> None:
         self._names = names_of(required)
         self._varying = varying(variables)
         self.runs = 0

@@ -31,8 +31,7 @@ import numpy as np
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.series import AnalysisError
-from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.draw import scenario_of_run
+from ppc_attitude.campaign.declaration import Campaign, scenario_of_run
 from ppc_attitude.campaign.summary import Fraction
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import CONTROLLER

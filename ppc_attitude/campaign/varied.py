@@ -27,6 +27,7 @@ from typing import Any
 from numpy.random import Generator
 
 from ppc_attitude.campaign.distributions import Attitudes, Number, Range, attitudes, number
+from ppc_attitude.campaign.variables import Drawn, Variable
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import PLANT, SOURCES
@@ -34,7 +35,7 @@ from ppc_attitude.science.attitude import normalised
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter, nearest
 from ppc_attitude.science.plants.rigid_body import INERTIA
-from ppc_attitude.simulation.scenario import Scenario
+from ppc_attitude.simulation.scenario import Overrides, Scenario
 
 SHORT = {name: f"{PLANT}.{name}" for name in ("attitude_noise", "rate_noise")}
 """Parameters of some sensors that are variables under names of their own; other sensors have none,
@@ -44,11 +45,13 @@ _NAME = re.compile(r"(\w+)\.([\w.]+)(?:\[(\d+)\])?")
 
 
 @dataclass(frozen=True)
-class Varied:
+class Varied(Variable):
     """A declared number that varies.
 
     Attributes
     ----------
+    name : str
+        Under which it is drawn.
     node, parameter : str
         Whose parameter it is, and which.
     places : tuple of int
@@ -59,27 +62,36 @@ class Varied:
         How it is drawn.
     """
 
+    name: str
     node: str
     parameter: str
     places: tuple[int, ...]
     unit: str
     drawn_from: Number | Attitudes
 
-    def columns(self, name: str) -> list[str]:
-        """Columns of the results in which the numbers of a variable of this name are."""
+    @property
+    def columns(self) -> dict[str, str]:
+        """Columns of the numbers, and their units."""
         several = len(self.places) > 1
-        return [f"{name}[{place}]" for place in self.places] if several else [name]
+        names = [f"{self.name}[{place}]" for place in self.places] if several else [self.name]
+        return dict.fromkeys(names, self.unit or "1")
 
-    def draw(self, own: Generator, base: Scenario) -> list[float]:
-        """Draw the numbers of these columns."""
+    def draw(self, own: Generator, values: Overrides) -> Drawn:
+        """Draw the numbers; a list of which some vary stays complete."""
+        value = values[self.node][self.parameter]
         if not isinstance(self.drawn_from, Attitudes):
-            return [self.drawn_from.draw(own)]
-        nominal = base.parameters[self.node][self.parameter]
-        return [
-            number
-            for k in range(0, len(nominal), 4)
-            for number in self.drawn_from.draw(own, normalised(tuple(nominal[k : k + 4])))
-        ]
+            numbers = [self.drawn_from.draw(own)]
+        else:
+            quaternions = (tuple(value[k : k + 4]) for k in range(0, len(value), 4))
+            turned = (self.drawn_from.draw(own, normalised(q)) for q in quaternions)
+            numbers = [number for q in turned for number in q]
+        if self.places:
+            new = dict(zip(self.places, numbers, strict=True))
+            value = [new.get(place, each) for place, each in enumerate(value)]
+        else:
+            (value,) = numbers
+        drawn = dict(zip(self.columns, numbers, strict=True))
+        return drawn, {self.node: {self.parameter: value}}
 
 
 def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
@@ -145,7 +157,8 @@ def _read(
     value, declared = base.parameters[node][parameter], numbers[parameter]
     if place is None and isinstance(value, list) and value and abs(declared.length) == 4:
         places = tuple(range(len(value)))
-        return Varied(node, parameter, places, declared.unit, attitudes(name, distribution))
+        drawn_from: Number | Attitudes = attitudes(name, distribution)
+        return Varied(name, node, parameter, places, declared.unit, drawn_from)
     if isinstance(value, list) and (place is None or int(place) >= len(value)):
         raise ConfigurationError(
             f"parameters has {name}; allowed: {node}.{parameter}[INDEX], for it has "
@@ -158,20 +171,5 @@ def _read(
     places = () if place is None else (int(place),)
     if (node, parameter) == (PLANT, INERTIA.name):
         places = tuple(_MIRRORED.get(each, each) for each in places)
-    return Varied(node, parameter, places, declared.unit, number(name, distribution, allowed))
-
-
-def values_of(
-    base: Scenario, variables: Mapping[str, Varied], drawn: Mapping[str, Any]
-) -> dict[str, dict[str, Any]]:
-    """Parameters that were drawn, by node; a list is complete."""
-    found: dict[str, dict[str, Any]] = {}
-    for name, each in variables.items():
-        values = found.setdefault(each.node, {})
-        nominal = base.parameters[each.node][each.parameter]
-        if not each.places:
-            values[each.parameter] = drawn[name]
-            continue
-        for place, column in zip(each.places, each.columns(name), strict=True):
-            values.setdefault(each.parameter, [*nominal])[place] = drawn[column]
-    return found
+    drawn_from = number(name, distribution, allowed)
+    return Varied(name, node, parameter, places, declared.unit, drawn_from)

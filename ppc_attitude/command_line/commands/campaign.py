@@ -24,11 +24,11 @@ from tqdm import tqdm
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
-from ppc_attitude.campaign.declaration import Campaign, load_campaign
-from ppc_attitude.campaign.draw import draw, scenario_of_run, varying
+from ppc_attitude.campaign.declaration import Campaign, draw, load_campaign, scenario_of_run
 from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.report import share_text, write_campaign_report
 from ppc_attitude.campaign.rows import CampaignError, rerun
+from ppc_attitude.campaign.variables import varying
 from ppc_attitude.campaign.varied import idle
 from ppc_attitude.command_line.concerns import tell_concerns
 from ppc_attitude.command_line.memory import check_memory

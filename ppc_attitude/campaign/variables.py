@@ -1,0 +1,360 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The variables of a campaign: how each is read, what is drawn of it, and what that changes.
+
+A component's number that varies is one more (`varied`).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.random import Generator
+
+from ppc_attitude.campaign.distributions import (
+    Attitudes,
+    Direction,
+    Number,
+    Range,
+    attitudes,
+    direction,
+    keys,
+    number,
+    on_sphere,
+    random_axes,
+)
+from ppc_attitude.contract.declared import has_parameter
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.faults import FAULTS, fault_texts
+from ppc_attitude.science.kernel import Quaternion
+from ppc_attitude.science.kinds import ACTUATORS, REFERENCES
+from ppc_attitude.science.plants.rigid_body import INERTIA
+from ppc_attitude.science.references import goal
+from ppc_attitude.simulation.scenario import Overrides, Scenario, weakened
+
+_RATES = Range(0.0, 100.0, "rad/s")
+_ERRORS = Range(0.0, 0.9)
+_TORQUES = Range(0.0, 1e6, "N·m")
+_STRENGTHS = Range(0.0, 1e3, open_low=True)
+
+_Q = [f"initial_attitude_{axis}" for axis in "xyzw"]
+_OMEGA = [f"initial_rate_{axis}" for axis in "xyz"]
+_TAU = [f"pulse_torque_{axis}" for axis in "xyz"]
+_J = {
+    f"inertia_{'xyz'[row]}{'xyz'[column]}": (row, column)
+    for row, column in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+}
+
+DRAWN: dict[str, str] = {
+    **dict.fromkeys(_Q, "1"),
+    "initial_error_angle": "rad",
+    **dict.fromkeys(_OMEGA, "rad/s"),
+    "initial_rate": "rad/s",
+    "inertia_error": "1",
+    **dict.fromkeys(_J, "kg·m²"),
+    "pulse_time": "s",
+    "pulse_duration": "s",
+    "pulse_torque": "N·m",
+    **dict.fromkeys(_TAU, "N·m"),
+    "actuator_strength": "1",
+    "attitude_noise": "rad",
+    "rate_noise": "rad/s",
+    "noise_seed": "",
+}
+"""Columns that every campaign draws, and their units; null without a pulse, or if no component
+that runs has such a parameter."""
+_PARTS = {*_Q, *_OMEGA, *_J, *_TAU, "noise_seed", "fault"}  # that alone say not how hard a run is
+
+Drawn: TypeAlias = tuple[dict[str, Any], dict[str, dict[str, Any]]]
+"""What was drawn, by column, and the parameters that it changes, by node."""
+
+
+class Variable(ABC):
+    """Something of a run that may vary; made of nothing it is as the scenario has it."""
+
+    of_plant = ""
+    """Parameter of the plant without which there is nothing to vary."""
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Columns besides `DRAWN`, and their units."""
+        return {}
+
+    @abstractmethod
+    def draw(self, own: Generator, values: Overrides) -> Drawn:
+        """Draw it from a stream of its own, for a run of these parameters."""
+
+
+def drawn_columns(variables: Mapping[str, Variable]) -> dict[str, str]:
+    """Every drawn column and its unit."""
+    more = (each.columns.items() for each in variables.values())
+    return DRAWN | dict(chain.from_iterable(more))
+
+
+def varying(variables: Mapping[str, Variable]) -> dict[str, str]:
+    """Return the drawn columns that say how hard a run is, and their units."""
+    return {name: unit for name, unit in drawn_columns(variables).items() if name not in _PARTS}
+
+
+@dataclass(frozen=True)
+class InitialAttitude(Variable):
+    """The craft's attitude at t = 0."""
+
+    of_plant = "initial_attitude"
+    drawn_from: Attitudes | None = None
+
+    @classmethod
+    def read(cls, name: str, declared: Any, base: Scenario) -> "InitialAttitude":
+        """Read it as it is declared."""
+        return cls(attitudes(name, declared))
+
+    def draw(self, own: Generator, values: Overrides) -> Drawn:
+        """Draw the attitude; it tells how far from the reference it is, where that tells."""
+        q = _first_attitude(values[PLANT])
+        if self.drawn_from is not None:
+            q = self.drawn_from.draw(own, q)
+        drawn, reference = dict(zip(_Q, q, strict=True)), values[REFERENCE]
+        desired = None
+        if REFERENCES.selected(reference) is goal.COMPONENT:
+            desired = q  # it begins where the craft is
+        elif has_parameter(REFERENCE, reference, "initial_attitude"):
+            desired = _first_attitude(reference)
+        if desired is not None:
+            drawn["initial_error_angle"] = float(rotation_angle(attitude_error(q, desired)))
+        return drawn, {PLANT: {self.of_plant: list(q)}}
+
+
+def _first_attitude(values: Mapping[str, Any]) -> Quaternion:
+    x, y, z, w = unit_quaternion("initial_attitude", values["initial_attitude"]).tolist()
+    return x, y, z, w
+
+
+@dataclass(frozen=True)
+class InitialRate(Variable):
+    """Norm [rad/s] and direction of what is added to the craft's rate at t = 0."""
+
+    of_plant = "initial_angular_velocity"
+    size: Number | None = None
+    direction: Direction = on_sphere
+
+    @classmethod
+    def read(cls, name: str, declared: Any, base: Scenario) -> "InitialRate":
+        """Read it as it is declared."""
+        parts = keys(name, declared, ("magnitude", "direction"))
+        return cls(
+            number(f"{name}.magnitude", parts.get("magnitude"), _RATES),
+            direction(f"{name}.direction", parts.get("direction", "sphere")),
+        )
+
+    def draw(self, own: Generator, values: Overrides) -> Drawn:
+        """Draw the rate."""
+        rate = np.array(values[PLANT][self.of_plant])
+        if self.size is not None:
+            rate = rate + self.size.draw(own) * np.array(self.direction(own))
+        drawn = dict(zip(_OMEGA, rate.tolist(), strict=True))
+        drawn["initial_rate"] = float(np.linalg.norm(rate))
+        return drawn, {PLANT: {self.of_plant: rate.tolist()}}
+
+
+@dataclass(frozen=True)
+class InertiaError(Variable):
+    """Largest relative difference, about any axis, of the craft's inertia from the scenario's.
+
+    The controller keeps the scenario's.
+    """
+
+    of_plant = INERTIA.name
+    error: Number | None = None
+
+    @classmethod
+    def read(cls, name: str, declared: Any, base: Scenario) -> "InertiaError":
+        """Read it as it is declared."""
+        return cls(number(name, declared, _ERRORS))
+
+    def draw(self, own: Generator, values: Overrides) -> Drawn:
+        """Draw the inertia."""
+        inertia, error = np.array(values[PLANT][self.of_plant]).reshape(3, 3), 0.0
+        inertia = np.triu(inertia) + np.triu(inertia, 1).T  # a product that varies, varies there
+        if self.error is not None:
+            error = self.error.draw(own)
+            inertia = perturbed_inertia(inertia, error, own)
+        drawn = {name: float(inertia[place]) for name, place in _J.items()}
+        changed = {PLANT: {self.of_plant: inertia.ravel().tolist()}}
+        return {"inertia_error": error, **drawn}, changed
+
+
+def perturbed_inertia(inertia: Array, error: float, own: Generator) -> Array:
+    """Draw a rigid body's inertia that differs by at most a part `error` about any axis.
+
+    What is given, shape (3, 3) [kg·m²], and what is drawn are symmetric, positive definite, and of
+    a body that can exist; 0 ≤ error < 1.
+
+    Notes
+    -----
+    A body's second moments S = ½ tr(J) 1 − J are positive semidefinite, and every such S is that
+    of a body. So S is what is perturbed: S^½ (1 + error E) S^½ with ‖E‖ = 1 stays between
+    (1 ± error) S, and J, linear and monotone in S, between (1 ± error) J.
+    """
+    moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    values, axes = np.linalg.eigh(moments)
+    root = axes * np.sqrt(np.maximum(values, 0.0)) @ axes.T
+    part = 2.0 * own.random(3) - 1.0
+    frame = random_axes(own)
+    change = frame * (part / np.abs(part).max()) @ frame.T
+    new = moments + error * root @ change @ root
+    result = np.trace(new) * np.eye(3) - new
+    return np.asarray(0.5 * (result + result.T))
+
+
+@dataclass(frozen=True)
+class Disturbance(Variable):
+    """One sudden pulse, in addition to the scenario's: start [s], duration [s], norm [N·m]."""
+
+    numbers: tuple[Number, Number, Number] | None = None
+    direction: Direction = on_sphere  # body axes
+
+    @classmethod
+    def read(cls, name: str, declared: Any, base: Scenario) -> "Disturbance":
+        """Read it as it is declared."""
+        parts = keys(name, declared, ("time", "duration", "torque", "direction"))
+        within, lasting = _times(base)
+        time = number(f"{name}.time", parts.get("time"), within)
+        duration = number(f"{name}.duration", parts.get("duration"), lasting)
+        torque = number(f"{name}.torque", parts.get("torque"), _TORQUES)
+        sense = direction(f"{name}.direction", parts.get("direction", "sphere"))
+        return cls((time, duration, torque), sense)
+
+    def draw(self, own: Generator, values: Overrides) -> Drawn:
+        """Draw the pulse."""
+        if self.numbers is None:
+            return {}, {}
+        time, duration, size = (each.draw(own) for each in self.numbers)
+        torque = [size * part for part in self.direction(own)]
+        drawn = {"pulse_time": time, "pulse_duration": duration, "pulse_torque": size}
+        drawn |= zip(_TAU, torque, strict=True)
+        if not size:
+            return drawn, {}
+        pulses = (
+            ("pulse_times", [time]),
+            ("pulse_durations", [duration]),
+            ("pulse_torques", torque),
+        )
+        return drawn, {INJECTOR: {name: [*values[INJECTOR][name], *new] for name, new in pulses}}
+
+
+def _times(base: Scenario) -> tuple[Range, Range]:
+    """When something may begin in a run, and how long it may last."""
+    length, step = base.number(PLANT, "duration"), 1.0 / base.number(PLANT, "rate")
+    lasting = Range(step, length, "s (the least that acts, the length of a run)")
+    return Range(0.0, length, "s (the length of a run)"), lasting
+
+
+@dataclass(frozen=True)
+class Fault(Variable):
+    """One fault of the craft's hardware, in addition to the scenario's."""
+
+    what: tuple[str, ...] = ()  # texts of faults without times, equally likely
+    time: Number | None = None  # start [s]
+    duration: Number | None = None  # [s]; None: for ever
+
+    @classmethod
+    def read(cls, name: str, declared: Any, base: Scenario) -> "Fault":
+        """Read it as it is declared."""
+        parts = keys(name, declared, ("what", "time", "duration"))
+        within, lasting = _times(base)
+        what = parts.get("what")
+        texts = isinstance(what, list) and all(isinstance(each, str) for each in what)
+        if not (texts and what):
+            allowed = "a list of faults without times"
+            raise ConfigurationError(f"{name}.what = {what!r}; allowed: {allowed}")
+        lasts = None
+        time = number(f"{name}.time", parts.get("time"), within)
+        if "duration" in parts:
+            lasts = number(f"{name}.duration", parts["duration"], lasting)
+        for each in what:
+            _try(f"{name}.what", base, _with_fault(base.parameters[PLANT], each, 0.0))
+        return cls(tuple(what), time, lasts)
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Columns of the fault, and their units."""
+        known = {"fault": "", "fault_time": "s"} if self.time else {}
+        return known | ({"fault_duration": "s"} if self.duration else {})
+
+    def draw(self, own: Generator, values: Overrides) -> Drawn:
+        """Draw times, and then what fails."""
+        numbers = [each.draw(own) for each in (self.time, self.duration) if each]
+        if not numbers:
+            return {}, {}
+        what = str(own.choice(self.what))
+        drawn = dict(zip(self.columns, [what, *numbers], strict=True))
+        return drawn, {PLANT: _with_fault(values[PLANT], what, *numbers)}
+
+
+def _with_fault(plant: Mapping[str, Any], what: str, *times: float) -> dict[str, Any]:
+    """Give the plant one more fault, behind its own, from a time [s] on, for ever or for some."""
+    words = zip(("from", "for"), times, strict=False)
+    text = " ".join([what, *(f"{word} {time!r}" for word, time in words)])
+    return {FAULTS.name: [*fault_texts(plant), text]}
+
+
+@dataclass(frozen=True)
+class ActuatorStrength(Variable):
+    """Factor on the torque limits of the actuator, of which the controller does not know."""
+
+    factor: Number | None = None
+
+    @classmethod
+    def read(cls, name: str, declared: Any, base: Scenario) -> "ActuatorStrength":
+        """Read it as it is declared."""
+        found = number(name, declared, _STRENGTHS)
+        weakest = weakened(base.parameters[PLANT], found.low)
+        if not weakest:
+            actuator = base.parameters[PLANT][ACTUATORS.selector]
+            raise ConfigurationError(
+                f"{name}: {ACTUATORS.selector} = {actuator} declares no limits"
+            )
+        _try(f"{name} can become {found.low:g}", base, weakest)
+        return cls(found)
+
+    def draw(self, own: Generator, values: Overrides) -> Drawn:
+        """Draw the factor."""
+        factor = 1.0 if self.factor is None else self.factor.draw(own)
+        return {"actuator_strength": factor}, {PLANT: weakened(values[PLANT], factor)}
+
+
+def _try(what: str, base: Scenario, values: Mapping[str, Any]) -> None:
+    """Refuse what would give the plant impossible parameters."""
+    try:
+        base.with_values(PLANT, **values)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{what}: {error}") from None
+
+
+VARIABLES: dict[str, Any] = {
+    "initial_attitude": InitialAttitude,
+    "initial_rate": InitialRate,
+    "inertia_error": InertiaError,
+    "disturbance": Disturbance,
+    "fault": Fault,
+    "actuator_strength": ActuatorStrength,
+}
+"""Name in a declaration to what it is."""
