@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.distributions import keys
-from ppc_attitude.campaign.variables import VARIABLES, Drawn, Variable, drawn_columns
+from ppc_attitude.campaign.variables import NOMINAL, VARIABLES, Drawn, Variable, drawn_columns
 from ppc_attitude.campaign.varied import SHORT, Varied, varied
 from ppc_attitude.contract.declared import components_of, has_parameter
 from ppc_attitude.contract.run_record import Array
@@ -136,15 +136,15 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
         A name or value in it is wrong, or some draw would make an impossible scenario.
     """
     declared = keys("campaign", declaration, (*VARIABLES, "parameters", *SHORT))
+    found: dict[str, Variable] = {}
     for name, kind in VARIABLES.items():
-        if name in declared and kind.of_plant:
-            see_that_it_has(base, PLANTS, name, kind.of_plant)
-    read = {
-        name: kind.read(name, declared[name], base) if name in declared else kind()
-        for name, kind in VARIABLES.items()
-    }
+        if name in declared:
+            if kind.of_plant:
+                see_that_it_has(base, PLANTS, name, kind.of_plant)
+            found[name] = kind.read(name, declared[name], base)
     # Numbers that components declare come before those that start from them.
-    variables = {"fault": read["fault"], **varied(declared, base), **read}
+    first = {name: each for name, each in found.items() if name == "fault"}
+    variables = {**first, **varied(declared, base), **NOMINAL, **found}
     return Campaign(base, variables, seed, dict(declared))
 
 

@@ -81,6 +81,8 @@ DRAWN: dict[str, str] = {
 }
 """Columns that every campaign draws, and their units; null without a pulse, or if no component
 that runs has such a parameter."""
+UPPER = (0, 1, 2, 1, 4, 5, 2, 5, 8)
+"""Place, on or above the diagonal, of each number of an inertia: where one varies."""
 _PARTS = {*_Q, *_OMEGA, *_J, *_TAU, "noise_seed", "fault"}  # that alone say not how hard a run is
 
 Drawn: TypeAlias = tuple[dict[str, Any], dict[str, dict[str, Any]]]
@@ -88,7 +90,7 @@ Drawn: TypeAlias = tuple[dict[str, Any], dict[str, dict[str, Any]]]
 
 
 class Variable(ABC):
-    """Something of a run that may vary; made of nothing it is as the scenario has it."""
+    """Something of a run that may vary."""
 
     of_plant = ""
     """Parameter of the plant without which there is nothing to vary."""
@@ -191,8 +193,7 @@ class InertiaError(Variable):
 
     def draw(self, own: Generator, values: Overrides) -> Drawn:
         """Draw the inertia."""
-        inertia, error = np.array(values[PLANT][self.of_plant]).reshape(3, 3), 0.0
-        inertia = np.triu(inertia) + np.triu(inertia, 1).T  # a product that varies, varies there
+        inertia, error = np.array(values[PLANT][self.of_plant])[[*UPPER]].reshape(3, 3), 0.0
         if self.error is not None:
             error = self.error.draw(own)
             inertia = perturbed_inertia(inertia, error, own)
@@ -228,8 +229,8 @@ def perturbed_inertia(inertia: Array, error: float, own: Generator) -> Array:
 class Disturbance(Variable):
     """One sudden pulse, in addition to the scenario's: start [s], duration [s], norm [N·m]."""
 
-    numbers: tuple[Number, Number, Number] | None = None
-    direction: Direction = on_sphere  # body axes
+    numbers: tuple[Number, Number, Number]
+    direction: Direction  # body axes
 
     @classmethod
     def read(cls, name: str, declared: Any, base: Scenario) -> "Disturbance":
@@ -244,8 +245,6 @@ class Disturbance(Variable):
 
     def draw(self, own: Generator, values: Overrides) -> Drawn:
         """Draw the pulse."""
-        if self.numbers is None:
-            return {}, {}
         time, duration, size = (each.draw(own) for each in self.numbers)
         torque = [size * part for part in self.direction(own)]
         drawn = {"pulse_time": time, "pulse_duration": duration, "pulse_torque": size}
@@ -271,9 +270,9 @@ def _times(base: Scenario) -> tuple[Range, Range]:
 class Fault(Variable):
     """One fault of the craft's hardware, in addition to the scenario's."""
 
-    what: tuple[str, ...] = ()  # texts of faults without times, equally likely
-    time: Number | None = None  # start [s]
-    duration: Number | None = None  # [s]; None: for ever
+    what: tuple[str, ...]  # texts of faults without times, equally likely
+    time: Number  # start [s]
+    duration: Number | None  # [s]; None: for ever
 
     @classmethod
     def read(cls, name: str, declared: Any, base: Scenario) -> "Fault":
@@ -296,14 +295,11 @@ class Fault(Variable):
     @property
     def columns(self) -> dict[str, str]:
         """Columns of the fault, and their units."""
-        known = {"fault": "", "fault_time": "s"} if self.time else {}
-        return known | ({"fault_duration": "s"} if self.duration else {})
+        return {"fault": "", "fault_time": "s"} | ({"fault_duration": "s"} if self.duration else {})
 
     def draw(self, own: Generator, values: Overrides) -> Drawn:
         """Draw times, and then what fails."""
         numbers = [each.draw(own) for each in (self.time, self.duration) if each]
-        if not numbers:
-            return {}, {}
         what = str(own.choice(self.what))
         drawn = dict(zip(self.columns, [what, *numbers], strict=True))
         return drawn, {PLANT: _with_fault(values[PLANT], what, *numbers)}
@@ -358,3 +354,8 @@ VARIABLES: dict[str, Any] = {
     "actuator_strength": ActuatorStrength,
 }
 """Name in a declaration to what it is."""
+NOMINAL: dict[str, Variable] = {
+    name: VARIABLES[name]()
+    for name in ("initial_attitude", "initial_rate", "inertia_error", "actuator_strength")
+}
+"""Those that every run tells of, as the scenario has them."""

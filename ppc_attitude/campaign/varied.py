@@ -27,7 +27,7 @@ from typing import Any
 from numpy.random import Generator
 
 from ppc_attitude.campaign.distributions import Attitudes, Number, Range, attitudes, number
-from ppc_attitude.campaign.variables import Drawn, Variable
+from ppc_attitude.campaign.variables import UPPER, Drawn, Variable
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import PLANT, SOURCES
@@ -40,7 +40,6 @@ from ppc_attitude.simulation.scenario import Overrides, Scenario
 SHORT = {name: f"{PLANT}.{name}" for name in ("attitude_noise", "rate_noise")}
 """Parameters of some sensors that are variables under names of their own; other sensors have none,
 so that one declaration serves all."""
-_MIRRORED = {3: 1, 6: 2, 7: 5}  # an inertia has each number beside its diagonal twice
 _NAME = re.compile(r"(\w+)\.([\w.]+)(?:\[(\d+)\])?")
 
 
@@ -170,6 +169,6 @@ def _read(
     allowed = Range(max(declared.low, declared.above), declared.high, declared.unit, above)
     places = () if place is None else (int(place),)
     if (node, parameter) == (PLANT, INERTIA.name):
-        places = tuple(_MIRRORED.get(each, each) for each in places)
+        places = tuple(UPPER[each] for each in places)
     drawn_from = number(name, distribution, allowed)
     return Varied(name, node, parameter, places, declared.unit, drawn_from)
