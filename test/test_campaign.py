@@ -37,9 +37,8 @@ from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER, Requirements, names_of
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.campaign import rows
-from ppc_attitude.campaign.campaign import Finished, run_campaign
+from ppc_attitude.campaign.campaign import Finished, outcomes, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, campaign, draw, scenario_of_run
-from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.quantile_bands import QUANTITIES
 from ppc_attitude.campaign.results import BATCH

@@ -15,18 +15,26 @@
 """A campaign from declaration to results: run, count, keep."""
 
 import threading
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from ppc_attitude.campaign.declaration import Campaign
-from ppc_attitude.campaign.execution import outcomes
 from ppc_attitude.campaign.pools import ClusterPool, LocalPool, Pool, cores
 from ppc_attitude.campaign.quantile_bands import QuantileBands, time_bins
 from ppc_attitude.campaign.results import Results
+from ppc_attitude.campaign.rows import Outcome, broken
 from ppc_attitude.campaign.summary import Summary
 from ppc_attitude.science.errors import ConfigurationError
+
+LARGEST_CHUNK = 16
+"""Runs that a worker computes at a time: seconds, so that little is lost with a worker."""
+_AHEAD = 4  # chunks of each slot that are submitted beyond the oldest unfinished one
+_ATTEMPTS = 2  # for a run in whose company a worker was lost: the first may have been bad luck
+_GLANCE = 0.1  # [s] between looks at the wish to stop
 
 
 @dataclass(frozen=True)
@@ -116,3 +124,69 @@ def run_campaign(
                 finished.bands.add(outcome.levels)
             progress(finished.summary.runs, runs)
     return finished
+
+
+def outcomes(campaign: Campaign, runs: int, pool: Pool, stop: threading.Event) -> Iterator[Outcome]:
+    """Compute the runs 0 … runs − 1 and yield them in this order.
+
+    A chunk whose worker was lost is computed again run by run; a run with which workers keep
+    being lost becomes an outcome that says so. Memory does not grow with the number of runs.
+    Once a stop is asked for, what is finished by then is yielded and the rest left out.
+
+    Raises
+    ------
+    CampaignError
+        The campaign cannot go on.
+    """
+    size = max(1, min(LARGEST_CHUNK, runs // (_AHEAD * pool.slots)))
+    pending: deque[tuple[range, Future[list[Outcome]]]] = deque()
+    following = 0
+    while not stop.is_set():
+        while following < runs and len(pending) < _AHEAD * pool.slots:
+            end = min(following + size, runs)
+            pending.append((range(following, end), pool.submit(following, end)))
+            following = end
+        if not pending:
+            return
+        if _finished(pending[0][1], pool):
+            yield from _result(campaign, *pending[0], pool)
+            pending.popleft()
+    for _, future in pending:
+        if future.done() and not future.cancelled() and not future.exception():
+            yield from future.result()
+
+
+def _finished(future: "Future[list[Outcome]]", pool: Pool) -> bool:
+    """Wait for a moment; False if a result is still to come."""
+    if wait([future], timeout=_GLANCE).done:
+        return True
+    pool.check()
+    return False
+
+
+def _result(
+    campaign: Campaign, indices: range, future: "Future[list[Outcome]]", pool: Pool
+) -> list[Outcome]:
+    """Outcomes of a finished chunk; of one whose worker was lost, run by run."""
+    try:
+        return future.result()
+    except BaseException as error:
+        if not pool.lost(error):
+            raise
+    return [_alone(campaign, index, pool) for index in indices]
+
+
+def _alone(campaign: Campaign, index: int, pool: Pool) -> Outcome:
+    """One run by itself, so that a lost worker can be laid to its charge."""
+    reason: BaseException | None = None
+    for _ in range(_ATTEMPTS):
+        try:
+            future = pool.submit(index, index + 1)
+            while not _finished(future, pool):
+                pass
+            return future.result()[0]
+        except BaseException as error:
+            if not pool.lost(error):
+                raise
+            reason = error
+    return broken(campaign, index, f"every worker that ran it was lost: {reason}")
