@@ -27,7 +27,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ppc_attitude.command_line.launching import ARGUMENTS, SIDE_BY_SIDE
-from ppc_attitude.command_line.main import command_parsers
+from ppc_attitude.command_line.main import parsers
 from ppc_attitude.contract.declared import TOPICS
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import (
@@ -69,7 +69,7 @@ def _topic_row(topic: Topic) -> str:
 
 def commands() -> str:
     """Every command with its arguments."""
-    return "\n\n".join(_command(name, parser) for name, parser in command_parsers().items())
+    return "\n\n".join(_command(name, parser) for name, parser in parsers()[1].choices.items())
 
 
 def _command(name: str, parser: argparse.ArgumentParser) -> str:

@@ -31,7 +31,7 @@ import ppc_attitude
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.gain_search import WRITTEN
-from ppc_attitude.command_line.main import COMMANDS, build_parser, command_parsers, main
+from ppc_attitude.command_line.main import COMMANDS, main, parsers
 from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.recording import _progress
@@ -46,8 +46,8 @@ def examples(command: str) -> tuple[str, ...]:
 
 
 def test_every_command_has_examples_that_parse() -> None:
-    assert set(COMMANDS) == set(command_parsers())
-    parser = build_parser()
+    parser, commands = parsers()
+    assert set(COMMANDS) == set(commands.choices)
     for command in COMMANDS:
         for line in examples(command):
             words = [word for word in shlex.split(line) if not word.startswith("ROS_DOMAIN_ID=")]
@@ -63,7 +63,7 @@ def test_help_describes_every_argument(command: str, capsys: pytest.CaptureFixtu
     shown = capsys.readouterr().out
     for line in examples(command):
         assert f"\n  {line}\n" in shown
-    for action in command_parsers()[command]._actions:
+    for action in parsers()[1].choices[command]._actions:
         assert action.help, f"{command}: {action.dest}"
 
 
@@ -304,9 +304,9 @@ def test_without_ros_one_line_says_what_is_missing_and_what_to_do(
 
 @pytest.mark.parametrize("word", ["-1", "-1e-3", "-.5e1", "-1E+2"])
 def test_a_negative_number_is_no_option_however_it_is_written(word: str) -> None:
-    parsed = build_parser().parse_args(["inject", "0", word, "0", "--at", "1e1"])
+    parsed = parsers()[0].parse_args(["inject", "0", word, "0", "--at", "1e1"])
     assert (parsed.y, parsed.at) == (float(word), 10.0)
-    parsed = build_parser().parse_args(["goto", "--euler", "0", word, "0"])
+    parsed = parsers()[0].parse_args(["goto", "--euler", "0", word, "0"])
     assert parsed.euler == [0.0, float(word), 0.0]
 
 

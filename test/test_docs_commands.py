@@ -35,7 +35,7 @@ from docs_helpers import ALL, EXAMPLES, PAGES, Command, blocks, commands, saved_
 from process_helpers import PATIENCE
 
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line.main import COMMANDS, build_parser, main
+from ppc_attitude.command_line.main import COMMANDS, main, parsers
 from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import INJECTOR, PLANT, RECORDER
@@ -96,7 +96,7 @@ def test_make_run_is_the_papers_case() -> None:
     )
     assert shown.returncode == 0, shown.stderr
     (line,) = re.findall(r"ppc_attitude (run .*)", shown.stdout)
-    parsed = build_parser().parse_args(shlex.split(line.replace("$PWD", str(ROOT))))
+    parsed = parsers()[0].parse_args(shlex.split(line.replace("$PWD", str(ROOT))))
     assert [str(path) for path in parsed.config] == ["config/paper.yaml"]
     assert parsed.report == ROOT / "build" / "paper.html"
     assert "echo" not in shown.stdout.partition("ppc_attitude run")[2]  # run itself says where
@@ -105,7 +105,7 @@ def test_make_run_is_the_papers_case() -> None:
 def parsed_by_us(arguments: list[str]) -> argparse.Namespace:
     """Parse as the command does; a usage error fails the test."""
     # The third controller is not registered here.
-    return build_parser().parse_args(["ppc" if each == "pd" else each for each in arguments])
+    return parsers()[0].parse_args(["ppc" if each == "pd" else each for each in arguments])
 
 
 def check_ros2(words: list[str]) -> None:
@@ -147,7 +147,7 @@ def check_parameter(node: str, name: str, value: str) -> None:
 
 def simulated(arguments: list[str]) -> int:
     """Stand in for `run`, whose options `simulate` takes but for how time passes."""
-    build_parser().parse_args(["run", *arguments])
+    parsers()[0].parse_args(["run", *arguments])
     return main(["simulate", *(each for each in arguments if each != "--realtime")])
 
 

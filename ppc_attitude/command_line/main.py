@@ -75,11 +75,6 @@ class Parser(argparse.ArgumentParser):
         (file or sys.stderr).write(message)
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Build the parser with every command."""
-    return _parsers(COMMANDS)[0]
-
-
 def _complete() -> None:
     """Tell the shell how its command line may go on, and end.
 
@@ -91,21 +86,16 @@ def _complete() -> None:
     import argcomplete
 
     name = next(iter(os.environ.get("COMP_LINE", "").split()[1:2]), "")
-    parser, commands = _parsers((name,) if name in COMMANDS else ())
+    parser, commands = parsers((name,) if name in COMMANDS else ())
     for other in COMMANDS if not commands.choices else ():
         commands.add_parser(other)
     argcomplete.autocomplete(parser)
 
 
-def command_parsers() -> dict[str, argparse.ArgumentParser]:
-    """Build the parser of each command, by the command's name."""
-    return dict(_parsers(COMMANDS)[1].choices)
-
-
-def _parsers(
-    names: Sequence[str],
+def parsers(
+    names: Sequence[str] = COMMANDS,
 ) -> "tuple[Parser, argparse._SubParsersAction[Parser]]":
-    """Parser of the executable, and what holds those of its commands."""
+    """Build the parser of the executable, and what holds those of its commands by their names."""
     parser = Parser(
         prog="ppc_attitude",
         description="Prescribed-performance attitude control: run, record, judge.",
@@ -134,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "_ARGCOMPLETE" in os.environ:
         _complete()
     named = [word for word in words[:1] if word in COMMANDS]
-    parser, commands = _parsers(named or COMMANDS)  # each costs its imports
+    parser, commands = parsers(named or COMMANDS)  # each costs its imports
     for word in words:
         if word != word.encode(errors="replace").decode():  # no page, bag or table can name it
             parser.error(f"argument {printable(word)}; allowed: text in UTF-8")
