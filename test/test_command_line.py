@@ -198,6 +198,7 @@ WRONG = [
     ("campaign --only 1 --out o", "--out is for several runs, without --only"),
     ("campaign --only 1 --workers 2", "--workers is for several runs, without --only"),
     ("campaign --only 1 --scheduler tcp://a:1", "--scheduler is for several runs"),
+    ("campaign --scheduler a --workers 2", "--workers is for processes of this machine, without"),
     ("campaign --only 1 --runs 5", "--runs is for several runs"),
     ("campaign --mission Europa", "--mission is for a report: --report FILE.html"),
     ("simulate --mission Europa", "--mission is for a report: --report FILE.html"),

@@ -102,6 +102,8 @@ def execute(arguments: argparse.Namespace) -> int:
     see_that_none_is_idle(arguments, alone, "one run: --only INDEX", "record", "bag")
     several = "several runs, without --only"
     see_that_none_is_idle(arguments, not alone, several, "runs", "workers", "scheduler", "out")
+    here = "processes of this machine, without --scheduler"
+    see_that_none_is_idle(arguments, not arguments.scheduler, here, "workers")
     runs = RUNS if arguments.runs is None else arguments.runs
     file = arguments.campaign or shipped_config("campaign.yaml")
     campaign = replace(
