@@ -74,3 +74,12 @@ def test_the_table_says_what_hits_and_gives_the_verdict_of_the_requirements(
     assert "The craft has not settled when it is hit, so that it cannot recover." in lines
     assert lines[-1].endswith("NOT MET")
     assert max(map(len, lines)) <= 80
+
+
+def test_a_hit_too_weak_to_be_told_from_an_environment_is_recovered_all_the_same(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command = ["sweep", "--config", str(PAPER), "--torque", "0.0009", "--pulse-durations", "0.1"]
+    assert main([*command, "--duration", "100", "--json"]) == 0
+    (hit,) = json.loads(capsys.readouterr().out)["hits"]
+    assert hit["recovery_time_s"] == 0.0

@@ -92,9 +92,17 @@ def metric_of(envelope: Envelope) -> str:
 
 
 class Measured:
-    """The numbers of one run, for a judgement by what is required."""
+    """The numbers of one run, for a judgement by what is required.
 
-    def __init__(self, record: RunRecord, required: Requirements = PAPER) -> None:
+    Its sudden disturbances are found in the record, unless they are known.
+    """
+
+    def __init__(
+        self,
+        record: RunRecord,
+        required: Requirements = PAPER,
+        known_pulses: tuple[Pulse, ...] | None = None,
+    ) -> None:
         self.record, self.required = record, required
         self.names = names_of(required)
         self.t = elapsed(record)
@@ -110,8 +118,8 @@ class Measured:
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
-        pulses: tuple[Pulse, ...] = ()
-        if has(record, DISTURBANCE.column):
+        pulses = known_pulses or ()
+        if known_pulses is None and has(record, DISTURBANCE.column):
             torque = vectors(record, DISTURBANCE.column)
             if has(record, ENVIRONMENT_TORQUE.name):
                 torque = torque - vectors(record, ENVIRONMENT_TORQUE.name)

@@ -22,6 +22,7 @@ from ppc_attitude.analysis.comparison import SweptHit, sweep_figure
 from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.envelopes import ATTITUDE, RATE
 from ppc_attitude.analysis.measure import Measured, metric_of
+from ppc_attitude.analysis.pulses import Pulse
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_MET
 from ppc_attitude.command_line.memory import check_memory
@@ -109,7 +110,7 @@ def execute(arguments: argparse.Namespace) -> int:
     check_memory(scenario.with_values(PLANT, duration=hits.length))
     runs = [_measured(scenario, required, hits, duration) for duration in hits.durations]
     swept = [
-        SweptHit(duration, run.hits[0].recovery_time_s if run.hits else None, run.outsides)
+        SweptHit(duration, run.hits[0].recovery_time_s, run.outsides)
         for duration, run in zip(hits.durations, runs, strict=True)
     ]
     if arguments.json:
@@ -150,7 +151,8 @@ def _measured(scenario: Scenario, required: Requirements, hits: Hits, duration: 
         "pulse_torques": [hits.torque] * 3,
     }
     hit = scenario.overlaid({INJECTOR: pulse, PLANT: {"duration": hits.length}})
-    return Measured(simulate(hit, hits.length), required)
+    known = Pulse(hits.at, duration, (hits.torque,) * 3)  # too weak a one would not be found
+    return Measured(simulate(hit, hits.length), required, (known,))
 
 
 def _print_table(
