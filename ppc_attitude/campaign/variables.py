@@ -193,7 +193,8 @@ class InertiaError(Variable):
 
     def draw(self, own: Generator, values: Overrides) -> Drawn:
         """Draw the inertia."""
-        inertia, error = np.array(values[PLANT][self.of_plant])[[*UPPER]].reshape(3, 3), 0.0
+        inertia: Array = np.array(values[PLANT][self.of_plant])[[*UPPER]].reshape(3, 3)
+        error = 0.0
         if self.error is not None:
             error = self.error.draw(own)
             inertia = perturbed_inertia(inertia, error, own)
