@@ -247,9 +247,9 @@ def _look_for_losses(stamp_ns: int, configuration: Any, state: Any) -> None:
             share = null[i, i]
             if share > FLAT * FLAT:
                 for j in range(MAX_WHEELS):
-                    weight = null[j, i] / share
-                    for k in range(MAX_WHEELS):
-                        if j != i and k != i:
+                    if j != i:
+                        weight = null[j, i] / share
+                        for k in range(MAX_WHEELS):
                             null[j, k] -= weight * null[i, k]
             null[i, :] = 0.0
             null[:, i] = 0.0

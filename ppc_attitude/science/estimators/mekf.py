@@ -227,7 +227,6 @@ def _lose(stamp_ns: int, state: Any, settings: Any, outputs: Any) -> None:
     """Give no estimate where there is no rate to carry one on; then begin anew."""
     state.count = 0
     state.knows = 0.0
-    state.refusals.agreeing = 0
     _judge(state, settings, stamp_ns, NOTHING)
     store_quaternion(outputs.attitude, NO_ATTITUDE)
     store(outputs.angular_velocity, ZERO)
