@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import case
+from record_helpers import inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
@@ -167,6 +168,20 @@ def test_a_plan_in_flight_begins_down_the_table_with_room_for_the_error() -> Non
     component = math.sin(math.radians(1.0)) / math.sqrt(3.0)
     assert 2.0 * component < rho < 10.0 * component
     assert rate == 0.0  # it waits
+
+
+@pytest.mark.parametrize(("early", "plans"), [(0.25, 1.0), (0.0, 2.0)])
+def test_a_plan_is_revised_when_its_hold_has_ended_and_not_before(
+    early: float, plans: float
+) -> None:
+    measurement, memory = inputs_of(ppc.COMPONENT), state_of(ppc.COMPONENT)
+    memory["plan"], memory["started"] = plan_of(150.0, t=300.0), 1.0
+    memory["plan"]["hold"], memory["t"] = 2.5, 300.0
+    measurement["t"] = 302.5 - early
+    measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
+    measurement["attitude"] = Rotation.from_rotvec(np.deg2rad(150.0) * np.eye(3)[0]).as_quat()
+    ppc.step(measurement, memory, GAINS, outputs_of(ppc.COMPONENT))
+    assert memory["plan"]["count"] == plans
 
 
 def test_the_envelope_falls_continuously_after_the_hold() -> None:

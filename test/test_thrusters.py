@@ -193,6 +193,9 @@ def test_a_short_pulse_that_is_not_carried_is_rounded() -> None:
         _, on_times = flown(part, commands)
         assert on_times[100][[0, 5]] == pytest.approx([fired, fired], abs=1e-15)
         assert not part.state[0]["impulse"].any()
+    assert admitted(0.005, record(carry=False)) == 0.01  # half of it is enough
+    assert admitted(0.005, record()) == 0.0
+    assert admitted(0.01, record()) == 0.01
 
 
 def test_too_much_torque_is_scaled_and_does_not_pile_up() -> None:

@@ -28,6 +28,7 @@ from craft_helpers import case, configs, part_of
 from estimation_helpers import STEP_NS, Array
 from peer import peer
 from process_helpers import PAPER, Run
+from scipy.linalg import null_space
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
@@ -121,6 +122,40 @@ def test_four_wheels_go_to_their_null_speed_without_a_torque() -> None:
         assert np.abs(given[:3]).max() < 1e-15
         speeds[:4] += 0.01 / 8e-4 * (given[3:7] - frictions(speeds))
     assert np.abs(speeds[:4]) == pytest.approx(np.full(4, 100.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("overload", ["scale", "clip"])
+@pytest.mark.parametrize("seed", range(8))
+def test_torques_that_cancel_take_what_is_left_of_the_limits(seed: int, overload: str) -> None:
+    """Some share of −k N Nᵀ h, up to all of it: the largest with which no wheel gives too much."""
+    random, axes = np.random.default_rng(seed), np.reshape(wheels.AXES.default, (4, 3))
+    frictionless = {f"wheels__{name}": [0.0] for name in ("viscous", "coulomb", "static")}
+    given = {"wheels__null_speed": 0.0, "wheels__overload": overload, **frictionless}
+    command, speeds = random.uniform(-0.05, 0.05, 3), wheel_speeds(*random.uniform(-200, 200, 4))
+    row = [*command, 0.0, 0.0, 0.0, *speeds]
+    shared, spread = (
+        np.array(drive(wheels__null_gain=gain, **given).step(0, row))[3:7] for gain in (0.0, 0.1)
+    )
+    free = null_space(axes.T)
+    wish = -0.1 * free @ free.T @ (8e-4 * speeds[:4])
+    left = np.where(wish > 0.0, 0.05 - shared, -0.05 - shared) / wish
+    assert spread == pytest.approx(shared + min(1.0, left.min()) * wish, abs=1e-15)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("knowledge", [0.0, 0.5, 1.0, 1.5])
+def test_a_wheel_is_driven_to_its_largest_speed_in_a_step_and_not_beyond(
+    knowledge: float, sign: float
+) -> None:
+    """What the drive believes of friction may leave some of the speed unused, none is passed."""
+    axes = np.eye(3).ravel().tolist()
+    part, short = drive(wheels__axes=axes, wheels__friction_knowledge=knowledge), 0.2  # [rad/s]
+    speeds = wheel_speeds(sign * (628.3 - short))
+    motor = part.step(0, [-sign * 0.05, 0.0, 0.0, 0.0, 0.0, 0.0, *speeds])[3]
+    resistance = frictions(speeds)[0]
+    driven = (knowledge - 1.0) * resistance  # by what the drive gives against friction alone
+    reached = 0.01 / 8e-4 * (motor - resistance) * sign
+    assert reached == pytest.approx(short + min(sign * driven, 0.0) * 0.01 / 8e-4, abs=1e-6)
 
 
 def test_what_is_required_of_a_column_is_drawn() -> None:
