@@ -17,6 +17,7 @@
 import contextlib
 import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -78,7 +79,8 @@ def test_a_truncated_file_is_recovered_as_far_as_it_goes(tmp_path: Path, part: f
 
 
 def test_the_command_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bag = unfinished(tmp_path / "bag", "mcap", RUN)
+    late = replace(RUN, stamps_ns=RUN.stamps_ns + 3_000_000_000)
+    bag = unfinished(tmp_path / "bag", "mcap", late)
     assert main(["recover", str(bag)]) == 0
     first, cut, last = capsys.readouterr().out.splitlines()
     count = len(RUN.stamps_ns) * len(SAMPLED)

@@ -21,8 +21,10 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+from ppc_attitude.contract.carriers import carriers, decode_rows
 from ppc_attitude.contract.cdr import CdrError, Codec
 from ppc_attitude.contract.declared import BY_COLUMN
+from ppc_attitude.contract.topics import ATTITUDE
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 MSGTYPE = "sensor_msgs/msg/Imu"
@@ -53,6 +55,13 @@ def sent(column: str) -> tuple[list[float], Any]:
     assert numbers(read.linear_acceleration) == [0.0] * 3
     assert read.linear_acceleration_covariance.tolist() == NONE
     return values, read
+
+
+def test_what_is_too_short_for_a_message_is_not_read_whatever_its_length() -> None:
+    for msgtype in carriers(ATTITUDE):
+        for length in range(2, 40):
+            *_, readable = decode_rows(ATTITUDE, msgtype, np.zeros((2, length), np.uint8))
+            assert not readable.any()
 
 
 def test_a_gyro_sample_has_no_orientation() -> None:

@@ -240,6 +240,18 @@ def test_what_is_no_sample_is_written_at_its_time_or_at_that_of_the_newest_state
     ]
 
 
+@pytest.mark.parametrize("stamp", [None, -1])
+def test_a_sample_without_a_stamp_is_written_at_the_newest_state_and_counts_for_nothing(
+    stamp: int | None,
+) -> None:
+    bag = Bag()
+    bag.run(range(3))
+    bag.recording.sample(TORQUE, stamp, b"?", 4, 0.02)
+    assert bag.written[-1] == (TORQUE, 20_000_000, b"?")
+    bag.run(range(3, 6))
+    assert (bag.gaps(), bag.recording.surplus()) == ([], {})
+
+
 def test_what_comes_again_with_a_repeated_state_is_written_once() -> None:
     """A clock, or a fix that belongs to an instant before; what others send twice are two."""
     bag = Bag()
@@ -328,6 +340,15 @@ def test_a_rhythm_that_changes_has_no_gaps() -> None:
     events = [event for step in steps for event in steps_of(range(step, step + 1))]
     assert gaps_of(*events) == []
     assert gaps_of(*(each for each in events if each != (TORQUE_COMMAND, steps[-1]))) == []
+
+
+@pytest.mark.parametrize(("every", "told_of"), [(3, False), (4, True)])
+def test_a_rhythm_that_three_of_four_steps_keep_has_gaps(every: int, told_of: bool) -> None:
+    """Of each `every` steps one is twice as long."""
+    lengths = itertools.islice(itertools.cycle([*[1] * (every - 1), 2]), 12 * every)
+    steps = [0, *itertools.accumulate(lengths)]
+    gaps = gaps_of(*(event for step in steps for event in steps_of(range(step, step + 1))))
+    assert bool(gaps) == told_of
 
 
 def test_many_gaps_are_counted_and_only_the_first_are_told() -> None:

@@ -1,0 +1,39 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A file that is there as a whole, or not at all."""
+
+from pathlib import Path
+
+import pytest
+
+from ppc_attitude.contract.whole_file import unfinished_of, whole_file, write_whole
+
+
+def test_a_file_is_as_it_was_until_the_new_one_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "not" / "yet" / "there.txt"
+    write_whole(path, "first")
+    unfinished_of(path).write_text("left by a process that was killed")
+
+    def break_off() -> None:
+        with whole_file(path) as file:
+            file.write(b"half of the second")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        break_off()
+    assert path.read_text() == "first"
+    write_whole(path, "second")
+    assert path.read_text() == "second"
+    assert list(path.parent.iterdir()) == [path]
