@@ -329,6 +329,11 @@ def test_bad_timed_profile_is_refused(times: Any, attitudes: Any, rates: Any, me
         points(times, attitudes, rates, [None] * len(times))
 
 
+def test_attitudes_of_a_timed_profile_that_are_nearly_unit_are_made_unit() -> None:
+    record = points([1.0, 2.0], [PAPER, np.multiply(1.0009, OTHER)], [None] * 2, [None] * 2)
+    assert record["attitude"][1] == pytest.approx(OTHER, rel=1e-12)
+
+
 def test_quintic_takes_the_blends_to_rest() -> None:
     blend = table("blend")
     for case in np.unique(blend["case"]):

@@ -106,7 +106,7 @@ def test_exponential_is_scipys_and_its_rates_invert(size: float) -> None:
     assert np.allclose(same_sign(np.array(exponential(tuple(phi))), expected), expected, atol=1e-15)
     _, omega, alpha = exponential_motion(tuple(phi), tuple(first), tuple(second))
     back = rotation_vector_rates(tuple(phi), omega, alpha)
-    assert np.allclose(back, (first, second), rtol=0.0, atol=1e-10)
+    assert np.allclose(back, (first, second), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("scale", [0.003, 1.0, 2.5])

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from craft_helpers import dotted
 from guidance_helpers import DEGREE, scenes
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
 from ppc_attitude.science.orbit_elements import orbit_of
@@ -74,6 +74,12 @@ def test_cone_that_comes_is_warned_of_before_it_is_there_and_called_off_after() 
     assert not over
     assert last == "what was warned of is over"
     assert inside[-1] - 0.3 <= after <= inside[-1] + 1.3
+    past = part_of(
+        keep_out__axes=axis.tolist(),
+        keep_out__directions=["nadir"],
+        keep_out__half_angles=[10.0 * DEGREE],
+    )
+    assert not said(past, [0.0, 600.0])  # it came and went between two steps
 
 
 def test_what_is_said_does_not_depend_on_the_rate_of_the_loop() -> None:
@@ -250,6 +256,21 @@ def test_refusal_names_value_and_range_and_the_present_motion_goes_on(
     moved = part.step(nanoseconds(20.0), start)
     assert np.abs(np.dot(moved[:4], start)) == pytest.approx(1.0, abs=1e-12)
     assert not any(moved[4:])
+
+
+def test_refusal_names_the_cone_that_the_direct_way_crosses() -> None:
+    values = ring()
+    start, goal = values.pop("start"), values["goals__attitudes"]
+    way = Slerp([0.0, 1.0], Rotation.from_quat([start, goal]))(np.linspace(0.0, 1.0, 2001))
+    axes = np.reshape(values["keep_out__axes"], (-1, 3))
+    cones = zip(axes, values["keep_out__directions"], values["keep_out__half_angles"], strict=True)
+    (crossed,) = (
+        i
+        for i, (axis, direction, half_angle) in enumerate(cones)
+        if (way.apply(axis) @ np.array(direction.split(), float)).max() > math.cos(half_angle)
+    )
+    ((_, text, _),) = said(part_of(goals__times=[0.0], **values), [0.0], start)
+    assert text.endswith(f"the direct one crosses keep-out cone {crossed}")
 
 
 def test_scene_is_told_and_heard_without_loss() -> None:

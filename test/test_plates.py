@@ -86,6 +86,12 @@ def test_an_impossible_plate_is_named(place: int, value: float, told: str) -> No
         plates_of({PLATES.name: [*GOOD, *bad]})
 
 
+@pytest.mark.parametrize("surface", [[0.0, 1.0, 0.0], [1.0, 0.0, 2.2]])
+def test_a_plate_that_only_scatters_or_mirrors_is_possible(surface: list[float]) -> None:
+    (plate,) = plates_of({PLATES.name: [*GOOD[:7], *surface]})
+    assert [plate[name] for name in ("specular", "diffuse", "drag")] == surface
+
+
 def test_seventeen_plates_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="has 17 plates; allowed: 16"):
         plates_of({PLATES.name: 17 * GOOD})
