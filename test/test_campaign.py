@@ -79,6 +79,17 @@ def test_a_run_is_that_of_its_scenario() -> None:
     assert again.record.source == "campaign run 7"
 
 
+def test_a_row_tells_the_recovery_from_the_hit_that_was_drawn() -> None:
+    varied = {
+        "initial_attitude": {"distribution": "cone", "angle": 1e-4},
+        "disturbance": {"time": 1.0, "duration": 0.1, "torque": 0.3},
+    }
+    of = campaign(varied, scenario({PLANT: {"duration": 60.0, "rate": 50.0}}), 1)
+    (hit,) = rerun(of, 0).metrics.disturbances
+    assert hit.recovery_time_s is not None
+    assert run_one(of, 0).row["recovery_time_s"] == hit.recovery_time_s
+
+
 def test_goals_and_cones_of_the_scenario_are_those_of_every_run() -> None:
     reference = {
         "mode": "goal",

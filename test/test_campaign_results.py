@@ -19,6 +19,7 @@ import math
 import os
 import random
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,6 +161,9 @@ def test_variables_that_decide_come_first() -> None:
     assert telling_variables(good, bad, DRAWN) == ["rate_noise", "inertia_error"]
     assert telling_variables([], bad, DRAWN) != []
     assert failing_figure([], [], DRAWN) is None
+    figure = failing_figure(good, bad, DRAWN)  # over the two that vary
+    assert figure is not None
+    assert len(figure.axes) == 1
 
 
 def test_figures_show_what_they_are_given(finished: Finished) -> None:
@@ -191,6 +195,12 @@ def test_report_says_how_to_run_the_worst_again(finished: Finished, tmp_path: Pa
             assert f"ppc_attitude campaign --seed 1 --only {worst}" in page
     assert page.count("<img") == 2
     assert "distribution: cone" in page
+    assert "stopped before its end" not in page
+    stopped = replace(finished, total=RUNS + 1)
+    write_campaign_report(small(), stopped, ["ppc_attitude", "campaign"], path)
+    page = path.read_text(encoding="utf-8")
+    assert "The campaign was stopped before its end." in page
+    assert f"{RUNS} of {RUNS + 1}, " in page
 
 
 def written(tmp_path: Path) -> list[str]:
