@@ -141,6 +141,9 @@ def test_summary_counts_what_the_rows_say(finished: Finished) -> None:
         open_rows = [row for row in kept if row[f"met_{key}"] is None and row[f"note_{key}"]]
         assert tally.not_judged == len(open_rows)
         assert tally.worst_runs() == [(-index, value) for value, index in worst]
+        (told,) = [each for each in summary.to_json()["requirements"] if each["name"] == name]
+        finite = [value if math.isfinite(value) else None for value, _ in worst]  # of JSON
+        assert [each["value"] for each in told["worst"]] == finite
 
 
 def test_a_broken_run_meets_nothing() -> None:
