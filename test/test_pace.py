@@ -241,6 +241,20 @@ def test_lockstep_waits_for_a_recorder_that_lags_and_for_no_other() -> None:
     assert bench.pace.step > 13000
 
 
+def test_lockstep_outruns_no_recorder_that_is_paused_before_it_says_how_far_it_is() -> None:
+    bench = Bench(Lockstep, waits=True)
+    for _ in range(6000):
+        bench.answer()
+    assert bench.pace.step == 2501
+    bench.pace.record(steps(501)[-1], bench.now)
+    assert bench.pace.step == 2502, "the answers that have come are enough"
+    bench.pace.begin(bench.now)
+    bench.wake()
+    for _ in range(6000):
+        bench.answer()
+    assert bench.pace.step == 2501, "time has begun again"
+
+
 def test_reset_begins_again_and_forgets_what_was_ahead() -> None:
     bench = Bench(Lockstep)
     for _ in range(5):

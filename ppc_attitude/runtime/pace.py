@@ -72,7 +72,7 @@ class Rules:
     last_step: int | None  # at which the plant ends; None: never
     inputs: Mapping[str, Values]  # name and zero of each; the first is the command, that must come
     wait_for: tuple[str, ...]  # lock-step waits for these; free-running at the beginning only
-    waits: bool  # free-running: time begins with the first answer
+    waits: bool  # for a recorder; free-running: time begins with the first answer
     factor: float = 0.0  # lock-step: simulated seconds per second; 0: as fast as possible
     timeout_ns: int = 0  # free-running: an input that is older than this is zero
 
@@ -221,7 +221,8 @@ class Lockstep(Pace):
 
     def begin(self, now: float) -> None:
         """Begin at time zero."""
-        self._recorded: int | None = None
+        # Who waited for a recorder counts on it before it tells how far it is: it may be paused.
+        self._recorded = 0 if self.rules.waits else None
         super().begin(now)
 
     def record(self, stamp_ns: int, now: float) -> None:
