@@ -141,3 +141,28 @@ def test_a_kernel_of_somebody_elses_is_compiled_anew_when_what_it_calls_has_chan
     # Python takes a file of the same second and length for unchanged.
     called.write_text(kernels.format("called", 12.0))
     assert printed() == 12.0
+
+
+_COMMAND = "from ppc_attitude.command_line.main import run; run()"
+_NODE = (
+    "import sys; from ppc_attitude.nodes.executables import ppc_controller as run; sys.exit(run())"
+)
+
+
+@pytest.mark.parametrize("code", [_COMMAND, pytest.param(_NODE, marks=pytest.mark.ros)])
+def test_kernels_that_have_no_place_are_refused_with_the_way_out(tmp_path: Path, code: str) -> None:
+    """A package that is installed read-only, and a user without a home."""
+    copy, blocked = tmp_path / PACKAGE.name, tmp_path / "blocked"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    for each in (blocked, copy / "science" / "__pycache__"):
+        each.write_text("a folder cannot be made here, not even by root")
+    homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"), str(blocked))
+    search = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, **homes, "PYTHONPATH": search}
+    command = [sys.executable, "-c", code, "--help"]
+    ended = subprocess.run(
+        command, cwd=tmp_path, env=environment, text=True, capture_output=True, check=False
+    )
+    assert ended.returncode == 2, ended.stderr
+    assert ended.stderr.startswith(f"error: compiled kernels have no place: neither {blocked}")
+    assert ended.stderr.endswith("set NUMBA_CACHE_DIR to one that can\n")

@@ -124,11 +124,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "_ARGCOMPLETE" in os.environ:
         _complete()
     named = [word for word in words[:1] if word in COMMANDS]
-    parser, commands = parsers(named or COMMANDS)  # each costs its imports
-    for word in words:
-        if word != word.encode(errors="replace").decode():  # no page, bag or table can name it
-            parser.error(f"argument {printable(word)}; allowed: text in UTF-8")
     try:
+        parser, commands = parsers(named or COMMANDS)  # each costs its imports
+        for word in words:
+            if word != word.encode(errors="replace").decode():  # no page, bag or table can name it
+                parser.error(f"argument {printable(word)}; allowed: text in UTF-8")
         parsed, unknown = parser.parse_known_args(words)
         if unknown:  # it is the command's help that lists what there is
             own = commands.choices[parsed.command]

@@ -35,6 +35,8 @@ from numba.core import config as _numba_config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 
+from ppc_attitude.science.errors import ConfigurationError
+
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]  # x y z w
 Matrix: TypeAlias = tuple[Vector, Vector, Vector]  # rows
@@ -92,6 +94,11 @@ def cache_of(module: str) -> Iterator[None]:
     functions of somebody else's are cached where they belong. Where the folder cannot be written,
     Numba falls back to the user's own. Threads do this one after the other, or one would put back
     what the other has set, and Numba would write to the folder where the user stands.
+
+    Raises
+    ------
+    ConfigurationError
+        Numba finds no folder that it can write to.
     """
     folder = _cache_folder(module.partition(".")[0])
     with global_compiler_lock:
@@ -99,6 +106,13 @@ def cache_of(module: str) -> Iterator[None]:
         _SETTINGS.CACHE_DIR = folder
         try:
             yield
+        except RuntimeError as error:
+            if not str(error).startswith("cannot cache function"):
+                raise
+            raise ConfigurationError(
+                f"compiled kernels have no place: neither {folder} nor a folder of the user's own "
+                "can be written; set NUMBA_CACHE_DIR to one that can"
+            ) from None
         finally:
             _SETTINGS.CACHE_DIR = before
 
