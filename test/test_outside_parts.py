@@ -185,6 +185,8 @@ MISFITS = {
         "of_objects": "component share: state = [('z', 'O')]; allowed: a record of numbers",
         "of_money": "column mine: unit = '$', meaning = 'x'; allowed: texts without $",
         "nameless": "column '' with topic",
+        "numbered": "left out: its name = 5; allowed: a text",
+        "unlabelled": "left out: its name = ''; allowed: a text",
         "twice": "component share: two columns are named torque_use",
         "of_node": "left out: ppc_controller has another parameter wait_for_recorder than of_node",
         "of_ros": "left out: ppc_controller has another parameter use_sim_time than of_ros",

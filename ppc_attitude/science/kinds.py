@@ -144,6 +144,8 @@ class Kind:
             raise ConfigurationError(f"it is a {type(component).__name__}, not a Component")
         if not self.selector:
             raise ConfigurationError(f"no parameter selects one of the {self.name}")
+        if not isinstance(component.name, str) or not component.name:
+            raise ConfigurationError(f"its name = {component.name!r}; allowed: a text")
         if component.name in others or (self.optional and component.name == NONE):
             raise ConfigurationError(f"the name {component.name} is taken")
         absent = [column.name for column in self.gives if column not in component.outputs]

@@ -136,8 +136,14 @@ MADE: dict[str, Callable[[], Component]] = {
 }
 
 
+NAMES: dict[str, Any] = {"numbered": 5, "unlabelled": ""}
+"""Names that are none, of parts that are called otherwise in the entry point."""
+
+
 def __getattr__(name: str) -> Component:
     """Make the part of a name."""
+    if name in NAMES:
+        return replace(LAW, name=NAMES[name])
     if name not in MADE:
         raise AttributeError(name)
     return replace(MADE[name](), name=name)
