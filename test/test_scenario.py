@@ -122,6 +122,23 @@ def test_whole_numbers_and_empty_lists_are_numbers_and_lists(tmp_path: Path) -> 
     assert scheduled_pulses(values["disturbance_injector"]).size == 0
 
 
+def test_an_error_names_the_file_that_does_not_go_with_those_before(tmp_path: Path) -> None:
+    typing_error = written(tmp_path, one("ppc_controller", "{kk: 3.0}"))
+    wheels, thrusters, orbit = (
+        CONFIG / f"{each}.yaml" for each in ("wheels", "thrusters", "orbit")
+    )
+    for paths, culprit in (
+        ([typing_error, orbit], typing_error),
+        ([wheels, thrusters, orbit], thrusters),
+        ([CONFIG / "faults.yaml", wheels, thrusters], thrusters),
+    ):
+        with pytest.raises(ConfigurationError) as raised:
+            load(paths)
+        assert str(raised.value).endswith(f"; it is so from configuration file {culprit} on")
+    with pytest.raises(ConfigurationError, match=r"allowed: one of \w+(, \w+)*$"):
+        load([wheels], {"ppc_controller": {"controller": "nothing"}})
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [

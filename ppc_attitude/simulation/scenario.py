@@ -15,6 +15,7 @@
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -315,9 +316,24 @@ def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Sce
     Raises
     ------
     ConfigurationError
-        See `read_files` and `scenario`.
+        See `read_files` and `scenario`; it names the file but for which those before it would do.
     """
+    chosen = _overridden(paths, overrides)
+    try:
+        return scenario(chosen)
+    except ConfigurationError as error:
+        for count in reversed(range(len(paths))):
+            with suppress(ConfigurationError):
+                scenario(_overridden(paths[:count], overrides))
+                break
+        else:
+            raise
+        since = f"it is so from configuration file {paths[count]} on"
+        raise ConfigurationError(f"{error}; {since}") from None
+
+
+def _overridden(paths: Sequence[Path | str], overrides: Overrides | None) -> Overrides:
     chosen = read_files(paths)
     for node, values in (overrides or {}).items():
         chosen.setdefault(node, {}).update(values)
-    return scenario(chosen)
+    return chosen
