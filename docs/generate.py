@@ -43,7 +43,6 @@ from ppc_attitude.science.parameter import Parameter
 
 ROOT = Path(__file__).parents[1]
 PAGES = (
-    "README.md",
     "docs/tutorial.md",
     "docs/reference.md",
     "docs/parameters.md",

@@ -47,8 +47,8 @@ class Argument(NamedTuple):
 ARGUMENTS = {
     "config": Argument(
         "paper.yaml",
-        "ROS parameter files, separated by commas, later ones win; a name without a folder that "
-        "is no file here is one of this package's own",
+        "ROS parameter files, separated by commas, later ones win; a name without a folder is a "
+        "file here, or else one of this package",
     ),
     "controller": Argument(
         "", "the control law; empty: as configured", ("", *CONTROLLERS.components)

@@ -82,7 +82,7 @@ def add_reading_options(parser: argparse.ArgumentParser, *, several: bool = Fals
     if not several:
         parser.add_argument("bag", metavar="BAG", type=some_path, help="folder of the bag")
         parser.add_argument(
-            "--namespace", metavar="NS", help="of the stack, if the bag has several"
+            "--namespace", metavar="NS", help="namespace of the stack, if the bag has several"
         )
     parser.add_argument(
         "--topic",
@@ -198,7 +198,7 @@ def add_figures_options(parser: argparse.ArgumentParser, what: str) -> None:
         "--figure-format",
         choices=("png", "svg", "pdf"),
         action="append",
-        help="of the figures; may be given several times; default png",
+        help="format of the figures; may be given several times; default png",
     )
 
 

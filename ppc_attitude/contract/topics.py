@@ -171,7 +171,7 @@ INJECT = Topic(
     MSGTYPES[WRENCH],
     BODY,
     unit="N·m",
-    meaning="extra torque, from anyone",
+    meaning="extra torque",
     width=3,
     form=WRENCH,
 )
@@ -180,20 +180,20 @@ GOAL_POSE = Topic(
     "geometry_msgs/msg/PoseStamped",
     "inertial, nadir, ground, sun or spin",
     unit="1",
-    meaning="attitude to go to, relative to its frame, from anyone; the position is ignored",
+    meaning="attitude to go to, relative to its frame; the position is ignored",
 )
 GOAL_TRAJECTORY = Topic(
     "goal_trajectory",
     "trajectory_msgs/msg/MultiDOFJointTrajectory",
     INERTIAL,
     unit="1",
-    meaning="attitudes at given times, of the joint `body`, from anyone",
+    meaning="attitudes of the joint `body` at given times",
 )
 GUIDANCE_STATUS = Topic(
     "guidance/status",
     DIAGNOSTICS,
     source=REFERENCE,
-    meaning="what becomes of each order, from the stamp on; warnings; where goal and cones are",
+    meaning="answer to each order, from the stamp on; warnings; where goal and cones are",
 )
 CLOCK_TOPIC = Topic("/clock", CLOCK, source=PLANT, unit="s", meaning="simulated time")
 DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, meaning="health of every node")

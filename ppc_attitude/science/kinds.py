@@ -194,7 +194,7 @@ PLANTS = Kind(
 SENSORS = Kind(
     "sensors",
     "sensors",
-    "what the craft measures of its motion",
+    "the sensors of the craft",
     ("direct", "gyro_star_tracker"),
     (),
     switch={True: "gyro_star_tracker", False: "direct"},
@@ -202,7 +202,7 @@ SENSORS = Kind(
 ESTIMATORS = Kind(
     "estimators",
     "estimator",
-    "from measurements to attitude and rate",
+    "the filter that estimates attitude and rate",
     ("mekf",),
     TOLD,
     optional=True,
@@ -231,7 +231,7 @@ CONTROLLERS = Kind(
 ALLOCATORS = Kind(
     "allocators",
     "allocator",
-    "from the commanded torque to what each actuator is to do",
+    "the allocator that shares the commanded torque among the actuators",
     ("wheel_drive", "wheel_drive_rods"),
     (),
     optional=True,
@@ -239,7 +239,7 @@ ALLOCATORS = Kind(
 ACTUATORS = Kind(
     "actuators",
     "actuator",
-    "from command to torque",
+    "the actuators that turn the command into torque",
     ("ideal", "wheels", "wheels_rods", "wheel_motors", "wheel_motors_rods", "thrusters"),
     (APPLIED_TORQUE,),
 )

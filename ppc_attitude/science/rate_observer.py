@@ -72,7 +72,9 @@ RATE_OBSERVER = Parameter(
     high=100.0,
 )
 FEEDFORWARD = Parameter(
-    "disturbance_feedforward", False, "the observer's disturbance estimate lessens the command"
+    "disturbance_feedforward",
+    False,
+    "subtract the observer's disturbance estimate from the command",
 )
 MAX_DISTURBANCE = Parameter(
     "max_disturbance", 6e-3, "limit of the disturbance estimate, per axis", "N·m", above=0.0

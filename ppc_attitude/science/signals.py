@@ -33,7 +33,7 @@ _attitude = partial(Column, form=QUATERNION, frame=INERTIAL, unit="1")
 _of_body = partial(Column, form=VECTOR, frame=BODY, unit="rad/s")
 _of_desired = partial(Column, form=VECTOR, frame=DESIRED)
 _torque = partial(Column, form=WRENCH, frame=BODY, unit="N·m")
-_DIFFERS = "where what the controller is told may differ"
+_DIFFERS = "sent where the controller may be told another one"
 
 TRUE_ATTITUDE = _attitude(
     "truth_attitude",
@@ -68,7 +68,7 @@ TURN_AHEAD = _of_desired(
     "reference_turn_ahead",
     "reference/turn_ahead",
     unit="rad",
-    meaning="∫ω_d of what lies ahead, from a reference that knows it",
+    meaning="∫ω_d over the time ahead, from a reference that knows it",
 )
 ENVIRONMENT_TORQUE = _torque(
     "environment_torque", "disturbance/environment", meaning="torque of the environment alone"

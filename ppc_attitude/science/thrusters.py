@@ -80,7 +80,7 @@ FORCE = Parameter(
     high=100.0,
 )
 SPECIFIC_IMPULSE = Parameter(
-    "thrusters.specific_impulse", 65.0, "of the fuel", "s", low=1.0, high=1e5
+    "thrusters.specific_impulse", 65.0, "specific impulse", "s", low=1.0, high=1e5
 )
 PERIOD = at_start(
     "thrusters.period",
@@ -94,8 +94,8 @@ MIN_ON_TIME = Parameter("thrusters.min_on_time", 0.01, "shortest pulse", "s", lo
 CARRY = Parameter(
     "thrusters.carry",
     True,
-    "what becomes of a shorter pulse: true: its impulse is kept for the next period; false: it is "
-    "made as long as the shortest if it has half of it, and else lost",
+    "true: the impulse of a pulse shorter than min_on_time is kept for the next period; false: "
+    "the pulse is lost, or made as long as min_on_time if it has half of it",
 )
 FUEL = Parameter("thrusters.fuel", 0.5, "fuel at t = 0", "kg", low=0.0, high=1e6)
 PARAMETERS = (POSITIONS, DIRECTIONS, FORCE, SPECIFIC_IMPULSE, PERIOD, MIN_ON_TIME, CARRY, FUEL)
@@ -119,7 +119,7 @@ ON_TIME = Column(
     ON_TIMES,
     BODY,
     "s",
-    "how long each thruster is told to be on in the period of the stamp, from its begin",
+    "commanded on-time of each thruster in the period of the stamp, from its start",
 )
 FUEL_USED = Column(
     "fuel_used",
@@ -127,7 +127,7 @@ FUEL_USED = Column(
     VECTOR,
     BODY,
     "kg",
-    "fuel that the thrusters have taken until the end of the step of the stamp",
+    "fuel used by the thrusters until the end of the step of the stamp",
     width=1,
 )
 

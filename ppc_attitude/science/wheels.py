@@ -66,7 +66,7 @@ COULOMB = _of_each("wheels.coulomb", 5e-4, "Coulomb friction", "N·m", low=0.0)
 STATIC = _of_each(
     "wheels.static",
     8e-4,
-    "friction at the begin of motion, at least the Coulomb friction",
+    "static friction, at least the Coulomb friction",
     "N·m",
     low=0.0,
 )

@@ -31,7 +31,9 @@ from ppc_attitude.command_line.options import (
 )
 
 HELP = "judge a recorded run"
-DESCRIPTION = "Verdict on every requirement, the paper's or one's own, from the bag alone."
+DESCRIPTION = (
+    "Prints the verdict on every requirement, the paper's or your own, from the bag alone."
+)
 EXAMPLES = (
     "ppc_attitude analyse bags/here",
     "ppc_attitude analyse bags/here --figures figures --report here.html",

@@ -54,8 +54,8 @@ from ppc_attitude.science.kinds import SENSORS
 
 HELP = "Monte Carlo: many drawn runs, in process, judged together"
 DESCRIPTION = (
-    "Draws every run from --campaign, simulates and judges it. A run depends on seed and index "
-    "alone: --only runs one again."
+    "Draws each run from the distributions in --campaign, simulates it and judges it. A run "
+    "depends on seed and index alone, so --only repeats it."
 )
 EXAMPLES = (
     "ppc_attitude campaign --campaign config/campaign.yaml --runs 1000 --seed 1",
@@ -76,7 +76,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", metavar="N", type=int, help=f"default {RUNS}")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="default 0")
     parser.add_argument(
-        "--workers", metavar="N", type=int, help="processes on this machine; default one a core"
+        "--workers",
+        metavar="N",
+        type=int,
+        help="processes on this machine; default one for each core",
     )
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="run on the Dask cluster of this scheduler instead"
@@ -87,9 +90,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=new_folder,
         help="folder of the results; default a new, dated one",
     )
-    parser.add_argument("--only", metavar="INDEX", type=int, help="run this one again, alone")
+    parser.add_argument("--only", metavar="INDEX", type=int, help="repeat this run alone")
     parser.add_argument(
-        "--record", action="store_true", help="run it through the five nodes, and record it"
+        "--record", action="store_true", help="with --only: run it through the nodes, and record it"
     )
     add_bag_option(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")

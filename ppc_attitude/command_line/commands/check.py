@@ -82,10 +82,10 @@ from ppc_attitude.simulation.scenario import Scenario
 
 HELP = "feasibility and conditions of a configuration"
 DESCRIPTION = (
-    "Feasibility of the envelopes that the law has, the conditions S1 to S5, the time that the "
-    "requirements need at best, what is out of proportion to the craft, and the start; of the "
-    "momentum-tube law its certificate, proved anew. What is violated with a warning only is "
-    "sufficient or advisable, not necessary."
+    "Checks whether the envelopes are feasible, the conditions S1 to S5, the least time that the "
+    "requirements need, parameters out of proportion to the craft, and the start. For the "
+    "momentum-tube law it proves the certificate anew. A condition that is violated with a warning "
+    "is sufficient or advisable, not necessary."
 )
 EXAMPLES = (
     "ppc_attitude check --config config/paper.yaml --json",
@@ -102,7 +102,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--known-reference",
         action="store_true",
-        help="momentum_tube: also what holds for the paper's own reference; takes half a minute",
+        help="momentum_tube: also the times for the paper's own reference; takes half a minute",
     )
     parser.add_argument(
         "--hit",
@@ -111,7 +111,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar=("TORQUE", "SECONDS"),
-        help="momentum_tube: also when a settled craft has recovered from it [N·m], [s]",
+        help="momentum_tube: also the time to recover from this hit, once settled [N·m], [s]",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

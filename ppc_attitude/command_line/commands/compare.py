@@ -36,7 +36,9 @@ from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.errors import ConfigurationError
 
 HELP = "compare recorded runs"
-DESCRIPTION = "Verdicts and figures of several runs side by side; the first is drawn red."
+DESCRIPTION = (
+    "Prints verdicts and draws figures of several runs side by side; the first run is red."
+)
 EXAMPLES = (
     "ppc_attitude compare bags/proposed bags/traditional --figures figures",
     "ppc_attitude compare bags/comparison",

@@ -75,10 +75,10 @@ from ppc_attitude.simulation.scenario import Scenario, read_files
 
 HELP = "gains of the momentum-tube law with a certificate; of other laws by search"
 DESCRIPTION = (
-    "From craft, actuator, disturbance and reference of a configuration, and what is wished, to a "
-    "parameter file whose guarantee is proved by interval arithmetic. With --controller ppc or "
-    "quaternion_feedback: gains by search over simulated runs, and how many of other runs meet the "
-    "requirements, which is no guarantee."
+    "Finds gains for the configured craft, actuator, disturbance and reference, and writes a "
+    "parameter file whose guarantee interval arithmetic proves. With --controller ppc or "
+    "quaternion_feedback it searches gains over simulated runs, and counts how many fresh runs "
+    "meet the requirements, which is no guarantee."
 )
 EXAMPLES = (
     "ppc_attitude design --config config/paper.yaml --output gains.yaml",
@@ -120,7 +120,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--campaign",
         metavar="FILE",
         type=some_path,
-        help="what a search varies; default: every start",
+        help="what varies in the runs of a search; default: the start",
     )
     parser.add_argument(
         "--seconds",
@@ -138,7 +138,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--accuracy",
         type=ACCURACY,
-        help=f"settled means every |q_ev,i| is below this; default {_DEFAULTS['accuracy']:g}",
+        help=f"settled means that every |q_ev,i| is below this; default {_DEFAULTS['accuracy']:g}",
     )
     parser.add_argument(
         "--rate",
@@ -150,10 +150,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--torque-noise", type=POSITIVE, help="largest RMS torque noise [N·m]; default any"
     )
     for name, unit in (("attitude", "rad"), ("rate", "rad/s")):
-        told = f"deviation of what is measured [{unit}]; default: as the sensors say"
+        told = f"standard deviation of the measurement [{unit}]; default: that of the sensors"
         parser.add_argument(f"--{name}-noise", type=NOT_NEGATIVE, help=told)
     parser.add_argument(
-        "--gains", nargs=3, type=POSITIVE, metavar=("K", "KAPPA", "ELL"), help="no search: these"
+        "--gains",
+        nargs=3,
+        type=POSITIVE,
+        metavar=("K", "KAPPA", "ELL"),
+        help="use these gains, without a search",
     )
     parser.add_argument("--output", metavar="FILE.yaml", type=_output, help="parameter file")
 

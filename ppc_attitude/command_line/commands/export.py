@@ -23,7 +23,9 @@ from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.processes.exits import DONE
 
 HELP = "write a bag's samples as a table"
-DESCRIPTION = "One row an instant, one column a component."
+DESCRIPTION = (
+    "Writes a table with one row for each instant and one column for each component of a quantity."
+)
 EXAMPLES = (
     "ppc_attitude export bags/here --parquet here.parquet",
     "ppc_attitude export bags/here --csv here.csv",

@@ -50,9 +50,9 @@ from ppc_attitude.science.errors import ConfigurationError
 
 HELP = "an adversary that looks for the worst case of a law"
 DESCRIPTION = (
-    "Optimises start, disturbance, inertia and actuator within bounds by CMA-ES over runs in "
-    "process, and writes the worst case as a parameter file. The same command continues an earlier "
-    "search in its folder."
+    "Searches start, disturbance, inertia and actuator within bounds for the worst case, by CMA-ES "
+    "over simulated runs, and writes the worst case as a parameter file. The same command "
+    "continues an earlier search in its folder."
 )
 EXAMPLES = (
     "ppc_attitude falsify --config config/paper.yaml --config config/guaranteed.yaml",
@@ -68,20 +68,30 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--goal",
         default="settling",
-        help="what to make large: settling, terminal, rate, or a column that has a bound, such as "
+        help="what to maximise: settling, terminal, rate, or a column that has a bound, such as "
         "attitude_error or momentum_error; default settling",
     )
-    parser.add_argument("--accuracy", type=ACCURACY, default=5e-3, help="settled: below this")
     parser.add_argument(
-        "--after", type=NOT_NEGATIVE, default=0.0, help="judge bounds and rate from here on [s]"
+        "--accuracy", type=ACCURACY, default=5e-3, help="error below which it is settled"
+    )
+    parser.add_argument(
+        "--after",
+        type=NOT_NEGATIVE,
+        default=0.0,
+        help="bounds and rate are judged from here on [s]",
     )
     for option, allowed, default, told in (
-        ("--start-rate", number(0.0, 5000.0, "deg/s"), 1.0, "largest ‖ω_s‖ [deg/s]"),
-        ("--disturbance", number(0.0, unit="N·m"), ENVIRONMENT_BOUND, "bound per axis [N·m]"),
+        ("--start-rate", number(0.0, 5000.0, "deg/s"), 1.0, "largest ‖ω_s‖ at the start [deg/s]"),
+        (
+            "--disturbance",
+            number(0.0, unit="N·m"),
+            ENVIRONMENT_BOUND,
+            "bound of the disturbance, per axis [N·m]",
+        ),
         ("--pieces", number(0, 1e4, whole=True), 40, "pieces of the disturbance; 0: as configured"),
-        ("--inertia-error", number(0.0, 0.5), 0.0, "e_S, e.g. 0.1"),
-        ("--strength", number(1e-3, 1.0), 1.0, "least actuator share η"),
-        ("--begin", number(0.0, 1e9, "s"), 0.0, "latest instant of the reference at t = 0 [s]"),
+        ("--inertia-error", number(0.0, 0.5), 0.0, "largest inertia error e_S, such as 0.1"),
+        ("--strength", number(1e-3, 1.0), 1.0, "least fraction η of a command that acts"),
+        ("--begin", number(0.0, 1e9, "s"), 0.0, "latest time of the reference at t = 0 [s]"),
     ):
         parser.add_argument(option, type=allowed, default=default, help=told)
     parser.add_argument("--late", action="store_true", help="a command may act one sample late")
@@ -89,7 +99,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--runs",
         type=number(1, 1e9, whole=True),
         default=1000,
-        help="runs in all, those of earlier sessions and the last generation whole; default 1000",
+        help="runs in all, with those of earlier sessions; default 1000",
     )
     parser.add_argument("--seconds", type=POSITIVE, default=math.inf, help="time for this session")
     parser.add_argument("--seed", type=number(0, 1e15, whole=True), default=0, help="default 0")

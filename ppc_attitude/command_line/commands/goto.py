@@ -26,9 +26,9 @@ from ppc_attitude.science.guidance.frames import FRAME_NAMES
 HELP = "turn a running stack to an attitude"
 DESCRIPTION = (
     "Publishes on goal_pose, in the domain that ROS_DOMAIN_ID names, and prints what "
-    "guidance/status says of it. The stack's reference generator has mode: goal. Exit codes: 0 "
+    "guidance/status answers. The stack's reference generator must have mode: goal. Exit codes: 0 "
     "followed; 1 refused, or followed with a warning; 2 bad input, or a stack in another mode; 3 "
-    "nobody answered."
+    "no answer."
 )
 EXAMPLES = (
     "ROS_DOMAIN_ID=42 ppc_attitude goto --euler 0 0 90",
@@ -61,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         ),
     )
     parser.add_argument(
-        "--frame", choices=FRAME_NAMES, default=FRAME_NAMES[0], help="what it is relative to"
+        "--frame", choices=FRAME_NAMES, default=FRAME_NAMES[0], help="frame of attitude or vectors"
     )
     add_stack_options(parser, "at which the turn begins")
 

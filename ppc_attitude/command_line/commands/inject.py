@@ -21,8 +21,8 @@ from ppc_attitude.processes.exits import DONE
 
 HELP = "inject a torque into a running stack"
 DESCRIPTION = (
-    "Asks the injector, in the domain that ROS_DOMAIN_ID names, and prints its answer: from when "
-    "until when the torque acts. What acted is on disturbance/torque."
+    "Asks the injector, in the domain that ROS_DOMAIN_ID names, to add a torque, and prints from "
+    "when to when it will act. The torque that really acts is on disturbance/torque."
 )
 EXAMPLES = (
     "ROS_DOMAIN_ID=42 ppc_attitude inject 0.5 0.5 0.5",

@@ -23,7 +23,7 @@ from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.stamps import seconds
 
 HELP = "finish a bag whose recorder was killed"
-DESCRIPTION = "Writes index and metadata of a cut bag, so that every tool reads it."
+DESCRIPTION = "Writes index and metadata of a bag that was cut, so that every tool can read it."
 EXAMPLES = ("ppc_attitude recover bags/cut",)
 
 

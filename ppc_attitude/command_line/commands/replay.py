@@ -23,8 +23,8 @@ from ppc_attitude.simulation.replay import replay
 
 HELP = "feed a bag's recorded inputs to the components once more"
 DESCRIPTION = (
-    "Reports the largest difference of each, and what is not installed or cannot be replayed; exit "
-    "code 0 if there is no difference."
+    "Computes every component again from its recorded inputs, and prints the largest difference of "
+    "each, and which ones are not installed or cannot be replayed."
 )
 EXAMPLES = ("ppc_attitude replay bags/here",)
 

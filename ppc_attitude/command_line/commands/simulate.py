@@ -45,8 +45,8 @@ from ppc_attitude.simulation.scenario import Scenario
 
 HELP = "run the closed loop in process, without ROS"
 DESCRIPTION = (
-    "The same loop as `run`, with the same kernels, in one process. What the log of the nodes "
-    "would warn of goes to standard error, with the simulated time."
+    "Runs the same loop as `run`, with the same kernels, in one process without ROS. Warnings that "
+    "the nodes would log go to standard error, with the simulated time."
 )
 EXAMPLES = (
     "ppc_attitude simulate --config config/paper.yaml --json",

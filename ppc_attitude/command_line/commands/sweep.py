@@ -44,7 +44,7 @@ from ppc_attitude.simulation.scenario import Scenario
 
 HELP = "recovery over the duration of a hit"
 DESCRIPTION = (
-    "Simulates one hit for every duration and reports how each is recovered. What is not given is "
+    "Simulates one hit of each duration, and reports the recovery. Options that are not given are "
     "scaled to the actuator and to the required settling time."
 )
 EXAMPLES = (

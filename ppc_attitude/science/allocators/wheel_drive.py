@@ -58,21 +58,21 @@ NULL_SPEED = Parameter(
 NULL_GAIN = Parameter(
     "wheels.null_gain",
     0.02,
-    "how fast the wheels go to these speeds, without a torque on the body",
+    "how fast the wheels approach the null speeds, without a torque on the body",
     "1/s",
     low=0.0,
 )
 KNOWLEDGE = Parameter(
     "wheels.friction_knowledge",
     1.0,
-    "share of the friction that the drive takes away; 0: none",
+    "fraction of the friction that the drive compensates; 0: none",
     low=0.0,
     high=2.0,
 )
 COMPENSATION = Parameter(
     "wheels.gyroscopic_compensation",
     True,
-    "true: the drive takes the gyroscopic torque of the wheels away",
+    "true: the drive compensates the gyroscopic torque of the wheels",
 )
 OVERLOAD = Parameter(
     "wheels.overload",
@@ -83,7 +83,7 @@ OVERLOAD = Parameter(
 DETECTION_DELAY = Parameter(
     "wheels.detection_delay",
     1.0,
-    "after this the drive drops a wheel that gives nothing of what it is asked for",
+    "time after which the drive drops a wheel that has lost its torque",
     "s",
     low=0.0,
     high=1e6,

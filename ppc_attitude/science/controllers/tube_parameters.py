@@ -81,7 +81,9 @@ _OWN = (
         "far", 0.564661399, "error from which the craft cruises", "rad", above=0.0, high=math.pi
     ),
     Parameter("w_far", 0.0354752803, "rate up to which the craft cruises", "rad/s", above=0.0),
-    Parameter("omega0", 0.10472, "rate error from which it is tumbling", "rad/s", low=1e-9),
+    Parameter(
+        "omega0", 0.10472, "rate error from which the craft counts as tumbling", "rad/s", low=1e-9
+    ),
     Parameter("d_max", 0.0045927, "bound of the disturbance estimate", "N·m", low=0.0),
     Parameter(
         "N", [0.0] * 3, "error of y from estimation errors, per axis", "N·m·s", length=3, low=0.0
@@ -90,7 +92,7 @@ _OWN = (
     Parameter(
         "lead",
         0.0,
-        "beyond half a turn the law still goes round by so much to meet the desired frame",
+        "angle beyond half a turn that the law may still go round to meet the desired frame",
         "rad",
         low=0.0,
         high=1.0,

@@ -74,7 +74,7 @@ TURN = of_law(
     VECTOR,
     BODY,
     "rad",
-    "angle φ that is left, the way round that was chosen",
+    "remaining angle φ, in the chosen way round",
     width=1,
     bound="turn_envelope",
 )
@@ -84,7 +84,7 @@ PHASE = of_law(
     VECTOR,
     BODY,
     "1",
-    "0 tumbling, 1 stop, 2 speed up, 3 follow the brake; and how many events so far",
+    "phase (0 tumbling, 1 stop, 2 speed up, 3 follow the brake), and number of events so far",
     width=2,
 )
 _HIT = 0.4  # torque beyond the declared one, of max_torque, that makes a hit

@@ -79,7 +79,7 @@ DIPOLE = Parameter(
 DENSITY = Parameter(
     "orbit.air.density",
     6.967e-13,
-    "of the air at orbit.air.altitude; the Sun's activity changes it tenfold",
+    "density of the air at orbit.air.altitude; the Sun's activity changes it tenfold",
     "kg/m³",
     low=0.0,
     high=1e-6,
@@ -87,25 +87,37 @@ DENSITY = Parameter(
 ALTITUDE = Parameter(
     "orbit.air.altitude",
     500e3,
-    "above Earth's equatorial radius, where the air has its density",
+    "altitude above Earth's equatorial radius to which the density belongs",
     "m",
     low=100e3,
     high=1e7,
 )
 SCALE_HEIGHT = Parameter(
-    "orbit.air.scale_height", 63.8e3, "over which the density falls to 1/e", "m", low=1e3, high=1e7
+    "orbit.air.scale_height",
+    63.8e3,
+    "height over which the density falls to 1/e",
+    "m",
+    low=1e3,
+    high=1e7,
 )
 ORBIT_POSITION = Column(
-    "orbit_position", "orbit/position", VECTOR, INERTIAL, "m", "the craft, from Earth's centre"
+    "orbit_position",
+    "orbit/position",
+    VECTOR,
+    INERTIAL,
+    "m",
+    "position of the craft from Earth's centre",
 )
-ORBIT_VELOCITY = Column("orbit_velocity", "orbit/velocity", VECTOR, INERTIAL, "m/s", "its velocity")
+ORBIT_VELOCITY = Column(
+    "orbit_velocity", "orbit/velocity", VECTOR, INERTIAL, "m/s", "velocity of the craft"
+)
 SUN = Column(
     "sun",
     "sun",
     VECTOR,
     INERTIAL,
     "1",
-    "towards the Sun, as long as the share of its disc that Earth does not hide",
+    "towards the Sun; the length is the fraction of its disc that Earth does not hide",
 )
 CONFIGURATION = record_type(
     ("field", ORBIT_FIELD),

@@ -97,7 +97,7 @@ INNOVATION = Column(
     VECTOR,
     BODY,
     "1",
-    "innovation of a fix by its standard deviation, S^(−½) z; its square is NIS",
+    "normalised innovation of a fix, S^(−½) z; its square is the NIS",
     width=4,
     late=True,
 )

@@ -57,7 +57,7 @@ _POINT = 12
 GOAL_POINTS = at_start(
     "goals.points",
     [],
-    "points of timed profiles, 12 numbers each: which of the goals, counted from 0, it belongs to; "
+    "points of timed profiles, 12 numbers each: number of its goal, counted from 0; "
     "time [s]; inertial attitude x y z w; rate [rad/s] and acceleration [rad/s²], desired frame",
     length=-_POINT,
 )

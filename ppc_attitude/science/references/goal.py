@@ -108,7 +108,7 @@ LATITUDE = at_start(
     high=0.5 * math.pi,
 )
 LONGITUDE = at_start(
-    "target.longitude", 0.0, "its longitude, east", "rad", low=-math.tau, high=math.tau
+    "target.longitude", 0.0, "longitude of this point, east", "rad", low=-math.tau, high=math.tau
 )
 SPIN_AXIS = Parameter(
     "spin.axis",

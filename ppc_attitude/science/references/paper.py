@@ -66,7 +66,7 @@ AMPLITUDE = Parameter(
 PERIOD_CONSTANT = Parameter(
     "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, low=GRID
 )
-BEGIN = Parameter("begin", 0.0, "instant of ω_d at which a run begins", "s", low=0.0, high=1e9)
+BEGIN = Parameter("begin", 0.0, "time of ω_d at which a run begins", "s", low=0.0, high=1e9)
 REFERENCE = record_type(INITIAL_ATTITUDE, AMPLITUDE, PERIOD_CONSTANT, BEGIN)
 CURSOR = record_type(("steps", np.int64), ("attitude", np.float64, (4,)))
 _SEARCHED = 1e-3  # [s] of the grid on which the fastest instant is searched

@@ -73,7 +73,12 @@ LATENCY = at_start(
     agreed=True,
 )
 OUTLIER_SIZE = Parameter(
-    "star_tracker.outlier_size", 0.0, "turn of a false fix", "rad", low=0.0, high=math.pi
+    "star_tracker.outlier_size",
+    0.0,
+    "angle by which a false fix is off",
+    "rad",
+    low=0.0,
+    high=math.pi,
 )
 PARAMETERS = (
     CROSS_NOISE,
