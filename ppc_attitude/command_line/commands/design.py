@@ -120,7 +120,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--campaign",
         metavar="FILE",
         type=some_path,
-        help="what varies in the runs of a search; default: the start",
+        help="what varies in the runs of a search; default: attitude and rate at the start",
     )
     parser.add_argument(
         "--seconds",

@@ -14,7 +14,7 @@
 
 """How long the comparison system needs: an upper solution, in steps rounded upward.
 
-φ' ≤ p‖ω_res‖ + z̄ − r f(φ; V_e) is a cooperative system (docs/guarantee.md, 5.5): what starts above
+φ' ≤ p‖ω_res‖ + z̄ − r f(φ; V_e) is a cooperative system (docs/guarantee.md, Comparison): what starts above
 it stays above. The step takes f at the lowest φ that the step can reach.
 """
 
