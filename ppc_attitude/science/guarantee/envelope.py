@@ -14,8 +14,8 @@
 
 """How long the comparison system needs: an upper solution, in steps rounded upward.
 
-φ' ≤ p‖ω_res‖ + z̄ − r f(φ; V_e) is a cooperative system (docs/guarantee.md, Comparison): what starts above
-it stays above. The step takes f at the lowest φ that the step can reach.
+φ' ≤ p‖ω_res‖ + z̄ − r f(φ; V_e) is a cooperative system (Comparison in docs/guarantee.md): what
+starts above it stays above. The step takes f at the lowest φ that the step can reach.
 """
 
 import math
