@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One multiplicative extended Kalman filter step: what is known, propagated and updated.
+"""One step of a multiplicative extended Kalman filter: the estimate, propagated and updated.
 
 The error state is δθ and δb in body axes, q = q̂ ⊗ exp(δθ) and b = b̂ + δb. Sources: Lefferts,
 Markley and Shuster (1982); Markley and Crassidis, Fundamentals of Spacecraft Attitude
@@ -70,7 +70,7 @@ NOTHING: Knowledge = (NO_ATTITUDE, ZERO, _NONE, _ZEROS, _NONE)
 def begun(
     attitude: Quaternion, fix_covariance: Symmetric, bias: Vector, bias_variance: float
 ) -> Knowledge:
-    """The estimate from a first fix: its attitude, and of the bias what was known before."""
+    """The estimate from a first fix: its attitude, and the prior knowledge of the bias."""
     d = bias_variance
     return (attitude, bias, fix_covariance, _ZEROS, (d, 0.0, 0.0, d, 0.0, d))
 
@@ -103,12 +103,12 @@ def _transition(turn: Quaternion, phi: Vector, h: float) -> tuple[Matrix, Matrix
 
 @inlined
 def propagated(known: Knowledge, rate: Vector, h: float, white: float, walk: float) -> Knowledge:
-    """Carry what is known over h [s] with a gyro sample [rad/s], a mean rate.
+    """Propagate the estimate over h [s] with a gyro sample [rad/s], a mean rate.
 
     Parameters
     ----------
     known
-        What was known at the interval's start.
+        Estimate at the start of the interval.
     rate, h
         The sample, and the interval's length [s].
     white, walk

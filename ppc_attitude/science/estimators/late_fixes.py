@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A filter's memory of its recent steps: samples, late fixes, refusals, and beginning anew.
+"""A filter's memory of its recent steps: samples, late fixes, refusals and restarts.
 
-A fix arrives late. The filter goes back to the step at which the fix was valid, updates what it
-knew then, and repeats the steps since. So a late filter is, to the last bit, a prompt one that has
-not yet heard of the later fixes.
+A fix arrives late. The filter goes back to the step at which the fix was valid, updates its
+estimate of then, and repeats the steps since. So its estimate is, to the last bit, that of a filter
+that got the same fixes without latency.
 
 Fixes that do not fit are refused. If refused fixes agree with each other (`refusals`), the estimate
 is wrong rather than they, and the filter begins anew.

@@ -14,8 +14,8 @@
 
 """Attitude and gyro bias from a gyro and a star tracker: a multiplicative extended Kalman filter.
 
-`filter` has its mathematics, `late_fixes` what it does with fixes that are late or do not fit; here
-it becomes a component, which says how good its estimate is.
+`filter` has the mathematics, and `late_fixes` handles fixes that are late or do not fit. Here they
+become a component, which also states how good its estimate is.
 """
 
 import math

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What refused fixes say together: that they are false, or that the estimate is.
+"""The common evidence of refused fixes: that they are false, or that the estimate is.
 
 Between two refused fixes the estimate turns by the gyro, and the fixes turn by what they saw. A
 false fix agrees with no other. Three kinds of wrongness do agree with themselves:
@@ -111,7 +111,7 @@ def heard(
     Parameters
     ----------
     refusals
-        What earlier ones said, a record of dtype `REFUSALS`.
+        Evidence of the earlier ones, a record of dtype `REFUSALS`.
     settings
         The filter's record.
     white : float
@@ -159,6 +159,6 @@ def heard(
 
 @kernel
 def bias_error(refusals: Any, settings: Any, white: float) -> tuple[Vector, float]:
-    """What to add to the estimated bias [rad/s], and the variance of that [rad²/s²]."""
+    """Correction of the estimated bias [rad/s], and its variance [rad²/s²]."""
     t = seconds(refusals.valid_ns - refusals.first_ns)
     return scale(-1.0 / t, vector(refusals.drift)), _spread(settings, white, t) / (t * t)

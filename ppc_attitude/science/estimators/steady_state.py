@@ -80,11 +80,11 @@ def after_gap(known: AxisKnowledge, white: float, walk: float, gap: float) -> Ax
     Parameters
     ----------
     known : AxisKnowledge
-        What was known at its start.
+        Covariance at the start of the gap.
     white, walk : float
         σ_v [rad/√s] and σ_u [rad/s^1.5].
     gap : float
-        Its length [s].
+        Length of the gap [s].
     """
     return AxisKnowledge(
         known.attitude
@@ -98,7 +98,7 @@ def after_gap(known: AxisKnowledge, white: float, walk: float, gap: float) -> Ax
 
 
 def first_knowledge(estimator: Mapping[str, Any], rate: float) -> tuple[float, float, float]:
-    """Most that a filter does not know once it has a fix: what it knows only grows from then on.
+    """Largest uncertainty of a filter once it has a fix; from then on it only decreases.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ excursions c = √(2 ln(6 ν0 T/p)) σ are needed. One in a hundred hours makes 
 
 
 class Sigmas(NamedTuple):
-    """σ of what a law sees of its errors on one axis: of q_ev [1] and of z2 [rad/s]."""
+    """σ of the noise in a law's errors on one axis: of q_ev [1] and of z2 [rad/s]."""
 
     attitude: float
     rate: float

@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an actuator gives for certain, and what it leaves over, as a certificate assumes it.
+"""The torque that an actuator certainly gives, and its residual, as a certificate assumes them.
 
-With reaction wheels the drive compensates at each sample what the wheels do besides: ω × h and
-friction. J* = J − Σ J_s a aᵀ then moves like a rigid body,
+With reaction wheels the drive compensates ω × h and friction at each sample. The craft then moves
+like a rigid body with the inertia J* = J − Σ J_s a aᵀ,
 
     J* ω' + ω × J* ω = τ + d + r,
 
-if the array can give τ + ω × h, with a rest r from what changes until the next sample. h follows
-from the whole craft's momentum H = J ω + h, which only external torques change. The torque of
-magnetorquers that unload the wheels is part of r, too.
+if the array can give τ + ω × h. The residual r comes from what changes until the next sample. h
+follows from the momentum of the whole craft, H = J ω + h, which only external torques change. The
+torque of magnetorquers that unload the wheels is part of r, too.
 """
 
 import math
@@ -43,22 +43,22 @@ Floats = NDArray[np.float64]
 
 
 class Actuation(NamedTuple):
-    """An actuator, with what it does to the body.
+    """An actuator and its effect on the body.
 
     Attributes
     ----------
     told : str
-        What `torque` is, to the user.
+        Description of `torque` for the user.
     torque : float
-        It gives any torque up to this on each axis at once [N·m].
+        Largest torque that it can give on each axis at once [N·m].
     dead_band : float
-        Below this it gives nothing [N·m].
+        Smallest command to which it responds [N·m].
     late : bool
         True if a command acts one sample late.
     rest : float
-        Bound of the torque that it gives beside the command, per axis [N·m].
+        Bound of the residual torque beside the command, per axis [N·m].
     inertia : ndarray, shape (3, 3)
-        Of the rigid body that it turns [kg·m²].
+        Inertia of the rigid body that it turns [kg·m²].
     """
 
     told: str
@@ -126,14 +126,14 @@ def actuation_of(
 
 
 def momentum_of(plant: Mapping[str, Any], rates: ArrayLike, speeds: ArrayLike) -> Floats:
-    """‖J ω + Σ J_s Ω a‖ [N·m·s] of rates [rad/s] and wheels' speeds [rad/s], a row an instant."""
+    """‖J ω + Σ J_s Ω a‖ [N·m·s] of rates [rad/s] and wheel speeds [rad/s], one row per instant."""
     inertia = np.reshape(plant["inertia"], (3, 3))
     whole = np.asarray(rates) @ inertia + momenta(plant, np.asarray(speeds))
     return np.asarray(np.linalg.norm(whole, axis=-1))
 
 
 def first_momentum(plant: Mapping[str, Any], rate: ArrayLike) -> float:
-    """‖J ω + h‖ [N·m·s] at a rate [rad/s], with the wheels as they begin."""
+    """‖J ω + h‖ [N·m·s] at a rate [rad/s], with the wheels at their initial speeds."""
     return float(momentum_of(plant, rate, _wheels(plant)["initial_speed"]))
 
 

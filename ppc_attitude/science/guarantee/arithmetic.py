@@ -14,8 +14,9 @@
 
 """Two arithmetics for one set of formulas: floats to search with, balls to prove with.
 
-The formulas of this folder use the operators of their numbers, and what stands here. With `FLOATS`
-they are fast and rounded; with `balls()` every result is an interval that contains the true value.
+The formulas of this folder use the operators of their numbers and the functions of an `Arithmetic`.
+With `FLOATS` they are fast and rounded; with `balls()` every result is an interval that contains
+the true value.
 """
 
 import math
@@ -36,7 +37,7 @@ class Arithmetic(NamedTuple):
     pi : number
         π.
     number : callable
-        From a float to its exact value.
+        Converts a float exactly.
     sqrt, sin, cos : callable
         Functions of a number.
     largest, least : callable
@@ -44,7 +45,7 @@ class Arithmetic(NamedTuple):
     upper : callable
         Upper end of a number: a number without width.
     outward : callable
-        From a number to floats below and above it.
+        Returns floats below and above a number.
     """
 
     pi: Number

@@ -32,17 +32,17 @@ class Assumptions:
     inertia : tuple of 9 float
         Ĵ, row-major, as the law knows it [kg·m²].
     max_torque, dead_band : float
-        Actuator limit per axis, and below what it gives nothing [N·m].
+        Actuator limit per axis, and command below which it gives no torque [N·m].
     d : float
         Bound of the disturbance torque per axis [N·m].
     momentum : float
-        Bound of the whole momentum ‖Jω + h‖ of a craft with wheels [N·m·s].
+        Bound of the momentum ‖Jω + h‖ of craft and wheels [N·m·s].
     W, W1, W2 : float
         Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³].
     Omega : float
         Rate limit of the craft [rad/s].
     eta : float
-        The actuator gives at least this share of what is commanded.
+        Least fraction of the command that the actuator gives.
     e_S : float
         Relative error of the inertia, ‖S‖.
     e_A, e_W : float
@@ -50,7 +50,7 @@ class Assumptions:
     late : float
         1 if a command may act up to a sample late, else 0.
     lead : float
-        The law may go round by so much more than half a turn [rad].
+        Largest angle beyond half a turn by which the law may go round [rad].
     """
 
     inertia: tuple[float, ...]

@@ -53,7 +53,7 @@ class Body:
     diagonal : bool
         True if Ĵ has no products.
     arithmetic : Arithmetic
-        Of all these numbers.
+        Arithmetic of all these numbers.
     """
 
     inertia: tuple[Numbers, ...]
@@ -76,7 +76,7 @@ class Body:
         return self.arithmetic.largest(*norms)
 
     def brakes(self, torque: Numbers, most: Number) -> tuple[Number, Number]:
-        """Least and largest deceleration a(n) of the brake about whatever axis [rad/s²].
+        """Least and largest deceleration a(n) of the brake about any axis [rad/s²].
 
         For x = Ĵn/T let X be the largest |x_i| = R_i/T_i. Then ‖x‖₁₆ ≤ X if Ĵ is diagonal, and else
         X^⅞ ‖x‖₂^⅛; and 1 = ‖n‖ ≤ ‖x‖₁₆ times the largest ‖Ĵ⁻¹y‖ in the box |y_i| ≤ T_i.

@@ -45,11 +45,11 @@ class Bounds:
     Parameters
     ----------
     assumed, law : Assumptions, Law
-        For which they are.
+        Assumptions and law that the bounds are for.
     arithmetic : Arithmetic
-        In which they are.
+        Arithmetic of the bounds.
     count : tuple of 3 int
-        How many cells of φ, of V and of a.
+        Number of cells of φ, of V and of a.
 
     Attributes
     ----------
@@ -60,13 +60,13 @@ class Bounds:
     z : number
         Largest ‖Ĵ⁻¹y‖ in the tube [rad/s].
     a, a_most : number
-        Least and largest deceleration of the brake, about whatever axis [rad/s²].
+        Least and largest deceleration of the brake about any axis [rad/s²].
     a_rate : number
         Largest |a'| where it acts [rad/s³].
     V_rate : number
-        Largest |V'| where the cap acts, with what its estimate may be wrong in a sample [rad/s²].
+        Largest |V'| where the cap acts, with the error of its estimate in a sample [rad/s²].
     load : triple
-        What feedforward and brake need [N·m].
+        Torque that feedforward and brake need [N·m].
     reserve : number
         a_r: acceleration that is left for a ramp [rad/s²].
     brake : triple

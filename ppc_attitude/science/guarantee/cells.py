@@ -110,9 +110,9 @@ class Cell:
     a, a_most : number
         The least and the largest deceleration of the brake [rad/s²].
     brake : number
-        f f_φ/a, at most 1: the share of the brake that acts.
+        f f_φ/a, at most 1: the fraction of the brake that acts.
     drift : number
-        f_φ z̄ + f_V V̄' + f_a ā' [rad/s²]: the part of f' that tube and reference make.
+        f_φ z̄ + f_V V̄' + f_a ā' [rad/s²]: the part of f' that comes from tube and reference.
     turn : number
         λ z̄ [rad/s²].
     speed : number
@@ -120,7 +120,7 @@ class Cell:
     second : number
         ‖v''‖ without A and ramps [rad/s³].
     lever : number
-        What multiplies A = sup ‖ω_e'‖ in ‖v''‖ [1/s].
+        Factor of A = sup ‖ω_e'‖ in ‖v''‖ [1/s].
     ramp : number
         ‖(f n)'‖ [rad/s²].
     lipschitz : number
@@ -222,7 +222,7 @@ def cells(speed: Speed, lowest: float, count: Cells) -> list[Cell]:
     lowest : float
         Least V [rad/s].
     count : tuple of 3 int
-        How many cells of φ, of V and of a.
+        Number of cells of φ, of V and of a.
     """
     arithmetic = speed.arithmetic
     _, high = arithmetic.outward(arithmetic.pi + LARGEST)

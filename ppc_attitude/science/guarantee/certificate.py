@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The certificate: what is guaranteed for the very numbers that a law runs with, and why."""
+"""The certificate: the guarantee for the very numbers that a law runs with, and its reasons."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -39,9 +39,9 @@ class Promise:
     Attributes
     ----------
     rate : float
-        For every ‖ω_s‖ at the start up to this [deg/s].
+        Largest ‖ω_s‖ at the start for which it holds [deg/s].
     time : float
-        |q_ev,i| stays below the accuracy from this time on, whatever the attitude was [s].
+        Time from which |q_ev,i| stays below the accuracy, for every initial attitude [s].
     """
 
     rate: float
@@ -55,7 +55,7 @@ class Certificate:
     Attributes
     ----------
     digest : str
-        `digest_of` the parameters that it is for.
+        `digest_of` the certified parameters.
     accuracy : float
         Settled means |q_ev,i| below this.
     inequalities : tuple of Inequality
@@ -63,7 +63,7 @@ class Certificate:
     promises : tuple of Promise
         Empty if an inequality fails.
     terminal_error : float
-        Upper limit of |q_ev,i| in the end, for any disturbance within its bound.
+        Final bound of |q_ev,i|, for any disturbance within its bound.
     """
 
     digest: str
@@ -121,12 +121,12 @@ def certify(
 
 
 def differences(stored: Mapping[str, Any], certificate: Certificate) -> list[str]:
-    """Tell what a stored certificate says that is not so.
+    """Tell which statements of a stored certificate are false.
 
     Parameters
     ----------
     stored : mapping
-        What `Certificate.to_json` gave, from a file.
+        Result of `Certificate.to_json`, read from a file.
     certificate : Certificate
         Proved anew for the present numbers.
     """

@@ -53,7 +53,7 @@ class Wishes:
     accuracy : float
         Settled means |q_ev,i| < accuracy; the tube must allow it for ever.
     rate : float
-        ‖ω_s‖ at the start for which the time is to be least [rad/s].
+        ‖ω_s‖ at the start for which the time is minimised [rad/s].
     time : float
         Longest settling time [s].
     torque_noise : float
@@ -72,14 +72,14 @@ class Wishes:
 
 @dataclass(frozen=True)
 class Design:
-    """A law with what it guarantees, not yet proved.
+    """A law and its guarantee, not yet proved.
 
     Attributes
     ----------
     law : Law
         Its numbers.
     settling : Settling
-        Guaranteed settling for the rate that was wished.
+        Guaranteed settling for the wished rate.
     torque_noise : float
         RMS torque on the worst axis from the measurement noise [N·m].
     """
@@ -207,7 +207,7 @@ def nearest(
     Returns
     -------
     list of dict of str to float
-        Each helps with everything else as it is, gains that are given too, within a factor of
+        Each one suffices with all other numbers, also given gains, unchanged, within a factor of
         1000: a single number, or W with W1 and W2, which scale with it.
     """
     found = []

@@ -38,12 +38,12 @@ class Settling:
     Attributes
     ----------
     rate : float
-        For ‖ω_e‖ up to this at the event [rad/s].
+        Largest ‖ω_e‖ at the event [rad/s].
     far, near : float or None
         From the largest turn in cruise, and from the least angle that is not taken for far [s];
         None if the rate is too high for a cruise.
     turn : float
-        From the largest turn without a cruise [s].
+        Time from the largest turn without a cruise [s].
     """
 
     rate: float
@@ -99,7 +99,7 @@ class Envelope:
         return 2 * self._arithmetic.number(accuracy)
 
     def terminal(self) -> float:
-        """Upper limit in the end of |q_ev,i| for any disturbance within its bound: z̄/(2k)."""
+        """Final bound of |q_ev,i| for any disturbance within its bound: z̄/(2k)."""
         return self._arithmetic.outward(self._z / (2 * self._k))[1]
 
     def settling(self, rate: float, accuracy: float) -> Settling:

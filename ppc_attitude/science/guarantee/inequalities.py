@@ -39,11 +39,11 @@ class Inequality:
     left, right : tuple of 2 float
         Both sides, from below and from above.
     unit : str
-        Of both.
+        Unit of both sides.
     holds : bool
         True if it is certain in the arithmetic that evaluated it.
     meaning : str
-        What it says.
+        Meaning of the inequality, for the user.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Inequality:
 
     @property
     def room(self) -> float:
-        """The margin, as a share of the right side; negative if the inequality fails."""
+        """The margin, as a fraction of the right side; negative if the inequality fails."""
         scale = max(abs(self.right[0]), abs(self.left[1]))
         if math.isinf(scale):
             return -1.0

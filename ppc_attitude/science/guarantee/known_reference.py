@@ -99,11 +99,11 @@ class KnownReference:
     Parameters
     ----------
     assumed : Assumptions
-        What is assumed, with bounds that the reference keeps.
+        Assumptions, with bounds that the reference keeps.
     law : Law
         Numbers that satisfy the inequalities.
     rate_at : callable
-        From instants [s], shape (n,), to ω_d [rad/s], shape (n, 3).
+        Returns ω_d [rad/s], shape (n, 3), at instants [s], shape (n,).
     ahead : ndarray, shape (3,)
         Θ [rad] that the law is told at the start; zeros for a law that is told nothing.
     """

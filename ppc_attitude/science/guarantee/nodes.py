@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What surrounds a law, from the parameters of other nodes, and what of it has known bounds."""
+"""The surroundings of a law, from the parameters of other nodes, and their known bounds."""
 
 import math
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ class Nodes(NamedTuple):
     def motion_bounds(self, duration: float) -> tuple[float, float, float]:
         """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] for a time [s].
 
-        One that nobody knows is infinite.
+        An unknown bound is infinite.
         """
         found = self.selected(REFERENCES)
         if found is None or found.motion_bounds is None:
@@ -91,5 +91,5 @@ class Nodes(NamedTuple):
 
     @property
     def estimated(self) -> bool:
-        """True if the law is told what a filter knows."""
+        """True if the law gets the estimate of a filter."""
         return self.selected(ESTIMATORS) is mekf.COMPONENT

@@ -69,7 +69,7 @@ def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator
     assumed : Assumptions
         What the certificate assumes.
     law : Law
-        The numbers that it is for.
+        Numbers of the certified law.
     nodes : Nodes
         What is assumed of them.
     """
@@ -184,7 +184,7 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
 
 
 def fastest_of(assumed: Assumptions, law: Law) -> float:
-    """Largest ‖ω_s‖ [rad/s] at which something is promised: after an event, or on the way."""
+    """Largest ‖ω_s‖ [rad/s] for which a promise exists: after an event, or later."""
     errors = assumed.e_W + assumed.W * assumed.e_A
     return max(law.omega0 + errors + law.z_bar + assumed.W, assumed.Omega)
 
@@ -267,13 +267,13 @@ def assumptions_from(
     Parameters
     ----------
     nodes : Nodes
-        What is around the law.
+        Nodes around the law.
     controller : mapping
         Checked parameters of its node.
     declared : mapping of str to float
-        Assumptions by name that stand over what the parameters tell.
+        Assumptions by name that replace those from the parameters.
     tube : float
-        Share of the largest omega0 that the rate error may have in the tube.
+        Fraction of the largest omega0 that the rate error may have in the tube.
 
     Raises
     ------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Attitudes as people give them: roll, pitch and yaw, or where two body axes shall point."""
+"""Attitudes from roll, pitch and yaw, or from the directions of two body axes."""
 
 import math
 from collections.abc import Sequence

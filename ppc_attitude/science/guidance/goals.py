@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Goals: from whatever moves now to rest at a goal, past the keep-out cones, or a reason why not.
+"""Goals: from the present motion to rest at a goal, clear of the keep-out cones, or a refusal.
 
 A new plan is made beside the present one and takes its place only if it is found.
 """
@@ -133,7 +133,7 @@ def refused(outcome: int, measured: float, allowed: float, state: Any) -> int:
 
 @kernel
 def no_slew(guidance: Any, state: Any) -> int:
-    """Refuse for want of a brake or turn within the limits: mostly a frame turns about as fast."""
+    """Refuse because no brake or turn keeps the limits: mostly because a frame turns too fast."""
     V = guidance.limits.max_rate
     return refused(NO_SLEW, V, V, state)
 

@@ -19,12 +19,12 @@ In a frame that turns with f a slew turns about e with θ' ≤ V, θ'' ≤ A and
 ω_d = θ' e + f,  ω_d' = θ'' e + f' − θ' e × f,
 ω_d'' = θ''' e + f'' − 2 θ' e × f' − θ'' e × f + θ'² e × (e × f).
 
-An order amid a slew begins with a brake from the present ω and α relative to the new frame. It
+An order during a slew begins with a brake from the present ω and α relative to the new frame. It
 lasts T: 1 s, 1.5 |ω|/A or 2 |α|/K, and longer by tenths until its acceleration keeps A, which it
 does from 2.13 |ω|/A on. Its polynomial first goes on with α. So its rate reaches at most 1.2 |ω|,
 or |ω| + 4/27 |α| 1 s if 1 s is enough; before it has V, a slew has α² ≤ 2 K V. Its jerk is at most
 6 |ω|/T² + 4 |α|/T ≤ (4 A + 4 |α|)/1 s. Where frames change, α has the terms of both frames. That
-the rate keeps its bound there, too, is not derived but tried.
+the rate keeps its bound there, too, is tested and not derived.
 """
 
 import math
@@ -58,8 +58,8 @@ def _largest(frame: int, count: int, spinning: Any, sky: Any, cursor: Any) -> Ve
 def frame_bounds(frame: int, spin_rate: float, sky: Any, duration: float) -> Vector:
     """Bounds of ‖f‖ [rad/s], ‖f'‖ [rad/s²] and ‖f''‖ [rad/s³] of a frame for a time.
 
-    They are searched on a grid, f'' by differences of f'. What f and f' may gain between two points
-    is added.
+    They are searched on a grid, f'' by differences of f'. The possible growth of f and f' between
+    two points is added.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def frame_bounds(frame: int, spin_rate: float, sky: Any, duration: float) -> Vec
     sky : record of dtype SKY
         Orbit, date and ground point.
     duration : float
-        How long [s].
+        Time that the bounds cover [s].
     """
     if frame == INERTIAL:
         return 0.0, 0.0, 0.0

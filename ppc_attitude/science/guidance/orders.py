@@ -94,7 +94,7 @@ def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[
     Raises
     ------
     ConfigurationError
-        The attitude is not unit within 1e-3, or nobody knows the frame.
+        The norm of the attitude is not 1 within 1e-3, or the frame is unknown.
     """
     if frame not in FRAME_NAMES:
         raise ConfigurationError(f"frame of a goal = {frame!r}; allowed: {', '.join(FRAME_NAMES)}")
@@ -194,12 +194,12 @@ class OrderBook:
         self.begin_again()
 
     def accept(self, make: Make, stamp_ns: int) -> str:
-        """Take an order that acts from a stamp [ns] on; what is past acts at the next instant.
+        """Take an order that acts from a stamp [ns] on; if that is past, from the next instant on.
 
         Returns
         -------
         str
-            From when it acts, in words.
+            The stamp from which it acts, in words.
 
         Raises
         ------

@@ -86,7 +86,7 @@ def polynomial(coefficients: Any, t: float) -> tuple[Vector, Vector, Vector]:
 
 @kernel
 def leg_motion(leg: Any, t: float) -> Motion:
-    """Motion of a leg relative to its frame, t [s] after its begin."""
+    """Motion of a leg relative to its frame, t [s] after its start."""
     axis = vector(leg.axis)
     start = quaternion(leg.attitude)
     if axis == ZERO:

@@ -87,7 +87,7 @@ def _rising(t: float, profile: Profile, jerk: float) -> tuple[float, float, floa
 
 @kernel
 def turned(t: float, profile: Profile, jerk: float) -> tuple[float, float, float]:
-    """Angle θ [rad], θ' [rad/s] and θ'' [rad/s²] at t [s] from the begin, 0 ≤ t ≤ T."""
+    """Angle θ [rad], θ' [rad/s] and θ'' [rad/s²] at t [s] from the start, 0 ≤ t ≤ T."""
     total = duration(profile)
     if t <= 0.5 * total:
         return _rising(t, profile, jerk)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The surroundings that guidance tells, so that they can be drawn: goal and keep-out cones."""
+"""The surroundings that guidance publishes for drawing: goal and keep-out cones."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -35,7 +35,7 @@ class Cone(NamedTuple):
     direction : tuple of 3 floats
         Unit vector that it must stay away from, inertial axes.
     half_angle : float
-        By how much [rad].
+        Least allowed angle between the two [rad].
     """
 
     axis: Vector
@@ -70,7 +70,7 @@ def scene_at(t: float, guidance: Any, state: Any) -> Scene:
 
 
 def told(scene: Scene) -> dict[str, str]:
-    """Scene as names and texts; the numbers lose nothing."""
+    """Scene as names and texts, which keep every digit."""
     cones = {
         f"{_CONE}{i}": _text((*cone.axis, *cone.direction, cone.half_angle))
         for i, cone in enumerate(scene.cones)

@@ -92,7 +92,7 @@ def crossing(
     begin, end
         From when, not before the cursor of now, until when [s].
     free, exempt
-        The cones in the bits of `exempt` do not count until `free` [s].
+        Cones in the bits of `exempt` are ignored until `free` [s].
     guidance, look
         Records of dtype `GUIDANCE` and `LOOK`.
     """

@@ -201,7 +201,7 @@ def follow(t: float, points: Any, guidance: Any, state: Any) -> int:
     Parameters
     ----------
     t
-        When it comes [s].
+        Time at which the profile is ordered [s].
     points
         Record of dtype `POINTS`.
     guidance, state

@@ -94,7 +94,7 @@ def _cones_ahead(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> i
 
 @kernel
 def look_out(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> None:
-    """Look, once a second, what to warn of at t [s].
+    """Check once a second for warnings at t [s].
 
     Parameters
     ----------
