@@ -351,6 +351,9 @@ def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPa
     case = {**base.parameters, "disturbance_injector": injector}
     with pytest.raises(ConfigurationError, match="read truth_attitude, which no node sends"):
         check_exchange(case)
+    ahead = load(configs("paper", "guaranteed_ahead", "mission")).parameters
+    with pytest.raises(ConfigurationError, match="no selected component gives; mode = paper_ahead"):
+        check_exchange(ahead)
     other_words = replace(REFERENCE_ATTITUDE, meaning="where to point")
     monkeypatch.setitem(
         ENVIRONMENTS.components, "gradient", replace(gradient, inputs=(other_words,))

@@ -214,6 +214,8 @@ def check_exchange(parameters: Overrides) -> None:
         A component reads what no node sends, or what comes late without saying when.
     """
     sent = {column.name for node in HOSTED for column in columns_of(node, parameters[node])}
+    chosen = [each for node in HOSTED for each in components_of(node, parameters[node])]
+    given = {column.name for component in chosen for column in component.outputs}
     for component in components_of(ESTIMATOR, parameters[ESTIMATOR]):
         check_slots(component)
     for node in HOSTED:
@@ -222,6 +224,11 @@ def check_exchange(parameters: Overrides) -> None:
                 raise ConfigurationError(
                     f"{node}: its components read {column.name}, which comes late; allowed between "
                     "nodes: an estimator that reads it; simulate can run it"
+                )
+            if column.name not in given:
+                raise ConfigurationError(
+                    f"{node}: its components read {column.name}, which no selected component gives"
+                    f"{to_select(column)}"
                 )
             if column.name not in sent:
                 raise ConfigurationError(
