@@ -39,6 +39,7 @@ EXAMPLES = (
 _TIMEOUT = 10.0  # [s] until the first state, for one picture
 _PERIOD = 0.1  # [s] between two pictures
 _SETTLE = 3.0  # [s] after the first state in which all other topics come, if they exist
+_LAST = 0.5  # [s] in which a publisher is found that a node has besides those that are known
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -81,6 +82,7 @@ def _show_once(onlooker: "Onlooker", timeout: float, namespace: str) -> None:
     end = time.monotonic() + _SETTLE
     while not snapshot.complete and time.monotonic() < end:
         snapshot = onlooker.look(_PERIOD)
+    snapshot = onlooker.look(_LAST)
     Console().print(view(snapshot, silent=0.0))
 
 
