@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numba.core import config
+from numba.core import caching, config
 
 from ppc_attitude.science import kernel
 from ppc_attitude.science.kernel import Matrix, Vector
@@ -56,9 +56,31 @@ def test_division() -> None:
     assert kernel.divide((1.0, -6.0, 0.0), (4.0, 3.0, 2.0)) == (0.25, -2.0, 0.0)
 
 
+def test_processes_that_save_at_once_get_no_code_of_each_other(tmp_path: Path) -> None:
+    """The other one reads the index before this one writes it, and saves its code before it."""
+    this, other = (kernel.CacheFile(str(tmp_path), "step", 1.0) for _ in "12")
+    write = this._save_index
+
+    def meanwhile(entries: dict[str, str]) -> None:
+        def in_turn(others: dict[str, str]) -> None:
+            write(entries)
+            write(others)
+
+        other._save_index = in_turn
+        other.save("other", "code of the other")
+
+    this._save_index = meanwhile
+    this.save("this", "code of this")
+    assert other.load("other") == "code of the other"
+    assert this.load("this") is None  # it is compiled again
+    this._save_index = write
+    this.save("this", "code of this")
+    assert (this.load("this"), this.load("other")) == ("code of this", "code of the other")
+
+
 def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
     """Else compiled code lands where the user stands, and would be executed from there."""
-    before, inside = config.CACHE_DIR, threading.Event()
+    before, inside = (config.CACHE_DIR, caching.IndexDataCacheFile), threading.Event()
 
     def enter() -> None:
         with kernel.cache_of(kernel.__name__):
@@ -69,7 +91,7 @@ def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
             second = other.submit(enter)
             assert not inside.wait(0.2)  # [s] it would take microseconds
         second.result()
-    assert before == config.CACHE_DIR
+    assert before == (config.CACHE_DIR, caching.IndexDataCacheFile)
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ from typing import Any, TypeAlias, TypeVar, cast
 
 import numba
 from numba import types
-from numba.core import cgutils
+from numba.core import caching, cgutils
 from numba.core import config as _numba_config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
@@ -46,6 +46,7 @@ NO_ATTITUDE: Quaternion = (0.0, 0.0, 0.0, 0.0)  # what stands for one that nobod
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses
+_CACHING: Any = caching
 carray: Any = vars(numba)["carray"]  # Numba does not say that it exports it
 _SETTINGS: Any = _numba_config  # its names are made at run time
 _PACKAGE = Path(__file__).parent.parent
@@ -86,11 +87,27 @@ def _cache_folder(package: str) -> str:
     return str(root / f"ppc_attitude-{digest.hexdigest()[:16]}")
 
 
+class CacheFile(caching.IndexDataCacheFile):
+    """Entries of one function in the cache, each in a file that is named after its key.
+
+    Numba numbers the files by an index that it has read before. Two processes that save at once
+    may give two entries one number, and for ever after the index leads from one step to the machine
+    code of another. Here the index may lose an entry, which is compiled again.
+    """
+
+    def save(self: Any, key: Any, data: Any) -> None:
+        """Save the machine code of a key."""
+        digest = hashlib.sha256(self._dump(key)).digest()
+        name = self._data_name(int.from_bytes(digest[:8], "big"))
+        self._save_data(name, data)
+        self._save_index({**self._load_index(), key: name})
+
+
 @contextmanager
 def cache_of(module: str) -> Iterator[None]:
     """Let what is decorated inside be cached in the folder of a module's package.
 
-    Numba reads its process-wide setting when it decorates, so the setting is put back at once, and
+    Numba reads its process-wide settings when it decorates, so they are put back at once, and
     functions of somebody else's are cached where they belong. Where the folder cannot be written,
     Numba falls back to the user's own. Threads do this one after the other, or one would put back
     what the other has set, and Numba would write to the folder where the user stands.
@@ -102,8 +119,8 @@ def cache_of(module: str) -> Iterator[None]:
     """
     folder = _cache_folder(module.partition(".")[0])
     with global_compiler_lock:
-        before = _SETTINGS.CACHE_DIR
-        _SETTINGS.CACHE_DIR = folder
+        before = _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile
+        _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = folder, CacheFile
         try:
             yield
         except RuntimeError as error:
@@ -114,7 +131,7 @@ def cache_of(module: str) -> Iterator[None]:
                 "can be written; set NUMBA_CACHE_DIR to one that can"
             ) from None
         finally:
-            _SETTINGS.CACHE_DIR = before
+            _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = before
 
 
 def kernel(function: _Function) -> _Function:
