@@ -18,6 +18,7 @@ Both give futures of `concurrent.futures`, and both say of an exception whether 
 process that computed was lost (killed, out of memory) rather than that the runs went wrong.
 """
 
+import asyncio
 import contextlib
 import os
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
@@ -134,13 +135,12 @@ class ClusterPool:
         self.slots = max(sum(self._client.nthreads().values()), 1)
         self._killed: type[BaseException] = distributed.KilledWorker
         self._campaign, self._address = campaign, address
-        self._executor = self._client.get_executor(pure=False)
 
     def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
         """Have the runs from start up to, not including, stop computed."""
-        future: Future[list[Outcome]]
-        future = self._executor.submit(run_chunk, self._campaign, start, stop)
-        return future
+        remote = self._client.submit(run_chunk, self._campaign, start, stop, pure=False)
+        # Dask's own executor takes the result of a worker that is killed amid it for an error.
+        return asyncio.run_coroutine_threadsafe(_answer(remote), self._client.loop.asyncio_loop)
 
     def lost(self, error: BaseException) -> bool:
         """True if the error means that the process that computed is gone."""
@@ -159,6 +159,11 @@ class ClusterPool:
     def close(self) -> None:
         """End everything, now."""
         _disconnect(self._client)
+
+
+async def _answer(remote: Any) -> list[Outcome]:
+    outcomes: list[Outcome] = await remote
+    return outcomes
 
 
 Pool: TypeAlias = LocalPool | ClusterPool
