@@ -56,6 +56,7 @@ NO_CONE, EVERY_CONE = _BITS
 FOUND, GOAL_INSIDE, NO_WAY = range(3)  # what came of planning
 
 _STOP_MARGIN = math.radians(0.5)
+_TIE = 1e-9  # share by which a way is shorter, and not by rounding, which differs between machines
 _DISTANCES = (math.radians(3.0), math.radians(25.0))  # of stops beyond a cone's half angle
 _BEARINGS = 12
 _ROLLS = 4
@@ -223,7 +224,7 @@ def _way_out(nodes: Any, tried: Any, cones: Any, directions: Any, inside: int) -
     best, smallest = 0, math.inf
     for i in range(1, len(nodes) - 1):
         axis, angle = _turn(start, quaternion(nodes[i]))
-        nearer = angle < smallest and not tried[i]
+        nearer = angle < smallest * (1.0 - _TIE) and not tried[i]
         if nearer and _clear_axis(start, axis, angle, cones, directions, inside) != 0:
             best, smallest = i, angle
     return best
@@ -248,7 +249,7 @@ def _search(nodes: Any, root: int, cones: Any, directions: Any, limits: Any) -> 
     while True:
         here, least = -1, math.inf
         for i in range(count):
-            if not done[i] and cost[i] < least:
+            if not done[i] and cost[i] < least * (1.0 - _TIE):
                 here, least = i, cost[i]
         if here < 0 or here == goal:
             return previous
@@ -260,7 +261,7 @@ def _search(nodes: Any, root: int, cones: Any, directions: Any, limits: Any) -> 
                 continue
             axis, angle = _turn(q, quaternion(nodes[there]))
             total = least + rest_to_rest(angle, limits)
-            quicker = total < cost[there] and total + left[there] < cost[goal]
+            quicker = total < cost[there] * (1.0 - _TIE) and total + left[there] < cost[goal]
             if quicker and _clear_axis(q, axis, angle, cones, directions, NO_CONE) != 0:
                 cost[there] = total
                 previous[there] = here
