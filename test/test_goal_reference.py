@@ -263,7 +263,7 @@ def test_analysis_tells_how_near_the_craft_itself_came() -> None:
 def timed_points(number: int) -> list[float]:
     """Three points of a timed profile, which is a goal by its number; from 8.1 s on it is late."""
     still, turned = Rotation.from_quat(START), Rotation.from_rotvec([0.0, 0.2, 0.0])
-    attitudes = [q.as_quat() for q in (still, still * turned, still * turned**2.0)]
+    attitudes = [q.as_quat() for q in (still, still * turned, still * turned * turned)]
     profile = points([110.0, 140.0, 180.0], attitudes, [None] * 3, [None] * 3)
     rows = schedule_of(
         Orders(

@@ -58,7 +58,7 @@ def ordered(random: np.random.Generator, pool: tuple[str, ...]) -> dict[str, Any
         "target.longitude": random.uniform(-3.0, 3.0),
         "goals.times": np.sort(random.uniform(1.0, 200.0, count)).tolist(),
         "goals.frames": [str(each) for each in random.choice(pool, count)],
-        "goals.attitudes": Rotation.random(count, rng=random).as_quat().ravel().tolist(),
+        "goals.attitudes": Rotation.random(count, random).as_quat().ravel().tolist(),
     }
     return dict(resolved(COMPONENT.parameters, chosen, "goals"))
 

@@ -123,7 +123,7 @@ def _mistyped(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None
     ("step", "told"),
     [
         (_uncompiled, "is no kernel: <function _uncompiled"),
-        (_of_two, "cannot be compiled: TypingError: .*too many positional arguments"),
+        (_of_two, "cannot be compiled: .*too many positional arguments"),
         (_elsewhere, "cannot be compiled: KeyError: 'nowhere'"),
         (_mistyped, "cannot be compiled: "),
     ],

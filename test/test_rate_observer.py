@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from estimation_helpers import STEP_NS, Array, suite
 from record_helpers import configured, inputs_of, new_record, outputs_of, state_of
+from scipy.integrate import trapezoid
 
 from ppc_attitude.science.controllers import momentum_tube, ppc
 from ppc_attitude.science.errors import ConfigurationError
@@ -90,7 +91,7 @@ def motion(torques: Array, disturbance: Array, substeps: int = 20) -> tuple[Arra
             omega = omega + h * np.array(angular_acceleration(tuple(middle), total, j, inverse))
             path.append(omega)
         rates.append(omega)
-        means.append(np.trapezoid(path, dx=1.0 / substeps, axis=0))
+        means.append(trapezoid(path, dx=1.0 / substeps, axis=0))
         assert np.abs(omega - start).max() < 1e-2
     return np.array(rates), np.array(means)
 

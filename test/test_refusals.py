@@ -158,7 +158,8 @@ def test_a_tracker_that_is_wrong_anew_for_hours_leaves_finite_numbers() -> None:
         take_sample(memory, settings, k * STEP_NS, (0.0, 0.0, 0.0))
         if k % SLOTS["smallsat"] == 0:
             turns = int(memory["begun_anew"]) + 1 if memory["accepted"] > 6 else turns
-            take_fix(memory, settings, k * STEP_NS, tuple((TURN**turns).as_quat().tolist()))
+            turned = Rotation.from_rotvec(turns * TURN.as_rotvec()).as_quat()
+            take_fix(memory, settings, k * STEP_NS, tuple(turned.tolist()))
     assert memory["begun_anew"] > 200
     write_knowledge(memory, row)
     assert np.isfinite(row).all()
