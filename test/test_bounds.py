@@ -25,6 +25,7 @@ from ppc_attitude.command_line import memory
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -64,6 +65,19 @@ def test_a_container_may_have_less_than_the_machine(
     limit.write_text("501000000\n")
     with pytest.raises(ConfigurationError, match=r"0\.000931 are free"):
         check_memory(load([PAPER], {PLANT: {"duration": 100.0}}))
+
+
+@pytest.mark.parametrize("command", ["campaign", "falsify"])
+def test_runs_of_a_cluster_take_no_memory_of_this_machine(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(memory, "_free", lambda: 1.0)
+    for more, told in (([], "are free"), (["--scheduler", "nobody"], "scheduler = nobody: ")):
+        assert main([command, f"--out={tmp_path / 'out'}", *more]) == BAD_INPUT
+        assert told in capsys.readouterr().err
 
 
 def test_a_simulation_that_diverges_says_so_and_judges_nothing(

@@ -36,7 +36,7 @@ from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
 from ppc_attitude.falsify.space import Space
-from ppc_attitude.processes.exits import BROKEN
+from ppc_attitude.processes.exits import BAD_INPUT, BROKEN
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.surroundings import inertia_error
@@ -134,6 +134,16 @@ def test_an_interrupted_search_says_so_and_what_has_not_settled(
     assert " runs: not settled at 5 s (error 0.97)\n" in said.out
     assert "error: interrupted after " in said.err and "of 1000 runs; the same command" in said.err
     assert "settling: not settled at 5 s" in (tmp_path / "worst.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    "words", ["--after 1", "--goal terminal --after 1", "--goal rate --accuracy 0.1"]
+)
+def test_an_option_that_a_goal_does_not_ask_for_is_refused(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["falsify", f"--out={tmp_path}", *words.split()]) == BAD_INPUT
+    assert "here it would do nothing" in capsys.readouterr().err
 
 
 def test_the_worst_case_is_a_configuration_that_gives_the_value(

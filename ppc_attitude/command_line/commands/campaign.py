@@ -116,7 +116,8 @@ def execute(arguments: argparse.Namespace) -> int:
     if unknown := idle(campaign.declaration, campaign.scenario):
         sensors = campaign.scenario.parameters[PLANT][SENSORS.selector]
         print(f"not drawn: {', '.join(unknown)}; {sensors} has no such number", file=sys.stderr)
-    check_memory(campaign.scenario, 1 if alone else min(arguments.workers or cores(), runs))
+    if not arguments.scheduler:  # the runs of a cluster take the memory of others
+        check_memory(campaign.scenario, 1 if alone else min(arguments.workers or cores(), runs))
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()

@@ -34,6 +34,7 @@ from ppc_attitude.command_line.options import (
     number,
     print_json,
     scenario_of,
+    see_that_none_is_idle,
 )
 from ppc_attitude.command_line.parameter_file import ros_parameters
 from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
@@ -72,13 +73,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "attitude_error or momentum_error; default settling",
     )
     parser.add_argument(
-        "--accuracy", type=ACCURACY, default=5e-3, help="error below which it is settled"
+        "--accuracy",
+        type=ACCURACY,
+        help="of settling and terminal: error below which it is settled; default 0.005",
     )
     parser.add_argument(
         "--after",
         type=NOT_NEGATIVE,
-        default=0.0,
-        help="bounds and rate are judged from here on [s]",
+        help="of rate and bounds: judged from here on [s]; default 0",
     )
     for option, allowed, default, told in (
         ("--start-rate", number(0.0, 5000.0, "deg/s"), 1.0, "largest ‖ω_s‖ at the start [deg/s]"),
@@ -124,11 +126,13 @@ def _folder(text: str) -> Path:
 def execute(arguments: argparse.Namespace) -> int:
     """Search, write the worst case, and print."""
     scenario = scenario_of(arguments)
-    check_memory(scenario, cores())
+    if not arguments.scheduler:  # the runs of a cluster take the memory of others
+        check_memory(scenario, cores())
     duration = scenario.number(PLANT, "duration")
-    if arguments.after >= duration:
+    after = arguments.after or 0.0
+    if after >= duration:
         raise ConfigurationError(
-            f"--after {arguments.after:g} s; allowed: less than the run of {duration:g} s"
+            f"--after {after:g} s; allowed: less than the run of {duration:g} s"
         )
     space = Space(
         base=scenario,
@@ -145,10 +149,13 @@ def execute(arguments: argparse.Namespace) -> int:
     goal = goal_of(
         arguments.goal,
         scenario.controller,
-        arguments.accuracy,
-        arguments.after,
+        arguments.accuracy or 5e-3,
+        after,
         math.degrees(scenario.number(CONTROLLER, fastest)) if known else RATE,
     )
+    of_error = goal.name in ("settling", "terminal")
+    see_that_none_is_idle(arguments, of_error, "the goals settling and terminal", "accuracy")
+    see_that_none_is_idle(arguments, not of_error, "the goal rate and those with a bound", "after")
     search = Search(space, goal, arguments.out, arguments.seed)
     found: Found | None = None
     with (
