@@ -143,8 +143,7 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
                 see_that_it_has(base, PLANTS, name, kind.of_plant)
             found[name] = kind.read(name, declared[name], base)
     # Numbers that components declare come before those that start from them.
-    first = {name: each for name, each in found.items() if name == "fault"}
-    variables = {**first, **varied(declared, base), **NOMINAL, **found}
+    variables = {**varied(declared, base), **NOMINAL, **found}
     return Campaign(base, variables, seed, dict(declared))
 
 

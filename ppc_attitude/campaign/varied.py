@@ -50,7 +50,7 @@ class Varied(Variable):
     Attributes
     ----------
     name : str
-        Under which it is drawn.
+        Name of the variable, and of its random stream.
     node, parameter : str
         Whose parameter it is, and which.
     places : tuple of int

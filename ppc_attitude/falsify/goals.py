@@ -21,12 +21,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.truth import pointing_errors, truth_of
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 
 RATE = 3.0  # [deg/s] the paper's limit
+SETTLED = PAPER.settled.limit
 _LAST = 20_000_000_000  # [ns] over which the error in the end is judged
 _UNITS = {"settling": "s", "terminal": "", "rate": "deg/s"}  # of goals that are no column
 
@@ -48,9 +50,14 @@ class Goal:
     """
 
     name: str
-    accuracy: float = 5e-3
+    accuracy: float = SETTLED
     after: float = 0.0
     rate: float = RATE
+
+    @property
+    def has_accuracy(self) -> bool:
+        """True if it is of the error against `accuracy`; else instants count from `after` on."""
+        return self.name in ("settling", "terminal")
 
     @property
     def unit(self) -> str:

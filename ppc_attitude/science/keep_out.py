@@ -56,7 +56,7 @@ NO_CONE, EVERY_CONE = _BITS
 FOUND, GOAL_INSIDE, NO_WAY = range(3)  # what came of planning
 
 _STOP_MARGIN = math.radians(0.5)
-_TIE = 1e-9  # share by which a way is shorter, and not by rounding, which differs between machines
+_TIE = 1e-9  # a way is shorter by more than this share: less may be a machine's rounding
 _DISTANCES = (math.radians(3.0), math.radians(25.0))  # of stops beyond a cone's half angle
 _BEARINGS = 12
 _ROLLS = 4

@@ -46,9 +46,9 @@ NO_ATTITUDE: Quaternion = (0.0, 0.0, 0.0, 0.0)  # what stands for one that nobod
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses
-_CACHING: Any = caching
 carray: Any = vars(numba)["carray"]  # Numba does not say that it exports it
 _SETTINGS: Any = _numba_config  # its names are made at run time
+_CACHING: Any = caching  # where Numba looks up the class of its cache files
 _PACKAGE = Path(__file__).parent.parent
 
 # No fastmath: the node, the in-process loop and the replay must agree to the last bit.

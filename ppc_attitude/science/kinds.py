@@ -270,12 +270,13 @@ def ours_first(kinds: Iterable[Kind]) -> list[tuple[Kind, Component]]:
     return sorted(found, key=lambda each: each[1].name in each[0].origins)
 
 
-def to_select(column: Column) -> str:
-    """Say what to select for a column that is lacking; empty if no component gives it."""
+def not_given(column: Column) -> str:
+    """Say that no selected component gives a column, and which ones would, if there are any."""
     found = [
         f"{kind.selector} = {component.name}"
         for kind in KINDS
         for component in kind.components.values()
         if column in component.outputs
     ]
-    return f"; {' or '.join(found)} would" if found else ""
+    would = f"; {' or '.join(found)} would" if found else ""
+    return f"{column.name}, which no selected component gives{would}"

@@ -35,7 +35,7 @@ from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import call_step, kernel
-from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, to_select
+from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, not_given
 from ppc_attitude.science.part import Part, signals_of
 
 _BLOCK = 256  # [instants] whose samples a core's own cache holds
@@ -243,8 +243,7 @@ class Diagram:
             place = self._places.get(column.name)
             if place is None:
                 raise ConfigurationError(
-                    f"{kind.selector} = {component.name} reads {column.name}, which no selected "
-                    f"component gives{to_select(column)}"
+                    f"{kind.selector} = {component.name} reads {not_given(column)}"
                 )
             if place > start and kind is not PLANTS:
                 raise ConfigurationError(

@@ -40,7 +40,7 @@ from ppc_attitude.science.component import Column, Component, read_from_elsewher
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import see_that_parts_exist
-from ppc_attitude.science.kinds import ACTUATORS, Kind, all_components, to_select
+from ppc_attitude.science.kinds import ACTUATORS, Kind, all_components, not_given
 from ppc_attitude.science.parameter import Value, checked, nearest, resolved
 from ppc_attitude.science.part import configured
 from ppc_attitude.science.sensors.arrivals import check_slots
@@ -226,10 +226,7 @@ def check_exchange(parameters: Overrides) -> None:
                     "nodes: an estimator that reads it; simulate can run it"
                 )
             if column.name not in given:
-                raise ConfigurationError(
-                    f"{node}: its components read {column.name}, which no selected component gives"
-                    f"{to_select(column)}"
-                )
+                raise ConfigurationError(f"{node}: its components read {not_given(column)}")
             if column.name not in sent:
                 raise ConfigurationError(
                     f"{node}: its components read {column.name}, which no node sends (the truth is "
@@ -303,10 +300,7 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
             component.torques(values)  # a verdict asks, and takes another's limit for none
             for column in component.inputs:
                 if column in possible:
-                    raise ConfigurationError(
-                        f"{component.name} reads {column.name}, which no selected component gives"
-                        f"{to_select(column)}"
-                    )
+                    raise ConfigurationError(f"{component.name} reads {not_given(column)}")
     except ConfigurationError as error:
         raise ConfigurationError(f"{node}: {error}") from None
 
@@ -323,7 +317,8 @@ def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Sce
     Raises
     ------
     ConfigurationError
-        See `read_files` and `scenario`; it names the file but for which those before it would do.
+        See `read_files` and `scenario`. It names the file with which the error begins; those before
+        it are accepted together.
     """
     chosen = _overridden(paths, overrides)
     try:

@@ -41,7 +41,7 @@ from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.contract.whole_file import write_whole
-from ppc_attitude.falsify.goals import RATE, Goal, goal_of
+from ppc_attitude.falsify.goals import RATE, SETTLED, Goal, goal_of
 from ppc_attitude.falsify.search import Found, Search
 from ppc_attitude.falsify.space import Space
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED, RunError
@@ -75,7 +75,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--accuracy",
         type=ACCURACY,
-        help="of settling and terminal: error below which it is settled; default 0.005",
+        help=f"of settling and terminal: error below which it is settled; default {SETTLED:g}",
     )
     parser.add_argument(
         "--after",
@@ -149,13 +149,13 @@ def execute(arguments: argparse.Namespace) -> int:
     goal = goal_of(
         arguments.goal,
         scenario.controller,
-        arguments.accuracy or 5e-3,
+        arguments.accuracy or SETTLED,
         after,
         math.degrees(scenario.number(CONTROLLER, fastest)) if known else RATE,
     )
-    of_error = goal.name in ("settling", "terminal")
-    see_that_none_is_idle(arguments, of_error, "the goals settling and terminal", "accuracy")
-    see_that_none_is_idle(arguments, not of_error, "the goal rate and those with a bound", "after")
+    error, others = "the goals settling and terminal", "the goal rate and those with a bound"
+    see_that_none_is_idle(arguments, goal.has_accuracy, error, "accuracy")
+    see_that_none_is_idle(arguments, not goal.has_accuracy, others, "after")
     search = Search(space, goal, arguments.out, arguments.seed)
     found: Found | None = None
     with (

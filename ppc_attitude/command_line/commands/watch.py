@@ -39,7 +39,7 @@ EXAMPLES = (
 _TIMEOUT = 10.0  # [s] until the first state, for one picture
 _PERIOD = 0.1  # [s] between two pictures
 _SETTLE = 3.0  # [s] after the first state in which all other topics come, if they exist
-_LAST = 0.5  # [s] in which a publisher is found that a node has besides those that are known
+_LAST = 0.5  # [s] to find the other publishers of a node of which some are known
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
