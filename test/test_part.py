@@ -24,11 +24,13 @@ import pytest
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers import quaternion_feedback
+from ppc_attitude.science.environments import orbit
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
-from ppc_attitude.science.part import Part, first_raised
+from ppc_attitude.science.part import Part, configured, first_raised
 from ppc_attitude.science.rate_observer import with_front
+from ppc_attitude.science.references import goal
 from ppc_attitude.science.signals import APPLIED_TORQUE, ENVIRONMENT_TORQUE
 from ppc_attitude.simulation.scenario import check_components, scenario
 
@@ -74,6 +76,17 @@ def test_a_step_fills_the_records_of_the_component_that_reuses_it() -> None:
     moved = Part(replace(ONE, outputs=(APPLIED_TORQUE, ENVIRONMENT_TORQUE)), {})
     assert Part(ONE, {}).step(0) == (1.0, 0.0, 0.0)
     assert moved.step(0) == (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+
+
+def test_what_is_extended_keeps_the_arrays_to_which_its_record_refers() -> None:
+    def made(component: Component) -> tuple[Any, list[Any]]:
+        return configured(component, {**component.defaults, **orbit.COMPONENT.defaults})
+
+    more = goal.COMPONENT.extended("more", {"gain": (np.float64, lambda _: 3.0)}, step=_negative)
+    record, kept = made(more)
+    assert record["gain"] == 3.0
+    assert record["address"] == kept[0].ctypes.data
+    assert [each.dtype for each in kept] == [each.dtype for each in made(goal.COMPONENT)[1]]
 
 
 def test_components_that_nothing_tells_apart_are_refused() -> None:

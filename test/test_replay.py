@@ -17,6 +17,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +29,8 @@ from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.sensors.gyro_star_tracker import STAR_FIX
 from ppc_attitude.science.stamps import stamp_of
@@ -37,6 +40,11 @@ from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
 NOISY = {"spacecraft_plant": {"attitude_noise": 1e-4, "rate_noise": 1e-5, "seed": 2}}
+
+
+@kernel
+def _gives_nan(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    outputs.torque_command[:] = np.nan
 
 
 @pytest.mark.parametrize("given", [{}, NOISY], ids=["exact", "noisy"])
@@ -231,6 +239,21 @@ def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
     page = json.loads(capsys.readouterr().out)
     assert page["largest_difference"] is page["steps"] is None
     assert len(page["components"]) == 4
+
+
+def test_a_law_that_gives_no_number_differs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one that was changed since, or that needs what the bag lacks."""
+    write_run(simulate(scenario({}), 0.1), tmp_path / "bag")
+    law = CONTROLLERS.components["ppc"]
+    broken = law.extended("ppc", step=_gives_nan)
+    monkeypatch.setitem(CONTROLLERS.components, "ppc", broken)
+    assert main(["replay", str(tmp_path / "bag")]) == 1
+    assert "largest difference of torque_command inf N·m at t = 0.000 s" in capsys.readouterr().out
+    assert main(["replay", str(tmp_path / "bag"), "--json"]) == 1
+    page = json.loads(capsys.readouterr().out)
+    assert page["largest_difference"] is page["components"][0]["largest"] is None
 
 
 def test_what_is_installed_is_replayed_beside_what_is_not() -> None:

@@ -355,7 +355,9 @@ class Component:
 
         def configure(values: Mapping[str, Any]) -> Any:
             more = {field: make(values) for field, (_, make) in made.items()}
-            return filled(configuration, self.configure(values), **more)
+            ours = self.configure(values)
+            record, *kept = ours if isinstance(ours, tuple) else (ours,)
+            return (filled(configuration, record, **more), *kept)
 
         return replace(
             self,

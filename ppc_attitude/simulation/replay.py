@@ -51,7 +51,7 @@ class Difference:
     column : str
         The column that differs most, in its unit; the component's first one if none does.
     largest : float
-        Largest |recorded − computed| of a number of that column.
+        Largest |recorded − computed| of a number of that column; infinite if it gives NaN.
     at : float
         When that was [s].
     steps : int
@@ -235,7 +235,9 @@ def _replayed(
     for given, computed in by_column(compared, stamps, samples).items():
         recorded = columns.get(given, np.full((complete.size, 1), np.nan))[complete]
         # Nobody can tell a late message that was never sent from one that is missing.
-        difference = np.nan_to_num(np.abs(recorded - computed)).max(axis=1)
+        no_number = 0.0 if BY_COLUMN[given].late else np.inf
+        difference = np.nan_to_num(np.abs(recorded - computed), nan=no_number, posinf=np.inf)
+        difference = difference.max(axis=1)
         latest = int(np.argmax(difference))
         if difference[latest] > largest:
             name, largest, k = given, float(difference[latest]), latest

@@ -15,11 +15,13 @@
 """`ppc_attitude replay`: a bag's recorded inputs through the control kernel once more."""
 
 import argparse
+import math
 from dataclasses import asdict
+from typing import Any
 
 from ppc_attitude.command_line.options import add_reading_options, print_json, record_of
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
-from ppc_attitude.simulation.replay import replay
+from ppc_attitude.simulation.replay import Difference, replay
 
 HELP = "feed a bag's recorded inputs to the components once more"
 DESCRIPTION = (
@@ -41,7 +43,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.json:
         law = dict.fromkeys(("steps", "skipped", "largest", "at"))
         if result.law is not None:
-            law |= asdict(result.law)
+            law |= _told(result.law)
         print_json(
             {
                 "bag": str(arguments.bag),
@@ -49,7 +51,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "skipped": law["skipped"],
                 "largest_difference": law["largest"],
                 "at": law["at"],
-                "components": [asdict(each) for each in result.found],
+                "components": [_told(each) for each in result.found],
                 "missing": result.missing,
                 "left_out": result.left_out,
             }
@@ -66,3 +68,7 @@ def execute(arguments: argparse.Namespace) -> int:
         for reason in result.left_out:
             print(f"not replayed: {reason}")
     return REQUIREMENT_FAILED if any(each.largest for each in result.found) else DONE
+
+
+def _told(found: Difference) -> dict[str, Any]:
+    return {**asdict(found), "largest": found.largest if math.isfinite(found.largest) else None}
