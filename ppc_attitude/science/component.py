@@ -356,8 +356,10 @@ class Component:
         def configure(values: Mapping[str, Any]) -> Any:
             more = {field: make(values) for field, (_, make) in made.items()}
             ours = self.configure(values)
-            record, *kept = ours if isinstance(ours, tuple) else (ours,)
-            return (filled(configuration, record, **more), *kept)
+            if isinstance(ours, tuple):
+                record, *kept = ours
+                return (filled(configuration, record, **more), *kept)
+            return filled(configuration, ours, **more)
 
         return replace(
             self,
