@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import case, configs
+from scipy.spatial.transform import Rotation
 
 from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
 from ppc_attitude.analysis.metrics import Verdict
@@ -369,11 +370,30 @@ def test_without_what_the_law_was_told_its_knowledge_is_not_judged() -> None:
 
 
 def test_a_broken_promise_is_found() -> None:
+    """Also where the law tells another error than the craft has."""
     record = record_of("guaranteed")
-    turn = record["turn"].copy()
-    turn[1000:1010] = record["turn_envelope"][1000:1010] * 1.01
-    held = held_by(replace(record, columns={**record.columns, "turn": turn}))
-    assert np.flatnonzero(held.outside).tolist() == list(range(1000, 1010))
+    beyond = record["turn_envelope"][1000:1010, 0] * 1.01
+    turn, attitude = record["turn"].copy(), record["attitude"].copy()
+    turn[1000:1010, 0] = beyond
+    desired = Rotation.from_quat(record[REFERENCE_ATTITUDE.column][1000:1010])
+    away = Rotation.from_rotvec(beyond[:, None] * [1.0, 0.0, 0.0])
+    attitude[1000:1010] = (desired * away).as_quat()
+    for changed in ({"turn": turn}, {"attitude": attitude}):
+        held = held_by(replace(record, columns={**record.columns, **changed}))
+        assert np.flatnonzero(held.outside).tolist() == list(range(1000, 1010))
+
+
+def test_what_estimation_errors_may_add_breaks_no_promise(designed_for_sensors: Path) -> None:
+    """The law sees its momentum error N, and the turn e_A, beyond what the craft has."""
+    record = record_of("sensors_flagship", str(designed_for_sensors.with_suffix("")))
+    values = record.parameters[CONTROLLER]
+    tube = np.add(values["momentum_tube.Y"], values["momentum_tube.N"])
+    assert (record["momentum_tube"] == tube).all()
+    seen = record["turn"].copy()
+    for share, outside in ((0.9, []), (1.1, [1000])):
+        seen[1000] = record["turn_envelope"][1000] + share * values["momentum_tube.e_A"]
+        held = held_by(replace(record, columns={**record.columns, "turn": seen}))
+        assert np.flatnonzero(held.outside).tolist() == outside
 
 
 def test_a_law_without_certificate_has_no_such_row() -> None:

@@ -26,8 +26,14 @@ from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, RATE_VARIANCES, sigmas_of
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import Mask, has
-from ppc_attitude.analysis.truth import errors_of, knowledge_errors, truth_of
+from ppc_attitude.analysis.series import Mask, has, known
+from ppc_attitude.analysis.truth import (
+    UNKNOWN,
+    errors_of,
+    knowledge_errors,
+    pointing_errors,
+    truth_of,
+)
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
@@ -53,6 +59,12 @@ from ppc_attitude.science.controllers.tube_parameters import (
     PREFIX,
     digest_of,
 )
+from ppc_attitude.science.controllers.tube_state import (
+    MOMENTUM_ERROR,
+    MOMENTUM_TUBE,
+    TURN,
+    TURN_ENVELOPE,
+)
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.faults import FAULTS
@@ -74,6 +86,7 @@ from ppc_attitude.science.wheels import SPEED
 
 # The law sees a torque at the next sample, and begins anew with the one after it.
 _SEEN_AFTER = 2
+_TELEMETRY = (MOMENTUM_ERROR, MOMENTUM_TUBE, TURN, TURN_ENVELOPE)
 _ROUNDING = 1e-12  # [rad] of the angle between equal attitudes
 _INEXACT = 1e-9  # [rad], [rad/s] that a reference may be off from sample to sample by its rounding
 _MOTION = ("W", "W1", "W2")  # bounds of ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''‖
@@ -120,10 +133,9 @@ def certificate_held(record: RunRecord) -> Held | None:
     different = different or [f"fault: {each}" for each in faults_of(record)]
     if different:
         return Held(nothing, "; ".join(dict.fromkeys(different)), "")
-    pairs = (("momentum_error", "momentum_tube"), ("turn", "turn_envelope"))
-    if not all(has(record, each) for pair in pairs for each in pair):
+    if not all(has(record, each.name) for each in _TELEMETRY):
         return Held(nothing, "the record lacks the law's telemetry", "")
-    outside = np.logical_or.reduce([beyond(record[a], record[b]) for a, b in pairs])
+    outside = _outside(record, values[PREFIX + "e_A"])
     suspended, causes = nothing.copy(), []
     for what, broken in broken_at.items():
         if broken.any():
@@ -137,6 +149,22 @@ def certificate_held(record: RunRecord) -> Held | None:
     if suspended.all():  # then nothing was promised at any instant
         return Held(nothing, note, "")
     return Held(outside & ~forgiven, "", note)
+
+
+def _outside(record: RunRecord, e_A: float) -> Mask:
+    """Instants outside the tube or the envelope Φ.
+
+    The error that Φ bounds is the true one. What the law was told may be e_A [rad] more, as its y
+    may be N beyond Y, which the column has.
+    """
+    bound = record[TURN_ENVELOPE.name]
+    outside = beyond(record[MOMENTUM_ERROR.name], record[MOMENTUM_TUBE.name])
+    outside |= beyond(record[TURN.name], bound + e_A)
+    errors = known(pointing_errors, record)
+    if errors is not None:
+        slack = e_A if truth_of(record).standing == UNKNOWN else 0.0
+        outside |= beyond(errors.angles[:, None], bound + slack + _ROUNDING)
+    return outside
 
 
 def _until_inside(suspended: Mask, outside: Mask) -> Mask:

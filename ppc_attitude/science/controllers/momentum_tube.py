@@ -225,7 +225,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     bound = math.sin(0.5 * min(memory.envelope, math.pi))
     store(command.attitude_envelope, (bound, bound, bound))
     store(command.momentum_error, vector(memory.y))
-    store(command.momentum_tube, vector(gains.Y))
+    store(command.momentum_tube, add(vector(gains.Y), vector(gains.N)))
     command.turn[0] = memory.phi
     command.turn_envelope[0] = memory.envelope
     command.phase[0] = phase(memory)

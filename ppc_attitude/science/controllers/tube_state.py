@@ -68,7 +68,9 @@ MEMORY = record_type(
 MOMENTUM_ERROR = of_law(
     "momentum_error", VECTOR, BODY, "N·m·s", "momentum error y = J (ω_e − v)", bound="momentum_tube"
 )
-MOMENTUM_TUBE = of_law("momentum_tube", VECTOR, BODY, "N·m·s", "tube Y of the momentum error")
+MOMENTUM_TUBE = of_law(
+    "momentum_tube", VECTOR, BODY, "N·m·s", "tube Y + N of the momentum error as the law sees it"
+)
 TURN = of_law(
     "turn",
     VECTOR,
