@@ -378,7 +378,13 @@ def test_a_broken_promise_is_found() -> None:
     desired = Rotation.from_quat(record[REFERENCE_ATTITUDE.column][1000:1010])
     away = Rotation.from_rotvec(beyond[:, None] * [1.0, 0.0, 0.0])
     attitude[1000:1010] = (desired * away).as_quat()
-    for changed in ({"turn": turn}, {"attitude": attitude}):
+    rate = record["angular_velocity"].copy()
+    rate[1000:1010] = [
+        0.0,
+        0.0,
+        record.parameters[CONTROLLER]["momentum_tube.assumed.Omega"] * 1.01,
+    ]
+    for changed in ({"turn": turn}, {"attitude": attitude}, {"angular_velocity": rate}):
         held = held_by(replace(record, columns={**record.columns, **changed}))
         assert np.flatnonzero(held.outside).tolist() == list(range(1000, 1010))
 

@@ -62,6 +62,8 @@ from ppc_attitude.science.controllers.tube_parameters import (
 from ppc_attitude.science.controllers.tube_state import (
     MOMENTUM_ERROR,
     MOMENTUM_TUBE,
+    PHASE,
+    STOP,
     TURN,
     TURN_ENVELOPE,
 )
@@ -86,7 +88,7 @@ from ppc_attitude.science.wheels import SPEED
 
 # The law sees a torque at the next sample, and begins anew with the one after it.
 _SEEN_AFTER = 2
-_TELEMETRY = (MOMENTUM_ERROR, MOMENTUM_TUBE, TURN, TURN_ENVELOPE)
+_TELEMETRY = (MOMENTUM_ERROR, MOMENTUM_TUBE, TURN, TURN_ENVELOPE, PHASE)
 _ROUNDING = 1e-12  # [rad] of the angle between equal attitudes
 _INEXACT = 1e-9  # [rad], [rad/s] that a reference may be off from sample to sample by its rounding
 _MOTION = ("W", "W1", "W2")  # bounds of ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''‖
@@ -135,7 +137,7 @@ def certificate_held(record: RunRecord) -> Held | None:
         return Held(nothing, "; ".join(dict.fromkeys(different)), "")
     if not all(has(record, each.name) for each in _TELEMETRY):
         return Held(nothing, "the record lacks the law's telemetry", "")
-    outside = _outside(record, values[PREFIX + "e_A"])
+    outside = _outside(record, values)
     suspended, causes = nothing.copy(), []
     for what, broken in broken_at.items():
         if broken.any():
@@ -151,19 +153,24 @@ def certificate_held(record: RunRecord) -> Held | None:
     return Held(outside & ~forgiven, "", note)
 
 
-def _outside(record: RunRecord, e_A: float) -> Mask:
-    """Instants outside the tube or the envelope Φ.
+def _outside(record: RunRecord, values: Mapping[str, Any]) -> Mask:
+    """Instants outside the tube, the envelope Φ, or, after the stop phase, the limit of the rate.
 
-    The error that Φ bounds is the true one. What the law was told may be e_A [rad] more, as its y
-    may be N beyond Y, which the column has.
+    Error and rate that are bounded are the true ones. What the law was told may be e_A [rad] and
+    e_W [rad/s] more, as its y may be N beyond Y, which the column has.
     """
-    bound = record[TURN_ENVELOPE.name]
+    truth, bound = truth_of(record), record[TURN_ENVELOPE.name]
+    e_A, e_W, Omega = (values[PREFIX + each] for each in ("e_A", "assumed.e_W", "assumed.Omega"))
     outside = beyond(record[MOMENTUM_ERROR.name], record[MOMENTUM_TUBE.name])
     outside |= beyond(record[TURN.name], bound + e_A)
+    if truth.standing != UNKNOWN:
+        e_A, e_W = _ROUNDING, 0.0
     errors = known(pointing_errors, record)
     if errors is not None:
-        slack = e_A if truth_of(record).standing == UNKNOWN else 0.0
-        outside |= beyond(errors.angles[:, None], bound + slack + _ROUNDING)
+        outside |= beyond(errors.angles[:, None], bound + e_A)
+    if has(record, truth.angular_velocity):
+        too_fast = np.linalg.norm(record[truth.angular_velocity], axis=1) > Omega + e_W
+        outside |= too_fast & (record[PHASE.name][:, 0] > STOP)
     return outside
 
 

@@ -89,6 +89,7 @@ PHASE = of_law(
     "phase (0 tumbling, 1 stop, 2 speed up, 3 follow the brake), and number of events so far",
     width=2,
 )
+STOP = 1.0  # phase in which the rate of the event fades
 _HIT = 0.4  # torque beyond the declared one, of max_torque, that makes a hit
 _FAR_OUTSIDE = 5.0  # of the tube: an event without a hit
 # Outside the assumptions events may follow each other: then less torque is counted on, for a while.
@@ -115,7 +116,7 @@ def phase(memory: Any) -> float:
     if memory.tumbling != 0.0:
         return 0.0
     if memory.p > 0.0:
-        return 1.0
+        return STOP
     return 3.0 if memory.done != 0.0 and memory.r == 1.0 else 2.0
 
 
