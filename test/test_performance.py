@@ -136,6 +136,19 @@ def test_of_two_roots_the_larger_t1() -> None:
     assert solve_envelope("envelope", table).t1 == pytest.approx(roots.max(), abs=2e-4)
 
 
+@pytest.mark.parametrize("below", [0.0, 1e-12, 1e-9, 1e-6])
+def test_where_the_two_roots_meet_the_joint_is_the_series(below: float) -> None:
+    """At r = (1 − δ) e/2 the smaller root is x = 1 − p − p²/3 − 11 p³/72 − …, p = √(2 δ)."""
+    decay, t2, asymptote = 0.3, 10.0, 1e-3
+    amplitude = 1.0 - asymptote
+    terminal = asymptote + 0.5 * math.e * (1.0 - below) * amplitude * math.exp(-decay * t2)
+    t1 = solve_envelope("envelope", EnvelopeTable(1.0, asymptote, decay, t2, terminal)).t1
+    p = math.sqrt(2.0 * below)
+    x = 1.0 - p - p**2 / 3.0 - 11.0 / 72.0 * p**3
+    # A rounding of r by 1e-16 moves the root by its square root where the two meet.
+    assert decay * (t2 - t1) == pytest.approx(x, abs=1e-15 / max(p, 3e-8))
+
+
 @pytest.mark.parametrize(
     ("table", "t1", "a1"),
     [

@@ -143,26 +143,28 @@ def feasibility(table: EnvelopeTable) -> float:
 
 def _width(table: EnvelopeTable) -> float | None:
     """Width x = l (t2 − t1) of the larger t1 ≥ 0; None if there is none."""
-    largest = table.decay * table.settling_time * (1.0 + _ROUNDING)
-    return min((x for x in _roots(table) if 0.0 < x <= largest), default=None)
-
-
-def _roots(table: EnvelopeTable) -> list[float]:
-    """Real roots x of (1 − x/2) eˣ = r."""
     r = feasibility(table)
     if r > R_LIMIT * (1.0 + _ROUNDING):
-        return []
-    from scipy.special import lambertw, wrightomega  # costs 0.1 s; most processes never solve one
+        return None
+    x = _root(table, min(r, R_LIMIT))
+    largest = table.decay * table.settling_time * (1.0 + _ROUNDING)
+    return x if 0.0 < x <= largest else None
+
+
+def _root(table: EnvelopeTable, r: float) -> float:
+    """Smaller real root x of (1 − x/2) eˣ = r."""
+    # Each import costs 0.1 s, and most processes never solve one.
+    if r > 1.0:  # where the two roots meet, at e/2, SciPy's W is wrong or no number
+        from scipy.optimize import brentq
+
+        return float(brentq(lambda x: (1.0 - 0.5 * x) * math.exp(x) - r, 0.0, 1.0, xtol=1e-15))
+    from scipy.special import lambertw, wrightomega
 
     if r < 0.0:  # W by the logarithm of its argument, because r may be beyond any float
         gap = table.exponential_terminal - table.terminal
         ratio = math.log(2.0 * gap) - math.log(table.initial - table.exponential_terminal)
-        return [2.0 + float(wrightomega(ratio + table.decay * table.settling_time - 2.0))]
-    argument = max(-2.0 * r * math.exp(-2.0), -math.exp(-1.0))
-    roots = [2.0 + float(lambertw(argument, 0).real)]
-    if r > 1.0:
-        roots.append(2.0 + float(lambertw(argument, -1).real))
-    return roots
+        return 2.0 + float(wrightomega(ratio + table.decay * table.settling_time - 2.0))
+    return 2.0 + float(lambertw(-2.0 * r * math.exp(-2.0), 0).real)
 
 
 def _check_order(name: str, table: EnvelopeTable) -> None:
