@@ -85,6 +85,29 @@ def test_no_order_lets_the_desired_motion_pass_its_bounds(pool: tuple[str, ...])
     assert most[1] > 0.9
 
 
+def test_orders_amid_brakes_that_last_for_turns_of_a_spin_do_not_add_up() -> None:
+    """The acceleration is so small beside the spin that a brake turns by several radians."""
+    random, shares = np.random.default_rng(5), []
+    stamps_ns = np.arange(3001) * 500_000_000
+    attitude = np.tile([[0.0], [0.0], [0.0], [1.0]], (1, stamps_ns.size))
+    for _ in range(40):
+        values = ordered(random, ("inertial", "spin"))
+        count = len(values["goals.times"])
+        values |= {
+            "guidance.max_rate": 0.2,
+            "guidance.max_acceleration": 3e-3,
+            "guidance.max_jerk": 3e-3,
+            "spin.rate": 0.17,
+            "goals.times": np.sort(random.uniform(1.0, 800.0, count)).tolist(),
+        }
+        part = Part(COMPONENT, values, np.zeros(signals_of(COMPONENT)))
+        rates = play(part, stamps_ns, attitude, COMPONENT.outputs)[4:7]
+        assert COMPONENT.motion_bounds is not None
+        W = COMPONENT.motion_bounds(values, 1500.0)[0]
+        shares.append(np.linalg.norm(rates, axis=0).max() / W)
+    assert max(shares) <= 1.0
+
+
 @pytest.mark.parametrize("frame", range(len(FRAME_NAMES)))
 def test_no_frame_turns_faster_than_its_bounds(frame: int) -> None:
     sky, spinning = guidance()["sky"], np.zeros((), SPINNING)[()]

@@ -23,8 +23,9 @@ An order during a slew begins with a brake from the present ω and α relative t
 lasts T: 1 s, 1.5 |ω|/A or 2 |α|/K, and longer by tenths until its acceleration keeps A, which it
 does from 2.13 |ω|/A on. Its polynomial first goes on with α. So its rate reaches at most 1.2 |ω|,
 or |ω| + 4/27 |α| 1 s if 1 s is enough; before it has V, a slew has α² ≤ 2 K V. Its jerk is at most
-6 |ω|/T² + 4 |α|/T ≤ (4 A + 4 |α|)/1 s. Where frames change, α has the terms of both frames. That
-the rate keeps its bound there, too, is tested and not derived.
+6 |ω|/T² + 4 |α|/T ≤ (4 A + 4 |α|)/1 s. Where frames change, α has the terms of both frames, and a
+brake that would reach more is refused. That the rate keeps its bound there, too, is tested and not
+derived.
 """
 
 import math
@@ -33,12 +34,10 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.guidance.frames import INERTIAL, SPIN, SPINNING, frame_at
-from ppc_attitude.science.guidance.slew import ROUNDING, SHORTEST_BRAKE
+from ppc_attitude.science.guidance.slew import GOES_ON, LONGER, ROUNDING, SHORTEST_BRAKE
 from ppc_attitude.science.kernel import Vector, kernel, norm, subtract
 from ppc_attitude.science.orbit import CURSOR
 
-_LONGER = 1.2  # times the rate with which a brake begins: what it reaches
-_GOES_ON = 4.0 / 27.0  # times α T: most of s (1 − s)², which α adds to the rate after s T
 _STEP = 1.0  # [s] between two looks at a frame
 
 
@@ -99,6 +98,6 @@ def slew_bounds(limits: Vector, frames: Vector) -> Vector:
     bending = second + 2.0 * V * first + (A + V * V) * f
     W1 = ROUNDING * (A + 3.0 * turning)
     alpha = min(A, math.sqrt(2.0 * K * V)) + 3.0 * turning
-    W = max(_LONGER * V, V + _GOES_ON * alpha * SHORTEST_BRAKE) + f
+    W = max(LONGER * V, V + GOES_ON * alpha * SHORTEST_BRAKE) + f
     W2 = max(K, 4.0 * (A + W1) / SHORTEST_BRAKE) + 3.0 * bending
     return W, W1, W2

@@ -52,6 +52,8 @@ SAMPLES = 64  # intervals
 ROUNDING = 1.0 + 1e-9
 SHORTEST_BRAKE = 1.0  # [s]
 _FASTER = 1.01  # times V that a brake with 2 |α|/K may reach
+LONGER = 1.2  # times the rate with which a brake begins: what it may reach
+GOES_ON = 4.0 / 27.0  # times α T: most of s (1 − s)², which α adds to the rate after s T
 NO_TURN = 1e-12  # [rad]
 
 
@@ -83,10 +85,13 @@ def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
 
     The first of max(1.5 |ω|/A, 2 |α|/K, 1 s) · 1.1ᵏ whose 65 even samples keep A, or the present
     acceleration if that is larger. If it passes V, or the present rate if larger, by more than 1 %,
-    the search begins anew without 2 |α|/K: with a small K the rate would go far beyond.
+    the search begins anew without 2 |α|/K: with a small K the rate would go far beyond. A brake
+    that lasts for turns of a fast frame may go far beyond all the same: then there is none.
     """
     allowed = max(limits.max_acceleration, norm(alpha)) * ROUNDING
-    fastest = max(limits.max_rate, norm(omega)) * _FASTER
+    present = max(limits.max_rate, norm(omega))
+    fastest = present * _FASTER
+    most = max(present * LONGER, present + GOES_ON * norm(alpha) * SHORTEST_BRAKE)
     shortest = max(1.5 * norm(omega) / limits.max_acceleration, SHORTEST_BRAKE)
     for smooth in (True, False):
         length = max(shortest, 2.0 * norm(alpha) / limits.max_jerk) if smooth else shortest
@@ -95,7 +100,7 @@ def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
             if acceleration <= allowed:
                 if smooth and rate > fastest:
                     break
-                return float(length)
+                return float(length) if rate <= most else -1.0
             length *= 1.1
     return -1.0
 
