@@ -118,7 +118,7 @@ NOISE = record_type(
     ("pairs", np.float64, (2, _TOGETHER * _CHANNELS)),
 )
 # Channels of the noise (`noise.normal_pair`); a vector takes two, and those of a step are in a row.
-_WHITE, _WALK, _INITIAL_BIAS, _SCALE, _MISALIGNMENT = 8, 10, 16, 18, 20
+_NOISE, _INITIAL_BIAS, _SCALE, _MISALIGNMENT = 8, 16, 18, 20
 
 
 def gyro_record(values: Mapping[str, Any]) -> Any:
@@ -184,7 +184,7 @@ def gyro_noise(gyro: Any, step: int, noise: Any) -> tuple[Vector, Vector]:
     `noise`, of dtype `NOISE`, holds those of some steps; it is zero at first.
     """
     if not noise.end - _TOGETHER <= step < noise.end:
-        normal_pairs(gyro.seed, step, _WHITE, gyro.pairs, noise.pairs)
+        normal_pairs(gyro.seed, step, _NOISE, gyro.pairs, noise.pairs)
         noise.end = step + _TOGETHER
     i = _CHANNELS * (step + _TOGETHER - noise.end)
     x, y = noise.pairs[0], noise.pairs[1]
