@@ -191,6 +191,19 @@ def test_no_torque_is_larger_than_its_bound(eccentricity: float) -> None:
     assert 0.15 * bound < np.linalg.norm(torques, axis=1).max() < bound
 
 
+def test_gravity_gradient_above_the_equator_is_no_larger_than_its_bound() -> None:
+    """There J2 takes a craft lowest: it is sampled at 45° to the vertical, where the torque is."""
+    given = values(inclination=0.0, eccentricity=0.0)
+    bound, part = orbit.bound(given), Part(orbit.COMPONENT, given)
+    torques = []
+    for t in range(2850, 3051):  # the first perigee is half a revolution after the start
+        part.step(nanoseconds(t), STRAIGHT)
+        x, y, _ = part.output("orbit_position")
+        q = Rotation.from_euler("yz", [math.pi / 4.0, math.atan2(y, x)]).as_quat()
+        torques.append(np.linalg.norm(part.step(nanoseconds(t), q)[:3]))
+    assert bound * (1.0 - 1e-5) < max(torques) < bound
+
+
 def test_what_a_campaign_draws_of_the_craft_is_what_gravity_acts_on() -> None:
     drawn = campaign({"inertia_error": 0.1}, load(FILES, {PLANT: {"duration": 1.0}}), 1)
     of = scenario_of_run(drawn, 0).parameters

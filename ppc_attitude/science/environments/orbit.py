@@ -171,7 +171,8 @@ def _lowest(craft: Any) -> tuple[float, float]:
     eccentricity = float(np.linalg.norm(np.cross(v, np.cross(r, v)) / MU - r / radius))
     semi_major_axis = 1.0 / (2.0 / radius - float(v @ v) / MU)
     perigee = semi_major_axis * (1.0 - eccentricity)
-    return perigee - 3.0 * J2 * EARTH_RADIUS**2 / perigee, semi_major_axis
+    lower = 3.0 * J2 * (1.0 + J2) * EARTH_RADIUS**2 / perigee  # to the second order
+    return perigee - lower, semi_major_axis
 
 
 @kernel
