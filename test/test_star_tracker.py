@@ -73,6 +73,19 @@ def test_false_fixes_are_turned_by_their_size() -> None:
     assert np.abs(error[false].mean(axis=0)).max() < 0.03  # the axes point everywhere
 
 
+def test_a_false_fix_depends_neither_on_the_noise_nor_on_what_is_missing() -> None:
+    given = {"star_tracker__dropout_probability": 0.3, "star_tracker__outlier_size": 0.2}
+    good = fixes(20000, **given)
+    told = (good != NO_FIX).any(axis=1)
+    wrong = fixes(20000, star_tracker__outlier_probability=0.2, **given)
+    good, wrong = good[told], wrong[told]
+    turns = (Rotation.from_quat(good).inv() * Rotation.from_quat(wrong)).as_rotvec()
+    false = np.linalg.norm(turns, axis=1) > 0.1
+    assert 0.18 < false.mean() < 0.22
+    related = np.corrcoef(np.hstack([turns[false], errors(good[false])]).T)
+    assert np.abs(related - np.eye(6)).max() < 0.08
+
+
 def test_no_fix_by_chance_by_speed_or_blinded() -> None:
     missing = (fixes(2000, star_tracker__dropout_probability=0.3) == NO_FIX).all(axis=1)
     assert 0.27 < missing.mean() < 0.33
