@@ -15,19 +15,22 @@
 """Who finds a node: by UDP, on this host where that is asked for, in a domain that nobody uses."""
 
 import os
+import shutil
 import signal
 import socket
+import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import rclpy
-from process_helpers import COMMAND, Process, Run, StartProcess
+from process_helpers import COMMAND, PATIENCE, Process, Run, StartProcess
 from rclpy.node import Node
 
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.stack import private_environment
+from ppc_attitude.contract.topics import RECORDER
 from ppc_attitude.nodes.discovery import (
     ANYWHERE,
     DOMAINS,
@@ -262,6 +265,28 @@ def test_a_domain_with_a_participant_is_not_chosen(place: int, ros_domain: int) 
         assert taken not in unused_domains()
         assert all(choose_domain() != taken for _ in range(500))
     assert taken in unused_domains()
+
+
+ALONE_IN_THE_NET = ["unshare", "--net", "--map-root-user"]
+
+
+@pytest.mark.skipif(
+    shutil.which(ALONE_IN_THE_NET[0]) is None
+    or subprocess.run([*ALONE_IN_THE_NET, "true"], capture_output=True, check=False).returncode,
+    reason="no network without an interface can be made here",
+)
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+def test_a_host_whose_interfaces_are_all_down_is_told_at_once(discovery: str) -> None:
+    done = subprocess.run(
+        [*ALONE_IN_THE_NET, sys.executable, "-m", f"ppc_attitude.nodes.{RECORDER}"],
+        env={**os.environ, RANGE: discovery},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: the network interface lo (loopback) is down"), done.stderr
 
 
 @pytest.mark.ros

@@ -41,6 +41,7 @@ MIDDLEWARE, OURS = "RMW_IMPLEMENTATION", "rmw_fastrtps"
 _ALLOWED = ("LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
 _LAST_DOMAIN = 232  # the last whose ports exist
 DOMAINS = range(1, 101)  # the ports of 101 meet Linux's ephemeral ports, 32768 and above
+_LOOPBACK, _MULTICAST = "127.0.0.1", "239.255.0.1"  # the second is that of DDS-RTPS
 _PORT_BASE, _PORTS_PER_DOMAIN = 7400, 250  # DDS-RTPS, 9.6.2
 _SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 ANYWHERE = Path(__file__).parent / "fast_dds.xml"
@@ -54,7 +55,8 @@ def check_discovery(environment: Mapping[str, str]) -> None:
     Raises
     ------
     ConfigurationError
-        The range, the domain or a peer is none; names it and what is allowed.
+        The range, the domain or a peer is none; names it and what is allowed. Or no network
+        interface is up by which nodes find each other, unless the sockets are the user's choice.
     """
     allowed = ", ".join(_ALLOWED)
     chosen = environment.get(RANGE, "")
@@ -73,6 +75,22 @@ def check_discovery(environment: Mapping[str, str]) -> None:
                 f"{PEERS}: {peer!r} is no address, and no name that is known; allowed: such, "
                 "separated by semicolons"
             ) from None
+    ways = (_LOOPBACK,) if keeps_to_this_host(environment) else (_LOOPBACK, _MULTICAST)
+    if not (chosen_by_user(environment) or any(map(_has_way, ways))):
+        raise ConfigurationError(
+            "the network interface lo (loopback) is down, so that no node would find another; "
+            "allowed: one that is up, as after `ip link set lo up`"
+        )
+
+
+def _has_way(address: str) -> bool:
+    """Whether this host has an interface for packets to an address; none is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        try:
+            sender.connect((address, _PORT_BASE))
+        except OSError:
+            return False
+    return True
 
 
 def keeps_to_this_host(environment: Mapping[str, str]) -> bool:
