@@ -116,6 +116,20 @@ def steps(count: int) -> list[int]:
     return [step * 10_000_000 for step in range(count)]
 
 
+def test_a_pace_that_is_slow_waits_for_the_clock_and_for_nobody() -> None:
+    bench = Bench(Lockstep, factor=0.001)
+    bench.answer()  # the next state is due after 10 s
+    for _ in range(90):
+        bench.passes(0.1)
+        assert bench.now - bench.pace.waiting_since < 1.0
+    assert bench.pace.status(bench.now) == (OK, "running")
+    bench.passes(2.0)
+    bench.passes(2.0)
+    assert bench.shown[0] < bench.time * 1e9
+    level, text = bench.pace.status(bench.now)
+    assert (level, COMMAND in text) == (STALE, True)
+
+
 def test_lockstep_steps_when_all_has_come_and_holds_what_came() -> None:
     bench = Bench(Lockstep)
     for step in range(50):

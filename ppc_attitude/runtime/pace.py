@@ -261,6 +261,7 @@ class Lockstep(Pace):
             self._go(now)
         ahead = self._ahead(now, self.stamp)
         if ahead > 0.0:
+            self.waiting_since = now  # until then it waits for the clock alone
             return min(ahead, _LOOK)
         if not self._shown:
             self._show(now)
