@@ -23,6 +23,7 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
+from threading import Event
 from types import SimpleNamespace
 from typing import Any
 
@@ -49,7 +50,7 @@ from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.processes.child import Child
-from ppc_attitude.processes.telling import AT, BROKEN, WAITING
+from ppc_attitude.processes.telling import AT, BROKEN, TIME, WAITING
 from ppc_attitude.simulation.scenario import load
 
 long = pytest.mark.long
@@ -288,6 +289,22 @@ def test_a_run_whose_node_computes_for_ever_is_given_up(monkeypatch: pytest.Monk
         # This process stands for the node, and works all the time.
         while time.monotonic() < give_up:
             run._look_for_stall()
+
+
+def test_a_run_whose_plant_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It says nothing, and nobody waits for it, be it amid a step or at its end."""
+    run = stalled(monkeypatch, after=0.5)
+    plant: Any = run._nodes[PLANT]
+    plant.listen, plant.process.poll = lambda patience=0.0: None, lambda: None
+    plant.told.clear()
+    give_up = time.monotonic() + PATIENCE
+    slow = time.monotonic() + 2.0
+    while time.monotonic() < slow:  # one that is slow tells again what it has told
+        plant.told[TIME] = 7.0
+        assert run.goes_on(Event())
+    with pytest.raises(StackError, match=r"no step for 0\.5 s: spacecraft_plant neither goes on"):
+        while time.monotonic() < give_up:
+            run.goes_on(Event())
 
 
 def stalled(monkeypatch: pytest.MonkeyPatch, after: float) -> Stack:

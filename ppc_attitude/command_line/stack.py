@@ -97,7 +97,7 @@ class Stack:
         self._on_time = on_time
         self._nodes: dict[str, Child] = {}
         self._time: float | None = None
-        self._advanced = time.monotonic()
+        self._advanced = self._heard = time.monotonic()  # the plant went on, and told anything
         self._starved: dict[str, float] = {}  # [s] of waiting for the processor until then
 
     @property
@@ -131,7 +131,7 @@ class Stack:
         Raises
         ------
         StackError
-            Another process ended first, the plant broke, or it waits in vain for a peer.
+            Another process ended first, the plant broke, waits in vain for a peer, or hangs.
         """
         while self.goes_on(stop, _GLANCE):
             pass
@@ -149,9 +149,11 @@ class Stack:
         plant = self._nodes[PLANT]
         plant.listen(patience)
         self.told()
-        now: float | None = plant.told.get(TIME)
+        now: float | None = plant.told.pop(TIME, None)
+        if now is not None:
+            self._heard = time.monotonic()
         if now is not None and now != self._time:
-            self._time, self._advanced = now, time.monotonic()
+            self._time, self._advanced = now, self._heard
             self._starved = self._starvation()
             for node in self._nodes.values():
                 node.told.pop(WAITING, None)
@@ -175,12 +177,15 @@ class Stack:
         if silent < _STALLED_AFTER:
             return
         waits = [now - self._starved.get(name, 0.0) for name, now in self._starvation().items()]
-        if silent - max(waits) < _STALLED_AFTER:
+        lost = max(waits)
+        if silent - lost < _STALLED_AFTER:
             return
         paused = [name for name, node in self._nodes.items() if _is_paused(node.process.pid)]
         reason = ", ".join(f"{name} is paused (SIGSTOP)" for name in paused)
         waits_for = [node.told.get(WAITING) for node in self._nodes.values()]
         reason = reason or "; ".join(dict.fromkeys(each for each in waits_for if each))
+        if self.has_begun and time.monotonic() - self._heard - lost >= _STALLED_AFTER:
+            reason = reason or f"{PLANT} neither goes on nor ends"
         if reason:
             raise StackError(f"no step for {_STALLED_AFTER:g} s: {reason}")
 
