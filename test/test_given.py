@@ -90,9 +90,12 @@ REFUSED = [
     (ATTITUDE, (0.0, 0.0, 0.0, 1.1), f"attitude = (0.0, 0.0, 0.0, 1.1); {UNIT}, or zeros where"),
     (column(QUATERNION), NONE, f"given = (0.0, 0.0, 0.0, 0.0); {UNIT}"),
     (column(FIX), (0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0), f"1.0, -1.0, 0.0, 0.0); {UNIT} with vari"),
-    (column(GYRO), (0.1, 0.0, 0.0, -1.0), "(0.1, 0.0, 0.0, -1.0); allowed: a variance ≥ 0"),
-    (column(VECTOR, width=2, late=True), (1.0, 1e20), "1e+20); allowed: finite numbers, 1e+08 s"),
+    (column(GYRO), (0.1, 0.0, 0.0, -1.0), "(0.1, 0.0, 0.0, -1.0); allowed: finite numbers, a v"),
+    (column(VECTOR, width=2, late=True), (1.0, 1e20), "magnitudes up to 1e+30, 1e+08 s old"),
     (column(VECTOR, width=2, late=True), (math.nan, 0.1), "(nan, 0.1); allowed: finite numbers"),
+    (column(VECTOR), (math.inf, 0.0, 0.0), "given = (inf, 0.0, 0.0); allowed: finite numbers"),
+    (column(VECTOR), (0.0, 0.0, -1e31), "-1e+31); allowed: finite numbers of magnitudes up to"),
+    (column(GYRO), (math.nan, 0.0, 0.0, 0.1), "(nan, 0.0, 0.0, 0.1); allowed: finite numbers"),
 ]
 
 

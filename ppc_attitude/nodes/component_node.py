@@ -29,7 +29,6 @@ from ppc_attitude.runtime.stamps import Instant, Values
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
-from ppc_attitude.science.part import first_raised
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.scenario import check_components
 
@@ -104,7 +103,8 @@ class ComponentNode(BaseNode):
         name = self._topics[0].name
         for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
             if not isfinite(sum(map(sum, map(answer.__getitem__, self._senders)))):
-                self._fail_by(stamp, answer)
+                why = self.chain.not_finite(answer)
+                self.fail(stamp, f"at t = {seconds(stamp):.3f} s {why}")
                 return
             for column, send in self._senders.items():
                 send(stamp, answer[column])
@@ -116,18 +116,6 @@ class ComponentNode(BaseNode):
             self.apply_parameters(stamp_ns)
         self._steps += 1
         return self.compute(stamp_ns, inputs)
-
-    def _fail_by(self, stamp_ns: int, answer: Mapping[str, Values]) -> None:
-        """End over numbers that every peer would refuse, so that all would wait for them."""
-        part, column = next(
-            (part, column)
-            for part in self.chain.parts
-            for column in part.places
-            if not isfinite(sum(answer[column]))
-        )
-        told = f"{part.component.name} gives {column} = {answer[column]}; allowed: finite numbers"
-        why = first_raised(self.chain.parts)
-        self.fail(stamp_ns, f"at t = {seconds(stamp_ns):.3f} s {told}{why}")
 
     def _begin_again(self, stamp_ns: int) -> None:
         goes_on = stamp_ns > self.health.time_ns

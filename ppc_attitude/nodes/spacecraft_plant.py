@@ -17,6 +17,7 @@
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
+from math import isfinite
 from typing import Any
 
 from std_srvs.srv import Trigger
@@ -146,12 +147,17 @@ class SpacecraftPlant(BaseNode):
         rate = self._state[TRUE_RATE.column]
         if not sum(map(abs, rate)) <= LARGEST:  # NaN is not either
             why = first_raised((*self._acting.parts, *self._motion.parts))
-            raise _DivergedError(f"angular velocity {rate} rad/s at {seconds(stamp_ns)} s{why}")
+            raise _FailedError(
+                f"diverged: angular velocity {rate} rad/s at {seconds(stamp_ns)} s{why}"
+            )
         if self.parameters.changed:
             self._apply_parameters()
 
     def show(self) -> None:
         """Publish the present state: the attitude last, because all peers start at it."""
+        if not isfinite(sum(map(sum, map(self._state.__getitem__, self._state_columns)))):
+            why = self._motion.not_finite(self._state)
+            raise _FailedError(f"at t = {seconds(self._stamp):.3f} s {why}")
         self._publish_clock(encode_clock(self._stamp))
         for name in reversed(self._state_columns):
             self._senders[name](self._stamp, self._state[name])
@@ -162,6 +168,10 @@ class SpacecraftPlant(BaseNode):
             self._senders[name](self._acted_at, self._acted[name])
         self.say_all(self._acting.news())
         self.report(self._stamp)
+        self._tell_time()
+
+    def _tell_time(self) -> None:
+        """Tell now and then how far it is, and so that it goes on."""
         if self.now() - self._told_at > _PROGRESS_PERIOD:
             self._told_at = self.now()
             tell(TIME, seconds(self._stamp))
@@ -189,8 +199,8 @@ class SpacecraftPlant(BaseNode):
         """Let the pace do something at the present time; see whether the craft goes on."""
         try:
             result = move(*values, self.now())
-        except _DivergedError as reason:
-            self.fail(self._stamp, f"diverged: {reason}")
+        except _FailedError as reason:
+            self.fail(self._stamp, str(reason))
             return None
         if self.pace.finished:
             self.finish()
@@ -204,6 +214,8 @@ class SpacecraftPlant(BaseNode):
         if isinstance(self.pace, Lockstep):
             self.say_waiting(self.pace.waiting_since, self.pace.waiting)
         wait = self._moved(self.pace.wake)
+        if self._told_at:  # time has begun
+            self._tell_time()
         return longest if wait is None else float(wait)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
@@ -228,8 +240,8 @@ class SpacecraftPlant(BaseNode):
         return Status(level, summary, {**details, **numbers, FAULTS.name: faults or "none"})
 
 
-class _DivergedError(Exception):
-    """The motion is no motion of a craft any more."""
+class _FailedError(Exception):
+    """The state is none of a craft any more; says why."""
 
 
 def _awaited(topic: Topic) -> str:

@@ -15,11 +15,12 @@
 """The components that one node runs at each instant, one after the other."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
 from typing import Any
 
 from ppc_attitude.runtime.stamps import Values
 from ppc_attitude.science.component import Advice, Component, read_from_elsewhere
-from ppc_attitude.science.part import Part
+from ppc_attitude.science.part import Part, first_raised
 
 
 class Chain:
@@ -78,6 +79,19 @@ class Chain:
     def numbers(self) -> dict[str, float]:
         """What the components count and measure of themselves, by name with unit."""
         return {name: n for part in self.parts for name, n in part.advice.numbers.items()}
+
+    def not_finite(self, signals: Mapping[str, Values]) -> str:
+        """Say which component has given numbers that are not finite, and whether its step failed.
+
+        Every peer would refuse them, so that all would wait.
+        """
+        told = next(
+            f"{part.component.name} gives {column} = {signals[column]}"
+            for part in self.parts
+            for column in part.places
+            if not isfinite(sum(signals[column]))
+        )
+        return f"{told}; allowed: finite numbers{first_raised(self.parts)}"
 
     def step(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Run every component once at an instant [ns]; return `inputs` and all that they give."""

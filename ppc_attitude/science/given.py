@@ -14,9 +14,10 @@
 
 """What nodes take of each other: a component of somebody else's gives nothing else.
 
-A node refuses an attitude that is none and an impossible variance, and normalises a quaternion that
-is nearly a unit one. So that the loop in process gives the same numbers, and so that the one who
-gives is named and not those who wait, the step of a foreign component is seen to here.
+A node refuses numbers that are not finite or too large, an attitude that is none and an impossible
+variance, and normalises a quaternion that is nearly a unit one. So that the loop in process gives
+the same numbers, and so that the one who gives is named and not those who wait, the step of a
+foreign component is seen to here.
 """
 
 import math
@@ -38,17 +39,18 @@ from ppc_attitude.science.component import (
     Column,
 )
 from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.parameter import LARGEST
 from ppc_attitude.science.signals import ATTITUDE
 from ppc_attitude.science.stamps import LATEST
 
 _PLAIN, _UNIT, _UNIT_OR_NONE, _FIX, _GYRO = range(5)
 _UNIT_TEXT = f"a quaternion of norm 1 within {UNIT_TOLERANCE:g}"
 _ALLOWED = {
-    _PLAIN: "finite numbers",
+    _PLAIN: f"finite numbers of magnitudes up to {LARGEST:g}",
     _UNIT: _UNIT_TEXT,
     _UNIT_OR_NONE: f"{_UNIT_TEXT}, or zeros where nobody knows it",
     _FIX: f"{_UNIT_TEXT} with variances ≥ 0 and ≤ π² rad², or zeros for it where there is no fix",
-    _GYRO: f"a variance ≥ 0 and ≤ {GYRO_VARIANCE:g} (rad/s)², or −1 of a rate of zeros",
+    _GYRO: f"finite numbers, a variance ≥ 0 and ≤ {GYRO_VARIANCE:g} (rad/s)², or −1 of a zero rate",
 }
 
 
@@ -95,20 +97,16 @@ def _fits(row: Any, rule: int) -> bool:
 
 @kernel
 def misfit(given: Any, rules: Any) -> int:
-    """Which column of a step's numbers no node would take; −1 if there is none.
-
-    Numbers of other columns that are not finite are left to who runs the component.
-    """
+    """Which column of a step's numbers no node would take; −1 if there is none."""
     for k in range(rules.shape[0]):
         rule, start, width, late = rules[k]
         row = given[start : start + width]
-        if late != 0:
-            if not np.any(row):
-                continue  # no message
-            if not (np.all(np.isfinite(row)) and abs(row[width - 1]) <= LATEST):
-                return k
-        elif not np.all(np.isfinite(row)):
-            continue
+        if late != 0 and not np.any(row):
+            continue  # no message
+        if not np.all(np.abs(row) <= LARGEST):  # NaN is not either
+            return k
+        if late != 0 and abs(row[width - 1]) > LATEST:
+            return k
         if not _fits(row, rule):
             return k
     return -1

@@ -24,7 +24,7 @@ import re
 import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
-from math import isnan
+from math import isfinite, isnan
 from struct import Struct
 from typing import Any, TypeAlias
 
@@ -309,10 +309,13 @@ class Part:
     def raised(self) -> str:
         """What a step that has failed does when it is taken again; empty if it says nothing.
 
-        Where it runs by its address its words are lost (`_step_of`).
+        Where it runs by its address its words are lost (`_step_of`). One that has read numbers that
+        are not finite has failed by those.
         """
         given = self._given.unpack_from(self._memory, self._given_at)
-        if _is_ours(self.component) or not all(map(isnan, given)):
+        _, *read = self._written.unpack_from(self._memory)
+        failed = all(map(isnan, given)) and all(map(isfinite, read))
+        if _is_ours(self.component) or not failed:
             return ""
         records = (self.inputs, self.state, self.configuration, self.outputs)
         copied = [each.copy() for each in records]

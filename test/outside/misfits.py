@@ -75,6 +75,21 @@ def step_quiet(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
         outside_parts.step_estimator(inputs, state, configuration, outputs)
 
 
+@kernel
+def step_beyond(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Write beyond the only number of the last column."""
+    outside_parts.step_law(inputs, state, configuration, outputs)
+    outputs.torque_use[1] = 1.0
+
+
+@kernel
+def step_failing_sensors(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Raise after a while."""
+    outside_parts.step_sensors(inputs, state, configuration, outputs)
+    if inputs.t > 0.1:
+        raise ValueError("the cap is on")
+
+
 RATE_LIMIT = Column("rate_limit", "mine/rate_limit", VECTOR, BODY, "rad/s", "limit", width=1)
 BOUNDED = tuple(
     replace(each, bound="rate_limit") if each.name == "rate_change" else each
@@ -121,6 +136,8 @@ MADE: dict[str, Callable[[], Component]] = {
     "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
     "pulse": lambda: pulses.COMPONENT,
     "margin": lambda: replace(LAW, outputs=WITH_MARGIN, step=step_with_margin),
+    "beyond_column": lambda: replace(LAW, step=step_beyond),
+    "failing": lambda: replace(SENSORS, step=step_failing_sensors),
     "quiet": lambda: replace(outside_parts.ESTIMATOR, step=step_quiet),
     "bounded": lambda: replace(outside_parts.ESTIMATOR, outputs=BOUNDED, step=step_bounded),
     "unnamed": lambda: replace(
