@@ -230,11 +230,13 @@ def test_what_is_no_sample_is_written_at_its_time_or_at_that_of_the_newest_state
     bag.recording.event("/diagnostics", None, b"early")
     bag.run(range(3))
     bag.recording.event("/diagnostics", None, b"late")
-    bag.recording.event("/clock", 0, b"first")
-    bag.recording.event("/clock", 5, b"clock")
+    bag.recording.event("disturbance/inject", 0, b"from now on")
+    bag.recording.event("/clock", 0, b"first", with_state=True)
+    bag.recording.event("/clock", 5, b"clock", with_state=True)
     assert bag.written[0] == ("/diagnostics", 0, b"early")
-    assert bag.written[-3:] == [
+    assert bag.written[-4:] == [
         ("/diagnostics", 20_000_000, b"late"),
+        ("disturbance/inject", 20_000_000, b"from now on"),
         ("/clock", 0, b"first"),
         ("/clock", 5, b"clock"),
     ]

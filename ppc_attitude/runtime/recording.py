@@ -144,14 +144,15 @@ class Recording:
         """Write a message that is no sample, at its own time or at that of the newest state.
 
         What the plant sends `with_state` comes again with a state that it repeats: with one stamp
-        it is one message.
+        it is one message. Of others a stamp of zero is none: what they order acts from now on.
         """
         if with_state and stamp_ns is not None:
             if self._with_state.get(name) == data:
                 return
             self._with_state[name] = data
-        time_ns = max(self.now, 0) if stamp_ns is None or stamp_ns < 0 else stamp_ns
-        self._write(name, time_ns, data)
+        if stamp_ns is None or stamp_ns < 0 or (stamp_ns == 0 and not with_state):
+            stamp_ns = max(self.now, 0)
+        self._write(name, stamp_ns, data)
 
     def sample(
         self,
