@@ -99,6 +99,19 @@ def test_what_was_sent_ahead_of_an_instant_that_never_came_is_in_no_record() -> 
     assert after.gaps() == []
 
 
+def test_what_was_sent_at_skipped_instants_is_written_in_the_order_of_time() -> None:
+    """What is foreseen may be known before what answers earlier instants."""
+    bag = Bag()
+    bag.run(range(10))
+    bag.take(AHEAD, 16)
+    for step in range(10, 18):
+        bag.take(TORQUE, step)
+    for step in (15, 16, 17):
+        bag.take(STATE, step)
+    assert bag.steps(TORQUE) == [*range(18)]
+    assert bag.recording.surplus() == {}
+
+
 @pytest.mark.parametrize("silent", [range(10, 300), range(10, 500), range(300)])
 def test_what_the_others_send_while_no_state_comes_is_written(silent: range) -> None:
     """An estimator that gives the states is late, is started again, or has died amid the run."""

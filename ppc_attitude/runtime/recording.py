@@ -23,6 +23,7 @@ it grows, in memory that does not grow with it.
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 from itertools import zip_longest
 from math import inf
 from statistics import median_low
@@ -128,6 +129,7 @@ class Recording:
         self._states = self._lanes[_LEAD]
         # What waits for its state: topic, bytes, and if it was sent ahead, by epoch and stamp [ns].
         self._ahead: dict[tuple[int, int], list[tuple[str, bytes, bool]]] = {}
+        self._instants: list[tuple[int, int]] = []  # a heap of those, and of some that have passed
         self._waiting = 0  # how many messages those are
         self._end = inf  # the last state [ns], once it is known
         self._heard = inf  # when the first message came, by the wall clock [s]
@@ -224,12 +226,14 @@ class Recording:
         return epoch < self._states.epoch or stamp_ns < oldest or stamp_ns in self._latest
 
     def _wait(self, name: str, epoch: int, stamp_ns: int, data: bytes, ahead: bool) -> None:
-        waiting = self._ahead.setdefault((epoch, stamp_ns), [])
+        instant = epoch, stamp_ns
+        if instant not in self._ahead:
+            heappush(self._instants, instant)
+        waiting = self._ahead.setdefault(instant, [])
         if (name, data, ahead) in waiting:
             return
         if self._waiting >= _MOST_AHEAD:  # no run is so far ahead: no states come any more
-            self._pass((epoch, stamp_ns))
-            waiting = self._ahead.setdefault((epoch, stamp_ns), [])
+            self._pass(instant)
         self._waiting += 1
         waiting.append((name, data, ahead))
 
@@ -253,8 +257,9 @@ class Recording:
 
         What was sent ahead of them is dropped.
         """
-        while self._ahead and (first := next(iter(self._ahead))) < until:
-            for name, data, ahead in self._ahead.pop(first):
+        while self._instants and self._instants[0] < until:
+            first = heappop(self._instants)
+            for name, data, ahead in self._ahead.pop(first, ()):
                 self._waiting -= 1
                 if first[0] == until[0] and not (ahead or joins):
                     self._keep(name, *first, data)
