@@ -12,13 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+import errno
 import os
+import re
 import shutil
 import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +30,8 @@ from hypothesis import strategies as st
 from numba.core import caching, config
 
 from ppc_attitude.science import kernel
-from ppc_attitude.science.kernel import Matrix, Vector
+from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import CacheFile, Matrix, Vector
 
 PACKAGE = Path(kernel.__file__).parent.parent
 
@@ -188,3 +192,15 @@ def test_kernels_that_have_no_place_are_refused_with_the_way_out(tmp_path: Path,
     assert ended.returncode == 2, ended.stderr
     assert ended.stderr.startswith(f"error: compiled kernels have no place: neither {blocked}")
     assert ended.stderr.endswith("set NUMBA_CACHE_DIR to one that can\n")
+
+
+def test_a_full_cache_is_told_with_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fill(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(CacheFile, "_save_data", fill)
+    told = f"no place in {re.escape(str(tmp_path))}: No space left on device; set NUMBA_CACHE_DIR"
+    with pytest.raises(ConfigurationError, match=told):
+        CacheFile(str(tmp_path), "step", source_stamp=0).save("key", b"machine code")

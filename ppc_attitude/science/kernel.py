@@ -96,11 +96,23 @@ class CacheFile(caching.IndexDataCacheFile):
     """
 
     def save(self: Any, key: Any, data: Any) -> None:
-        """Save the machine code of a key."""
+        """Save the machine code of a key.
+
+        Raises
+        ------
+        ConfigurationError
+            The folder is full, or cannot be written any more.
+        """
         digest = hashlib.sha256(self._dump(key)).digest()
         name = self._data_name(int.from_bytes(digest[:8], "big"))
-        self._save_data(name, data)
-        self._save_index({**self._load_index(), key: name})
+        try:
+            self._save_data(name, data)
+            self._save_index({**self._load_index(), key: name})
+        except OSError as error:
+            raise ConfigurationError(
+                f"compiled kernels have no place in {self._cache_path}: {error.strerror}; "
+                "set NUMBA_CACHE_DIR to a folder that has some"
+            ) from None
 
 
 @contextmanager

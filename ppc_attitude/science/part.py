@@ -132,8 +132,8 @@ def entry_point(component: Component) -> Any:
     Raises
     ------
     ConfigurationError
-        The step is no kernel or cannot be compiled, or nothing tells the component from another
-        one but what its step does.
+        The step is no kernel or cannot be compiled or kept, or nothing tells the component from
+        another one but what its step does.
     """
     name = component.name
     kernel_of(component)
@@ -146,6 +146,8 @@ def entry_point(component: Component) -> Any:
         )
     try:
         return _compiled(key)
+    except ConfigurationError:
+        raise
     except Exception as error:  # not all that Numba raises is a NumbaError
         # The innermost reason; around it stands how `_step` has led there.
         told = f"{type(error).__name__}: {error}".rpartition("raised a specific error:")[2]
