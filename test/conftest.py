@@ -17,6 +17,7 @@
 import contextlib
 import fcntl
 import itertools
+import json
 import os
 import signal
 import subprocess
@@ -27,12 +28,13 @@ import uuid
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 from unittest import mock
 
 import hypothesis
 import pytest
 
+from ppc_attitude.command_line.main import main
 from ppc_attitude.nodes.discovery import DOMAINS, unused_domains
 
 # A slow machine is no failure; the same examples every time, so that a failure can be repeated.
@@ -156,6 +158,44 @@ def start_process() -> Iterator[StartProcess]:
             process.communicate(timeout=_PATIENCE)
     for process in started:
         process.communicate(timeout=_PATIENCE)
+
+
+class Answer(NamedTuple):
+    """What a command has printed."""
+
+    out: str
+    err: str
+
+    @property
+    def page(self) -> str:
+        """Standard output, wherever its lines were broken."""
+        return " ".join(self.out.split())
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+class Ask(Protocol):
+    """Runs a command in this process, which ends with this exit code."""
+
+    def __call__(self, *words: object, code: int = 0) -> Answer: ...
+
+
+@pytest.fixture
+def ask(capsys: pytest.CaptureFixture[str]) -> Ask:
+    """Give a function that runs a command of `ppc_attitude`."""
+
+    def ask(*words: object, code: int = 0) -> Answer:
+        try:
+            ended: object = main(list(map(str, words)))
+        except SystemExit as end:
+            ended = end.code
+        answer = Answer(*capsys.readouterr())
+        assert ended == code, answer.err
+        return answer
+
+    return ask
 
 
 @contextlib.contextmanager

@@ -14,9 +14,12 @@
 
 """The craft that are shipped, by the names of their files, and parts of a craft by themselves."""
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
@@ -32,6 +35,13 @@ CONFIG = ROOT / "config"
 def configs(*names: str) -> list[Path]:
     """Configuration files by their names."""
     return [CONFIG / f"{name}.yaml" for name in names]
+
+
+def overlay(path: Path, nodes: Mapping[str, Mapping[str, Any]]) -> Path:
+    """Write a configuration file that gives nodes these parameters."""
+    content = {node: {"ros__parameters": dict(values)} for node, values in nodes.items()}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
 
 
 def dotted(values: dict[str, Any]) -> dict[str, Any]:

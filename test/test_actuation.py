@@ -23,13 +23,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import configs
+from conftest import Ask
+from craft_helpers import configs, overlay
 from estimation_helpers import STEP_NS, Array
+from synthetic import without_columns
 from test_certificate_held import held_by
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
 from ppc_attitude.science.guarantee.actuation import actuation_of, are_full
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
 from ppc_attitude.science.guarantee.surroundings import broken_assumptions, fastest_of
@@ -120,12 +122,6 @@ def test_rods_are_part_of_the_rest() -> None:
     assert (told[1].torque, told[1].told) == (told[0].torque, told[0].told)
 
 
-def test_an_ideal_actuator_is_what_its_parameters_say() -> None:
-    plant = load(FILES[:1]).parameters[PLANT]
-    told = actuation_of(plant, 0.0, FASTEST, math.inf)
-    assert (told.torque, told.dead_band, told.late, told.rest) == (0.05, 1e-4, False, 0.0)
-
-
 CHOSEN = ("--gains", "0.8", "78.4", "1")
 
 
@@ -167,8 +163,8 @@ def test_a_certificate_with_wheels_holds_in_flight(gains: Path) -> None:
     record = simulate(load([*FILES, gains]), 30.0)
     held = held_by(record)
     assert (held.reason, held.note, held.outside.any()) == ("", "", False)
-    without = {name: each for name, each in record.columns.items() if name != "wheel_speed"}
-    assert "no speed of the wheels on record" in held_by(replace(record, columns=without)).reason
+    silent = without_columns(record, "wheel_speed")
+    assert "no speed of the wheels on record" in held_by(silent).reason
 
 
 @pytest.mark.parametrize(
@@ -194,16 +190,14 @@ def test_wheels_that_are_not_as_assumed_void_the_promise(
 
 
 def test_a_run_whose_promise_is_suspended_all_along_is_not_judged(
-    gains: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    gains: Path, tmp_path: Path, ask: Ask
 ) -> None:
-    spun = {"wheels.initial_speed": [200.0]}  # together 0.37 N·m·s about z
-    held = held_by(simulate(load([*FILES, gains], {PLANT: spun}), 1.0))
+    spun = {PLANT: {"wheels.initial_speed": [200.0]}}  # together 0.37 N·m·s about z
+    held = held_by(simulate(load([*FILES, gains], spun), 1.0))
     assert held.reason == "suspended: more momentum than assumed at 101 instants"
     assert not held.outside.any()
-    overlay = tmp_path / "spun.yaml"
-    overlay.write_text("spacecraft_plant: {ros__parameters: {wheels: {initial_speed: [200.0]}}}")
-    assert main(["check", *OPTIONS, f"--config={gains}", f"--config={overlay}"]) == 0
-    told = " ".join(capsys.readouterr().out.split())
+    fast = overlay(tmp_path / "spun.yaml", spun)
+    told = ask("check", *OPTIONS, f"--config={gains}", f"--config={fast}").page
     assert "craft and wheels is at most 0.1532 N·m·s" in told
     assert (
         "warning: the promise holds while the momentum is at most 0.1532 N·m·s: it is 0.369" in told
@@ -211,31 +205,28 @@ def test_a_run_whose_promise_is_suspended_all_along_is_not_judged(
 
 
 def test_wheels_that_cannot_hold_the_assumed_momentum_are_warned_of(
-    gains: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    gains: Path, tmp_path: Path, ask: Ask
 ) -> None:
-    overlay = tmp_path / "slow.yaml"
     # J_s 110 rad/s √(8/3), less what a sample may add, of four wheels in a pyramid
-    overlay.write_text("spacecraft_plant: {ros__parameters: {wheels: {max_speed: [110.0]}}}")
     warning = "warning: in some direction the wheels hold no more than 0.1429 N·m·s"
-    slow, known = f"--config={overlay}", f"--config={gains}"
+    file = overlay(tmp_path / "slow.yaml", {PLANT: {"wheels.max_speed": [110.0]}})
+    slow, known = f"--config={file}", f"--config={gains}"
     for name, rest, expected in (
         ("check", [known, slow], True),
         ("check", [known], False),
         ("design", [slow, *CHOSEN], True),  # that others are not warned of, `gains` sees
     ):
-        assert main([name, *OPTIONS, *rest]) == 0
-        told = " ".join(capsys.readouterr().out.split())
+        told = ask(name, *OPTIONS, *rest).page
         assert (warning in told) == expected, told
         assert "a hit or magnetorquers may add to it" in told
 
 
-TENTH = """
-/**:
-  ros__parameters: {inertia: [0.28, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0, 0.19], max_torque: 0.005}
-spacecraft_plant: {ros__parameters: {min_torque: 1.0e-5}}
-disturbance_injector: {ros__parameters: {environment: none}}
-ppc_controller: {ros__parameters: {controller: momentum_tube_ahead}}
-"""
+TENTH: dict[str, dict[str, Any]] = {
+    "/**": {"inertia": [0.28, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0, 0.19], "max_torque": 0.005},
+    PLANT: {"min_torque": 1e-5},
+    INJECTOR: {"environment": "none"},
+    CONTROLLER: {"controller": "momentum_tube_ahead"},
+}
 
 
 @pytest.mark.parametrize(
@@ -243,20 +234,15 @@ ppc_controller: {ros__parameters: {controller: momentum_tube_ahead}}
     [((), "momentum_tube_ahead"), (("--controller", "momentum_tube"), "momentum_tube")],
 )
 def test_gains_are_designed_for_a_craft_that_those_before_do_not_fit(
-    option: tuple[str, ...], law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    option: tuple[str, ...], law: str, tmp_path: Path, ask: Ask
 ) -> None:
-    craft, gains = tmp_path / "craft.yaml", tmp_path / "gains.yaml"
-    craft.write_text(TENTH)
-    assert main(["simulate", "--config", str(craft), *option]) == 2
-    assert "momentum_tube.brake" in capsys.readouterr().err
-    given = ["--config", str(craft), *option, "--gains", "1", "15.4", "0.2"]
-    assert main(["design", *given, "--output", str(gains)]) == 0
+    craft, gains = overlay(tmp_path / "craft.yaml", TENTH), tmp_path / "gains.yaml"
+    given = ["--config", craft, *option]
+    assert "momentum_tube.brake" in ask("simulate", *given, code=2).err
+    ask("design", *given, "--gains", 1, 15.4, 0.2, "--output", gains)
     assert load([craft, gains]).controller.name == law
 
 
-def test_the_papers_environment_fills_the_wheels_and_is_refused(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["design", *OPTIONS[:2]]) == 2
+def test_the_papers_environment_fills_the_wheels_and_is_refused(ask: Ask) -> None:
     told = "error: with a momentum of 0.6715 N·m·s the wheels give no torque for certain; allowed: "
-    assert told in capsys.readouterr().err
+    assert told in ask("design", *OPTIONS[:2], code=2).err

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Ask
 from craft_helpers import case
 from synthetic import normal_run
 
@@ -30,11 +31,9 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.export import _ROWS, export, export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER
-from ppc_attitude.processes.exits import DONE
 from ppc_attitude.simulation.closed_loop import simulate
 
 
@@ -150,15 +149,11 @@ def test_missing_pyarrow_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         export_parquet(normal_run(duration=0.1), tmp_path / "out")
 
 
-def test_the_command_exports_every_instant_that_is_analysed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_exports_every_instant_that_is_analysed(tmp_path: Path, ask: Ask) -> None:
     bag, table = tmp_path / "bag", tmp_path / "run.csv"
     write_run(normal_run(duration=2.0), bag)
-    assert main(["export", str(bag), "--csv", str(table)]) == DONE
-    assert capsys.readouterr().out == f"table: {table}\n"
+    assert ask("export", bag, "--csv", table).out == f"table: {table}\n"
     head, *rows = table.read_text().splitlines()
     assert head.startswith("stamp_ns,t,attitude_x,")
     assert len(rows) == 201
-    assert main(["analyse", str(bag), "--json"]) == DONE
-    assert json.loads(capsys.readouterr().out)["steps"] == len(rows)
+    assert ask("analyse", bag, "--json").json["steps"] == len(rows)

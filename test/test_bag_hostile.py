@@ -26,6 +26,7 @@ from pathlib import Path
 
 import pytest
 from bag_helpers import assert_same, hot, storage_file, unfinished
+from conftest import Ask
 from matplotlib.figure import Figure
 from synthetic import normal_run
 
@@ -39,7 +40,6 @@ from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.sqlite_source import settle
 from ppc_attitude.bags.writer import BagWriter
-from ppc_attitude.command_line.main import main
 
 RUN = normal_run(duration=1.0)
 
@@ -79,7 +79,8 @@ def test_what_is_undone_is_what_sqlite_would_undo(tmp_path: Path, change: str) -
     before = storage_file(bag).read_bytes()
     assert_same(read_run(bag), RUN)
     assert storage_file(bag).read_bytes() == before and journal.exists()
-    settle(storage_file(bag), make(tmp_path / "work"))
+    (tmp_path / "work").mkdir()
+    settle(storage_file(bag), tmp_path / "work")
     assert storage_file(bag).read_bytes() == storage_file(theirs).read_bytes() != before
     assert not journal.exists()
 
@@ -259,7 +260,8 @@ def test_a_recovery_deletes_and_overwrites_nothing_but_its_own(tmp_path: Path) -
 
 def test_a_recovery_follows_no_link(tmp_path: Path) -> None:
     bag = unfinished(tmp_path / "bag", "mcap", RUN)
-    mine = make(tmp_path / "mine")
+    mine = tmp_path / "mine"
+    mine.mkdir()
     (mine / "thesis.tex").write_text("years of work")
     (bag / ".recovering").symlink_to(mine)
     with pytest.raises(BagError, match="cannot be recovered: Cannot call rmtree on a symbolic"):
@@ -280,9 +282,7 @@ STEERING = "\x1b]0;owned\x07\x1b[2J\u202e\x9b<script>alert(1)</script>"
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_what_steers_a_terminal_or_a_page_is_escaped(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_steers_a_terminal_or_a_page_is_escaped(tmp_path: Path, ask: Ask) -> None:
     nodes = {f"{STEERING}": {STEERING: [STEERING]}, "ppc_controller": {"controller": STEERING}}
     run = replace(
         RUN, controller=STEERING, parameters=nodes, metadata={STEERING: STEERING, "seed": STEERING}
@@ -293,20 +293,14 @@ def test_what_steers_a_terminal_or_a_page_is_escaped(
     (bag / "metadata.yaml").write_text(f'a: "{STEERING}')
     (bag / "unfinished.json").write_text(f'{{"{STEERING}')
     page = tmp_path / "page.html"
-    main(["analyse", str(bag), "--report", str(page)])
+    told = ask("analyse", bag, "--report", page)
     assert read_run(bag).controller == printable(STEERING) != STEERING
     with BagWriter(tmp_path / "chatter") as writer:
         writer.add_topic(f"/{STEERING}", "std_msgs/msg/String")
         writer.write(f"/{STEERING}", 1, b"")
-    assert main(["analyse", str(tmp_path / "chatter")]) == 2
-    assert main(["replay", str(bag)]) == 2
-    output = capsys.readouterr()
-    assert "x1b" in output.err
-    for text in (output.out, output.err, page.read_text()):
+    nothing = ask("analyse", tmp_path / "chatter", code=2)
+    unknown = ask("replay", bag, code=2)
+    assert "x1b" in told.err + nothing.err + unknown.err
+    for text in (*told, *nothing, *unknown, page.read_text()):
         assert not set(text) & set("\x1b\x07\u202e\x9b")
     assert "<script>alert" not in page.read_text()
-
-
-def make(folder: Path) -> Path:
-    folder.mkdir()
-    return folder

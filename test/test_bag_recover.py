@@ -30,6 +30,7 @@ from bag_helpers import (
     unfinished,
     written_by_rosbags,
 )
+from conftest import Ask
 from mcap.reader import make_reader
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 from synthetic import SAMPLED, normal_run
@@ -39,7 +40,6 @@ from ppc_attitude.bags.marks import METADATA, UNFINISHED
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.main import main
 
 RUN = normal_run(duration=1.0)
 
@@ -78,11 +78,10 @@ def test_a_truncated_file_is_recovered_as_far_as_it_goes(tmp_path: Path, part: f
     assert [file.name for file in cut.glob("*.mcap")] == ["cut.mcap"]
 
 
-def test_the_command_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_what_it_found(tmp_path: Path, ask: Ask) -> None:
     late = replace(RUN, stamps_ns=RUN.stamps_ns + 3_000_000_000)
     bag = unfinished(tmp_path / "bag", "mcap", late)
-    assert main(["recover", str(bag)]) == 0
-    first, cut, last = capsys.readouterr().out.splitlines()
+    first, cut, last = ask("recover", bag).out.splitlines()
     count = len(RUN.stamps_ns) * len(SAMPLED)
     assert first == f"{count} messages on {len(SAMPLED)} topics, received within 1.000 s"
     assert cut.startswith("it was cut: it has no metadata.yaml")

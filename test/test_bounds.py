@@ -18,14 +18,15 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
+from conftest import Ask
+from craft_helpers import overlay
 from process_helpers import PAPER
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line import memory
-from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.contract.topics import INJECTOR, PLANT
-from ppc_attitude.processes.exits import BAD_INPUT
+from ppc_attitude.processes.exits import BAD_INPUT, BROKEN
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -69,29 +70,18 @@ def test_a_container_may_have_less_than_the_machine(
 
 @pytest.mark.parametrize("command", ["campaign", "falsify"])
 def test_runs_of_a_cluster_take_no_memory_of_this_machine(
-    command: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
 ) -> None:
     monkeypatch.setattr(memory, "_free", lambda: 1.0)
     for more, told in (([], "are free"), (["--scheduler", "nobody"], "scheduler = nobody: ")):
-        assert main([command, f"--out={tmp_path / 'out'}", *more]) == BAD_INPUT
-        assert told in capsys.readouterr().err
+        assert told in ask(command, f"--out={tmp_path / 'out'}", *more, code=BAD_INPUT).err
 
 
-def test_a_simulation_that_diverges_says_so_and_judges_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    wild = tmp_path / "wild.yaml"
-    wild.write_text(
-        f"/**/{INJECTOR}:\n  ros__parameters:\n    pulse_times: [1.0]\n"
-        "    pulse_durations: [1000.0]\n    pulse_torques: [1.0e+6, 1.0e+6, 1.0e+6]\n"
-    )
-    report = tmp_path / "report.html"
-    options = ["--config", str(PAPER), "--config", str(wild), "--duration", "60"]
-    assert main(["simulate", *options, "--report", str(report)]) == 3
-    out, err = capsys.readouterr()
+def test_a_simulation_that_diverges_says_so_and_judges_nothing(tmp_path: Path, ask: Ask) -> None:
+    hit = {"pulse_times": [1.0], "pulse_durations": [1000.0], "pulse_torques": [1e6, 1e6, 1e6]}
+    wild, report = overlay(tmp_path / "wild.yaml", {INJECTOR: hit}), tmp_path / "report.html"
+    options = ["--config", PAPER, "--config", wild, "--duration", 60, "--report", report]
+    out, err = ask("simulate", *options, code=BROKEN)
     assert out == ""
     assert err.startswith("error: diverged: angular velocity (")
     assert not report.exists()

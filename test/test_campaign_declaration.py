@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Ask
 from craft_helpers import configs
 from test_campaign_distributions import CRAFT, base
 
 from ppc_attitude.campaign.declaration import campaign, draw, load_campaign, scenario_of_run
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import ALLOCATOR, ESTIMATOR, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import load
@@ -64,10 +64,8 @@ def test_an_estimator_waits_for_fixes_as_late_as_they_were_drawn() -> None:
     latency = drawn[PLANT]["star_tracker.latency"]
     assert latency == drawn[ESTIMATOR]["star_tracker.latency"] != 0.1
     given["parameters"][f"{ESTIMATOR}.star_tracker.latency"] = 0.2  # what a mismatch does
-    assert (
-        scenario_of_run(campaign(given, craft, 0), 0).parameters[ESTIMATOR]["star_tracker.latency"]
-        == 0.2
-    )
+    drawn = scenario_of_run(campaign(given, craft, 0), 0).parameters
+    assert drawn[ESTIMATOR]["star_tracker.latency"] == 0.2
 
 
 def test_one_number_varies_once() -> None:
@@ -76,9 +74,7 @@ def test_one_number_varies_once() -> None:
         campaign(given, base(), 0)
 
 
-def test_a_noise_that_the_sensors_do_not_have_is_not_drawn(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_noise_that_the_sensors_do_not_have_is_not_drawn(tmp_path: Path, ask: Ask) -> None:
     """One declaration serves every craft; what does nothing is not reported as drawn."""
     noise = {"attitude_noise": 1e-6, "rate_noise": 1e-7}
     paper, sensing = load(configs("paper")), load(configs("paper", "sensors_cubesat"))
@@ -88,11 +84,8 @@ def test_a_noise_that_the_sensors_do_not_have_is_not_drawn(
         campaign({"rate_noise": "much"}, sensing, 0)
     file = tmp_path / "noise.yaml"
     file.write_text(json.dumps({"campaign": noise}))
-    short = tmp_path / "short.yaml"
-    short.write_text("spacecraft_plant: {ros__parameters: {duration: 1.0}}")
-    given = [f"--config={each}" for each in (*configs("sensors_cubesat"), short)]
-    main(["campaign", "--campaign", str(file), "--only", "0", *given])
-    told, said = capsys.readouterr()
+    given = [f"--config={each}" for each in configs("sensors_cubesat")]
+    told, said = ask("campaign", "--campaign", file, "--only", 0, *given, "--duration", 1)
     assert "not drawn: attitude_noise, rate_noise; gyro_star_tracker has no such number" in said
     assert "actuator_strength 1" in told
     assert "_noise" not in told.split("drawn: ")[1].splitlines()[0]

@@ -14,7 +14,6 @@
 
 """What a campaign comes to: errors over time, shares with intervals, figures, report, command."""
 
-import json
 import math
 import os
 import random
@@ -26,8 +25,8 @@ import numpy as np
 import pytest
 import yaml
 from campaign_helpers import RUNS, VARIES, finish, rows_of, small
-from conftest import StartProcess
-from craft_helpers import ROOT
+from conftest import Ask, StartProcess
+from craft_helpers import ROOT, overlay
 from process_helpers import COMMAND, PATIENCE
 from scipy import stats
 from synthetic import normal_run
@@ -48,7 +47,7 @@ from ppc_attitude.campaign.quantile_bands import (
 from ppc_attitude.campaign.report import write_campaign_report
 from ppc_attitude.campaign.summary import WORST, Fraction, Summary
 from ppc_attitude.campaign.variables import DRAWN
-from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import PLANT
 
 
 @pytest.fixture(scope="module")
@@ -208,48 +207,38 @@ def test_report_says_how_to_run_the_worst_again(finished: Finished, tmp_path: Pa
 
 def written(tmp_path: Path) -> list[str]:
     """Files of a small campaign, as arguments."""
-    config, declared = tmp_path / "config.yaml", tmp_path / "campaign.yaml"
-    plant = {"spacecraft_plant": {"ros__parameters": {"duration": 3.0, "rate": 50.0}}}
-    config.write_text(json.dumps(plant), encoding="utf-8")
+    config = overlay(tmp_path / "config.yaml", {PLANT: {"duration": 3.0, "rate": 50.0}})
+    declared = tmp_path / "campaign.yaml"
     declared.write_text(yaml.safe_dump({"campaign": VARIES}), encoding="utf-8")
     return ["campaign", "--config", str(config), "--campaign", str(declared), "--seed", "1"]
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_command_gives_the_campaign(
-    finished: Finished, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_gives_the_campaign(finished: Finished, tmp_path: Path, ask: Ask) -> None:
     out, report = tmp_path / "out", tmp_path / "report.html"
-    options = ["--runs", str(RUNS), "--workers", "1", "--out", str(out), "--json"]
-    assert (
-        main([*written(tmp_path), *options, "--report", str(report)]) == 0
-    )  # runs this short show little
-    told = json.loads(capsys.readouterr().out)
+    options = ["--runs", RUNS, "--workers", 1, "--out", out, "--report", report, "--json"]
+    told = ask(*written(tmp_path), *options).json  # runs this short show little
     assert told["done"] == told["runs"] == RUNS
     assert told["requirements"] == finished.summary.to_json()["requirements"]
     assert rows_of(out) == rows_of(finished.folder)
     assert report.exists()
 
 
-def test_command_runs_one_again(
-    finished: Finished, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_runs_one_again(finished: Finished, tmp_path: Path, ask: Ask) -> None:
     slow = tmp_path / "slow.yaml"
     slow.write_text("rate: 0.01\n", encoding="utf-8")
-    only = [*written(tmp_path), "--only", "9", "--json"]
-    assert main([*only, "--requirements", str(slow)]) == 1
-    capsys.readouterr()
-    assert main(only) == 0
-    told = json.loads(capsys.readouterr().out)
+    only = [*written(tmp_path), "--only", 9, "--json"]
+    ask(*only, "--requirements", slow, code=1)
+    told = ask(*only).json
     row = rows_of(finished.folder)[9]
     for name in ("max_rate_deg_s", "max_applied_torque", "settling_time_s"):
         assert told["metrics"][name] == row[name]
     assert told["drawn"]["pulse_torque"] == row["pulse_torque"]
 
 
-def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*written(tmp_path), "--runs", "0"]) == 2
-    assert capsys.readouterr().err.splitlines()[-1] == "error: runs = 0; allowed: ≥ 1"
+def test_command_refuses_in_one_line(tmp_path: Path, ask: Ask) -> None:
+    refused = ask(*written(tmp_path), "--runs", 0, code=2).err
+    assert refused.splitlines()[-1] == "error: runs = 0; allowed: ≥ 1"
 
 
 def test_ctrl_c_keeps_what_is_done_and_says_how_much(

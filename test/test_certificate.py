@@ -19,9 +19,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Ask
+from craft_helpers import overlay
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.certificate import (
     Condition,
@@ -126,28 +127,24 @@ def test_other_laws_are_not_judged_by_the_papers_conditions(values: dict[str, ob
     assert "S1" not in by_name({**values, "controller": "log_barrier"})
 
 
-@pytest.mark.parametrize("law", ["quaternion_feedback", "log_barrier"])
+@pytest.mark.parametrize(
+    ("law", "envelope"),
+    [("quaternion_feedback", "attitude_envelope"), ("log_barrier", "rate_envelope")],
+)
 def test_an_impossible_envelope_stops_only_a_law_that_has_it(
-    law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    law: str, envelope: str, tmp_path: Path, ask: Ask
 ) -> None:
-    prefix = {"quaternion_feedback": "attitude_envelope", "log_barrier": "rate_envelope"}[law]
-    impossible = f"{{{prefix}.settling_time: 1.0, {prefix}.decay: 0.001, controller: {law}}}"
-    (tmp_path / "law.yaml").write_text(f"ppc_controller: {{ros__parameters: {impossible}}}\n")
-    command = ["check", "--config", str(tmp_path / "law.yaml")]
-    main(command)
-    told = capsys.readouterr()
-    assert "infeasible" not in told.err
+    impossible = {"controller": law, envelope: {"settling_time": 1.0, "decay": 0.001}}
+    file = overlay(tmp_path / "law.yaml", {CONTROLLER: impossible})
+    told = ask("check", "--config", file)
     assert "r of ρ_ω" not in told.out
     assert ("r of ρ_q" in told.out) == (law == "log_barrier")
-    assert main([*command, "--controller", "ppc"]) == 2
-    assert f"{prefix} is infeasible" in capsys.readouterr().err
+    refused = ask("check", "--config", file, "--controller", "ppc", code=2)
+    assert f"{envelope} is infeasible" in refused.err
 
 
-def test_check_prints_every_condition_and_fails_only_for_necessary_ones(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["check"]) == 0
-    printed = capsys.readouterr().out
+def test_check_prints_every_condition_and_fails_only_for_necessary_ones(ask: Ask) -> None:
+    printed = ask("check").out
     for name in ("r of ρ_q", "r of ρ_ω", "S1", "S2", "S3", "S4", "S5", "rate bound"):
         assert name in printed
     assert "20.5476279 s" in printed

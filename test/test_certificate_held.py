@@ -21,8 +21,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import case, configs
+from conftest import Ask
+from craft_helpers import case, configs, overlay
 from scipy.spatial.transform import Rotation
+from synthetic import with_columns, without_columns
 
 from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
 from ppc_attitude.analysis.metrics import Verdict
@@ -125,14 +127,12 @@ def test_a_gyro_that_cannot_measure_the_promised_rates_voids_the_promise(
 
 
 def test_check_says_that_a_promise_needs_fixes(
-    designed_for_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    designed_for_sensors: Path, tmp_path: Path, ask: Ask
 ) -> None:
-    blind = tmp_path / "blind.yaml"
-    tracker = "{blinding_times: [30.0], blinding_durations: [5.0], dropout_probability: 1.0}"
-    blind.write_text(f"spacecraft_plant: {{ros__parameters: {{star_tracker: {tracker}}}}}")
+    tracker = {"blinding_times": [30.0], "blinding_durations": [5.0], "dropout_probability": 1.0}
+    blind = overlay(tmp_path / "blind.yaml", {PLANT: {"star_tracker": tracker}})
     files = [f"--config={file}" for file in (designed_for_sensors, blind)]
-    assert main(["check", *FLAGSHIP, *files]) == 0
-    told = " ".join(capsys.readouterr().out.split())
+    told = ask("check", *FLAGSHIP, *files).page
     assert "guaranteed: |q_ev,i| < " in told
     for found in (
         "max_rate = 0.06981 rad/s is below the promised 0.1",
@@ -143,15 +143,13 @@ def test_check_says_that_a_promise_needs_fixes(
 
 
 def test_a_design_knows_the_torque_noise_that_its_sensors_make(
-    designed_for_sensors: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    designed_for_sensors: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     files = [*configs("paper", "sensors_flagship"), designed_for_sensors]
     law = law_of(load(files).parameters[CONTROLLER])
     monkeypatch.setattr(design, "tuned", lambda *_: law)  # of these gains, found before
-    assert main(["design", *FLAGSHIP, "--gains", *GAINS, "--torque-noise", "1e-6"]) == 1
-    found = re.search(r"nearest that was found is (\S+) N·m", capsys.readouterr().out)
+    told = ask("design", *FLAGSHIP, "--gains", *GAINS, "--torque-noise", 1e-6, code=1).out
+    found = re.search(r"nearest that was found is (\S+) N·m", told)
     assert found
     torque = simulate(load(files), 60.0)["torque_command"][-3000:]
     slow = np.apply_along_axis(np.convolve, 0, torque, np.full(101, 1 / 101), "valid")
@@ -169,20 +167,14 @@ def test_a_design_knows_the_torque_noise_that_its_sensors_make(
     ],
 )
 def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
-    option: str, told: str, capsys: pytest.CaptureFixture[str]
+    option: str, told: str, ask: Ask
 ) -> None:
-    try:
-        code: Any = main(["design", FLAGSHIP[0], *option.split()])
-    except SystemExit as refused:  # of what is wrong by itself, whatever the configuration
-        code = refused.code
-    assert code == 2
-    assert told in capsys.readouterr().err
+    assert told in ask("design", FLAGSHIP[0], *option.split(), code=2).err
 
 
-def test_gains_beyond_all_bounds_are_infeasible(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["design", FLAGSHIP[0], "--gains", "1e-300", "15", "0.2"]) == 1
+def test_gains_beyond_all_bounds_are_infeasible(ask: Ask) -> None:
     told = "nothing can be guaranteed: no floating-point number bounds what gains 1e-300, 15, 0.2"
-    assert told in capsys.readouterr().out
+    assert told in ask("design", FLAGSHIP[0], "--gains", 1e-300, 15, 0.2, code=1).out
 
 
 @pytest.mark.parametrize("e_S", [0.0, 0.1])
@@ -238,8 +230,7 @@ def test_a_reference_beyond_the_assumed_bounds_suspends_the_promise(
     bound = record.parameters[CONTROLLER][f"momentum_tube.assumed.{assumed}"]
     motion = record[column].copy()
     motion[2000:2010] = (share * bound, 0.0, 0.0)
-    held = held_by(replace(record, columns={**record.columns, column: motion}))
-    assert told in held.note
+    assert told in held_by(with_columns(record, **{column: motion})).note
     assert told not in held_by(record).note
 
 
@@ -292,7 +283,7 @@ def test_what_a_torque_led_out_of_the_tube_is_suspended_until_it_is_back() -> No
     # From then on the promise counts again.
     error = record["momentum_error"].copy()
     error[1600] = 2.0 * record["momentum_tube"][1600]
-    outside = held_by(replace(record, columns={**record.columns, "momentum_error": error})).outside
+    outside = held_by(with_columns(record, momentum_error=error)).outside
     assert np.flatnonzero(outside).tolist() == [1600]
 
 
@@ -350,22 +341,17 @@ def test_nodes_of_others_may_tell_little_of_themselves(
 def test_a_reference_that_is_not_on_record_is_known_by_its_parameters(
     reference: dict[str, Any], reason: str
 ) -> None:
-    record = record_of("guaranteed")
-    columns = {n: each for n, each in record.columns.items() if n != REFERENCE_ACCELERATION.column}
+    record = without_columns(record_of("guaranteed"), REFERENCE_ACCELERATION.column)
     parameters = {**record.parameters, REFERENCE: {**record.parameters[REFERENCE], **reference}}
-    held = held_by(replace(record, columns=columns, parameters=parameters))
+    held = held_by(replace(record, parameters=parameters))
     assert reason in held.reason
     assert bool(held.reason) == bool(reason)
 
 
 def test_without_what_the_law_was_told_its_knowledge_is_not_judged() -> None:
     record = record_of("guaranteed")
-    true = {
-        "truth_attitude": record["attitude"],
-        "truth_angular_velocity": record["angular_velocity"],
-    }
-    columns = {name: each for name, each in record.columns.items() if name != "angular_velocity"}
-    held = held_by(replace(record, columns={**columns, **true}))
+    true = {f"truth_{name}": record[name] for name in ("attitude", "angular_velocity")}
+    held = held_by(with_columns(without_columns(record, "angular_velocity"), **true))
     assert not held.outside.any()
 
 
@@ -379,13 +365,10 @@ def test_a_broken_promise_is_found() -> None:
     away = Rotation.from_rotvec(beyond[:, None] * [1.0, 0.0, 0.0])
     attitude[1000:1010] = (desired * away).as_quat()
     rate = record["angular_velocity"].copy()
-    rate[1000:1010] = [
-        0.0,
-        0.0,
-        record.parameters[CONTROLLER]["momentum_tube.assumed.Omega"] * 1.01,
-    ]
+    limit = record.parameters[CONTROLLER]["momentum_tube.assumed.Omega"]
+    rate[1000:1010] = [0.0, 0.0, 1.01 * limit]
     for changed in ({"turn": turn}, {"attitude": attitude}, {"angular_velocity": rate}):
-        held = held_by(replace(record, columns={**record.columns, **changed}))
+        held = held_by(with_columns(record, **changed))
         assert np.flatnonzero(held.outside).tolist() == list(range(1000, 1010))
 
 
@@ -398,7 +381,7 @@ def test_what_estimation_errors_may_add_breaks_no_promise(designed_for_sensors: 
     seen = record["turn"].copy()
     for share, outside in ((0.9, []), (1.1, [1000])):
         seen[1000] = record["turn_envelope"][1000] + share * values["momentum_tube.e_A"]
-        held = held_by(replace(record, columns={**record.columns, "turn": seen}))
+        held = held_by(with_columns(record, turn=seen))
         assert np.flatnonzero(held.outside).tolist() == outside
 
 

@@ -14,17 +14,16 @@
 
 """The command `check`: what a wish needs at best, what is out of proportion, and 80 columns."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import case, configs
+from conftest import Ask
+from craft_helpers import case, configs, overlay
 
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
-from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.proportions import (
     actuator_conditions,
     environment_torque,
@@ -52,6 +51,12 @@ TENTH = Requirements(settled=Accuracy(0.1, "deg"), settling_deadline=90.0, rate=
 
 def by_name(conditions: Any) -> dict[str, Condition]:
     return {each.name: each for each in conditions}
+
+
+def conditions_of(ask: Ask, *files: Path, code: int = 0) -> dict[str, dict[str, Any]]:
+    """What `check` says of configuration files, by name."""
+    told = ask("check", *(f"--config={file}" for file in files), "--json", code=code)
+    return {each["name"]: each for each in told.json["conditions"]}
 
 
 @pytest.fixture
@@ -105,42 +110,29 @@ def test_the_configured_environment_is_looked_at(
     assert low * ENVIRONMENT_BOUND <= found <= high * ENVIRONMENT_BOUND
 
 
-def test_a_free_craft_is_not_measured_by_the_papers_environment(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    craft = tmp_path / "weak.yaml"
-    limits = "{ros__parameters: {max_torque: 0.002}}"
-    craft.write_text(f"/**/spacecraft_plant: {limits}\n/**/ppc_controller: {limits}\n")
-    calm = tmp_path / "calm.yaml"
-    calm.write_text("/**/disturbance_injector: {ros__parameters: {environment: false}}\n")
-    assert main(["check", "--config", str(craft), "--json"]) == 1
-    capsys.readouterr()
-    assert main(["check", "--config", str(craft), "--config", str(calm), "--json"]) == 0
-    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["conditions"]}
-    assert found["torque authority"]["limit"] == 0.0
+def test_a_free_craft_is_not_measured_by_the_papers_environment(tmp_path: Path, ask: Ask) -> None:
+    weak = {"max_torque": 0.002}
+    craft = overlay(tmp_path / "weak.yaml", {PLANT: weak, CONTROLLER: weak})
+    calm = overlay(tmp_path / "calm.yaml", {INJECTOR: {"environment": False}})
+    assert not conditions_of(ask, craft, code=1)["torque authority"]["holds"]
+    assert conditions_of(ask, craft, calm)["torque authority"]["limit"] == 0.0
 
 
-def test_a_time_without_end_is_no_number_in_json(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    slow = tmp_path / "slow.yaml"
-    slow.write_text("/**/ppc_controller: {ros__parameters: {k: 1.0e-6}}\n")
-    assert main(["check", "--config", str(slow), "--json"]) == 1
-    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["conditions"]}
-    assert found["time of the law"]["value"] is None
-    assert not found["time of the law"]["holds"]
+def test_a_time_without_end_is_no_number_in_json(tmp_path: Path, ask: Ask) -> None:
+    slow = overlay(tmp_path / "slow.yaml", {CONTROLLER: {"k": 1e-6}})
+    found = conditions_of(ask, slow, code=1)["time of the law"]
+    assert found["value"] is None
+    assert not found["holds"]
 
 
 def test_an_actuator_that_is_weaker_than_the_environment_is_told_of(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ask: Ask
 ) -> None:
     """Whatever the law believes of it."""
-    craft = tmp_path / "weak.yaml"
-    craft.write_text("/**/spacecraft_plant: {ros__parameters: {max_torque: 0.002}}\n")
-    main(["check", "--config", str(craft), "--json"])
-    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["conditions"]}
-    assert found["torque authority"]["value"] == 0.002
-    assert not found["torque authority"]["holds"]
+    craft = overlay(tmp_path / "weak.yaml", {PLANT: {"max_torque": 0.002}})
+    found = conditions_of(ask, craft, code=1)["torque authority"]
+    assert found["value"] == 0.002
+    assert not found["holds"]
 
 
 def warned(conditions: Any) -> set[str]:
@@ -229,49 +221,38 @@ def test_a_pulse_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
 
 @pytest.mark.parametrize(("asked", "limits"), [("1.5", {1.5}), ("null", set())])
 def test_rates_are_compared_with_the_required_one(
-    asked: str, limits: set[float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    asked: str, limits: set[float], tmp_path: Path, ask: Ask
 ) -> None:
     """The law's rate bound and the rate of slews; without a required rate there is no condition."""
-    config, required = tmp_path / "goal.yaml", tmp_path / "required.yaml"
-    config.write_text(f"/**/{REFERENCE}:\n  ros__parameters: {{mode: goal}}\n")
+    config = overlay(tmp_path / "goal.yaml", {REFERENCE: {"mode": "goal"}})
+    required = tmp_path / "required.yaml"
     required.write_text(f"rate: {asked}\n")
-    main(["check", "--config", str(config), "--requirements", str(required), "--json"])
-    conditions = json.loads(capsys.readouterr().out)["conditions"]
-    compared = [each for each in conditions if each["name"] in ("rate bound", "slew rate")]
+    told = ask("check", "--config", config, "--requirements", required, "--json").json
+    compared = [each for each in told["conditions"] if each["name"] in ("rate bound", "slew rate")]
     assert {each["limit"] for each in compared} == limits
     assert len(compared) == 2 * len(limits)
 
 
 @pytest.mark.parametrize(
-    "overlay", ["sudden_disturbance", "sensors_smallsat", "guaranteed", "traditional"]
+    "name", ["sudden_disturbance", "sensors_smallsat", "guaranteed", "traditional"]
 )
-def test_the_page_fits_a_terminal_and_holds_no_rounding_of_zero(
-    overlay: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["check", *(f"--config={file}" for file in configs("paper", overlay))]) == 0
-    page = capsys.readouterr().out
+def test_the_page_fits_a_terminal_and_holds_no_rounding_of_zero(name: str, ask: Ask) -> None:
+    page = ask("check", *(f"--config={file}" for file in configs("paper", name))).out
     assert max(map(len, page.splitlines())) <= 80
     assert "e-3" not in page.replace("1e-3", "")  # such as 4.94e-324
 
 
-def test_a_goal_that_will_be_refused_is_no_good_configuration(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_goal_that_will_be_refused_is_no_good_configuration(tmp_path: Path, ask: Ask) -> None:
     """The run will miss the requirement that every order is followed."""
-    goals = "{mode: goal, goals.times: [1.0, 5.0], goals.attitudes: [0, 0, 0, 1, 0, 0, 0, 1], "
-    late = "goals.frames: [inertial, spin], spin.rate: 0.05}"
-    file = tmp_path / "goals.yaml"
-    file.write_text(f"/**/reference_generator:\n  ros__parameters: {goals}{late}\n")
-    assert main(["check", "--config", str(file)]) == 1
-    assert "refused goals  1 ≤ 0  VIOLATED" in capsys.readouterr().out
+    goals = {"times": [1.0, 5.0], "attitudes": 2 * [0, 0, 0, 1], "frames": ["inertial", "spin"]}
+    reference = {"mode": "goal", "goals": goals, "spin.rate": 0.05}
+    file = overlay(tmp_path / "goals.yaml", {REFERENCE: reference})
+    assert "refused goals  1 ≤ 0  VIOLATED" in ask("check", "--config", file, code=1).out
 
 
-def test_a_start_without_a_fix_is_checked_by_the_truth(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "late.yaml").write_text("/**:\n  ros__parameters: {initial_fix: false}\n")
-    files = [*configs("paper", "sensors_smallsat"), tmp_path / "late.yaml"]
-    assert main(["check", *(f"--config={file}" for file in files)]) == 0
-    page = capsys.readouterr().out
+def test_a_start_without_a_fix_is_checked_by_the_truth(tmp_path: Path, ask: Ask) -> None:
+    late = overlay(tmp_path / "late.yaml", {"/**": {"initial_fix": False}})
+    files = [*configs("paper", "sensors_smallsat"), late]
+    page = ask("check", *(f"--config={file}" for file in files)).out
     assert "attitude error x y z w: -0.22952, 0.25933, -0.11266, -0.93133" in page
     assert "attitude error 42.71°" in page

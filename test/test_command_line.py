@@ -14,7 +14,6 @@
 
 """Every command helps, and tells a user's mistake in one line."""
 
-import json
 import os
 import shlex
 import sys
@@ -22,9 +21,11 @@ import warnings
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
-from craft_helpers import ROOT
+from bag_helpers import assert_flown
+from conftest import Ask
+from craft_helpers import overlay
+from process_helpers import PAPER
 from synthetic import normal_run
 
 import ppc_attitude
@@ -35,9 +36,8 @@ from ppc_attitude.command_line.main import COMMANDS, main, parsers
 from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.recording import _progress
-from ppc_attitude.processes.exits import BAD_INPUT, DONE
-
-PAPER = str(ROOT / "config" / "paper.yaml")
+from ppc_attitude.contract.topics import RECORDER
+from ppc_attitude.processes.exits import BAD_INPUT
 
 
 def examples(command: str) -> tuple[str, ...]:
@@ -56,28 +56,20 @@ def test_every_command_has_examples_that_parse() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_describes_every_argument(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main([command, "--help"])
-    assert end.value.code == DONE
-    shown = capsys.readouterr().out
+def test_help_describes_every_argument(command: str, ask: Ask) -> None:
+    shown = ask(command, "--help").out
     for line in examples(command):
         assert f"\n  {line}\n" in shown
     for action in parsers()[1].choices[command]._actions:
         assert action.help, f"{command}: {action.dest}"
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(["--version"])
-    assert end.value.code == DONE
-    assert capsys.readouterr().out == f"ppc_attitude {ppc_attitude.__version__}\n"
+def test_version(ask: Ask) -> None:
+    assert ask("--version").out == f"ppc_attitude {ppc_attitude.__version__}\n"
 
 
-def test_the_general_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    shown = capsys.readouterr().out
+def test_the_general_help_names_every_command(ask: Ask) -> None:
+    shown = ask("--help").out
     assert all(f"    {command} " in shown for command in COMMANDS)
     assert "exit codes" in shown
 
@@ -271,7 +263,7 @@ def test_a_mistake_is_told_in_one_line(
 
 
 def test_where_nothing_can_be_written_is_told_before_the_work(
-    mistakes: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    mistakes: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
 ) -> None:
     """Root may write anywhere, so the kernel's answer is replaced."""
     asked = []
@@ -281,23 +273,20 @@ def test_where_nothing_can_be_written_is_told_before_the_work(
         return False
 
     monkeypatch.setattr(os, "access", access)
-    with pytest.raises(SystemExit) as end:
-        main(["run", "--report", "new/report.html"])
-    assert end.value.code == BAD_INPUT
-    assert f"nothing can be written into {mistakes}" in capsys.readouterr().err
+    told = ask("run", "--report", "new/report.html", code=BAD_INPUT).err
+    assert f"nothing can be written into {mistakes}" in told
     assert asked == [(mistakes, os.W_OK | os.X_OK)]
 
 
 @pytest.mark.parametrize("line", ["inject 1 0 0", "run --duration 1", "latency --duration 1"])
 def test_without_ros_one_line_says_what_is_missing_and_what_to_do(
-    line: str, mistakes: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: str, mistakes: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
 ) -> None:
     for name in ("inject", "visiting"):  # what was imported before would not miss it
         monkeypatch.delitem(sys.modules, f"ppc_attitude.nodes.{name}", raising=False)
     monkeypatch.setitem(sys.modules, "rclpy", None)
     before = sorted(mistakes.rglob("*"))
-    assert main(line.split()) == BAD_INPUT
-    told = capsys.readouterr().err
+    told = ask(*line.split(), code=BAD_INPUT).err
     assert told.startswith("error: this needs rclpy, which is not installed: source ROS 2 Jazzy")
     assert told.count("\n") == 1
     assert sorted(mistakes.rglob("*")) == before
@@ -320,57 +309,47 @@ def test_the_bar_of_a_run_ends_at_its_end(capsys: pytest.CaptureFixture[str]) ->
     assert "100%" in capsys.readouterr().err
 
 
-def test_one_run_cannot_be_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_run_cannot_be_compared(tmp_path: Path, ask: Ask) -> None:
     write_run(normal_run(duration=0.1), tmp_path / "bag")
-    assert main(["compare", str(tmp_path / "bag")]) == BAD_INPUT
-    assert capsys.readouterr().err == "error: 1 runs given; allowed: 2 to 6\n"
+    refused = ask("compare", tmp_path / "bag", code=BAD_INPUT).err
+    assert refused == "error: 1 runs given; allowed: 2 to 6\n"
 
 
 @pytest.mark.ros
-def test_simulate_writes_what_run_would(
-    recorded_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_simulate_writes_what_run_would(recorded_bag: Path, tmp_path: Path, ask: Ask) -> None:
     bag, table = tmp_path / "bag", tmp_path / "run.csv"
-    options = ["simulate", "--duration", "2", "--bag", str(bag), "--export", str(table)]
-    assert main(options) in (DONE, 1)
-    assert f"bag: {bag}\ntable: {table}\n" in capsys.readouterr().out
-    written, recorded = read_run(bag, whole=True), read_run(recorded_bag)
-    np.testing.assert_array_equal(written.stamps_ns, recorded.stamps_ns)
-    assert set(written.columns) == set(recorded.columns)
-    for column, samples in recorded.columns.items():
-        assert written[column].tobytes() == samples.tobytes(), column
-    assert (written.warnings, written.missing) == ((), {})
+    simulate = ["simulate", "--duration", 2]
+    told = ask(*simulate, "--bag", bag, "--export", table).out
+    assert f"bag: {bag}\ntable: {table}\n" in told
+    written = read_run(bag, whole=True)
+    assert_flown(written, read_run(recorded_bag))
     assert "command" in written.metadata
-    assert main(["replay", str(bag), "--json"]) == DONE
-    assert json.loads(capsys.readouterr().out)["largest_difference"] == 0.0
     assert len(table.read_text().splitlines()) == 202
-    assert main([*options[:5]]) == BAD_INPUT  # neither is overwritten
-    with pytest.raises(SystemExit):
-        main(["simulate", "--export", str(table)])
+    for output in (["--bag", bag], ["--export", table]):  # neither is overwritten
+        ask(*simulate, *output, code=BAD_INPUT)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_outputs_go_to_new_folders_and_replace_only_what_the_command_wrote(tmp_path: Path) -> None:
+def test_outputs_go_to_new_folders_and_replace_only_what_the_command_wrote(
+    tmp_path: Path, ask: Ask
+) -> None:
     table, report = tmp_path / "new" / "run.csv", tmp_path / "page" / "run.html"
     report.parent.mkdir()
     report.write_text(f"<!DOCTYPE html>{REPORT} the one before")
-    line = ["simulate", "--duration", "1", "--report", str(report), "--export", str(table)]
-    assert main(line) == DONE
+    ask("simulate", "--duration", 1, "--report", report, "--export", table)
     assert table.exists()
     assert "the one before" not in report.read_text()
     gains = tmp_path / "gains" / "mine.yaml"
-    design = ["design", "--config", PAPER, "--gains", "1", "15.4", "0.2", "--output", str(gains)]
-    assert main(design) == DONE
+    design = ["design", "--config", PAPER, "--gains", 1, 15.4, 0.2, "--output", gains]
+    ask(*design)
     assert new_file(".yaml", replaces=WRITTEN)(str(gains)) == gains
     gains.with_suffix(".certificate.json").write_text("{}")  # of somebody else
-    with pytest.raises(SystemExit):
-        main(design)
+    ask(*design, code=BAD_INPUT)
     assert gains.with_suffix(".certificate.json").read_text() == "{}"
 
 
-def test_simulate_takes_the_storage_of_the_recorder(tmp_path: Path) -> None:
-    file = tmp_path / "sqlite.yaml"
-    file.write_text("/**/bag_recorder:\n  ros__parameters:\n    storage: sqlite3\n")
+def test_simulate_takes_the_storage_of_the_recorder(tmp_path: Path, ask: Ask) -> None:
+    file = overlay(tmp_path / "sqlite.yaml", {RECORDER: {"storage": "sqlite3"}})
     bag = tmp_path / "bag"
-    main(["simulate", "--config", str(file), "--duration", "0.1", "--bag", str(bag)])
+    ask("simulate", "--config", file, "--duration", 0.1, "--bag", bag)
     assert [each.suffix for each in bag.iterdir() if each.suffix != ".yaml"] == [".db3"]

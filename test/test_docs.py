@@ -14,16 +14,15 @@
 
 """The documentation is current: its links lead somewhere, its tables are those of the code."""
 
-import json
 import re
 import runpy
 from pathlib import Path
 
 import pytest
+from conftest import Ask
 from craft_helpers import ROOT
 from docs_helpers import PAGES, table
 
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.parameters import PARAMETERS
 
 GENERATE = runpy.run_path(str(ROOT / "docs" / "generate.py"))
@@ -64,9 +63,8 @@ def test_tests_that_pages_name_exist() -> None:
         assert any(f"def {name}(" in text for text in files.values()), name
 
 
-def test_json_is_described_key_by_key(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["simulate", "--duration", "1", "--json"])
-    printed = json.loads(capsys.readouterr().out)
+def test_json_is_described_key_by_key(ask: Ask) -> None:
+    printed = ask("simulate", "--duration", 1, "--json").json
     page = ROOT / "docs/reference.md"
     assert [row[0] for row in table(page, "| key |")] == list(printed)
     assert [row[0] for row in table(page, "| metric |")] == list(printed["metrics"])

@@ -14,24 +14,23 @@
 
 """The numbers of the documentation are those that the code gives."""
 
-import json
 import re
 import runpy
 import sys
 from pathlib import Path
 
 import pytest
-from craft_helpers import ROOT
+from conftest import Ask
+from craft_helpers import CONFIG, ROOT, overlay
 from docs_helpers import EXAMPLES, blocks, table
+from process_helpers import PAPER
 
-from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import CONTROLLER
 
 
-def test_verdict_of_the_readme_is_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["simulate", "--config", str(ROOT / "config" / "paper.yaml")])
-    printed = capsys.readouterr().out
+def test_verdict_of_the_readme_is_what_is_printed(ask: Ask) -> None:
     (shown,) = (block for block in blocks(ROOT / "README.md", "text") if "requirement" in block)
-    assert shown.strip() in printed
+    assert shown.strip() in ask("simulate", "--config", PAPER).out
 
 
 def numbers(text: str) -> list[float]:
@@ -57,15 +56,10 @@ def test_numbers_of_the_theory_are_measured(
 
 
 @pytest.mark.parametrize("column", [1, 2, 3])
-def test_sweep_of_the_theory_is_measured(
-    column: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    auto = tmp_path / "auto.yaml"
-    auto.write_text("/**/ppc_controller: {ros__parameters: {envelope: auto}}\n", encoding="utf-8")
-    paper = ROOT / "config" / "paper.yaml"
-    overlay = {1: paper, 2: ROOT / "config" / "no_widening.yaml", 3: auto}[column]
-    main(["sweep", "--config", str(paper), "--config", str(overlay), "--json"])
-    hits = json.loads(capsys.readouterr().out)["hits"]
+def test_sweep_of_the_theory_is_measured(column: int, tmp_path: Path, ask: Ask) -> None:
+    auto = overlay(tmp_path / "auto.yaml", {CONTROLLER: {"envelope": "auto"}})
+    file = {1: PAPER, 2: CONFIG / "no_widening.yaml", 3: auto}[column]
+    hits = ask("sweep", "--config", PAPER, "--config", file, "--json").json["hits"]
     rows = table(ROOT / "docs" / "theory.md", "| hit [s] |")
     assert [float(row[0]) for row in rows] == [hit["duration_s"] for hit in hits]
     for row, hit in zip(rows, hits, strict=True):
@@ -76,14 +70,15 @@ def test_sweep_of_the_theory_is_measured(
             assert float(row[column]) == pytest.approx(recovery, rel=0.05)
 
 
-def test_comparison_of_the_theory_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+def test_comparison_of_the_theory_is_measured(ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
     rows = table(ROOT / "docs" / "theory.md", "| | settled [s] | largest rate")
     assert len(rows) == 3
     for options, settled, rate, recovered in rows:
         given = ["--config", "config/paper.yaml", "--config", "config/comparison_hit.yaml"]
-        given = [str(ROOT / each) if "/" in each else each for each in given + options.split()]
-        main(["simulate", *given, "--json"])
-        metrics = json.loads(capsys.readouterr().out)["metrics"]
+        fails = int(options != "--controller ppc")
+        told = ask("simulate", *given, *options.split(), "--json", code=fails)
+        metrics = told.json["metrics"]
         assert float(settled) == pytest.approx(metrics["settling_time_s"], rel=0.005)
         assert float(rate) == pytest.approx(metrics["max_rate_deg_s"], rel=0.005)
         recovery = metrics["disturbances"][0]["recovery_time_s"]
@@ -93,9 +88,8 @@ def test_comparison_of_the_theory_is_measured(capsys: pytest.CaptureFixture[str]
             assert float(recovered) == pytest.approx(recovery, rel=0.05)
 
 
-def test_conditions_of_the_theory_are_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["check", "--config", str(ROOT / "config" / "paper.yaml")])
-    lines = capsys.readouterr().out.splitlines()
+def test_conditions_of_the_theory_are_measured(ask: Ask) -> None:
+    lines = ask("check", "--config", PAPER).out.splitlines()
     printed = {line.split("  ")[0]: line for line in lines if line}
     rows = table(ROOT / "docs" / "theory.md", "| | value | holds |")
     assert [row[0] for row in rows] == ["S1", "S2", "S3", "S4", "S5"]

@@ -28,7 +28,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from conftest import StartProcess
+from conftest import Ask, StartProcess
 from process_helpers import (
     COMMAND,
     ENDLESS,
@@ -45,7 +45,6 @@ from process_helpers import (
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import stack
-from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
@@ -82,7 +81,7 @@ def test_output_that_nobody_takes(
 
 
 def test_a_report_for_which_there_is_no_room_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
 ) -> None:
     report, unlimited = tmp_path / "report.html", resource.getrlimit(resource.RLIMIT_FSIZE)
 
@@ -91,10 +90,10 @@ def test_a_report_for_which_there_is_no_room_is_named(
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", drawn)
     try:
-        code = main([*SIMULATE[len(COMMAND) :], "--report", str(report)])
+        refused = ask(*SIMULATE[len(COMMAND) :], "--report", report, code=2)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
-    assert (code, capsys.readouterr().err) == (2, f"error: {report}: File too large\n")
+    assert refused.err == f"error: {report}: File too large\n"
     assert not list(tmp_path.iterdir())
 
 

@@ -14,7 +14,6 @@
 
 """The adversary: it keeps its bounds, goes on where it was, and finds what is broken."""
 
-import json
 import math
 import signal
 from concurrent.futures import ThreadPoolExecutor
@@ -26,12 +25,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Ask
 from craft_helpers import configs
 from process_helpers import PAPER
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.campaign.declaration import campaign
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
@@ -119,7 +118,7 @@ def test_two_searches_at_once_in_a_folder_are_refused(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_search_says_so_and_what_has_not_settled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
 ) -> None:
     told = []
 
@@ -129,8 +128,7 @@ def test_an_interrupted_search_says_so_and_what_has_not_settled(
         return 5.97
 
     monkeypatch.setattr("ppc_attitude.falsify.search.evaluated", simulated)
-    assert main(["falsify", "--duration=5", "--pieces=3", f"--out={tmp_path}"]) == BROKEN
-    said = capsys.readouterr()
+    said = ask("falsify", "--duration=5", "--pieces=3", f"--out={tmp_path}", code=BROKEN)
     assert " runs: not settled at 5 s (error 0.97)\n" in said.out
     assert "error: interrupted after " in said.err and "of 1000 runs; the same command" in said.err
     assert "settling: not settled at 5 s" in (tmp_path / "worst.yaml").read_text()
@@ -140,30 +138,26 @@ def test_an_interrupted_search_says_so_and_what_has_not_settled(
     "words", ["--after 1", "--goal terminal --after 1", "--goal rate --accuracy 0.1"]
 )
 def test_an_option_that_a_goal_does_not_ask_for_is_refused(
-    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: str, tmp_path: Path, ask: Ask
 ) -> None:
-    assert main(["falsify", f"--out={tmp_path}", *words.split()]) == BAD_INPUT
-    assert "here it would do nothing" in capsys.readouterr().err
+    told = ask("falsify", f"--out={tmp_path}", *words.split(), code=BAD_INPUT).err
+    assert "here it would do nothing" in told
 
 
-def test_the_worst_case_is_a_configuration_that_gives_the_value(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_worst_case_is_a_configuration_that_gives_the_value(tmp_path: Path, ask: Ask) -> None:
     overlays = [f"--config={path}" for path in configs("paper", "guaranteed")]
     bounds = ["--runs=40", "--pieces=3", f"--out={tmp_path}", "--duration=30", "--goal=terminal"]
-    code = main(["falsify", *overlays, *bounds, "--json"])
-    told = json.loads(capsys.readouterr().out)
-    assert code == (1 if told["passes_limit"] else 0)
+    told = ask("falsify", *overlays, *bounds, "--json", code=1).json
+    assert told["passes_limit"]  # within 30 s the law does not settle
     assert told["told"] == f"{told['largest']:.6g}"
-    main(["simulate", *overlays, f"--config={told['worst']}", "--json"])
-    verdict = json.loads(capsys.readouterr().out)
-    assert verdict["metrics"]["terminal_error"] == pytest.approx(told["largest"], rel=1e-12)
+    metrics = ask("simulate", *overlays, f"--config={told['worst']}", "--json").json["metrics"]
+    assert metrics["terminal_error"] == pytest.approx(told["largest"], rel=1e-12)
 
 
-def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path) -> None:
+def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path, ask: Ask) -> None:
     """Else the file, run with the same configuration, was a run of the paper's law."""
     told = ["--controller=quaternion_feedback", "--duration=5", "--runs=1", "--pieces=0"]
-    main(["falsify", f"--config={PAPER}", *told, f"--out={tmp_path}"])
+    ask("falsify", f"--config={PAPER}", *told, f"--out={tmp_path}")
     assert load([PAPER, tmp_path / "worst.yaml"]).controller.name == "quaternion_feedback"
 
 

@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
-from conftest import nothing_drawn
-from craft_helpers import case, configs
+from conftest import Ask, nothing_drawn
+from craft_helpers import case, configs, overlay
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
@@ -41,7 +40,6 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.report import write_report
 from ppc_attitude.analysis.requirements import PAPER
-from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import PLANT
@@ -184,34 +182,21 @@ def test_no_certificate_covers_a_fault(in_flight: bool) -> None:
     assert not held.outside.any()
 
 
-def test_check_lists_faults_and_says_that_a_certificate_is_void(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "faults.yaml"
-    file.write_text(yaml.safe_dump({PLANT: {"ros__parameters": {"faults": [STUCK, WEAK]}}}))
-
-    def checked(*names: str) -> tuple[int, str]:
-        options = [f"--config={each}" for each in (*configs(*names), file)]
-        return main(["check", *options]), capsys.readouterr().out
-
-    code, page = checked("paper")
-    assert code == 0
-    assert f"fault: {STUCK}\nfault: {WEAK}\n" in page
-    code, page = checked("paper", "guaranteed")
-    assert code == 1
-    assert f"faults = '{STUCK}': whether it keeps the assumed bounds" in " ".join(page.split())
-    assert main(["check", "--config", str(file), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["faults"] == [STUCK, WEAK]
-    file.write_text(yaml.safe_dump({PLANT: {"ros__parameters": {"faults": ["wheel/7 seized"]}}}))
-    assert main(["check", "--config", str(file)]) == 2
-    assert "'wheel/7 seized': this craft has no part wheel/7 that fails" in capsys.readouterr().err
+def test_check_lists_faults_and_says_that_a_certificate_is_void(tmp_path: Path, ask: Ask) -> None:
+    file = overlay(tmp_path / "faults.yaml", {PLANT: {"faults": [STUCK, WEAK]}})
+    assert f"fault: {STUCK}\nfault: {WEAK}\n" in ask("check", "--config", file).out
+    assert ask("check", "--config", file, "--json").json["faults"] == [STUCK, WEAK]
+    guaranteed = [f"--config={each}" for each in (*configs("paper", "guaranteed"), file)]
+    told = ask("check", *guaranteed, code=1).page
+    assert f"faults = '{STUCK}': whether it keeps the assumed bounds" in told
+    overlay(file, {PLANT: {"faults": ["wheel/7 seized"]}})
+    refused = ask("check", "--config", file, code=2).err
+    assert "'wheel/7 seized': this craft has no part wheel/7 that fails" in refused
 
 
-def test_nothing_is_designed_for_hardware_that_fails(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_designed_for_hardware_that_fails(tmp_path: Path, ask: Ask) -> None:
     options = [f"--config={file}" for file in configs("paper", "orbit", "faults")]
-    assert main(["design", *options, "--output", str(tmp_path / "gains.yaml")]) == 2
+    refused = ask("design", *options, "--output", tmp_path / "gains.yaml", code=2).err
     told = "faults: 'wheel/2 effectiveness 0.0 from 40.0': nothing can be guaranteed of it"
-    assert told in capsys.readouterr().err
+    assert told in refused
     assert not [*tmp_path.iterdir()]

@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Ask
 from craft_helpers import case, configs, guaranteed
 from mpmath import iv
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.command_line.guarantee_view import certificate_path, stored_certificate
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, digest_of
 from ppc_attitude.science.errors import ConfigurationError
@@ -198,18 +198,14 @@ def test_a_quicker_law_has_longer_ramps_and_check_says_so() -> None:
     assert not [*longer_ramps(guaranteed()[1], nodes_around(shipped.parameters))]
 
 
-def test_a_changed_number_voids_the_certificate(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_changed_number_voids_the_certificate(tmp_path: Path, ask: Ask) -> None:
     (shipped,) = configs("guaranteed")
     changed = tmp_path / "changed.yaml"
     changed.write_text(shipped.read_text().replace("kappa: 15.4", "kappa: 15.5"))
     certificate_path(changed).write_text(certificate_path(shipped).read_text())
     paper = ["check", f"--config={configs('paper')[0]}", "--config"]
-    assert main([*paper, str(shipped)]) == 0
-    assert "guaranteed: |q_ev,i| < 0.005 from t =" in capsys.readouterr().out
-    assert main([*paper, str(changed)]) == 1
-    told = capsys.readouterr().out
+    assert "guaranteed: |q_ev,i| < 0.005 from t =" in ask(*paper, shipped).out
+    told = ask(*paper, changed, code=1).out
     assert "the certificate does not apply: it was issued for other numbers" in told
     assert "guaranteed: " not in told.partition("nothing is")[0]
 

@@ -20,12 +20,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import configs
+from conftest import Ask
+from craft_helpers import configs, overlay
 from guidance_helpers import guidance
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.analysis.metrics import Verdict
-from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import REFERENCE
 from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, SPINNING, frame_at
 from ppc_attitude.science.guidance.limits import frame_bounds
 from ppc_attitude.science.guidance.plan import LOOK
@@ -122,47 +123,41 @@ def test_no_frame_turns_faster_than_its_bounds(frame: int) -> None:
         assert bound <= 1.1 * most + 1e-12 or frame == INERTIAL
 
 
-GOALS = """
-reference_generator:
-  ros__parameters:
-    mode: goal
-    guidance: {max_rate: 0.0145, max_acceleration: 0.0035, max_jerk: 0.0035}
-    goals:
-      times: [10.0, 40.0, 45.0]
-      frames: [inertial, nadir, inertial]
-      attitudes: [0.6, 0.0, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0, 0.0, 0.8, 0.0, -0.6]
-"""
+@pytest.fixture
+def goals(tmp_path: Path) -> Path:
+    """Three goals for a craft with slow slews."""
+    reference = {
+        "mode": "goal",
+        "guidance": {"max_rate": 0.0145, "max_acceleration": 0.0035, "max_jerk": 0.0035},
+        "goals.times": [10.0, 40.0, 45.0],
+        "goals.frames": ["inertial", "nadir", "inertial"],
+        "goals.attitudes": [0.6, 0.0, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0, 0.0, 0.8, 0.0, -0.6],
+    }
+    return overlay(tmp_path / "goals.yaml", {REFERENCE: reference})
 
 
-def test_a_flight_to_goals_is_promised_and_the_promise_kept(tmp_path: Path) -> None:
-    goals, gains = tmp_path / "goals.yaml", tmp_path / "gains.yaml"
-    goals.write_text(GOALS)
-    given = ["--config", str(goals), "--gains", "0.92", "78.4", "1", "--output", str(gains)]
-    assert main(["design", "--config", str(configs("paper")[0]), *given]) == 0
+def test_a_flight_to_goals_is_promised_and_the_promise_kept(
+    goals: Path, tmp_path: Path, ask: Ask
+) -> None:
+    gains = tmp_path / "gains.yaml"
+    given = ["--config", goals, "--gains", 0.92, 78.4, 1, "--output", gains]
+    ask("design", "--config", *configs("paper"), *given)
     scenario = load([*configs("paper"), goals, gains])
     verdict = Verdict(simulate(scenario, 120.0))
     held = [(each.met, each.note) for each in verdict.requirements if each.key == "certificate"]
     assert held == [(True, "")]
 
 
-def test_a_law_that_looks_ahead_is_not_designed_for_goals(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    goals = tmp_path / "goals.yaml"
-    goals.write_text(GOALS)
-    assert main(["design", f"--config={goals}", "--controller", "momentum_tube_ahead"]) == 2
-    assert "controller = momentum_tube_ahead with mode = goal" in capsys.readouterr().err
+def test_a_law_that_looks_ahead_is_not_designed_for_goals(goals: Path, ask: Ask) -> None:
+    refused = ask("design", f"--config={goals}", "--controller", "momentum_tube_ahead", code=2)
+    assert "controller = momentum_tube_ahead with mode = goal" in refused.err
 
 
-def test_a_timed_profile_has_no_bound_of_its_jerk(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    goals = tmp_path / "goals.yaml"
-    still = "0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0"
-    points = f"points: [0.0, 20.0, {still}, 0.0, 30.0, {still}]"
-    schedule = f"times: [1.0], frames: [profile], attitudes: [0.0, 0.0, 0.0, 1.0], {points}"
-    goals.write_text(
-        "reference_generator: {ros__parameters: {mode: goal, goals: {" + schedule + "}}}"
-    )
-    assert main(["design", "--config", str(goals)]) == 2
-    assert "mode = goal tells no bound W2: give it with" in capsys.readouterr().err
+def test_a_timed_profile_has_no_bound_of_its_jerk(tmp_path: Path, ask: Ask) -> None:
+    still = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    schedule = {"times": [1.0], "frames": ["profile"], "attitudes": still[:4]}
+    points = [0.0, 20.0, *still, 0.0, 30.0, *still]
+    timed = {REFERENCE: {"mode": "goal", "goals": {**schedule, "points": points}}}
+    file = overlay(tmp_path / "goals.yaml", timed)
+    refused = ask("design", "--config", file, code=2)
+    assert "mode = goal tells no bound W2: give it with" in refused.err
