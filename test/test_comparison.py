@@ -32,7 +32,6 @@ from ppc_attitude.analysis.comparison import (
 from ppc_attitude.analysis.drawing import BLUE, RED, save
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, RATE, Envelope
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.requirements import PAPER
 
 LABELS = ["proposed", "benchmark"]
 
@@ -45,7 +44,7 @@ def runs():
 
 
 def measured(runs):
-    return [Measured(run, PAPER) for run in runs]
+    return list(map(Measured, runs))
 
 
 def lines(axes, colour):
@@ -64,11 +63,8 @@ def test_the_first_is_red_and_the_second_blue_each_in_its_dotted_envelope(runs):
             assert state.get_linestyle() == "-"
             assert upper.get_linestyle() != "-"
         assert panel.get_ylabel() == f"pointing error\n$q_{{ev,{'xyz'[k]}}}$ [1]"
-    assert [text.get_text() for text in axes[0].get_legend().get_texts()] == [
-        "proposed",
-        "envelope",
-        "benchmark",
-    ]
+    told = [text.get_text() for text in axes[0].get_legend().get_texts()]
+    assert told == ["proposed", "envelope", "benchmark"]
 
 
 def test_the_rates_with_their_norm_and_the_limit(runs):
@@ -92,16 +88,10 @@ def test_a_late_hit_of_any_run_is_shown_closely():
 
 
 def test_rate_errors_are_compared_where_both_have_envelopes(runs):
-    assert list(comparisons_of(measured(runs))) == [
-        "comparison_attitude_error",
-        "comparison_angular_velocity",
-        "comparison_rate_error",
-    ]
+    names = [f"comparison_{of}" for of in ("attitude_error", "angular_velocity", "rate_error")]
+    assert list(comparisons_of(measured(runs))) == names
     plain = [runs[0], without_columns(runs[1], "rate_envelope")]
-    assert list(comparisons_of(measured(plain))) == [
-        "comparison_attitude_error",
-        "comparison_angular_velocity",
-    ]
+    assert list(comparisons_of(measured(plain))) == names[:2]
     panel = error_comparison(measured(runs), LABELS, ENVELOPES[1]).axes[0]
     assert panel.get_yscale() == "log"
     z2 = np.rad2deg(np.abs(runs[0]["rate_error"][:, 0]))
@@ -164,13 +154,8 @@ def test_the_sweep(tmp_path):
     assert list(by_label["not recovered"].get_xdata()) == [0.5, 1.0]
     assert by_label["limit 10 s"].get_ydata()[0] == 10.0
     assert list(bottom.get_lines()[0].get_ydata()) == outside
-    assert [text.get_text() for text in bottom.get_xticklabels()] == [
-        "0.05",
-        "0.1",
-        "0.2",
-        "0.5",
-        "1",
-    ]
+    ticks = [text.get_text() for text in bottom.get_xticklabels()]
+    assert ticks == ["0.05", "0.1", "0.2", "0.5", "1"]
     assert bottom.get_xlabel() == "duration of the hit [s]"
     assert top.get_ylabel() == "recovery time [s]"
     path = tmp_path / "figures" / "sweep.png"

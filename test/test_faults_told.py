@@ -39,7 +39,6 @@ from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.report import write_report
-from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import PLANT
@@ -131,7 +130,7 @@ def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
         write_report([Verdict(record)], page)
     text = page.read_text(encoding="utf-8")
     assert f"<h3>Faults</h3>\n<ul><li>{STUCK}, 2 to 5 s</li><li>{WEAK}, 7 to 10 s</li></ul>" in text
-    figure = error_figure(Measured(record, PAPER), ENVELOPES[0])
+    figure = error_figure(Measured(record), ENVELOPES[0])
     axes = figure.axes[0]
     assert ends_of(axes) == pytest.approx([2.0, 5.0, 7.0, 10.0])
     for panel in json.loads(plotted(figure).partition(">")[2].rpartition("<")[0]):
@@ -143,7 +142,7 @@ def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
     with nothing_drawn():
         write_report([Verdict(whole)], page)
     assert "Faults" not in page.read_text(encoding="utf-8")
-    assert not error_figure(Measured(whole, PAPER), ENVELOPES[0]).axes[0].patches
+    assert not error_figure(Measured(whole), ENVELOPES[0]).axes[0].patches
 
 
 def test_a_comparison_shows_the_faults_of_every_run_each_once() -> None:

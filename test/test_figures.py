@@ -33,7 +33,6 @@ from ppc_attitude.analysis.figures import (
     transformed_errors_figure,
 )
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.run_panels import zoom_window
 from ppc_attitude.analysis.series import AnalysisError
 
@@ -83,12 +82,8 @@ def levels(axes):
     }
 
 
-def measured(run):
-    return Measured(run, PAPER)
-
-
 def test_the_attitude_error_in_its_envelope(normal):
-    linear, logarithmic = error_figure(measured(normal), ENVELOPES[0]).axes
+    linear, logarithmic = error_figure(Measured(normal), ENVELOPES[0]).axes
     t, error = normal.stamps_ns / 1e9, normal["attitude_error"]
     for k, axis in enumerate("xyz"):
         shows(labelled(linear)[axis], t, error[:, k])
@@ -106,7 +101,7 @@ def test_the_attitude_error_in_its_envelope(normal):
 
 
 def test_the_pointing_error_in_degrees(normal):
-    (axes,) = pointing_figure(measured(normal)).axes
+    (axes,) = pointing_figure(Measured(normal)).axes
     (line,) = [each for each in axes.get_lines() if len(each.get_xdata()) > 2]
     size = np.linalg.norm(normal["attitude_error"][:, :3], axis=1)
     assert np.allclose(line.get_ydata(), np.rad2deg(2.0 * np.arcsin(size)), rtol=1e-6, atol=1e-9)
@@ -115,7 +110,7 @@ def test_the_pointing_error_in_degrees(normal):
 
 def test_the_three_errors_are_drawn_where_they_differ(normal):
     told = with_columns(normal, truth_attitude=normal["reference_attitude"])
-    (axes,) = pointing_figure(measured(told)).axes
+    (axes,) = pointing_figure(Measured(told)).axes
     assert list(labelled(axes)) == [
         "pointing: truth against reference",
         "control: told against reference",
@@ -130,20 +125,20 @@ def test_limits_are_drawn_where_they_are_judged(hit):
         (hit, "terminal < 0.0005", None),  # the hit at 80 s leaves too little time
         (longer, "terminal < 0.0005", lambda t: t >= 100.0),
     ):
-        lines = labelled(error_figure(measured(run), ENVELOPES[0]).axes[1])
+        lines = labelled(error_figure(Measured(run), ENVELOPES[0]).axes[1])
         assert (label in lines) is (judged is not None)
         if judged is not None:
             t, level = lines[label].get_data()
             inside = judged(t)
             assert np.isfinite(level[inside]).mean() > 0.98
             assert np.isnan(level[~inside]).mean() > 0.98
-    bottom = angular_velocity_figure(measured(hit)).axes[1]
+    bottom = angular_velocity_figure(Measured(hit)).axes[1]
     t, level = labelled(bottom)["limit 3 deg/s, judged to 20 s"].get_data()
     assert t[np.isfinite(level)].max() < 20.0
 
 
 def test_the_rate_error_in_its_envelope(normal):
-    linear, logarithmic = error_figure(measured(normal), ENVELOPES[1]).axes
+    linear, logarithmic = error_figure(Measured(normal), ENVELOPES[1]).axes
     z2 = np.rad2deg(normal["rate_error"])
     shows(labelled(linear)["y"], normal.stamps_ns / 1e9, z2[:, 1])
     assert linear.get_ylabel() == "rate error z2 [deg/s]"  # as the angular velocity
@@ -153,13 +148,13 @@ def test_the_rate_error_in_its_envelope(normal):
 
 
 def test_the_applied_torque_and_its_limits(normal):
-    (axes,) = applied_torque_figure(measured(normal)).axes
+    (axes,) = applied_torque_figure(Measured(normal)).axes
     t = normal.stamps_ns / 1e9
     shows(labelled(axes)["z"], t, normal["applied_torque"][:, 2])
     assert levels(axes) == {0.05, -0.05}
     assert axes.get_ylabel() == "applied torque [N·m]"
     weak = replace(normal, parameters={"spacecraft_plant": {"max_torque": 0.02}})
-    (axes,) = applied_torque_figure(measured(weak)).axes
+    (axes,) = applied_torque_figure(Measured(weak)).axes
     assert levels(axes) == {0.02, -0.02}
     assert axes.get_ylim()[1] > 0.05  # what broke the limit is in view
 
@@ -174,7 +169,7 @@ def test_the_angular_velocity_over_the_desired_one_in_body_axes(normal):
         reference_attitude=np.tile([0.0, 0.0, 0.0, 1.0], (t.size, 1)),
         reference_angular_velocity=np.tile([np.deg2rad(0.5), 0.0, 0.0], (t.size, 1)),
     )
-    top, bottom = angular_velocity_figure(measured(run)).axes
+    top, bottom = angular_velocity_figure(Measured(run)).axes
     rate = np.rad2deg(run["angular_velocity"])
     shows(labelled(top)["x"], t, rate[:, 0])
     desired = np.column_stack([labelled(top)[f"{axis} desired"].get_ydata() for axis in "xyz"])
@@ -187,28 +182,28 @@ def test_the_angular_velocity_over_the_desired_one_in_body_axes(normal):
 
 
 def test_a_run_without_reference_still_shows_its_rate(normal):
-    run = measured(without_columns(normal, "reference_angular_velocity"))
+    run = Measured(without_columns(normal, "reference_angular_velocity"))
     assert list(labelled(angular_velocity_figure(run).axes[0])) == ["x", "y", "z"]
 
 
 def test_the_disturbance(normal, hit):
-    (axes,) = disturbance_figure(measured(normal)).axes
+    (axes,) = disturbance_figure(Measured(normal)).axes
     shows(labelled(axes)["x"], normal.stamps_ns / 1e9, normal["disturbance_torque"][:, 0])
-    whole, enlarged = disturbance_figure(measured(hit)).axes
+    whole, enlarged = disturbance_figure(Measured(hit)).axes
     assert whole.get_ylim()[1] > 0.8
     assert 3e-3 < enlarged.get_ylim()[1] < 5e-3
     assert "N·m" in whole.get_ylabel()
 
 
 def test_the_transformed_errors(normal, hit):
-    attitude, rate = transformed_errors_figure(measured(normal)).axes
+    attitude, rate = transformed_errors_figure(Measured(normal)).axes
     epsilon = normal["attitude_error"][:, :3] / normal["attitude_envelope"]
     shows(labelled(attitude)["x"], normal.stamps_ns / 1e9, epsilon[:, 0])
     epsilon = normal["rate_error"] / normal["rate_envelope"]
     shows(labelled(rate)["z"], normal.stamps_ns / 1e9, epsilon[:, 2])
     assert levels(attitude) == levels(rate) == {1.0, -1.0}
     far = with_columns(hit, rate_error=1e3 * hit["rate_envelope"])
-    attitude, rate = transformed_errors_figure(measured(far)).axes
+    attitude, rate = transformed_errors_figure(Measured(far)).axes
     assert (attitude.get_yscale(), rate.get_yscale()) == ("linear", "symlog")
     assert "logarithmic beyond ±1" in rate.get_ylabel()
     assert "logarithmic" not in attitude.get_ylabel()
@@ -223,7 +218,7 @@ def test_what_a_law_has_besides_is_drawn_as_it_is_declared(normal):
 
 
 def test_a_hit_is_marked_and_shown_closely(hit):
-    run = measured(hit)
+    run = Measured(hit)
     *whole, close = error_figure(run, ENVELOPES[0]).axes
     for axes in whole:
         marks = [line.get_xdata()[0] for line in axes.get_lines() if line.get_marker() == "v"]
@@ -310,7 +305,7 @@ def test_only_what_the_controller_has(normal):
 def test_missing_samples_are_gaps(normal):
     rows = normal["attitude_error"].copy()
     rows[100:200] = np.nan
-    run = measured(with_columns(normal, attitude_error=rows))
+    run = Measured(with_columns(normal, attitude_error=rows))
     drawn = labelled(error_figure(run, ENVELOPES[0]).axes[0])["x"].get_ydata()
     assert np.isnan(drawn[100:200]).all()
     assert np.isfinite(drawn[200:]).all()

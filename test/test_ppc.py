@@ -337,3 +337,20 @@ def test_attitude_envelope_never_passes_one() -> None:
         q = (-1.0) ** sign * np.eye(3)[axis]
         assert not ppc.is_outside(tuple(0.99 * (0.9 - 0.1 * axis) * q), (0.9, 0.8, 0.7))
         assert ppc.is_outside(tuple(1.01 * (0.9 - 0.1 * axis) * q), (0.9, 0.8, 0.7))
+
+
+@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.floats(0.1, 5.0), st.floats(0.1, 5.0))
+def test_the_gain_is_that_of_the_barriers_derivative(epsilon: Any, k: float, F: float) -> None:
+    gain = ppc.barrier_gain(epsilon, k, F)
+    assert 0.0 <= gain <= k
+    for i, axis in enumerate(np.eye(3)):
+
+        def barrier(step: float, axis: Array = axis) -> Any:  # V_B = (k/2) F ln cosh(εᵀε/F)
+            x = epsilon + step * axis
+            return 0.5 * k * F * np.log(np.cosh(x @ x / F))
+
+        assert gain * epsilon[i] == pytest.approx(derivative(barrier, 1e-4), rel=1e-6, abs=1e-7)
+
+
+def test_the_gain_stays_finite_far_outside() -> None:
+    assert ppc.barrier_gain((1e150, 0.0, 0.0), 2.0, 0.1) == 2.0
