@@ -47,6 +47,8 @@ from ppc_attitude.nodes.running import run_node
 long = pytest.mark.long
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 RANGE, DOMAIN = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID"
+PEERS, ONLY, TRANSPORTS = "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY", "FASTDDS_BUILTIN_TRANSPORTS"
+PEERED = {RANGE: "LOCALHOST", PEERS: "127.0.0.1"}
 ALONE = {"SKIP_DEFAULT_XML_FILE": "1"}
 NAMESPACE = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
 
@@ -61,48 +63,37 @@ def test_both_profiles_write_alike() -> None:
     assert len(writer(ANYWHERE)) > 5
 
 
-def test_localhost_means_loopback_alone() -> None:
-    for peers in ({}, {"ROS_STATIC_PEERS": ";;"}):
-        environment = {RANGE: "LOCALHOST", **peers}
-        tune_transport(environment)
-        assert environment == {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST), **ALONE, **peers}
-
-
-def test_the_older_word_for_localhost_means_the_same() -> None:
-    environment = {RANGE: "SUBNET", "ROS_LOCALHOST_ONLY": "1"}
-    tune_transport(environment)
-    assert environment == {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST), **ALONE}
-
-
-@pytest.mark.parametrize("told", [{}, {RANGE: ""}, {RANGE: "SUBNET"}, {"ROS_LOCALHOST_ONLY": "0"}])
-def test_a_wider_range_stays_as_it_is(told: dict[str, str]) -> None:
-    environment = dict(told)
-    tune_transport(environment)
-    expected = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", PROFILE: str(ANYWHERE), **ALONE}
-    assert environment == {**told, **expected}
-
-
-def test_peers_elsewhere_stay_in_force() -> None:
-    environment = {RANGE: "LOCALHOST", "ROS_STATIC_PEERS": "127.0.0.1"}
-    tune_transport(environment)
-    assert environment[RANGE] == "LOCALHOST"
-    assert environment[PROFILE] == str(ANYWHERE)
+CLOSED = {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST), **ALONE}
+OPEN = {TRANSPORTS: "UDPv4", PROFILE: str(ANYWHERE), **ALONE}
 
 
 @pytest.mark.parametrize(
-    "name", [PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"]
+    ("told", "tuned"),
+    [
+        pytest.param({RANGE: "LOCALHOST"}, CLOSED, id="loopback alone"),
+        pytest.param({RANGE: "LOCALHOST", PEERS: ";;"}, {**CLOSED, PEERS: ";;"}, id="no peers"),
+        pytest.param({RANGE: "SUBNET", ONLY: "1"}, CLOSED, id="the older word for it"),
+        *(({**wider}, {**OPEN, **wider}) for wider in ({}, {RANGE: ""}, {RANGE: "SUBNET"})),
+        pytest.param({ONLY: "0"}, {**OPEN, ONLY: "0"}, id="the older word for elsewhere"),
+        pytest.param({**PEERED}, {**OPEN, **PEERED}, id="peers elsewhere stay in force"),
+        *(
+            pytest.param({RANGE: "LOCALHOST", name: "mine"}, {RANGE: "LOCALHOST", name: "mine"})
+            for name in (PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE", TRANSPORTS)
+        ),
+    ],
+    ids=str,
 )
-def test_the_users_own_settings_are_kept(name: str) -> None:
-    environment = {RANGE: "LOCALHOST", name: "mine"}
-    tune_transport(environment)
-    assert environment == {RANGE: "LOCALHOST", name: "mine"}
+def test_the_transport_is_tuned_to_the_range_that_is_asked_for(
+    told: dict[str, str], tuned: dict[str, str]
+) -> None:
+    """Settings of the user's own are kept."""
+    tune_transport(told)
+    assert told == tuned
 
 
 def test_another_middleware_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "rclpy.utilities.get_rmw_implementation_identifier",
-        lambda: "rmw_cyclonedds_cpp",
-    )
+    asked = "rclpy.utilities.get_rmw_implementation_identifier"
+    monkeypatch.setattr(asked, lambda: "rmw_cyclonedds_cpp")
     environment = {RANGE: "LOCALHOST"}
     tune_transport(environment)
     assert environment == {RANGE: "LOCALHOST"}
@@ -134,12 +125,10 @@ LOOPBACK = {"127.0.0.1", "239.255.0.1"}  # the group that loopback alone has joi
     ("told", "closed"),
     [
         ({RANGE: "LOCALHOST"}, True),
-        pytest.param({RANGE: "SUBNET", "ROS_LOCALHOST_ONLY": "1"}, True, marks=long),
-        pytest.param({RANGE: "LOCALHOST", "ROS_LOCALHOST_ONLY": "0"}, True, marks=long),
+        pytest.param({RANGE: "SUBNET", ONLY: "1"}, True, marks=long),
+        pytest.param({RANGE: "LOCALHOST", ONLY: "0"}, True, marks=long),
         ({RANGE: "SUBNET"}, False),
-        pytest.param(
-            {RANGE: "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}, False, marks=long
-        ),
+        pytest.param({RANGE: "LOCALHOST", TRANSPORTS: "UDPv4"}, False, marks=long),
     ],
     ids=str,
 )
@@ -173,8 +162,8 @@ def test_what_is_said_is_what_is_bound(
         ({DOMAIN: "7x"}, "ROS_DOMAIN_ID = '7x'"),
         ({DOMAIN: "9" * 5000}, "ROS_DOMAIN_ID = '9999"),
         ({DOMAIN: "²"}, "ROS_DOMAIN_ID = '²'"),
-        ({"ROS_STATIC_PEERS": "127.0.0.1;no.such.invalid"}, "ROS_STATIC_PEERS: 'no.such.invalid'"),
-        ({"ROS_STATIC_PEERS": "a b"}, "ROS_STATIC_PEERS: 'a b'"),
+        ({PEERS: "127.0.0.1;no.such.invalid"}, "ROS_STATIC_PEERS: 'no.such.invalid'"),
+        ({PEERS: "a b"}, "ROS_STATIC_PEERS: 'a b'"),
     ],
     ids=str,
 )
@@ -233,7 +222,7 @@ def test_a_run_names_a_middleware_that_is_not_installed(
 
 
 def test_an_empty_setting_leaves_the_sockets_to_us() -> None:
-    empty = dict.fromkeys((MIDDLEWARE, PROFILE, "FASTDDS_BUILTIN_TRANSPORTS"), "")
+    empty = dict.fromkeys((MIDDLEWARE, PROFILE, TRANSPORTS), "")
     assert reach({RANGE: "LOCALHOST", **empty}) == "localhost"
 
 
