@@ -15,6 +15,8 @@
 """The recorder beside others: what they offer, what it asks them, and what they ask it."""
 
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -34,58 +36,61 @@ from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.stamps import stamp_of
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
+pytestmark = pytest.mark.ros
 
 
-@pytest.mark.ros
+@contextmanager
+def recorder_into(bag: Path, *parameters: str) -> Iterator[Beside]:
+    """Give a recorder in this process, and a peer beside it that sends states."""
+    given = [word for each in (f"bag:={bag}", *parameters) for word in ("-p", each)]
+    rclpy.init(args=["--ros-args", *given])
+    try:
+        beside = Beside(BagRecorder(), ATTITUDE)
+        beside.meet()
+        yield beside
+        beside.close()
+    finally:
+        rclpy.try_shutdown()
+
+
 def test_what_one_run_sends_at_best_effort_is_recorded_as_of_that_run(tmp_path: Path) -> None:
     """Every full name begins with the home of the run that has no namespace."""
-    bag = tmp_path / "bag"
-    rclpy.init(args=["--ros-args", "-p", f"bag:={bag}", "-p", "namespaces:=['', craft]"])
-    beside = Beside(BagRecorder(), ATTITUDE)
+    bag, step = tmp_path / "bag", 0
     weak = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-    theirs = beside.peer.create_publisher(
-        message_class(ATTITUDE.msgtype), f"/craft/{ATTITUDE.name}", weak
-    )
-    beside.meet()
-    step = 0
+    with recorder_into(bag, "namespaces:=['', craft]") as beside:
+        theirs = beside.peer.create_publisher(
+            message_class(ATTITUDE.msgtype), f"/craft/{ATTITUDE.name}", weak
+        )
 
-    def taken() -> bool:
-        nonlocal step
-        beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
-        theirs.publish(Codec(ATTITUDE).encode(stamp_of(step, 100.0), UNIT))
-        step += 1
-        beside.node.wake()
-        return beside.node._recordings["/craft"].now >= 0
+        def taken() -> bool:
+            nonlocal step
+            beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
+            theirs.publish(Codec(ATTITUDE).encode(stamp_of(step, 100.0), UNIT))
+            step += 1
+            beside.node.wake()
+            return beside.node._recordings["/craft"].now >= 0
 
-    beside.until(taken)
-    beside.close()
-    rclpy.try_shutdown()
+        beside.until(taken)
     assert read_run(bag, namespace="/craft").stamps_ns.size > 0
 
 
-@pytest.mark.ros
 def test_a_recorder_ends_although_its_stack_runs_on(tmp_path: Path) -> None:
     """It waited for a silence that does not come."""
     bag, most = tmp_path / "bag", 3000
-    rclpy.init(args=["--ros-args", "-p", f"bag:={bag}"])
-    beside = Beside(BagRecorder(), ATTITUDE)
-    beside.meet()
     steps = iter(range(most))
+    with recorder_into(bag) as beside:
 
-    def send() -> None:
-        if (step := next(steps, None)) is not None:
-            beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
+        def send() -> None:
+            if (step := next(steps, None)) is not None:
+                beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
 
-    beside.peer.create_timer(0.01, send)
-    beside.node.drain(beside.executor)
-    sent = next(steps)
-    beside.close()
-    rclpy.try_shutdown()
+        beside.peer.create_timer(0.01, send)
+        beside.node.drain(beside.executor)
+        sent = next(steps)
     assert beside.node.exit_code == DONE
     assert 0 < read_run(bag).stamps_ns.size < sent < most
 
 
-@pytest.mark.ros
 @pytest.mark.parametrize("name", [CONTROLLER, REFERENCE])
 def test_a_node_that_is_started_again_is_asked_again(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -94,38 +99,32 @@ def test_a_node_that_is_started_again_is_asked_again(
 
     It begins anew, which is told as that it is enabled: a controller may have been disabled.
     """
-    bag = tmp_path / "bag"
-    rclpy.init(args=["--ros-args", "-p", f"bag:={bag}"])
-    beside = Beside(BagRecorder(), ATTITUDE)
-    beside.meet()
-    asked, said = 0, ""
+    bag, asked, said = tmp_path / "bag", 0, ""
+    with recorder_into(bag) as beside:
 
-    def has_answered() -> bool:
-        nonlocal said
-        beside.node.wake()
-        said += capfd.readouterr().err
-        return said.count(f"/{name} are on record") == asked
+        def has_answered() -> bool:
+            nonlocal said
+            beside.node.wake()
+            said += capfd.readouterr().err
+            return said.count(f"/{name} are on record") == asked
 
-    for k in (1.0, 2.0, 3.0, 3.0):
-        if k == 3.0:  # the run has begun
-            beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
-        node = rclpy.create_node(name)
-        node.declare_parameters("", [("k", k), ("controller", "ppc")])
-        beside.executor.add_node(node)
-        asked += 1
-        beside.until(has_answered)
-        beside.executor.remove_node(node)
-        node.destroy_node()
-    beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
-    beside.close()
-    rclpy.try_shutdown()
+        for k in (1.0, 2.0, 3.0, 3.0):
+            if k == 3.0:  # the run has begun
+                beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
+            node = rclpy.create_node(name)
+            node.declare_parameters("", [("k", k), ("controller", "ppc")])
+            beside.executor.add_node(node)
+            asked += 1
+            beside.until(has_answered)
+            beside.executor.remove_node(node)
+            node.destroy_node()
+        beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
     record = read_run(bag)
     assert record.parameters[name]["k"] == 2.0
     told = {(change.stamp_ns, change.name, change.value) for change in record.changes}
     assert told == {(stamp_of(2, 100.0), "k", 3.0), (stamp_of(2, 100.0), "enabled", True)}
 
 
-@pytest.mark.ros
 @pytest.mark.slow
 def test_a_recorder_asks_and_answers_in_full_flow(
     tmp_path: Path, start_process: StartProcess

@@ -49,7 +49,9 @@ class Cluster:
         self._start, self._folder = start_process, folder
         command = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
         self.scheduler = self._run(*command, stderr=subprocess.PIPE)
-        self.address = self._line(self.scheduler, "Scheduler at:").split()[-1]
+        assert self.scheduler.stderr is not None
+        said = next(line for line in self.scheduler.stderr if "Scheduler at:" in line)
+        self.address = said.split()[-1]
         self.workers = [
             self._run("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
             for _ in range(WORKERS)
@@ -64,23 +66,12 @@ class Cluster:
             command, cwd=self._folder, env=environment, stdout=subprocess.DEVNULL, stderr=stderr
         )
 
-    def _line(self, process: "subprocess.Popen[str]", text: str) -> str:
-        """Wait for a line of the process's log."""
-        assert process.stderr is not None
-        for line in process.stderr:
-            if text in line:
-                return line
-        raise AssertionError(f"ended without '{text}'")
-
-    def close(self) -> None:
-        self.client.close()
-
 
 @pytest.fixture
 def cluster(start_process: StartProcess, tmp_path: Path) -> Iterator[Cluster]:
     cluster = Cluster(start_process, tmp_path)
     yield cluster
-    cluster.close()
+    cluster.client.close()
 
 
 def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: Path) -> None:
@@ -106,7 +97,7 @@ def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: P
 
 @pytest.mark.long
 def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
-    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: Cluster, tmp_path: Path
 ) -> None:
     def kill_scheduler(done: int, total: int) -> None:
         if done == 20:

@@ -68,5 +68,6 @@ def test_the_line_of_the_reference_switches_completion_on() -> None:
 
 
 def test_completion_is_announced_to_the_shell() -> None:
-    source = (ROOT / "ppc_attitude" / "command_line" / "main.py").read_text(encoding="utf-8")
-    assert "PYTHON_ARGCOMPLETE_OK" in source[:1024]  # where argcomplete's global hook looks
+    """By what argcomplete's global hook asks of the module of an entry point."""
+    look = [sys.executable, "-m", "argcomplete._check_module", "ppc_attitude.command_line.main"]
+    subprocess.run(look, check=True)

@@ -117,6 +117,12 @@ def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
     assert ("N*m" if encoding == "ascii" else "N·m") in shown
 
 
+def is_interrupted(process: "subprocess.Popen[str]") -> None:
+    """It ends as what was asked to, and says so in one line."""
+    _, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err) == (3, "interrupted\n")
+
+
 ASKED_AMIDST = """
 import os, pathlib, signal
 signal.signal({number}, signal.SIG_DFL)  # the tests may run under nohup
@@ -144,9 +150,7 @@ def test_an_end_while_the_report_is_written(
     (tmp_path / "report.html").write_text(before)
     script = ASKED_AMIDST.format(number=int(signal.Signals[name]))
     options = [*SIMULATE[len(COMMAND) :], "--report", "report.html"]
-    process = start_process([sys.executable, "-c", script, *options], cwd=tmp_path)
-    _, err = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, err) == (3, "interrupted\n")
+    is_interrupted(start_process([sys.executable, "-c", script, *options], cwd=tmp_path))
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["report.html"]
     assert (tmp_path / "report.html").read_text() == before
 
@@ -159,9 +163,7 @@ def test_an_end_while_something_is_imported(tmp_path: Path, start_process: Start
         "except BaseException:\n    raise ImportError('initialization failed') from None\n"
     )
     command = [*COMMAND, "run", "--config", str(PAPER), "--bag", str(tmp_path / "bag")]
-    process = start_process(command, env={**os.environ, "PYTHONPATH": str(tmp_path)})
-    _, err = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, err) == (3, "interrupted\n")
+    is_interrupted(start_process(command, env={**os.environ, "PYTHONPATH": str(tmp_path)}))
 
 
 AMIDST_EXEC = """
@@ -193,9 +195,7 @@ def test_an_end_while_code_is_made(
     """A compiler loses the exception; of one that has left an `exec` Python dies at its end."""
     (tmp_path / "amidst.py").write_text(script.format(number=int(signal.SIGTERM)))
     command = [sys.executable, "-m", "amidst", *SIMULATE[len(COMMAND) :]]
-    process = start_process(command, cwd=tmp_path)
-    _, err = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, err) == (3, "interrupted\n")
+    is_interrupted(start_process(command, cwd=tmp_path))
 
 
 @pytest.mark.ros
@@ -318,7 +318,7 @@ def stalled(monkeypatch: pytest.MonkeyPatch, after: float) -> Stack:
 
 
 @pytest.mark.ros
-def test_of_several_nodes_that_broke_the_first_is_named(tmp_path: Path) -> None:
+def test_of_several_nodes_that_broke_the_first_is_named() -> None:
     wrong = "/**:\n  ros__parameters: {no_such: 1}\n"
     run = Stack(load([]), lambda simulated: None, [CONTROLLER, RECORDER], os.environ)
     run._parameters = wrong

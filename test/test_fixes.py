@@ -27,6 +27,11 @@ STEP = 10_000_000  # [ns] of 100 Hz
 LATE = Topic("tracker/fix", "", column="fix", width=1)
 
 
+def samples(*steps: int) -> list[tuple[str, int, float]]:
+    """Samples of the steps of a range, each with the number of its step."""
+    return [("sample", k * STEP, float(k)) for k in range(*steps)]
+
+
 def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int, float, float]]:
     """Stamp, sample and first number of the fix of what became complete, in order."""
     found = []
@@ -81,9 +86,8 @@ def test_slots_of_a_clock_that_counts_from_1970_are_exact() -> None:
 
 
 def test_a_sample_waits_for_its_fix_and_others_for_that_sample() -> None:
-    events: list[tuple[str, int, float]] = [("fix", 0, 1.0)]
-    events += [("sample", k * STEP, float(k)) for k in range(23)]
     fixes = new()
+    events = [("fix", 0, 1.0), *samples(23)]
     assert [at // STEP for at, *_ in joined(fixes, events)] == list(range(20))
     assert fixes.missing() == ("fix",)
     late = joined(fixes, [("fix", 10 * STEP, 2.0)])
@@ -93,7 +97,7 @@ def test_a_sample_waits_for_its_fix_and_others_for_that_sample() -> None:
 
 def test_who_waits_for_a_fix_says_for_which_and_what_came_instead() -> None:
     fixes = new()
-    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(20))])
+    joined(fixes, [("fix", 0, 1.0), *samples(20)])
     for now in (5.0, 6.0):
         assert not [*fixes.take("sample", round(15 + now) * STEP, (0.0,), now)]
     assert fixes.waiting_since == 5.0
@@ -105,7 +109,7 @@ def test_who_waits_for_a_fix_says_for_which_and_what_came_instead() -> None:
 
 def test_a_fix_has_its_age() -> None:
     fixes = new()
-    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(20))])
+    joined(fixes, [("fix", 0, 1.0), *samples(20)])
     joined(fixes, [("fix", 10 * STEP, 2.0)])
     ((_, parts),) = fixes.take("sample", 20 * STEP, (0.0,), 0.0)
     assert parts["fix"] == (2.0, 10 * STEP * 1e-9)
@@ -113,18 +117,18 @@ def test_a_fix_has_its_age() -> None:
 
 def test_a_repeated_sample_is_complete_at_once() -> None:
     fixes = new()
-    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(5))])
+    joined(fixes, [("fix", 0, 1.0), *samples(5)])
     assert joined(fixes, [("sample", 4 * STEP, 0.0)]) == [(4 * STEP, 0.0, 0.0)]
 
 
 def test_time_that_begins_again_begins_with_slot_zero() -> None:
     """What waited, and a fix that lies ahead now, are of the time before."""
     fixes = new()
-    joined(fixes, [("fix", 0, 1.0), *(("sample", k * STEP, 0.0) for k in range(22))])
+    joined(fixes, [("fix", 0, 1.0), *samples(22)])
     joined(fixes, [("fix", 25 * STEP, 9.0)])
     assert joined(fixes, [("sample", 0, 0.0)]) == []
     assert joined(fixes, [("fix", 0, 3.0), ("fix", 10 * STEP, 4.0)]) == [(0, 0.0, 3.0)]
-    found = joined(fixes, [("sample", k * STEP, 0.0) for k in range(1, 30)])
+    found = joined(fixes, samples(1, 30))
     assert [(at // STEP, fix) for at, _, fix in found if fix] == [(20, 4.0)]
 
 
@@ -170,10 +174,8 @@ def test_no_more_than_a_hundred_fixes_are_kept_for_samples_to_come() -> None:
 
 def test_fixes_of_the_past_are_counted_and_a_repeated_one_is_not() -> None:
     fixes = of_the_first_second()
-    events: list[tuple[str, int, float]]
-    events = [("fix", 30 * STEP, 5.0), ("fix", 85 * STEP, 5.0), ("fix", 90 * STEP, 5.0)]
-    events += [("sample", k * STEP, float(k)) for k in range(101, 111)]
-    assert {fix for *_, fix in joined(fixes, events)} == {0.0}
+    past = [("fix", at * STEP, 5.0) for at in (30, 85, 90)]
+    assert {fix for *_, fix in joined(fixes, [*past, *samples(101, 111)])} == {0.0}
     assert fixes.useless == 0  # nobody knows yet that time has not begun again
     assert joined(fixes, [("fix", 100 * STEP, 3.0)]) == [(110 * STEP, 110.0, 3.0)]
     assert fixes.useless == 2
@@ -201,29 +203,26 @@ def test_a_fix_that_nobody_waits_for_is_used_with_the_sample_after_it(
 
 def test_fixes_that_come_at_once_are_used_one_with_a_sample_and_in_their_order() -> None:
     fixes = of_the_first_second()
-    joined(fixes, [("sample", k * STEP, 0.0) for k in range(101, 150)])
+    joined(fixes, samples(101, 150))
     joined(fixes, [("fix", (k + 1) * STEP, float(k)) for k in (120, 110, 130)])
-    found = joined(fixes, [("sample", k * STEP, 0.0) for k in range(150, 154)])
+    found = joined(fixes, samples(150, 154))
     assert [fix for *_, fix in found if fix] == [110.0, 120.0, 130.0]
 
 
 def test_a_fix_that_never_comes_is_given_up_and_nobody_waits_again_until_one_comes() -> None:
     fixes = new(patience=0.04)
-    events: list[tuple[str, int, float]] = [("sample", k * STEP, 0.0) for k in range(6)]
-    assert [len(joined(fixes, [each])) for each in events] == [0, 0, 0, 0, 0, 6]
-    events = [("sample", k * STEP, 0.0) for k in range(6, 45)]
-    assert [len(joined(fixes, [each])) for each in events] == [1] * 39
+    assert [len(joined(fixes, [each])) for each in samples(6)] == [0, 0, 0, 0, 0, 6]
+    assert [len(joined(fixes, [each])) for each in samples(6, 45)] == [1] * 39
     assert fixes.lost == 4  # of 0, 0.1, 0.2 and 0.3 s
     assert joined(fixes, [("fix", 40 * STEP, 2.0)]) == []
-    events = [("sample", k * STEP, 0.0) for k in range(45, 51)]
-    assert joined(fixes, events)[-1] == (50 * STEP, 0.0, 2.0)
-    assert joined(fixes, [("sample", k * STEP, 0.0) for k in range(51, 61)])[-1][0] == 59 * STEP
+    assert joined(fixes, samples(45, 51))[-1] == (50 * STEP, 50.0, 2.0)
+    assert joined(fixes, samples(51, 61))[-1][0] == 59 * STEP
     assert fixes.missing() == ("fix",)
 
 
 def test_a_new_beginning_waits_for_its_first_fix_whatever_was_lost_before() -> None:
     fixes = new(patience=0.0)
-    joined(fixes, [("sample", k * STEP, 0.0) for k in range(30)])
+    joined(fixes, samples(30))
     assert fixes.lost == 2
     assert joined(fixes, [("sample", 0, 0.0)]) == []
     assert joined(fixes, [("fix", 0, 3.0)]) == [(0, 0.0, 3.0)]
