@@ -82,6 +82,23 @@ def begun(attitude: Quaternion, t: float = 0.0) -> Any:
     return state
 
 
+def goals(*each: tuple[float, str, Any]) -> dict[str, Any]:
+    """Parameters of goals: time [s], frame and attitude of each."""
+    times, frames, attitudes = zip(*each, strict=True)
+    numbers = [float(x) for attitude in attitudes for x in attitude]
+    return {"goals.times": [*times], "goals.frames": [*frames], "goals.attitudes": numbers}
+
+
+def cones(*each: tuple[Any, str, float]) -> dict[str, Any]:
+    """Parameters of keep-out cones: body axis, direction and half angle [rad] of each."""
+    axes, directions, half_angles = zip(*each, strict=True)
+    return {
+        "keep_out.axes": [float(x) for axis in axes for x in axis],
+        "keep_out.directions": [*directions],
+        "keep_out.half_angles": [*half_angles],
+    }
+
+
 def guided(orders: Any, profiles: Any = ()) -> Part:
     """The reference with the default parameters, orders and the profiles that they refer to."""
     part = Part(COMPONENT, COMPONENT.defaults)

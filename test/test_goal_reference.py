@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import dotted
-from guidance_helpers import guided, same_sign
+from guidance_helpers import cones, goals, guided, same_sign
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.metrics import Verdict
-from ppc_attitude.contract.run_record import Change
+from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.contract.topics import REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.orders import (
     Orders,
@@ -38,6 +39,7 @@ from ppc_attitude.science.guidance.orders import (
 )
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.guidance.trajectory import POINTS, points
+from ppc_attitude.science.stamps import nanoseconds
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.flight_plan import goals_told
 from ppc_attitude.simulation.replay import replay
@@ -51,7 +53,6 @@ DESIRED_ATTITUDE = [
 ]
 STRAIGHT = [0.0, 0.0, 0.0, 1.0]
 START = [0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318]
-NO_PROFILES = np.zeros(0, POINTS)
 
 
 def flight(rate: float = 20.0, **reference: Any) -> Scenario:
@@ -66,12 +67,8 @@ def flight(rate: float = 20.0, **reference: Any) -> Scenario:
 
 
 def tour(rate: float = 20.0) -> Scenario:
-    return flight(
-        rate,
-        goals__times=[5.0, 20.0, 130.0],
-        goals__frames=["inertial", "nadir", "spin"],
-        goals__attitudes=DESIRED_ATTITUDE + 2 * STRAIGHT,
-    )
+    first = (5.0, "inertial", DESIRED_ATTITUDE)
+    return flight(rate, **goals(first, (20.0, "nadir", STRAIGHT), (130.0, "spin", STRAIGHT)))
 
 
 def test_law_follows_slews_from_no_error_at_all() -> None:
@@ -98,15 +95,8 @@ def test_signs_of_the_quaternion_are_continuous() -> None:
 
 
 def test_what_becomes_of_the_goals_is_told() -> None:
-    told = goals_told(
-        flight(
-            goals__times=[5.0, 10.0],
-            goals__attitudes=DESIRED_ATTITUDE + STRAIGHT,
-            keep_out__axes=[0.0, 0.0, 1.0],
-            keep_out__directions=["0 0 2"],
-            keep_out__half_angles=[0.1],
-        )
-    )
+    ordered = goals((5.0, "inertial", DESIRED_ATTITUDE), (10.0, "inertial", STRAIGHT))
+    told = goals_told(flight(**ordered, **cones(([0.0, 0.0, 1.0], "0 0 2", 0.1))))
     assert [each.time for each in told] == [5.0, 10.0]
     assert "inertial frame, turns by 42.71° in 1 legs, there at t = 33.357 s" in told[0].advice.text
     assert told[1].advice.warning
@@ -116,15 +106,8 @@ def test_what_becomes_of_the_goals_is_told() -> None:
 
 def test_start_inside_a_cone_is_led_out_with_a_warning() -> None:
     axis = Rotation.from_quat(START).apply([0.0, 0.0, 1.0])
-    (told,) = goals_told(
-        flight(
-            goals__times=[0.0],
-            goals__attitudes=DESIRED_ATTITUDE,
-            keep_out__axes=[0.0, 0.0, 3.0],
-            keep_out__directions=[" ".join(map(str, axis))],
-            keep_out__half_angles=[0.1],
-        )
-    )
+    cone = ([0.0, 0.0, 3.0], " ".join(map(str, axis)), 0.1)
+    (told,) = goals_told(flight(**goals((0.0, "inertial", DESIRED_ATTITUDE)), **cones(cone)))
     assert told.advice.warning
     assert "begins inside keep-out cone 0 and is led out" in told.advice.text
 
@@ -230,16 +213,8 @@ def test_torque_of_a_slew_is_the_largest_of_all_axes() -> None:
 
 def test_analysis_tells_how_near_the_craft_itself_came() -> None:
     axis, direction = np.array([0.0, 0.6, 0.8]), np.array([0.0, 0.0, -1.0])
-    record = simulate(
-        flight(
-            goals__times=[1.0],
-            goals__attitudes=DESIRED_ATTITUDE,
-            keep_out__axes=[*axis, 1.0, 0.0, 0.0],
-            keep_out__directions=["0 0 -2", "nadir"],
-            keep_out__half_angles=[0.3, 0.1],
-        ),
-        40.0,
-    )
+    both = cones((axis, "0 0 -2", 0.3), ([1.0, 0.0, 0.0], "nadir", 0.1))
+    record = simulate(flight(**goals((1.0, "inertial", DESIRED_ATTITUDE)), **both), 40.0)
     attitudes = record.columns["attitude"]
     fixed, nadir = approaches_of(record)
     pointed = Rotation.from_quat(attitudes).apply(axis)
@@ -275,15 +250,8 @@ def timed_points(number: int) -> list[float]:
 
 
 def test_timed_profile_of_a_scenario_is_flown_through_its_points() -> None:
-    record = simulate(
-        flight(
-            goals__times=[2.0],
-            goals__frames=["profile"],
-            goals__attitudes=STRAIGHT,
-            goals__points=timed_points(0),
-        ),
-        185.0,
-    )
+    timed = flight(**goals((2.0, "profile", STRAIGHT)), goals__points=timed_points(0))
+    record = simulate(timed, 185.0)
     q = record.columns["reference_attitude"]
     rates = np.linalg.norm(record.columns["reference_angular_velocity"], axis=1)
     turned = 2.0 * np.arccos(np.clip(np.abs(q @ np.array(START) / np.linalg.norm(START)), 0, 1))
@@ -293,12 +261,27 @@ def test_timed_profile_of_a_scenario_is_flown_through_its_points() -> None:
     assert np.abs(record.columns["attitude_error"][:, :3]).max() < 5e-3
 
 
+def given_in_flight(scheduled: RunRecord, at: float) -> RunRecord:
+    """The same run as if all its goals but the first had been given at a time [s]."""
+    values = scheduled.parameters[REFERENCE]
+    orders = scheduled_orders(values)
+    first = schedule_of(Orders(orders.listed[:1], np.zeros(0, POINTS)))
+    later = schedule_of(orders._replace(listed=orders.listed[1:]))
+    changes = (Change(nanoseconds(at), REFERENCE, *each) for each in later.items())
+    parameters = {**scheduled.parameters, REFERENCE: {**values, **first}}
+    return replace(scheduled, parameters=parameters, changes=tuple(changes))
+
+
 def test_orders_given_in_flight_are_replayed_from_what_was_told() -> None:
     scheduled = simulate(
         flight(
-            goals__times=[1.0, 6.0, 6.0, 8.1, 12.3],
-            goals__frames=["inertial", "hold", "nadir", "profile", "inertial"],
-            goals__attitudes=DESIRED_ATTITUDE + 3 * STRAIGHT + [0.6, 0.0, 0.0, 0.8],
+            **goals(
+                (1.0, "inertial", DESIRED_ATTITUDE),
+                (6.0, "hold", STRAIGHT),
+                (6.0, "nadir", STRAIGHT),
+                (8.1, "profile", STRAIGHT),
+                (12.3, "inertial", [0.6, 0.0, 0.0, 0.8]),
+            ),
             goals__points=timed_points(3),
         ),
         20.0,
@@ -311,16 +294,7 @@ def test_orders_given_in_flight_are_replayed_from_what_was_told() -> None:
     assert told["goals.times"] == values["goals.times"]
     assert np.array_equal(again.profiles, orders.profiles)
     assert orders.profiles["rate"][0, 1].any()  # chosen, since none is given
-    # The same run as if all but the first goal had been given in flight, at 5 s.
-    first = schedule_of(Orders(orders.listed[:1], NO_PROFILES))
-    flown = replace(
-        scheduled,
-        parameters={**scheduled.parameters, "reference_generator": {**values, **first}},
-        changes=tuple(
-            Change(5_000_000_000, "reference_generator", name, value)
-            for name, value in told.items()
-        ),
-    )
+    flown = given_in_flight(scheduled, 5.0)
     (reference,) = (each for each in replay(flown).others if each.component == "goal")
     assert reference.steps == 401
     assert reference.largest == 0.0

@@ -19,10 +19,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from craft_helpers import configs
+from guidance_helpers import cones, goals
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from scipy.spatial.transform import Rotation
-from test_goal_reference import DESIRED_ATTITUDE, NO_PROFILES, STRAIGHT, flight
+from test_goal_reference import DESIRED_ATTITUDE, STRAIGHT, flight, given_in_flight
 
 from ppc_attitude.analysis.drawing import BLUE, ORANGE, RED
 from ppc_attitude.analysis.figures import figures_of
@@ -33,7 +34,6 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import ENABLED, ESTIMATOR, PLANT, REFERENCE
-from ppc_attitude.science.guidance.orders import Orders, schedule_of, scheduled_orders
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.closed_loop import simulate
@@ -41,6 +41,7 @@ from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load, scenario
 
 OWN = {"slews", "sky_map", "cone_angles"}
+SLEW, STANDS = (5.0, "inertial", DESIRED_ATTITUDE), ([0.0, 0.0, 1.0], "0 0 1", 0.9)
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +49,8 @@ def record() -> RunRecord:
     """A slew, a brake into nadir in mid-slew, and a goal inside a cone, which is refused."""
     return simulate(
         flight(
-            goals__times=[5.0, 20.0, 60.0],
-            goals__frames=["inertial", "nadir", "inertial"],
-            goals__attitudes=[*DESIRED_ATTITUDE, *STRAIGHT, *STRAIGHT],
-            keep_out__axes=[0.0, 0.0, 1.0, 0.0, 1.0, 0.0],
-            keep_out__directions=["0 0 1", "nadir"],
-            keep_out__half_angles=[0.9, 0.1],
+            **goals(SLEW, (20.0, "nadir", STRAIGHT), (60.0, "inertial", STRAIGHT)),
+            **cones(STANDS, ([0.0, 1.0, 0.0], "nadir", 0.1)),
         ),
         240.0,
     )
@@ -77,18 +74,7 @@ def test_flight_is_what_the_reference_did(record: RunRecord) -> None:
 
 
 def test_goals_given_in_flight_are_found_too(record: RunRecord) -> None:
-    values = record.parameters["reference_generator"]
-    orders = scheduled_orders(values)
-    first = schedule_of(Orders(orders.listed[:1], NO_PROFILES))
-    live = replace(
-        record,
-        parameters={**record.parameters, "reference_generator": {**values, **first}},
-        changes=tuple(
-            Change(20_000_000_000, "reference_generator", name, value)
-            for name, value in schedule_of(orders._replace(listed=orders.listed[1:])).items()
-        ),
-    )
-    here, there = flight_of(record), flight_of(live)
+    here, there = flight_of(record), flight_of(given_in_flight(record, 20.0))
     assert here is not None
     assert there is not None
     assert there.words == here.words
@@ -123,15 +109,11 @@ def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
     assert (row.value, row.met) == (1.0, False)
     assert row.reason.startswith("order 3 is refused: it is inside keep-out cone 0")
     # The next order of its instant is followed, and tells nothing of it.
-    twice = flight(
-        goals__times=[1.0, 1.0],
-        goals__frames=["spin", "inertial"],
-        goals__attitudes=2 * STRAIGHT,
-        spin__rate=0.05,
-    )
+    both = goals((1.0, "spin", STRAIGHT), (1.0, "inertial", STRAIGHT))
+    twice = flight(**both, spin__rate=0.05)
     (row,) = (r for r in Verdict(simulate(twice, 2.0)).requirements if r.key == "refused_orders")
     assert (row.value, row.met, row.reason) == (1.0, False, "")
-    obeyed = Verdict(simulate(flight(goals__times=[1.0], goals__attitudes=STRAIGHT), 2.0))
+    obeyed = Verdict(simulate(flight(**goals((1.0, "inertial", STRAIGHT))), 2.0))
     (row,) = (row for row in obeyed.requirements if row.key == "refused_orders")
     assert (row.value, row.met) == (0.0, True)
     resting = Verdict(simulate(flight(), 2.0))
@@ -179,15 +161,8 @@ def test_figures_show_ways_sky_and_angles(record: RunRecord) -> None:
 
 
 def test_a_turn_that_is_cut_short_after_a_refusal_is_drawn_until_then() -> None:
-    cut = simulate(
-        flight(
-            goals__times=[5.0, 10.0, 20.0],
-            goals__frames=["inertial", "spin", "hold"],
-            goals__attitudes=[*DESIRED_ATTITUDE, *STRAIGHT, *STRAIGHT],
-            spin__rate=0.05,
-        ),
-        40.0,
-    )
+    ordered = goals(SLEW, (10.0, "spin", STRAIGHT), (20.0, "hold", STRAIGHT))
+    cut = simulate(flight(**ordered, spin__rate=0.05), 40.0)
     ways = figures_of(Measured(cut))["slews"][1].axes
     spans = [(patch.get_extents().x0, patch.get_extents().x1) for patch in ways[0].patches]
     (turn, brake) = sorted(spans)
@@ -206,14 +181,9 @@ def test_every_line_of_the_way_can_be_read_off_by_name(record: RunRecord) -> Non
 
 def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRecord) -> None:
     values = record.parameters[REFERENCE]
-    cones = {name: values[name] for name in values if name.startswith("keep_out.")}
-    fewer = {
-        "keep_out.axes": [0.0, 0.0, 1.0],
-        "keep_out.directions": ["0 0 1"],
-        "keep_out.half_angles": [0.9],
-    }
+    all_of_them = {name: values[name] for name in values if name.startswith("keep_out.")}
     none = {"keep_out.axes": [], "keep_out.directions": ["sun"], "keep_out.half_angles": []}
-    for before, after in ((none, cones), (cones, fewer)):
+    for before, after in ((none, all_of_them), (all_of_them, cones(STANDS))):
         changes = (Change(10**10, REFERENCE, name, value) for name, value in after.items())
         parameters = {**record.parameters, REFERENCE: {**values, **before}}
         run = replace(record, parameters=parameters, changes=tuple(changes))

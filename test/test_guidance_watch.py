@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import dotted
-from guidance_helpers import DEGREE, scenes
+from guidance_helpers import DEGREE, cones, goals, scenes
 from scipy.spatial.transform import Rotation, Slerp
 
 from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
@@ -58,11 +58,8 @@ def to_earth(t: Any) -> Any:
 
 def test_cone_that_comes_is_warned_of_before_it_is_there_and_called_off_after() -> None:
     axis = to_earth(300.0)
-    part = part_of(
-        keep_out__axes=[*axis, 0.0, 1.0, 0.0],
-        keep_out__directions=["nadir", "0 0 1"],
-        keep_out__half_angles=[10.0 * DEGREE, 0.1],
-    )
+    coming = (axis, "nadir", 10.0 * DEGREE)
+    part = part_of(**cones(coming, ([0.0, 1.0, 0.0], "0 0 1", 0.1)))
     (ahead, text, warning), (after, last, over) = said(part, np.arange(0.0, 600.0, 0.25))
     times = np.arange(0.0, 600.0, 0.1)
     inside = times[np.arccos(to_earth(times) @ axis) < 10.0 * DEGREE]
@@ -74,52 +71,34 @@ def test_cone_that_comes_is_warned_of_before_it_is_there_and_called_off_after() 
     assert not over
     assert last == "what was warned of is over"
     assert inside[-1] - 0.3 <= after <= inside[-1] + 1.3
-    past = part_of(
-        keep_out__axes=axis.tolist(),
-        keep_out__directions=["nadir"],
-        keep_out__half_angles=[10.0 * DEGREE],
-    )
-    assert not said(past, [0.0, 600.0])  # it came and went between two steps
+    assert not said(part_of(**cones(coming)), [0.0, 600.0])  # it came and went between two steps
 
 
 def test_what_is_said_does_not_depend_on_the_rate_of_the_loop() -> None:
     def heard_at(h: float) -> list[tuple[float, str, bool]]:
-        part = part_of(
-            keep_out__axes=to_earth(200.0).tolist(),
-            keep_out__directions=["nadir"],
-            keep_out__half_angles=[0.1],
-        )
-        return said(part, np.arange(0.0, 320.0, h))
+        return said(part_of(**cones((to_earth(200.0), "nadir", 0.1))), np.arange(0.0, 320.0, h))
 
     assert heard_at(1.0) == heard_at(0.125)
     assert len(heard_at(1.0)) == 2
 
 
 def test_attitude_that_begins_inside_a_cone_is_warned_of_at_once() -> None:
-    part = part_of(
-        keep_out__axes=[0.0, 0.0, 1.0],
-        keep_out__directions=["0 0 1"],
-        keep_out__half_angles=[0.5],
-        goals__times=[3.0],
-        goals__attitudes=[0.8, 0.0, 0.0, 0.6],
-    )
-    first, order, *rest = said(part, np.arange(0.0, 120.0))
+    cone, goal = ([0.0, 0.0, 1.0], "0 0 1", 0.5), (3.0, "inertial", [0.8, 0.0, 0.0, 0.6])
+    first, order, *rest = said(part_of(**cones(cone), **goals(goal)), np.arange(0.0, 120.0))
     assert first == (0.0, "the desired motion is inside keep-out cone 0", True)
     assert "it begins inside keep-out cone 0 and is led out" in order[1]
     assert [(text, warning) for _, text, warning in rest] == [("what was warned of is over", False)]
 
 
 def test_cone_that_is_widened_in_flight_is_looked_for_anew() -> None:
-    given = {
-        "keep_out__axes": [0.0, 0.0, 1.0],
-        "keep_out__directions": ["0 0 -1"],
-        "goals__times": [1.0],
-        "goals__attitudes": [0.6, 0.0, 0.0, 0.8],  # 73.7° about x, from 180° off the direction
-    }
-    part = part_of(keep_out__half_angles=[0.4], **given)
+    goal = goals((1.0, "inertial", [0.6, 0.0, 0.0, 0.8]))  # 73.7° about x
+    narrow, wide = (
+        cones(([0.0, 0.0, 1.0], "0 0 -1", angle))  # from 180° off the direction
+        for angle in (0.4, 3.0)
+    )
+    part = part_of(**narrow, **goal)
     assert len(said(part, np.arange(0.0, 6.0))) == 1
-    wide = {**COMPONENT.defaults, **dotted({**given, "keep_out__half_angles": [3.0]})}
-    record, *_kept = configure(wide)
+    record, *_kept = configure({**COMPONENT.defaults, **wide, **goal})
     part.hold(record)
     ((when, text, warning),) = said(part, np.arange(6.0, 60.0, 0.25))
     assert (when, warning) == (6.0, True)
@@ -130,14 +109,9 @@ def test_cone_that_is_widened_in_flight_is_looked_for_anew() -> None:
 
 
 def test_hold_that_brakes_into_a_cone_is_followed_with_a_warning() -> None:
-    part = part_of(
-        keep_out__axes=[1.0, 0.0, 0.0],
-        keep_out__directions=["-0.5 0.8 0"],  # x comes there by 122° of a spin at 1°/s
-        keep_out__half_angles=[4.0 * DEGREE],
-        goals__times=[1.0, 118.0],
-        goals__frames=["spin", "hold"],
-        goals__attitudes=STRAIGHT * 2,
-    )
+    cone = ([1.0, 0.0, 0.0], "-0.5 0.8 0", 4.0 * DEGREE)  # x is there after 122° of a spin at 1°/s
+    given = goals((1.0, "spin", STRAIGHT), (118.0, "hold", STRAIGHT))
+    part = part_of(**cones(cone), **given)
     *_, (when, text, warning) = said(part, np.arange(0.0, 200.0, 0.25))
     assert (when, warning) == (118.0, True)
     assert "order 2 is followed" in text
@@ -146,109 +120,100 @@ def test_hold_that_brakes_into_a_cone_is_followed_with_a_warning() -> None:
 
 def test_ground_point_below_the_horizon_is_followed_with_a_warning() -> None:
     # Greenwich is 100.9° east of the ascending node at the epoch, so the point is behind Earth.
-    part = part_of(
-        goals__times=[10.0],
-        goals__frames=["ground"],
-        goals__attitudes=STRAIGHT,
-        target__longitude=math.radians(79.1),
-    )
+    goal = goals((10.0, "ground", STRAIGHT))
+    part = part_of(**goal, target__longitude=math.radians(79.1))
     ((when, text, warning),) = said(part, np.arange(0.0, 60.0))
     assert (when, warning) == (10.0, True)
     assert "order 1 is followed: ground frame" in text
     assert text.endswith("the desired motion looks at a ground point below the horizon")
-    near = part_of(
-        goals__times=[10.0],
-        goals__frames=["ground"],
-        goals__attitudes=STRAIGHT,
-        target__longitude=math.radians(-100.9),
-    )
+    near = part_of(**goal, target__longitude=math.radians(-100.9))
     (first, *later) = said(near, np.arange(0.0, 900.0))
     assert not first[2]  # straight below, and out of sight once the craft has gone on
     assert [warning for *_, warning in later] == [True]
 
 
-def ring() -> dict[str, Any]:
+def ring() -> tuple[Any, dict[str, Any]]:
+    """Attitude at the begin, and parameters of a goal that cones close off."""
     (case,) = (case for case in scenes() if case["case"].startswith("closed ring"))
-    return {
-        "start": case["start"],
-        "goals__attitudes": case["goal"],
-        "keep_out__axes": [x for cone in case["cones"] for x in cone["body_axis"]],
-        "keep_out__directions": [" ".join(map(str, c["direction"])) for c in case["cones"]],
-        "keep_out__half_angles": [DEGREE * cone["half_angle_deg"] for cone in case["cones"]],
-    }
+    closed = [
+        (cone["body_axis"], " ".join(map(str, cone["direction"])), DEGREE * cone["half_angle_deg"])
+        for cone in case["cones"]
+    ]
+    return case["start"], {**goals((0.0, "inertial", case["goal"])), **cones(*closed)}
+
+
+def profile(*points: list[float]) -> dict[str, Any]:
+    """Parameters of a timed profile: time [s] and attitude of each point, without rates."""
+    rows = [[0.0, *point, *[0.0] * 6] for point in points]
+    return {**goals((0.0, "profile", STRAIGHT)), "goals.points": [x for row in rows for x in row]}
 
 
 @pytest.mark.parametrize(
-    ("values", "reason"),
+    ("start", "values", "reason"),
     [
-        (
-            {
-                "goals__attitudes": STRAIGHT,
-                "keep_out__axes": [0.0, 0.6, 0.8],
-                "keep_out__directions": ["0 0 1"],
-                "keep_out__half_angles": [1.0],
-                "start": [1.0, 0.0, 0.0, 0.0],
-            },
+        pytest.param(
+            [1.0, 0.0, 0.0, 0.0],
+            {**goals((0.0, "inertial", STRAIGHT)), **cones(([0.0, 0.6, 0.8], "0 0 1", 1.0))},
             "it is inside keep-out cone 0, 36.87° from its direction; allowed: at least 57.30°",
+            id="goal in a cone",
         ),
-        (ring(), "no way to it keeps all keep-out cones; the direct one crosses keep-out cone"),
-        (
-            {"goals__frames": ["spin"], "goals__attitudes": STRAIGHT, "spin__rate": -0.2},
+        pytest.param(
+            *ring(),
+            "no way to it keeps all keep-out cones; the direct one crosses keep-out cone",
+            id="closed",
+        ),
+        pytest.param(
+            STRAIGHT,
+            {**goals((0.0, "spin", STRAIGHT)), "spin.rate": -0.2},
             "spin.rate = -0.2 rad/s; allowed: up to 0.0314159, which is 0.9 guidance.max_rate",
+            id="spin",
         ),
-        (
-            {
-                "goals__frames": ["profile"],
-                "goals__attitudes": STRAIGHT,
-                "goals__points": [0.0, 5.0, 1.0, *[0.0] * 9, 0.0, 500.0, *STRAIGHT, *[0.0] * 6],
-            },
+        pytest.param(
+            STRAIGHT,
+            profile([5.0, 1.0, 0.0, 0.0, 0.0], [500.0, *STRAIGHT]),
             "the slew to its first point ends at t = 97.000 s, after that point's 5.000 s",
+            id="late",
         ),
-        (
-            {
-                "goals__frames": ["profile"],
-                "goals__attitudes": STRAIGHT,
-                "goals__points": [0.0, 5.0, *STRAIGHT, *[0.0] * 6, 0.0, 9.0, 0.6, 0.0, 0.0, 0.8]
-                + [0.0] * 6,
-            },
+        pytest.param(
+            STRAIGHT,
+            profile([5.0, *STRAIGHT], [9.0, 0.6, 0.0, 0.0, 0.8]),
             "the way on from its point at t = 5.000 s needs",
+            id="fast",
         ),
-        (
+        pytest.param(
             # The Sun along the orbit's normal leaves the frame `sun` no second direction.
+            STRAIGHT,
             {
-                "goals__frames": ["sun"],
-                "goals__attitudes": STRAIGHT,
-                "orbit__epoch": "2025-03-20T09:00:00",
-                "orbit__inclination": 0.5 * math.pi,
-                "orbit__raan": 0.5 * math.pi,
+                **goals((0.0, "sun", STRAIGHT)),
+                "orbit.epoch": "2025-03-20T09:00:00",
+                "orbit.inclination": 0.5 * math.pi,
+                "orbit.raan": 0.5 * math.pi,
             },
             "from being parallel; allowed: at least 5.74°; try another time",
+            id="frame",
         ),
-        (
-            {"goals__frames": ["nadir"], "goals__attitudes": STRAIGHT, "guidance__max_rate": 1e-3},
+        pytest.param(
+            STRAIGHT,
+            {**goals((0.0, "nadir", STRAIGHT)), "guidance.max_rate": 1e-3},
             "that keeps guidance.max_rate = 0.001 rad/s while its frame turns too; raise",
+            id="fast frame",
         ),
-        (
+        pytest.param(
             # A cone that stands still, and points that lead through it.
+            STRAIGHT,
             {
-                "goals__frames": ["profile"],
-                "goals__attitudes": STRAIGHT,
-                "goals__points": [0.0, 5.0, *STRAIGHT, *[0.0] * 6, 0.0, 90.0, 0.6, 0.0, 0.0, 0.8]
-                + [0.0] * 6,
-                "keep_out__axes": [0.0, 0.0, 1.0],
-                "keep_out__directions": ["0 -1 1"],
-                "keep_out__half_angles": [0.1],
+                **profile([5.0, *STRAIGHT], [90.0, 0.6, 0.0, 0.0, 0.8]),
+                **cones(([0.0, 0.0, 1.0], "0 -1 1", 0.1)),
             },
             "crosses keep-out cone 0 at t = 49.0 s; try another time or another way",
+            id="through",
         ),
     ],
-    ids=["goal in a cone", "closed", "spin", "late", "fast", "frame", "fast frame", "through"],
 )
 def test_refusal_names_value_and_range_and_the_present_motion_goes_on(
-    values: dict[str, Any], reason: str
+    start: list[float], values: dict[str, Any], reason: str
 ) -> None:
-    start = values.get("start", STRAIGHT)
-    part = part_of(goals__times=[0.0], **{k: v for k, v in values.items() if k != "start"})
+    part = part_of(**values)
     ((_, text, warning),) = said(part, [0.0], start)
     assert warning
     assert text.startswith("order 1 is refused: ")
@@ -259,29 +224,23 @@ def test_refusal_names_value_and_range_and_the_present_motion_goes_on(
 
 
 def test_refusal_names_the_cone_that_the_direct_way_crosses() -> None:
-    values = ring()
-    start, goal = values.pop("start"), values["goals__attitudes"]
-    way = Slerp([0.0, 1.0], Rotation.from_quat([start, goal]))(np.linspace(0.0, 1.0, 2001))
-    axes = np.reshape(values["keep_out__axes"], (-1, 3))
-    cones = zip(axes, values["keep_out__directions"], values["keep_out__half_angles"], strict=True)
+    start, values = ring()
+    ends = Rotation.from_quat([start, values["goals.attitudes"]])
+    way = Slerp([0.0, 1.0], ends)(np.linspace(0.0, 1.0, 2001))
+    axes = np.reshape(values["keep_out.axes"], (-1, 3))
+    closed = zip(axes, values["keep_out.directions"], values["keep_out.half_angles"], strict=True)
     (crossed,) = (
         i
-        for i, (axis, direction, half_angle) in enumerate(cones)
+        for i, (axis, direction, half_angle) in enumerate(closed)
         if (way.apply(axis) @ np.array(direction.split(), float)).max() > math.cos(half_angle)
     )
-    ((_, text, _),) = said(part_of(goals__times=[0.0], **values), [0.0], start)
+    ((_, text, _),) = said(part_of(**values), [0.0], start)
     assert text.endswith(f"the direct one crosses keep-out cone {crossed}")
 
 
 def test_scene_is_told_and_heard_without_loss() -> None:
-    part = part_of(
-        goals__times=[0.0],
-        goals__frames=["nadir"],
-        goals__attitudes=[0.6, 0.0, 0.0, 0.8],
-        keep_out__axes=[0.0, 0.6, 0.8, 1.0, 0.0, 0.0],
-        keep_out__directions=["sun", "nadir"],
-        keep_out__half_angles=[0.1, 0.2],
-    )
+    tilted = ([0.0, 0.6, 0.8], "sun", 0.1), ([1.0, 0.0, 0.0], "nadir", 0.2)
+    part = part_of(**goals((0.0, "nadir", [0.6, 0.0, 0.0, 0.8])), **cones(*tilted))
     part.step(nanoseconds(0.0), STRAIGHT)
     part.step(nanoseconds(700.0), STRAIGHT)
     scene = scene_at(700.0, part.configuration[0], part.state[0])
@@ -290,9 +249,8 @@ def test_scene_is_told_and_heard_without_loss() -> None:
     assert isinstance(scene, Scene)
     assert scene.cones[1].direction == pytest.approx(to_earth(700.0), abs=3e-3)  # J2
     # The frame's z axis looks at Earth's centre; the goal is turned about x by 73.74°.
-    z = (Rotation.from_quat(scene.goal) * Rotation.from_quat([-0.6, 0.0, 0.0, 0.8])).apply(
-        [0, 0, 1]
-    )
+    back = Rotation.from_quat([-0.6, 0.0, 0.0, 0.8])
+    z = (Rotation.from_quat(scene.goal) * back).apply([0.0, 0.0, 1.0])
     assert z == pytest.approx(scene.cones[1].direction, abs=1e-12)
     assert scene.cones[0].half_angle == 0.1
     with pytest.raises(ValueError, match="allowed: 7 numbers"):
