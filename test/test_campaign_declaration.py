@@ -207,8 +207,3 @@ def test_a_number_of_a_file_needs_no_point_before_its_exponent(tmp_path: Path) -
     path.write_text("campaign: {rate_noise: 1e-7, inertia_error: 1E-1}", encoding="utf-8")
     drawn = draw(load_campaign(path, base(), 0), 0)
     assert (drawn["rate_noise"], drawn["inertia_error"]) == (1e-7, 0.1)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match=r"absent\.yaml: No such file"):
-        load_campaign(tmp_path / "absent.yaml", base(), 0)

@@ -71,27 +71,17 @@ def test_the_steepest_fall_is_the_largest_of_a_fine_grid(table: EnvelopeTable) -
     assert steepest_fall(envelope) == pytest.approx(max(falls), rel=1e-6)
 
 
-def test_table_one_falls_fastest_shortly_before_its_end() -> None:
-    # The audited page says 0.213 1/s at 55.3 s.
-    assert steepest_fall(solve_envelope("t", ATTITUDE_TABLE)) == pytest.approx(0.213, abs=5e-4)
-
-
 @pytest.mark.parametrize(
     ("name", "fall", "digits"), [("S1", 0.213, 2e-3), ("S1 of the paper", 0.05, 1e-9)]
 )
 def test_the_papers_numbers_violate_s1_and_that_is_said_not_to_be_necessary(
     values: dict[str, object], name: str, fall: float, digits: float
 ) -> None:
-    """By the steepest fall of the envelope, and as the paper approximates it."""
+    """By the steepest fall of the envelope, which the audited page states, and by the paper's."""
     s1 = by_name(values)[name]
     assert s1.value == pytest.approx(0.93133 * 0.017 - 4.0 * fall, abs=digits)
     assert not s1.holds
     assert not s1.necessary
-
-
-def test_our_gains_meet_the_other_conditions(values: dict[str, object]) -> None:
-    conditions = by_name(values)
-    assert all(conditions[name].holds for name in ("S2", "S3", "S4", "S5"))
 
 
 @pytest.mark.parametrize(
