@@ -54,6 +54,11 @@ def case(*overlays: str, **plant: Any) -> Scenario:
     return load(configs("paper", *overlays), {PLANT: dotted(plant)})
 
 
+def pulse(time: float, duration: float, *torque: float) -> dict[str, Any]:
+    """Parameters of the injector: a torque [N·m] from a time [s] on, so long [s]."""
+    return {"pulse_times": [time], "pulse_durations": [duration], "pulse_torques": [*torque]}
+
+
 @cache
 def guaranteed() -> tuple[Assumptions, Law]:
     """What the certificate of the shipped craft assumes, and its law."""

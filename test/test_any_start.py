@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import case
+from craft_helpers import case, pulse
 from record_helpers import inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
@@ -243,13 +243,8 @@ def test_a_start_beyond_the_table_gets_a_warning_that_names_the_remedy() -> None
 
 def hit(case: Scenario, duration: float) -> RunRecord:
     """0.8 N·m on every axis at 80 s; 240 s more."""
-    struck = case.with_values(
-        "disturbance_injector",
-        pulse_times=[80.0],
-        pulse_durations=[duration],
-        pulse_torques=[0.8, 0.8, 0.8],
-    )
-    return simulate(struck, 320.0)
+    struck = pulse(80.0, duration, 0.8, 0.8, 0.8)
+    return simulate(case.with_values("disturbance_injector", **struck), 320.0)
 
 
 def recovery(record: RunRecord) -> float:

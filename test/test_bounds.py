@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Ask
-from craft_helpers import overlay
+from craft_helpers import overlay, pulse
 from process_helpers import PAPER
 
 from ppc_attitude.analysis.metrics import Verdict
@@ -78,8 +78,8 @@ def test_runs_of_a_cluster_take_no_memory_of_this_machine(
 
 
 def test_a_simulation_that_diverges_says_so_and_judges_nothing(tmp_path: Path, ask: Ask) -> None:
-    hit = {"pulse_times": [1.0], "pulse_durations": [1000.0], "pulse_torques": [1e6, 1e6, 1e6]}
-    wild, report = overlay(tmp_path / "wild.yaml", {INJECTOR: hit}), tmp_path / "report.html"
+    hit = {INJECTOR: pulse(1.0, 1000.0, 1e6, 1e6, 1e6)}
+    wild, report = overlay(tmp_path / "wild.yaml", hit), tmp_path / "report.html"
     options = ["--config", PAPER, "--config", wild, "--duration", 60, "--report", report]
     out, err = ask("simulate", *options, code=BROKEN)
     assert out == ""

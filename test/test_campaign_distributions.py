@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 import yaml
 from campaign_helpers import run_one
-from craft_helpers import ROOT, configs
+from craft_helpers import ROOT, configs, pulse
 from docs_helpers import blocks
 from scipy import linalg, stats
 
@@ -193,9 +193,7 @@ def test_streams_of_variables_and_runs_are_independent() -> None:
 
 
 def test_the_scenario_holds_what_was_drawn_and_the_controller_does_not_know() -> None:
-    given = base().with_values(
-        INJECTOR, pulse_times=[8.0], pulse_durations=[0.1], pulse_torques=[0.1, 0.0, 0.0]
-    )
+    given = base().with_values(INJECTOR, **pulse(8.0, 0.1, 0.1, 0.0, 0.0))
     of = campaign(EVERYTHING, given, 11)
     drawn: dict[str, Any] = draw(of, 2)
     made: Any = scenario_of_run(of, 2)

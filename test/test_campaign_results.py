@@ -16,7 +16,6 @@
 
 import math
 import os
-import random
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -100,16 +99,10 @@ def bands_of(values: np.ndarray) -> QuantileBands:
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.25, 0.5, 0.95, 1.0])
 def test_quantiles_are_true_to_a_level(share: float) -> None:
     values = np.exp(np.random.default_rng(2).normal(-6.0, 1.0, 5000))
-    (found,) = bands_of(values).quantiles("attitude_error", share)
+    bands = bands_of(values)
+    (found,) = bands.quantiles("attitude_error", share)
     assert abs(math.log10(found / np.quantile(values, share))) <= 1 / 32 + 1e-9
-
-
-def test_counts_know_no_order() -> None:
-    values = np.exp(np.random.default_rng(2).normal(-6.0, 1.0, 500)).tolist()
-    shuffled = random.Random(1).sample(values, len(values))
-    forward, other = bands_of(np.array(values)), bands_of(np.array(shuffled))
-    assert np.array_equal(forward.counts, other.counts)
-    assert np.isnan(forward.quantiles("normalised_error", 0.5)).all()
+    assert np.isnan(bands.quantiles("normalised_error", share)).all()  # which no run had
 
 
 @pytest.mark.parametrize(("met", "judged"), [(0, 10), (3, 7), (50, 50), (9990, 10000)])
@@ -234,11 +227,6 @@ def test_command_runs_one_again(finished: Finished, tmp_path: Path, ask: Ask) ->
     for name in ("max_rate_deg_s", "max_applied_torque", "settling_time_s"):
         assert told["metrics"][name] == row[name]
     assert told["drawn"]["pulse_torque"] == row["pulse_torque"]
-
-
-def test_command_refuses_in_one_line(tmp_path: Path, ask: Ask) -> None:
-    refused = ask(*written(tmp_path), "--runs", 0, code=2).err
-    assert refused.splitlines()[-1] == "error: runs = 0; allowed: ≥ 1"
 
 
 def test_ctrl_c_keeps_what_is_done_and_says_how_much(

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from craft_helpers import configs
+from craft_helpers import configs, pulse
 
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.attitude import attitude_error
@@ -111,11 +111,7 @@ def test_two_runs_are_the_same_to_the_last_bit(name: str) -> None:
             "ppc_controller": {"controller": name},
             "reference_generator": {"mode": "paper_ahead"},
             "spacecraft_plant": {"attitude_noise": 1e-5, "rate_noise": 1e-6, "seed": 3},
-            "disturbance_injector": {
-                "pulse_times": [5.0],
-                "pulse_durations": [0.1],
-                "pulse_torques": [0.1, 0.2, 0.3],
-            },
+            "disturbance_injector": pulse(5.0, 0.1, 0.1, 0.2, 0.3),
         }
     )
     first, second = simulate(case, 20.0), simulate(case, 20.0)
@@ -156,11 +152,7 @@ def test_a_loop_remembers_nothing_of_the_scenario_before(overlays: tuple[str, ..
         {
             "spacecraft_plant": {"initial_attitude": [0.0, 0.0, 0.6, 0.8], "seed": 9},
             "ppc_controller": {"k": 0.2},
-            "disturbance_injector": {
-                "pulse_times": [0.5],
-                "pulse_durations": [0.1],
-                "pulse_torques": [0.1, 0.0, 0.0],
-            },
+            "disturbance_injector": pulse(0.5, 0.1, 0.1, 0.0, 0.0),
         }
     )
     loop = Loop(case, stamps)
