@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 import yaml
 from craft_helpers import ROOT, dotted
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.late_fixes import (
     MEMORY,
@@ -40,7 +40,6 @@ SUITES = ("flagship", "smallsat", "cubesat")
 STEP_NS = 10_000_000  # of 100 Hz
 MOUNTING = [0.33441742171096, 0.668834843421919, -0.33441742171096, 0.573576436351046]
 """A star tracker's, in no plane of the body."""
-Array = NDArray[np.float64]
 
 
 def suite(name: str, **given: Any) -> dict[str, Any]:

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 from craft_helpers import orbit_record
-from numpy.typing import NDArray
 from truth_tables import TRUTH
 
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.science.guidance.goals import GUIDANCE, STATE, begin, motion_now
 from ppc_attitude.science.guidance.orders import ORDER, Orders
 from ppc_attitude.science.guidance.trajectory import POINTS
@@ -32,7 +32,6 @@ from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configuration_of
 
-Array = NDArray[np.float64]
 DEGREE = math.pi / 180.0
 
 

@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ppc_attitude.contract.run_record import Array
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.parameter import resolved
 
-Array = NDArray[np.float64]
 quaternions = (
     st.tuples(*[st.floats(-1.0, 1.0)] * 4)
     .filter(lambda q: np.linalg.norm(q) > 1e-2)

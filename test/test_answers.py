@@ -42,16 +42,12 @@ class Node:
 
 @pytest.mark.parametrize("rate", [1.0, 100.0, 250.0, 500.0, 1000.0, 10000.0])
 def test_a_function_of_time_is_one_instant_ahead_from_the_second_state_on(rate: float) -> None:
-    node = Node(ahead=True)
+    node, period = Node(ahead=True), round(NANOSECONDS / rate)
     for step in range(50):
         node.state(stamp_of(step, rate))
         if step:
-            assert node.sent[-1] == stamp_of(step + 1, rate) == node.answers.next_ns - period(rate)
+            assert node.sent[-1] == stamp_of(step + 1, rate) == node.answers.next_ns - period
     assert node.sent == node.computed == [stamp_of(step, rate) for step in range(51)]
-
-
-def period(rate: float) -> int:
-    return round(NANOSECONDS / rate)
 
 
 @pytest.mark.parametrize("rate", [3.0, 7.0, 60.0, 300.0, 333.0])

@@ -67,13 +67,10 @@ def test_what_is_not_measured_again_keeps_its_figures(
     kept = json.loads(output.read_text())
     assert kept["start_up"] == figures
     assert kept["in_process"]["sim_s_per_s"] == 9.0
-    shown = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines_of(capsys)]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    shown = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
     assert ["in process, simulated s/s", "9", "Basilisk, compiled: 3", "3", "10"] in shown
     assert ["start-up to the first step, second run", "3.5 s", "", "", "5 s"] in shown
-
-
-def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
-    return [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,8 @@ from ppc_attitude.simulation.scenario import load
 
 long = pytest.mark.long
 UNBUFFERED = ["env", "PYTHONUNBUFFERED=1"]
-SIMULATE = [*COMMAND, "simulate", "--config", str(PAPER), "--duration", "1"]
+WORDS = ["simulate", "--config", str(PAPER), "--duration", "1"]
+SIMULATE = [*COMMAND, *WORDS]
 HELP = [*COMMAND, "recover", "--help"]  # what it imports takes the least time
 
 
@@ -90,7 +91,7 @@ def test_a_report_for_which_there_is_no_room_is_named(
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", drawn)
     try:
-        refused = ask(*SIMULATE[len(COMMAND) :], "--report", report, code=2)
+        refused = ask(*WORDS, "--report", report, code=2)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
     assert refused.err == f"error: {report}: File too large\n"
@@ -100,14 +101,13 @@ def test_a_report_for_which_there_is_no_room_is_named(
 @pytest.mark.parametrize("encoding", ["ascii", pytest.param("latin-1", marks=long)])
 def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
-    options = SIMULATE[len(COMMAND) :]
     both = (
         "from ppc_attitude.command_line import main\n"
         "main.prepare_streams()\n"
-        f"main.main({[*options, '--json']})\n"
+        f"main.main({[*WORDS, '--json']})\n"
         "main.run()"
     )
-    command = [sys.executable, "-c", both, *options]
+    command = [sys.executable, "-c", both, *WORDS]
     done = subprocess.run(command, env=environment, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     told, end = json.JSONDecoder().raw_decode(text := done.stdout.decode(encoding))
@@ -149,7 +149,7 @@ def test_an_end_while_the_report_is_written(
     before = f"<!DOCTYPE html>{REPORT}the one before"
     (tmp_path / "report.html").write_text(before)
     script = ASKED_AMIDST.format(number=int(signal.Signals[name]))
-    options = [*SIMULATE[len(COMMAND) :], "--report", "report.html"]
+    options = [*WORDS, "--report", "report.html"]
     is_interrupted(start_process([sys.executable, "-c", script, *options], cwd=tmp_path))
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["report.html"]
     assert (tmp_path / "report.html").read_text() == before
@@ -194,7 +194,7 @@ def test_an_end_while_code_is_made(
 ) -> None:
     """A compiler loses the exception; of one that has left an `exec` Python dies at its end."""
     (tmp_path / "amidst.py").write_text(script.format(number=int(signal.SIGTERM)))
-    command = [sys.executable, "-m", "amidst", *SIMULATE[len(COMMAND) :]]
+    command = [sys.executable, "-m", "amidst", *WORDS]
     is_interrupted(start_process(command, cwd=tmp_path))
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Ask, nothing_drawn
+from conftest import Ask
 from craft_helpers import case, configs, overlay
 from hypothesis import given
 from hypothesis import strategies as st
@@ -123,11 +123,11 @@ def ends_of(axes: Axes) -> list[float]:
     return [end for band in bands for end in (band.x0, band.x1)]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
     record = failed([f"{STUCK} from 2 for 3"], (7.0, [f"{WEAK} from 7"]))
     page = tmp_path / "report.html"
-    with nothing_drawn():
-        write_report([Verdict(record)], page)
+    write_report([Verdict(record)], page)
     text = page.read_text(encoding="utf-8")
     assert f"<h3>Faults</h3>\n<ul><li>{STUCK}, 2 to 5 s</li><li>{WEAK}, 7 to 10 s</li></ul>" in text
     figure = error_figure(Measured(record), ENVELOPES[0])
@@ -139,8 +139,7 @@ def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
         assert {band["colour"] for band in panel["bands"]} == {to_hex(RED) + "14"}
     assert "fault" in axes.get_legend_handles_labels()[1]
     whole = failed([""])
-    with nothing_drawn():
-        write_report([Verdict(whole)], page)
+    write_report([Verdict(whole)], page)
     assert "Faults" not in page.read_text(encoding="utf-8")
     assert not error_figure(Measured(whole), ENVELOPES[0]).axes[0].patches
 
