@@ -171,7 +171,11 @@ def test_what_is_not_recovered_breaks_the_line():
 
 
 @pytest.mark.parametrize(
-    ("recovery", "outside"), [([None, None], [1.0, 2.0]), ([1.0, 2.0], [0.0, 0.0])]
+    ("recovery", "outside", "marked"),
+    [([None, None], [1.0, 2.0], True), ([1.0, 2.0], [0.0, 0.0], False)],
 )
-def test_a_sweep_of_one_kind(tmp_path, recovery, outside):
-    save(sweep_figure(swept([0.1, 0.2], recovery, outside)), tmp_path / "sweep.png")
+def test_what_is_not_recovered_is_marked_where_there_is_such_a_hit(recovery, outside, marked):
+    figure = sweep_figure(swept([0.1, 0.2], recovery, outside))
+    figure.draw_without_rendering()  # also without a single recovery, or nothing outside
+    told = {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
+    assert ("not recovered" in told) is marked
