@@ -39,6 +39,10 @@ def values_after(line: str, *names: str) -> list[float]:
 
 
 plant_of = partial(part_of, PLANTS)
+FRICTIONLESS = {f"wheels__{name}": [0.0] for name in ("viscous", "coulomb", "static")}
+# Three wheels, the first about z; and the inertia [kg·m²] of its speed relative to the body.
+Z_FIRST = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+RELATIVE = 1.0 / (1.0 / 8e-4 + 1.0 / (1.9 - 8e-4))
 
 
 def padded(torques: Array) -> Array:
@@ -85,34 +89,17 @@ def test_wheels_move_as_two_integrators_say(case: str, allowed: tuple[float, ...
     assert np.all(worst < allowed), worst
 
 
-def test_one_wheel_spins_up_and_turns_the_body_back() -> None:
-    part = plant_of(
-        "gyrostat",
-        wheels__axes=[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-        wheels__viscous=[0.0],
-        wheels__coulomb=[0.0],
-        wheels__static=[0.0],
-    )
-    spun = 8e-4 * (1.9 - 8e-4) / 1.9 * 200.0 * math.pi / 0.05
-    for k in range(1005):
-        given = part.step(k * STEP_NS, [0.05, *[0.0] * 10])
-    assert spun == pytest.approx(10.04886, abs=1e-5)
-    assert given[6] == pytest.approx(-0.2645552 * 10.04 / spun, rel=1e-6)
-    assert given[7] == pytest.approx(200.0 * math.pi * 10.04 / spun, rel=1e-9)
-
-
 def test_a_wheel_that_crosses_zero_at_full_torque_is_that_of_an_integrator() -> None:
     """In a step its speed changes by six times the speed over which friction changes its sign."""
     part = plant_of(
         "gyrostat",
-        wheels__axes=[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        wheels__axes=Z_FIRST,
         wheels__initial_speed=[-20.0, 0.0, 0.0],
     )
-    inertia = 1.0 / (1.0 / 8e-4 + 1.0 / (1.9 - 8e-4))  # of the speed relative to the body
 
     def faster(_: float, speed: Array) -> Array:
         dry = 5e-4 + 3e-4 * np.exp(-((speed / 2.0) ** 2))
-        return np.asarray((0.05 - dry * np.tanh(speed / 0.1) - 3e-6 * speed) / inertia)
+        return np.asarray((0.05 - dry * np.tanh(speed / 0.1) - 3e-6 * speed) / RELATIVE)
 
     truth = solve_ivp(faster, (0.0, 0.5), [-20.0], method="DOP853", rtol=1e-13, atol=1e-12).y[0, -1]
     for k in range(51):
@@ -130,16 +117,15 @@ def test_a_wheel_that_friction_alone_stops_slows_by_its_closed_form() -> None:
     transition, start = 0.0101, 0.02
     part = plant_of(
         "gyrostat",
-        wheels__axes=[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        wheels__axes=Z_FIRST,
         wheels__initial_speed=[start, 0.0, 0.0],
         wheels__transition_speed=[transition],
         wheels__coulomb=[8e-4],
         wheels__viscous=[0.0],
     )
-    inertia = 1.0 / (1.0 / 8e-4 + 1.0 / (1.9 - 8e-4))  # of the speed relative to the body
     for k in range(6):
         given = part.step(k * STEP_NS, [0.0] * 11)
-        decay = math.exp(-8e-4 * 0.01 * k / (inertia * transition))
+        decay = math.exp(-8e-4 * 0.01 * k / (RELATIVE * transition))
         truth = transition * math.asinh(math.sinh(start / transition) * decay)
         assert given[7] == pytest.approx(truth, rel=5e-3)
 
@@ -159,9 +145,7 @@ def test_a_small_craft_nutates_as_its_wheel_makes_it(rate: float) -> None:
         initial_angular_velocity=[radius, 0.0, 0.0],
         wheels__axes=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         wheels__initial_speed=[-radius, 0.0, speed],
-        wheels__viscous=[0.0],
-        wheels__coulomb=[0.0],
-        wheels__static=[0.0],
+        **FRICTIONLESS,
     )
     faster = spin * speed / (0.02 - spin)  # λ [rad/s]: 1.7 rad in a step at 10 Hz
     for k in range(round(20.0 * rate) + 1):
@@ -180,8 +164,7 @@ def test_a_body_that_turns_far_in_a_step_moves_as_a_symmetric_top(plant: str) ->
     a, c, rates = 0.1, 0.17, np.array([12.0, -7.0, 14.0])  # [rad/s]: 0.2 rad in a step
     given = {"inertia": [a, 0.0, 0.0, 0.0, a, 0.0, 0.0, 0.0, c]}
     if plant == "gyrostat":  # wheels that carry nothing
-        given |= {"wheels__inertia": [1e-12], "wheels__initial_speed": [0.0]}
-        given |= {f"wheels__{friction}": [0.0] for friction in ("viscous", "coulomb", "static")}
+        given |= {"wheels__inertia": [1e-12], "wheels__initial_speed": [0.0], **FRICTIONLESS}
     part = plant_of(plant, initial_angular_velocity=rates.tolist(), **given)
     nothing = [0.0] * sum(column.width for column in part.component.inputs)
     start = Rotation.from_quat(part.step(0, nothing)[:4])
@@ -217,31 +200,6 @@ def test_flexible_modes_move_as_two_integrators_say() -> None:
             off = [angles_between(given[:4], row[1:5]), np.abs(given[4:7] - row[5:8]).max()]
             worst = np.maximum(worst, [*off, np.abs(deflection - row[8:12]).max()])
     assert np.all(worst < (1e-9, 1e-8, 1e-7)), worst
-
-
-def test_one_mode_on_one_axis_swings_by_its_closed_form() -> None:
-    inertia, delta, clamped, damping, torque = 2.8, 1.2, 2.0 * math.pi * 0.35, 0.005, 0.05
-    part = plant_of(
-        "flexible",
-        initial_attitude=[0.0, 0.0, 0.0, 1.0],
-        flexible__frequency=[0.35],
-        flexible__damping=[damping],
-        flexible__coupling=[delta, 0.0, 0.0],
-    )
-    c = 1.0 - delta**2 / inertia
-    swing, ratio = clamped / math.sqrt(c), damping / math.sqrt(c)
-    free = swing * math.sqrt(1.0 - ratio**2)
-    steady = -delta * torque / (inertia * clamped**2)
-    assert swing / (2.0 * math.pi) == pytest.approx(0.50220, abs=1e-5)
-    for k in range(1001):
-        given = part.step(k * STEP_NS, [torque, 0.0, 0.0, 0.0, 0.0, 0.0])
-        t = k / 100.0
-        decay = steady * math.exp(-ratio * swing * t)
-        lag = ratio / math.sqrt(1.0 - ratio**2)
-        bent = steady - decay * (math.cos(free * t) + lag * math.sin(free * t))
-        rate = decay * swing / math.sqrt(1.0 - ratio**2) * math.sin(free * t)
-        assert part.state[0]["motion"][multibody.BEND] == pytest.approx(bent, abs=1e-8)
-        assert given[4] == pytest.approx((torque * t - delta * rate) / inertia, abs=1e-8)
 
 
 def test_without_wheels_and_modes_the_body_is_rigid() -> None:
