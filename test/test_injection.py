@@ -55,14 +55,6 @@ class Injector:
         return [step for step, torque in enumerate(self.acted) if torque]
 
 
-def test_what_comes_now_acts_from_the_first_stamp_that_was_not_sent() -> None:
-    injector = Injector()
-    injector.runs(7)
-    assert injector.accept(0.0, 0.05).endswith("acts from t = 0.070000 s to 0.120000 s")
-    injector.runs(30)
-    assert injector.steps() == [7, 8, 9, 10, 11]
-
-
 def test_what_is_past_acts_now_and_what_is_to_come_when_it_says() -> None:
     injector = Injector()
     injector.runs(7)

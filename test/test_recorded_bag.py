@@ -72,8 +72,6 @@ def test_rosbags_decodes_every_message(recorded_bag: Path, information: dict[str
 def test_the_bag_knows_its_run(recorded_bag: Path) -> None:
     run = read_run(recorded_bag)
     assert run.controller == "ppc"
-    assert run.missing_messages == 0
-    assert not run.warnings
     told = {"wait_for_recorder": True}  # by `run`, which starts a recorder
     assert run.parameters[CONTROLLER] == {**load([]).parameters[CONTROLLER], **told}
     assert "--duration 2" in run.metadata["command"]

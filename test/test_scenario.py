@@ -22,15 +22,12 @@ import numpy as np
 import pytest
 from craft_helpers import CONFIG, configs
 
-from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.environments import paper as paper_torque
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
-from ppc_attitude.science.kinds import ACTUATORS, CONTROLLERS, ENVIRONMENTS, ESTIMATORS
+from ppc_attitude.science.kinds import CONTROLLERS, ENVIRONMENTS, ESTIMATORS
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.references import paper
-from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TRUE_ATTITUDE
 from ppc_attitude.simulation.closed_loop import stamps_of
 from ppc_attitude.simulation.diagram import Diagram
@@ -190,6 +187,7 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("spacecraft_plant", {"initial_attitude": [0, 0, 0, 1.01]}, "initial_attitude .*norm 1.01"),
     ("spacecraft_plant", {"initial_attitude": [0, 0, 1]}, "initial_attitude .*has 3 values"),
     ("spacecraft_plant", {"min_torque": 0.06}, "min_torque = 0.06 N·m must be smaller than max_t"),
+    ("spacecraft_plant", {"thrusters.specific_impulse": 5e-324}, r"impulse = 5e-324 s; .*≥ 1"),
     ("spacecraft_plant", {"rate": 0}, "rate = 0 Hz; allowed: finite, ≥ 1"),
     ("spacecraft_plant", {"seed": 1.5}, "seed = 1.5; allowed: an integer"),
     ("reference_generator", {"initial_attitude": [1, 1, 0, 0]}, "reference_generator: initial_att"),
@@ -255,29 +253,6 @@ def test_only_the_selected_component_must_be_feasible() -> None:
 def test_the_environment_is_switched_or_chosen(value: Any, name: str) -> None:
     case = scenario({"disturbance_injector": {"environment": value}})
     assert case.parameters["disturbance_injector"]["environment"] == name
-
-
-def test_rounded_quaternions_are_normalised() -> None:
-    case = scenario({"spacecraft_plant": {"initial_attitude": [0.0, 0.0, 0.0, 1.0009]}})
-    body = rigid_body.configure(case.parameters["spacecraft_plant"])
-    assert body["initial_attitude"].tolist() == [0.0, 0.0, 0.0, 1.0]
-
-
-def test_records_hold_the_values() -> None:
-    inertia = [2.8, 0.15, -0.1, 0.15, 2.5, 0.2, -0.1, 0.2, 1.9]
-    case = scenario(
-        {
-            "spacecraft_plant": {"inertia": inertia, "attitude_noise": 1e-4, "seed": 9},
-            "reference_generator": {"amplitude": [1, 2, 3]},
-        }
-    )
-    plant = rigid_body.configure(case.parameters["spacecraft_plant"])
-    product = np.array(plant["inertia"]) @ np.array(plant["inertia_inverse"])
-    assert np.allclose(product, np.eye(3), atol=1e-15)
-    sensors = direct.COMPONENT.configure(case.parameters["spacecraft_plant"])
-    assert (sensors["attitude_noise"], sensors["seed"]) == (1e-4, 9)
-    reference = paper.configure(case.parameters["reference_generator"])
-    assert reference["amplitude"].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_pulses_are_whole_nanoseconds() -> None:
@@ -359,19 +334,6 @@ def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPa
         ENVIRONMENTS.components, "gradient", replace(gradient, inputs=(other_words,))
     )
     check_exchange(case)
-
-
-def test_an_actuator_that_cannot_tell_its_torque_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Else a run would be judged by the limit of its law, and nobody would hear of it."""
-    monkeypatch.setitem(
-        ACTUATORS.components,
-        "ideal",
-        replace(ideal.COMPONENT, torque=lambda values: values["nowhere"]),
-    )
-    with pytest.raises(ConfigurationError, match="spacecraft_plant: component ideal: torque rais"):
-        scenario({})
 
 
 def test_nodes_refuse_an_estimator_that_does_not_say_when_its_fixes_come(
