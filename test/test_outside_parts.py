@@ -27,21 +27,17 @@ from craft_helpers import CONFIG
 from process_helpers import PATIENCE
 
 OUTSIDE = Path(__file__).parent / "outside"
-POINTS = """[ppc_attitude.plants]
-ringed = outside_parts:PLANT
-[ppc_attitude.sensors]
-rounding = outside_parts:SENSORS
-[ppc_attitude.estimators]
-two_rates = outside_parts:ESTIMATOR
-[ppc_attitude.references]
-turn = outside_parts:REFERENCE
-[ppc_attitude.controllers]
-share = outside_parts:LAW
-[ppc_attitude.environments]
-pushes = outside_parts:ENVIRONMENT
-"""
-SENSORS = "[ppc_attitude.sensors]\nrounding = outside_parts:SENSORS\n"
-CONFIGS = ["--config", str(CONFIG / "paper.yaml"), "--config", str(OUTSIDE / "outside.yaml")]
+# Entry points of each kind.
+POINTS = {
+    "plants": "ringed = outside_parts:PLANT",
+    "sensors": "rounding = outside_parts:SENSORS",
+    "estimators": "two_rates = outside_parts:ESTIMATOR",
+    "references": "turn = outside_parts:REFERENCE",
+    "controllers": "share = outside_parts:LAW",
+    "environments": "pushes = outside_parts:ENVIRONMENT",
+}
+FILES = [str(CONFIG / "paper.yaml"), str(OUTSIDE / "outside.yaml")]
+PAPER, CONFIGS = f"--config {FILES[0]}", " ".join(f"--config {file}" for file in FILES)
 OWN = {
     "ring_momentum",
     "rounded_attitude",
@@ -54,21 +50,29 @@ OWN = {
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
+# Several commands in one process.
+EACH = """
+import shlex, sys
+from ppc_attitude.command_line.main import main
+sys.exit(max([main(shlex.split(each)) for each in sys.argv[1:]]))
+"""
+
+
 @pytest.fixture
 def run_outside(tmp_path: Path) -> Run:
-    """Run Python where the package of somebody else's is installed."""
+    """Run commands, or another script, where the package of somebody else's is installed."""
     installed = tmp_path / "installed" / "outside_parts-1.0.dist-info"
     installed.mkdir(parents=True)
     (installed / "METADATA").write_text(
         "Metadata-Version: 2.1\nName: outside_parts\nVersion: 1.0\n"
     )
-    (installed / "entry_points.txt").write_text(POINTS)
+    name_points(tmp_path, **POINTS)
     paths = [str(installed.parent), str(OUTSIDE), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
-    def run(*words: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+    def run(*words: str, script: str = EACH, code: int = 0) -> subprocess.CompletedProcess[str]:
         done = subprocess.run(
-            [sys.executable, *words],
+            [sys.executable, "-c", script, *words],
             env=environment,
             cwd=tmp_path,
             capture_output=True,
@@ -81,17 +85,17 @@ def run_outside(tmp_path: Path) -> Run:
     return run
 
 
-def name_points(tmp_path: Path, text: str) -> None:
-    """Let the package have these entry points instead."""
+def name_points(tmp_path: Path, **points: str) -> None:
+    """Let the package have these entry points of each kind, and no others."""
+    text = "".join(f"[ppc_attitude.{kind}]\n{lines}\n" for kind, lines in points.items())
     (tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt").write_text(text)
 
 
-# Several commands in one process.
-EACH = """
-import shlex, sys
-from ppc_attitude.command_line.main import main
-sys.exit(max([main(shlex.split(each)) for each in sys.argv[1:]]))
-"""
+def choose(tmp_path: Path, node: str, values: str, name: str = "own.yaml") -> None:
+    """Write a file with parameters of a node."""
+    (tmp_path / name).write_text(f"{node}: {{ros__parameters: {{{values}}}}}\n")
+
+
 COMPARE = """
 import sys
 from contextlib import redirect_stdout
@@ -126,10 +130,8 @@ sys.exit(main(["replay", bag, "--json"]))
 @pytest.mark.ros
 @pytest.mark.slow
 def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> None:
-    bag = str(tmp_path / "bag")
-    command = ["-m", "ppc_attitude.command_line.main"]
-    run_outside(*command, "run", *CONFIGS, "--duration", "2", "--bag", bag)
-    told = run_outside("-c", COMPARE, bag, CONFIGS[1], CONFIGS[3]).stdout
+    run_outside(f"run {CONFIGS} --duration 2 --bag bag")
+    told = run_outside("bag", *FILES, script=COMPARE).stdout
     columns, _, replay = told.partition("\n")
     assert set(columns.split()) >= OWN
     replayed = json.loads(replay)
@@ -149,16 +151,13 @@ def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> 
 
 
 def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: Path) -> None:
-    name_points(
-        tmp_path,
-        "[ppc_attitude.controllers]\nbroken = outside_parts:NOWHERE\nwrong = outside_parts:RING\n"
-        "script = leaving:LAW\n[ppc_attitude.plants]\nshare = outside_parts:LAW\n",
-    )
+    laws = "broken = outside_parts:NOWHERE\nwrong = outside_parts:RING\nscript = leaving:LAW"
+    name_points(tmp_path, controllers=laws, plants="share = outside_parts:LAW")
     (tmp_path / "installed/leaving.py").write_text("raise SystemExit(5)\n")
     code = (
         "from ppc_attitude.science.kinds import all_components as a; print(*(c.name for c in a()))"
     )
-    done = run_outside("-c", code)
+    done = run_outside(script=code)
     assert "share" not in done.stdout
     assert "ppc" in done.stdout
     assert (
@@ -209,19 +208,18 @@ MISFITS = {
 def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
     run_outside: Run, tmp_path: Path
 ) -> None:
-    lines = [
-        line
+    points = {
+        kind: "\n".join(f"{name} = misfits:{name}" for name in misfits)
         for kind, misfits in MISFITS.items()
-        for line in (f"[ppc_attitude.{kind}]", *(f"{name} = misfits:{name}" for name in misfits))
-    ]
-    name_points(tmp_path, "\n".join(lines))
+    }
+    name_points(tmp_path, **points)
     code = (
         "import sys\nfrom ppc_attitude.command_line.main import main\n"
         "from ppc_attitude.science.kinds import all_components\n"
         "code = main(sys.argv[1:])\nprint(*(each.name for each in all_components()))\n"
         "sys.exit(code)"
     )
-    done = run_outside("-c", code, "check", *CONFIGS[:2])
+    done = run_outside("check", *PAPER.split(), script=code)
     kept = done.stdout.splitlines()[-1].split()
     warned = done.stderr.splitlines()
     assert all("UserWarning: entry point " in line for line in warned), done.stderr
@@ -236,9 +234,8 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
 def test_an_advice_that_is_none_is_refused_before_anything_runs(
     run_outside: Run, tmp_path: Path
 ) -> None:
-    name_points(tmp_path, "[ppc_attitude.controllers]\nchatty = misfits:chatty\n")
-    command = ["simulate", *CONFIGS[:2], "--controller", "chatty", "--duration", "1"]
-    done = run_outside("-m", "ppc_attitude.command_line.main", *command, code=2)
+    name_points(tmp_path, controllers="chatty = misfits:chatty")
+    done = run_outside(f"simulate {PAPER} --controller chatty --duration 1", code=2)
     assert "component share: advice raised TypeError: 'well'; allowed: an Advice" in done.stderr
 
 
@@ -247,11 +244,10 @@ def test_the_law_is_checked_for_the_reference_that_is_selected(
 ) -> None:
     commands, bounds = [], []
     for rate in (0.0, 0.01):
-        file = tmp_path / f"turn{rate}.yaml"
-        turn = f"{{mode: turn, turn.rate: {rate}, amplitude: [0.5, 0.5, 0.5]}}"
-        file.write_text(f"reference_generator: {{ros__parameters: {turn}}}\n")
-        commands.append(f"check --config {file} --json")
-    for line in run_outside("-c", EACH, *commands).stdout.splitlines():
+        turn = f"mode: turn, turn.rate: {rate}, amplitude: [0.5, 0.5, 0.5]"
+        choose(tmp_path, "reference_generator", turn, f"turn{rate}.yaml")
+        commands.append(f"check --config turn{rate}.yaml --json")
+    for line in run_outside(*commands).stdout.splitlines():
         conditions = json.loads(line)["conditions"]
         bounds += [each["value"] for each in conditions if each["name"] == "rate bound"]
     assert bounds[0] < 6.0
@@ -259,12 +255,12 @@ def test_the_law_is_checked_for_the_reference_that_is_selected(
 
 
 def test_a_law_is_judged_by_its_own_bounds(run_outside: Run, tmp_path: Path) -> None:
-    name_points(tmp_path, "[ppc_attitude.controllers]\nmargin = misfits:margin\n")
-    given = f"{' '.join(CONFIGS[:2])} --controller"
+    name_points(tmp_path, controllers="margin = misfits:margin")
+    given = f"{PAPER} --controller"
     runs = [f"simulate {given} {law} --duration 1 --json" for law in ("margin", "ppc")]
     (tmp_path / "one.yaml").write_text("campaign: {initial_attitude: so3}\n")
     campaign = f"campaign {given} margin --campaign one.yaml --duration 1 --runs 2 --out c --json"
-    done = run_outside("-c", EACH, *runs, campaign, code=1)
+    done = run_outside(*runs, campaign, code=1)
     *simulated, summary = done.stdout.splitlines()
     told = [each["name"] for each in json.loads(summary)["requirements"]]
     assert told.count("attitude error outside its envelope") == 1
@@ -287,10 +283,11 @@ def test_a_sweep_tells_the_envelopes_that_the_components_declare(
     run_outside: Run, tmp_path: Path
 ) -> None:
     """Also one of an estimator, whatever the law."""
-    name_points(tmp_path, POINTS + "[ppc_attitude.estimators]\nbounded = misfits:bounded\n")
-    (tmp_path / "own.yaml").write_text("/**: {ros__parameters: {estimator: bounded}}\n")
-    given = f"sweep {' '.join(CONFIGS)} --config own.yaml --pulse-durations 0.1 --at 1 --duration 2"
-    told = run_outside("-c", EACH, given, f"{given} --json").stdout.splitlines()
+    both = f"{POINTS['estimators']}\nbounded = misfits:bounded"
+    name_points(tmp_path, **{**POINTS, "estimators": both})
+    choose(tmp_path, "/**", "estimator: bounded")
+    given = f"sweep {CONFIGS} --config own.yaml --pulse-durations 0.1 --at 1 --duration 2"
+    told = run_outside(given, f"{given} --json").stdout.splitlines()
     head = next(line for line in told if line.startswith("hit [s]"))
     assert "z2 outside [s]  rate change outside [s]  verdict" in head
     (hit,) = json.loads(told[-1])["hits"]
@@ -300,25 +297,23 @@ def test_a_sweep_tells_the_envelopes_that_the_components_declare(
 
 def select_unnamed_plant(tmp_path: Path) -> None:
     """Let own.yaml select a plant that has none of our parameters."""
-    name_points(tmp_path, "[ppc_attitude.plants]\nunnamed = misfits:unnamed\n")
-    (tmp_path / "own.yaml").write_text("spacecraft_plant: {ros__parameters: {plant: unnamed}}\n")
+    name_points(tmp_path, plants="unnamed = misfits:unnamed")
+    choose(tmp_path, "spacecraft_plant", "plant: unnamed")
 
 
 def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
     run_outside: Run, tmp_path: Path
 ) -> None:
     select_unnamed_plant(tmp_path)
-    (tmp_path / "goal.yaml").write_text(
-        "reference_generator: {ros__parameters: {mode: goal, goals.times: [1.0], "
-        "goals.attitudes: [0.0, 0.0, 0.0, 1.0]}}\n"
-    )
-    paper = f"check {' '.join(CONFIGS[:2])}"
+    goal = "mode: goal, goals.times: [1.0], goals.attitudes: [0.0, 0.0, 0.0, 1.0]"
+    choose(tmp_path, "reference_generator", goal, "goal.yaml")
+    paper = f"check {PAPER}"
     checks = [
         f"{each} {own}"
         for each in (paper, f"{paper} --config goal.yaml")
         for own in ("", "--config own.yaml")
     ]
-    told = run_outside("-c", EACH, *checks).stdout
+    told = run_outside(*checks).stdout
     assert told.count("torque authority") == 4
     assert told.count("last goal") == 2
     assert told.count("time to turn") == told.count("slew torque") == 1
@@ -329,9 +324,8 @@ def test_a_campaign_draws_nothing_of_parts_that_do_not_run(
 ) -> None:
     select_unnamed_plant(tmp_path)
     (tmp_path / "one.yaml").write_text("campaign: {rate_noise: 1e-6}\n")
-    given = " ".join(CONFIGS[:2])
-    campaign = f"campaign {given} --campaign one.yaml --duration 1 --only 0"
-    done = run_outside("-c", EACH, campaign, f"{campaign} --config own.yaml")
+    campaign = f"campaign {PAPER} --campaign one.yaml --duration 1 --only 0"
+    done = run_outside(campaign, f"{campaign} --config own.yaml")
     ours, theirs = [line for line in done.stdout.splitlines() if line.startswith("drawn: ")]
     assert "initial_error_angle" in ours
     assert "inertia_error" in ours
@@ -340,9 +334,9 @@ def test_a_campaign_draws_nothing_of_parts_that_do_not_run(
 
 
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:
-    name_points(tmp_path, "[ppc_attitude.controllers]\nblind = misfits:blind\n")
-    given = f"{' '.join(CONFIGS[:2])} --controller blind"
-    done = run_outside("-c", EACH, f"simulate {given} --duration 0.1 --json", f"check {given}")
+    name_points(tmp_path, controllers="blind = misfits:blind")
+    given = f"{PAPER} --controller blind"
+    done = run_outside(f"simulate {given} --duration 0.1 --json", f"check {given}")
     flown, _, checked = done.stdout.partition("\n")
     assert json.loads(flown)["controller"] == "blind"
     assert "initial attitude error x y z w: -0.22952, 0.25933" in checked, done.stderr
@@ -352,20 +346,14 @@ def test_a_law_that_hears_its_estimator_later_is_checked_too(
     run_outside: Run, tmp_path: Path
 ) -> None:
     """As if told the truth there would be no estimator, and nothing that the law reads."""
-    kinds = {"estimators": "quiet", "controllers": "listening", "sensors": "rounding"}
-    chosen = {"sensors": "outside_parts:SENSORS"}
     name_points(
         tmp_path,
-        "".join(
-            f"[ppc_attitude.{kind}]\n{name} = {chosen.get(kind, f'misfits:{name}')}\n"
-            for kind, name in kinds.items()
-        ),
+        estimators="quiet = misfits:quiet",
+        controllers="listening = misfits:listening",
+        sensors=POINTS["sensors"],
     )
-    (tmp_path / "pair.yaml").write_text(
-        "/**: {ros__parameters: {sensors: rounding, estimator: quiet, controller: listening}}\n"
-    )
-    command = ["check", *CONFIGS[:2], "--config", "pair.yaml"]
-    done = run_outside("-m", "ppc_attitude.command_line.main", *command)
+    choose(tmp_path, "/**", "sensors: rounding, estimator: quiet, controller: listening")
+    done = run_outside(f"check {PAPER} --config own.yaml")
     assert "initial attitude error x y z w: -0.22952, 0.25933" in done.stdout, done.stderr
 
 
@@ -373,12 +361,10 @@ def test_the_truth_is_on_record_whatever_sensors_from_outside_say_of_themselves(
     run_outside: Run, tmp_path: Path
 ) -> None:
     """These round, and the estimator behind them takes the mean of two rates."""
-    name_points(
-        tmp_path, f"{POINTS}[ppc_attitude.sensors]\nsure = misfits:sure\n".replace(SENSORS, "")
-    )
-    (tmp_path / "sure.yaml").write_text("spacecraft_plant: {ros__parameters: {sensors: sure}}\n")
-    command = ["simulate", *CONFIGS, "--config", "sure.yaml", "--duration", "1", "--json"]
-    told = json.loads(run_outside("-m", "ppc_attitude.command_line.main", *command).stdout)
+    name_points(tmp_path, **{**POINTS, "sensors": "sure = misfits:sure"})
+    choose(tmp_path, "spacecraft_plant", "sensors: sure")
+    command = f"simulate {CONFIGS} --config own.yaml --duration 1 --json"
+    told = json.loads(run_outside(command).stdout)
     assert told["truth"] == "recorded"
     knowledge = next(each for each in told["errors"] if each["name"] == "knowledge")
     assert knowledge["max_deg"] > 0.0
@@ -399,12 +385,10 @@ ENVIRONMENT = Component(name="table", outputs=(ENVIRONMENT_TORQUE,), step=step)
 
 
 def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path: Path) -> None:
-    installed, selection = tmp_path / "installed", tmp_path / "selection.yaml"
-    (installed / "alone.py").write_text(RAISING)
-    name_points(tmp_path, "[ppc_attitude.environments]\ntable = alone:ENVIRONMENT\n")
-    selection.write_text("disturbance_injector: {ros__parameters: {environment: table}}\n")
-    command = ["-m", "ppc_attitude.command_line.main", "simulate", "--duration", "0.5"]
-    done = run_outside(*command, "--config", str(selection), code=3)
+    (tmp_path / "installed" / "alone.py").write_text(RAISING)
+    name_points(tmp_path, environments="table = alone:ENVIRONMENT")
+    choose(tmp_path, "disturbance_injector", "environment: table")
+    done = run_outside("simulate --duration 0.5 --config own.yaml", code=3)
     assert "diverged: angular velocity (nan, nan, nan)" in done.stderr
     assert "at 0.11 s; the step of component table raised ValueError: beyond my" in done.stderr
 
