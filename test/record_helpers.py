@@ -67,3 +67,8 @@ def state_of(component: Component) -> Any:
 def outputs_of(component: Component) -> Any:
     """Return what a component's step fills, all zero."""
     return new_record(component.output_record)
+
+
+def records_of(component: Component) -> tuple[Any, Any, Any]:
+    """Return what a component's step reads, remembers and fills, all zero."""
+    return inputs_of(component), state_of(component), outputs_of(component)

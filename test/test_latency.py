@@ -47,9 +47,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         arrivals.append((k * STEP + TRIP, TORQUE_COMMAND, k))
     arrivals.sort(key=lambda each: each[0], reverse=True)
 
-    def subscribe(
-        _: Any, topic: Topic, handle: Callable[[bytes], None], *__: Any, raw: bool
-    ) -> None:
+    def subscribe(_: Any, topic: Topic, handle: Handle, *__: Any, raw: bool) -> None:
         assert raw
         handles[topic] = handle
 

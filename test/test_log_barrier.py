@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from record_helpers import configured, derivative, f_matrix, inputs_of, outputs_of, state_of
+from record_helpers import configured, derivative, f_matrix, records_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import log_barrier
@@ -54,7 +54,7 @@ def test_alpha_and_its_derivative_along_the_motion(seed: int) -> None:
 
 def test_step_is_the_reconstruction_of_the_spec() -> None:
     gains = configured(log_barrier.COMPONENT)
-    measurement, memory = (inputs_of(log_barrier.COMPONENT), state_of(log_barrier.COMPONENT))
+    measurement, memory, command = records_of(log_barrier.COMPONENT)
     error = Rotation.from_rotvec([0.2, -0.1, 0.15])
     omega, t = np.array([0.01, -0.02, 0.015]), 10.0
     measurement["attitude"], measurement["angular_velocity"] = error.as_quat(), omega
@@ -81,7 +81,6 @@ def test_step_is_the_reconstruction_of_the_spec() -> None:
         - 1e-3 * f_matrix(q_e).T @ chi
         - gains["D_m"] * np.tanh(z / gains["mu"])
     )
-    command = outputs_of(log_barrier.COMPONENT)
     log_barrier.step(measurement, memory, gains, command)
     assert np.allclose(command["unsaturated_torque"], expected, rtol=1e-7, atol=1e-10)
     assert np.allclose(command["torque_command"], np.clip(expected, -0.05, 0.05), atol=1e-9)
@@ -112,8 +111,8 @@ def test_after_a_hit_it_settles_outside_near_the_predicted_error() -> None:
 def test_it_never_divides_by_zero() -> None:
     gains = configured(log_barrier.COMPONENT)
     for scalar in (0.0, -0.0, 1e-12):
-        measurement, command = (inputs_of(log_barrier.COMPONENT), outputs_of(log_barrier.COMPONENT))
+        measurement, memory, command = records_of(log_barrier.COMPONENT)
         measurement["attitude"] = (0.6, 0.64, 0.48, scalar)
         measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
-        log_barrier.step(measurement, state_of(log_barrier.COMPONENT), gains, command)
+        log_barrier.step(measurement, memory, gains, command)
         assert np.isfinite(command["torque_command"]).all()

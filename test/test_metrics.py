@@ -62,41 +62,8 @@ def test_a_good_run_meets_every_requirement():
     assert verdict.duration_s == 120.0
 
 
-def test_the_json_is_the_contract():
-    run = hit_run()
-    told = json.loads(json.dumps(Verdict(run).to_json(), allow_nan=False))
-    assert list(told) == [
-        "bag",
-        "controller",
-        "duration_s",
-        "steps",
-        "missing_messages",
-        "requirements",
-        "metrics",
-        "errors",
-        "truth",
-        "required",
-        "changes",
-        "faults",
-    ]
-    assert list(told["metrics"]) == [
-        "settling_time_s",
-        "error_after_settling_deadline",
-        "terminal_error",
-        "max_rate_deg_s",
-        "max_rate_axis_deg_s",
-        "max_applied_torque",
-        "time_outside_attitude_envelope_s",
-        "time_outside_rate_envelope_s",
-        "time_pointing_outside_attitude_envelope_s",
-        "error_from_deadline_with_recoveries",
-        "max_rate_whole_run_deg_s",
-        "max_rate_axis_whole_run_deg_s",
-        "settled",
-        "converged",
-        "disturbances",
-        "spans",
-    ]
+def test_the_json_has_of_each_requirement_and_hit_what_the_reference_says():
+    told = json.loads(json.dumps(Verdict(hit_run()).to_json(), allow_nan=False))
     for each in told["requirements"]:
         assert list(each)[:6] == ["name", "value", "limit", "unit", "pass", "span"]
         told_more = each["pass"] is None or "over the whole run" in each.get("reason", "")

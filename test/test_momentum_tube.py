@@ -302,18 +302,13 @@ def test_a_weak_actuator_makes_no_cycle_of_events(strength: float) -> None:
 
 
 def test_torque_that_was_short_twice_is_not_counted_on_and_said() -> None:
-    memory = state_of(momentum_tube.COMPONENT)
+    memory, command = new_records()
     memory["events"], memory["slips"], memory["loss"] = 3.0, 2.0, 0.2
     told = momentum_tube.advice(memory)
     assert told.warning
     assert told.text.startswith("the guarantee is suspended: torque was short 2 times, so 20 %")
-    gains, rotvec = law_of(), np.array([1.2, 0.0, 0.0])
-    momentum_tube.step(
-        measurement_of(Rotation.from_rotvec(rotvec), (0.0, 0.0, 0.0)),
-        memory,
-        gains,
-        outputs_of(momentum_tube.COMPONENT),
-    )
+    gains, error = law_of(), Rotation.from_rotvec([1.2, 0.0, 0.0])
+    momentum_tube.step(measurement_of(error, (0.0, 0.0, 0.0)), memory, gains, command)
     torque = (1.0 - 0.2 / 0.85) * gains["brake"]  # 15 % of the torque is not the brake's anyway
     n, still = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     expected = deceleration(n, still, matrix(gains["inertia"]), tuple(torque), gains["a_most"])[0]

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import configs
-from record_helpers import configured, inputs_of, outputs_of, state_of
+from record_helpers import configured, records_of
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 from test_momentum_tube import settled_after
@@ -52,12 +52,11 @@ def test_what_is_told_is_the_integral_of_the_desired_rate(values: dict[str, Any]
 def way_of(error: Rotation, ahead: Any) -> tuple[float, Any, float]:
     """Way round that an event chooses; axis and angle of the error that way."""
     gains = configured(momentum_tube_ahead.COMPONENT, {"momentum_tube.lead": LEAD})
-    measurement = inputs_of(momentum_tube_ahead.COMPONENT)
+    measurement, memory, command = records_of(momentum_tube_ahead.COMPONENT)
     measurement["attitude"] = error.as_quat()
     measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
     measurement["reference_turn_ahead"] = ahead
-    memory = state_of(momentum_tube_ahead.COMPONENT)
-    momentum_tube_ahead.step(measurement, memory, gains, outputs_of(momentum_tube_ahead.COMPONENT))
+    momentum_tube_ahead.step(measurement, memory, gains, command)
     q = error.as_quat()
     n = float(memory["way"]) * q[:3] / np.linalg.norm(q[:3])
     return float(memory["way"]), n, float(memory["phi"])

@@ -19,22 +19,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from craft_helpers import CONFIG, configs
+from craft_helpers import CONFIG, case
 from process_helpers import PAPER
 
 from ppc_attitude.command_line.main import main
-from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.closed_loop import stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.news import concerns
-from ppc_attitude.simulation.scenario import Scenario, load
+from ppc_attitude.simulation.scenario import Scenario
 
 LOSSES = ["wheel/2 effectiveness 0.0 from 40.0 for 10.0", "wheel/1 seized from 45 for 2"]
-
-
-def of(*overlays: str, **plant: object) -> Scenario:
-    return load(configs("paper", *overlays), {PLANT: plant})
 
 
 def asked_at_each(scenario: Scenario, stamps_ns: np.ndarray) -> list[tuple[float, str]]:
@@ -54,7 +49,7 @@ def asked_at_each(scenario: Scenario, stamps_ns: np.ndarray) -> list[tuple[float
 
 
 def test_a_warning_and_its_end_are_told_at_the_instant_at_which_a_node_tells_them() -> None:
-    scenario, stamps_ns = of("wheels", faults=LOSSES), stamps_of(100.0, 52.0)
+    scenario, stamps_ns = case("wheels", faults=LOSSES), stamps_of(100.0, 52.0)
     told = [(time, advice.text) for time, advice in concerns(scenario, stamps_ns)]
     assert told == asked_at_each(scenario, stamps_ns)
     assert told == [
@@ -66,7 +61,7 @@ def test_a_warning_and_its_end_are_told_at_the_instant_at_which_a_node_tells_the
 
 
 def test_a_part_that_warns_all_the_time_is_heard_ten_times() -> None:
-    scenario, stamps_ns = of("sensors_cubesat", "guaranteed"), stamps_of(100.0, 20.0)
+    scenario, stamps_ns = case("sensors_cubesat", "guaranteed"), stamps_of(100.0, 20.0)
     told = [(time, advice.text) for time, advice in concerns(scenario, stamps_ns)]
     (*first, last), every = told, asked_at_each(scenario, stamps_ns)
     assert len(told) == 10 < len(every)

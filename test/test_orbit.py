@@ -51,12 +51,6 @@ def test_gravity_rate_is_the_derivative_along_the_motion() -> None:
     assert np.allclose(gravity_rate(tuple(r), tuple(v)), expected, rtol=1e-6)
 
 
-def test_elements_give_the_truths_first_state() -> None:
-    orbit = truth_orbit()
-    assert np.allclose(orbit["position"], columns(TRUTH, "rx", "ry", "rz")[0], rtol=1e-14)
-    assert np.allclose(orbit["velocity"], columns(TRUTH, "vx", "vy", "vz")[0], rtol=1e-14)
-
-
 def test_orbit_follows_an_independent_integration() -> None:
     orbit, cursor = truth_orbit(), new_record(CURSOR)
     end = 1800.5

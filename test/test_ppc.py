@@ -22,7 +22,7 @@ import pytest
 from craft_helpers import configs
 from hypothesis import given
 from hypothesis import strategies as st
-from record_helpers import Array, derivative, f_matrix, inputs_of, outputs_of, state_of
+from record_helpers import Array, derivative, f_matrix, inputs_of, outputs_of, records_of, state_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from test_virtual_control import paper_virtual_control
@@ -164,10 +164,9 @@ def test_step_is_the_corrected_law(form: str, inertia: list[float], seed: int) -
 def test_the_dead_band_is_not_a_saturation() -> None:
     """Counting what the actuator swallows below 1e-4 N·m would hold the envelopes open."""
     gains = configured()
-    measurement, memory = inputs_of(ppc.COMPONENT), state_of(ppc.COMPONENT)
+    measurement, memory, command = records_of(ppc.COMPONENT)
     measurement["attitude"] = measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
     measurement["angular_velocity"] = (1e-9, 0.0, 0.0)
-    command = outputs_of(ppc.COMPONENT)
     ppc.step(measurement, memory, gains, command)
     assert 0.0 < abs(command["torque_command"][0]) < 1e-4
     assert np.all(memory["delta_tau"] == 0.0)

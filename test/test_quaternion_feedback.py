@@ -14,7 +14,7 @@
 
 import numpy as np
 import pytest
-from record_helpers import configured, inputs_of, outputs_of, state_of
+from record_helpers import configured, records_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import quaternion_feedback
@@ -40,7 +40,7 @@ def from_rest(axis: list[float], angle: float, **values: float) -> dict[str, dic
 def test_small_errors_follow_the_chosen_second_order_dynamics() -> None:
     """φ'' = −2 ζ ω_n φ' − ω_n² φ, from rest, critically damped, no integral to speak of."""
     frequency, start = 0.3, 1e-3
-    case = from_rest([1, 0, 0], start) | {}
+    case = from_rest([1, 0, 0], start)
     case["ppc_controller"] |= {
         "quaternion_feedback.natural_frequency": frequency,
         "quaternion_feedback.damping": 1.0,
@@ -87,13 +87,9 @@ def test_it_takes_the_short_way() -> None:
     gains = configured(quaternion_feedback.COMPONENT)
     torques = []
     for sign in (1.0, -1.0):
-        measurement, command = (
-            inputs_of(quaternion_feedback.COMPONENT),
-            outputs_of(quaternion_feedback.COMPONENT),
-        )
+        measurement, memory, command = records_of(quaternion_feedback.COMPONENT)
         measurement["attitude"] = sign * Rotation.from_rotvec([0.5, 0, 0]).as_quat()
         measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
-        memory = state_of(quaternion_feedback.COMPONENT)
         quaternion_feedback.step(measurement, memory, gains, command)
         torques.append(command["torque_command"].copy())
     assert torques[0][0] < 0.0
@@ -102,11 +98,7 @@ def test_it_takes_the_short_way() -> None:
 
 def test_integral_rests_while_the_error_is_limited_and_is_bounded() -> None:
     gains = configured(quaternion_feedback.COMPONENT)
-    memory, command = (
-        state_of(quaternion_feedback.COMPONENT),
-        outputs_of(quaternion_feedback.COMPONENT),
-    )
-    measurement = inputs_of(quaternion_feedback.COMPONENT)
+    measurement, memory, command = records_of(quaternion_feedback.COMPONENT)
     measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
 
     def hold(angle: float, seconds: int) -> float:

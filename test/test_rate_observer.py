@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from estimation_helpers import STEP_NS, Array, suite
-from record_helpers import configured, inputs_of, new_record, outputs_of, state_of
+from record_helpers import configured, new_record, records_of
 from scipy.integrate import trapezoid
 
 from ppc_attitude.science.controllers import momentum_tube, ppc
@@ -173,7 +173,7 @@ def test_a_law_with_its_own_observer_gets_no_second_one() -> None:
 def test_an_observer_that_is_switched_on_again_in_flight_begins_from_what_is_measured() -> None:
     """It had predicted the rate over the whole time for which it was off."""
     law = CONTROLLERS.components["quaternion_feedback"]
-    state, inputs, outputs = state_of(law), inputs_of(law), outputs_of(law)
+    inputs, state, outputs = records_of(law)
     inputs["attitude"], inputs["reference_attitude"] = (0.6, 0.0, 0.0, 0.8), (0.0, 0.0, 0.0, 1.0)
     measured = (0.01, -0.02, 0.005)
     for stamp_ns, frequency in ((0, 2.0), (STEP_NS, 2.0), (2 * STEP_NS, 0.0), (10**11, 2.0)):

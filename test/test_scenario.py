@@ -171,18 +171,12 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 IDENTITY = [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]
 BAD: list[tuple[str, dict[str, Any], str]] = [
     ("ppc_controller", {"betta": 1.0}, "no parameter betta; did you mean beta"),
-    ("ppc_controller", {"beta": math.nan}, "beta = nan"),
-    ("ppc_controller", {"beta": math.inf}, "beta = inf"),
-    ("ppc_controller", {"beta": True}, "beta = True"),
-    ("ppc_controller", {"beta": "3"}, "beta = '3'"),
-    ("ppc_controller", {"beta": None}, "beta = None"),
     ("ppc_controller", {"beta": -1}, "beta = -1; allowed: finite, > 0"),
     ("ppc_controller", {"controller": "pid"}, "controller = 'pid'; allowed: one of ppc, log_barr"),
     ("ppc_controller", {"envelope": "fast"}, "envelope = 'fast'; allowed: one of nominal, auto"),
     ("ppc_controller", {"inertia": IDENTITY[:8]}, "inertia .*has 8 values; allowed: .*9 values"),
     ("ppc_controller", {"inertia": [1.0, 2, 0, 2, 1, *IDENTITY[5:]]}, "controller: inertia .*posi"),
     ("spacecraft_plant", {"inertia": [-1.0, *IDENTITY[1:]]}, "plant: inertia .*positive"),
-    ("spacecraft_plant", {"inertia": [1.0, 0.5, *IDENTITY[2:]]}, "plant: inertia .*symmetric"),
     ("spacecraft_plant", {"initial_attitude": [0, 0, 0, 0]}, "initial_attitude .*norm 0; allowed"),
     ("spacecraft_plant", {"initial_attitude": [0, 0, 0, 1.01]}, "initial_attitude .*norm 1.01"),
     ("spacecraft_plant", {"initial_attitude": [0, 0, 1]}, "initial_attitude .*has 3 values"),
