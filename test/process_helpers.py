@@ -49,14 +49,9 @@ def doze() -> None:
     time.sleep(0.01)
 
 
-def until(
-    condition: Callable[[], Any],
-    what: str,
-    patience: float = PATIENCE,
-    meanwhile: Callable[[], object] = doze,
-) -> Any:
+def until(condition: Callable[[], Any], what: str, meanwhile: Callable[[], object] = doze) -> Any:
     """Wait until a condition holds, and return what it gave; a failure names what did not come."""
-    end = time.monotonic() + patience
+    end = time.monotonic() + PATIENCE
     while not (result := condition()):
         assert time.monotonic() < end, f"waited in vain for {what}"
         meanwhile()
@@ -101,9 +96,9 @@ class Process:
     def send(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
-    def ends(self, patience: float = PATIENCE) -> int:
+    def ends(self) -> int:
         """Wait for the end; return the exit code."""
-        until(lambda: self.process.poll() is not None, f"the end of {self.name}", patience)
+        until(lambda: self.process.poll() is not None, f"the end of {self.name}")
         return int(self.process.returncode)
 
 

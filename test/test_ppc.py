@@ -46,7 +46,7 @@ def drive_of(memory: Any, gains: Any) -> Any:
     return ppc.saturation_drive(vector(memory["delta_tau"]), matrix(gains["inertia_inverse"]))
 
 
-def random_situation(seed: int, gains: Any) -> tuple[Any, Any]:
+def random_situation(seed: int) -> tuple[Any, Any]:
     """A measurement in mid-run, and a memory as after a saturated sample at the same instant."""
     rng = np.random.default_rng(seed)
     measurement, memory = inputs_of(ppc.COMPONENT), state_of(ppc.COMPONENT)
@@ -145,7 +145,7 @@ def unsaturated_torque(m: Any, memory: Any, gains: Any, norm_form: bool) -> dict
 @given(seed=seeds)
 def test_step_is_the_corrected_law(form: str, inertia: list[float], seed: int) -> None:
     gains = configured(virtual_control=form, inertia=inertia, k1=1.3, k2=0.7, F1=1.2, F2=0.9)
-    measurement, memory = random_situation(seed, gains)
+    measurement, memory = random_situation(seed)
     expected = unsaturated_torque(measurement, memory, gains, form == "norm")
     command = outputs_of(ppc.COMPONENT)
     ppc.step(measurement, memory, gains, command)

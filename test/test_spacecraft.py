@@ -62,17 +62,6 @@ def test_hundred_hertz_follow_the_binary128_truth(case: str, inertia: Array) -> 
     assert np.abs(samples[:, 4:] - truth[:, 5:8]).max() < 1e-12
 
 
-@pytest.mark.parametrize("inertia", [DIAGONAL, FULL])
-def test_free_motion_keeps_energy_and_momentum(inertia: Array) -> None:
-    q = Rotation.from_rotvec([0.4, -1.0, 0.3]).as_quat()
-    rows = trajectory(inertia, q, np.array([0.05, -0.02, 0.03]), np.zeros((30_000, 3)), 0.01)
-    momentum_body = rows[:, 4:] @ inertia
-    energy = 0.5 * np.einsum("ij,ij->i", rows[:, 4:], momentum_body)
-    momentum = Rotation.from_quat(rows[:, :4]).apply(momentum_body)
-    assert np.abs(energy / energy[0] - 1.0).max() < 1e-12
-    assert np.abs(momentum - momentum[0]).max() / np.linalg.norm(momentum[0]) < 1e-11
-
-
 def test_actuator_saturates_and_has_a_dead_band() -> None:
     assert actuator((0.06, -7.0, 0.05), 0.05, 1e-4) == (0.05, -0.05, 0.05)
     assert actuator((0.99e-4, -0.99e-4, 0.0), 0.05, 1e-4) == (0.0, 0.0, 0.0)

@@ -202,7 +202,6 @@ def test_who_shares_a_clock_or_a_record_is_named_once_and_nobody_who_was_killed(
 
 
 @ros
-@pytest.mark.usefixtures("ros_domain")
 def test_a_working_recorder_has_loaded_no_law_no_reader_and_no_compiler(tmp_path: Path) -> None:
     script = (
         "import sys, rclpy\n"

@@ -60,7 +60,7 @@ Shown = pytest.CaptureFixture[str]
 
 
 @pytest.fixture
-def stranger(ros_domain: int) -> Iterator[rclpy.node.Node]:
+def stranger() -> Iterator[rclpy.node.Node]:
     """A node that is none of a run's."""
     with node_apart("stranger") as node:
         yield node
@@ -213,7 +213,6 @@ def test_a_request_whose_answer_is_lost_is_sent_again_by_its_name(
 
 
 def test_a_stack_that_takes_no_goals_is_told_from_none_as_soon_as_it_says_its_mode(
-    ros_domain: int,
     tmp_path: Path,
     start_process: StartProcess,
     monkeypatch: pytest.MonkeyPatch,
