@@ -98,6 +98,13 @@ def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
     assert before == (config.CACHE_DIR, caching.IndexDataCacheFile)
 
 
+def printed(code: str, folder: Path, **environment: str) -> str:
+    """What another Python prints that executes the code in a folder."""
+    command = [sys.executable, "-c", code]
+    surroundings = {**os.environ, **environment}
+    return subprocess.check_output(command, cwd=folder, env=surroundings, text=True)
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "code"),
     [
@@ -125,20 +132,11 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
     """Numba itself looks only at the kernel's own file, and would run old machine code."""
     copy = tmp_path / "ppc_attitude"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-
-    def printed() -> str:
-        command = [sys.executable, "-c", code]
-        ran = subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
-        )
-        return ran.stdout
-
-    before = printed()
+    before = printed(code, tmp_path, PYTHONPATH=str(tmp_path))
     source = (copy / file).read_text(encoding="utf-8")
     assert source.count(old) == 1
     (copy / file).write_text(source.replace(old, new), encoding="utf-8")
-    assert printed() != before
+    assert printed(code, tmp_path, PYTHONPATH=str(tmp_path)) != before
 
 
 @pytest.mark.parametrize("package", [pytest.param("", marks=pytest.mark.long), "namespace."])
@@ -156,17 +154,12 @@ def test_a_kernel_of_somebody_elses_is_compiled_anew_when_what_it_calls_has_chan
         f"from {package}called import called\n{kernels.format('calling', 'called()')}"
     )
     search = os.pathsep.join([str(tmp_path), str(PACKAGE.parent)])
-    environment = {**os.environ, "PYTHONPATH": search, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment = {"PYTHONPATH": search, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     code = f"from {package}calling import calling; print(calling())"
-
-    def printed() -> float:
-        command = [sys.executable, "-c", code]
-        return float(subprocess.check_output(command, cwd=tmp_path, env=environment, text=True))
-
-    assert printed() == 1.0
+    assert printed(code, tmp_path, **environment) == "1.0\n"
     # Python takes a file of the same second and length for unchanged.
     called.write_text(kernels.format("called", 12.0))
-    assert printed() == 12.0
+    assert printed(code, tmp_path, **environment) == "12.0\n"
 
 
 _COMMAND = "from ppc_attitude.command_line.main import run; run()"

@@ -47,6 +47,8 @@ MOUNTINGS = {
     "smallsat_slew": [0.0, 0.573576436351046, 0.0, 0.819152044288992],
     "cubesat_tumble": MOUNTING,
 }
+# Of a gyro that does not turn and tells no variance, and of a tracker that sees it so.
+STILL, FIX, NO_FIX = (0.0,) * 4, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 8
 REFUSED = {"smallsat_slew": 0, "cubesat_tumble": 7}  # the false fixes, and no other
 
 
@@ -162,9 +164,8 @@ def test_an_innovation_of_zero_of_a_fix_without_age_is_a_message() -> None:
 def test_the_rate_has_the_variance_of_a_sample_by_the_filters_own_numbers() -> None:
     values = suite("smallsat")
     part = Part(mekf.COMPONENT, values)
-    fix = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-    for k in range(3):  # a gyro that tells no variance
-        part.step(k * STEP_NS, (0.0, 0.0, 0.0, 0.0, *(fix if k == 0 else (0.0,) * 8)))
+    for k in range(3):
+        part.step(k * STEP_NS, (*STILL, *(FIX if k == 0 else NO_FIX)))
     h, estimate = 0.01, np.array(part.output("estimate"))
     white = values["gyro.angular_random_walk"] ** 2 / h + values["gyro.resolution"] ** 2 / 12.0
     rest = estimate[[13, 16, 18]] - np.square(part.output("gyro_bias_sigma"))
@@ -207,10 +208,9 @@ def test_no_variance_becomes_negative_with_the_least_known_bias_that_is_allowed(
         mekf.COMPONENT,
         suite("smallsat") | given | {"gyro.initial_bias_sigma": 0.999 * min(most, 1.0)},
     )
-    fix, nothing = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 8
     for k in range(10 * missed + 200):
         came = k == 0 or (k % 10 == 0 and k > 10 * missed)
-        part.step(k * STEP_NS, (0.0, 0.0, 0.0, 0.0, *(fix if came else nothing)))
+        part.step(k * STEP_NS, (*STILL, *(FIX if came else NO_FIX)))
         estimate = np.array(part.output("estimate"))
         variances = estimate[[4, 7, 9, 13, 16, 18]]
         assert np.isfinite(estimate).all()
@@ -224,9 +224,8 @@ def test_a_fix_is_missed_from_its_arrival_on_however_late_that_is(latency: float
 
     def is_warning_at(k: int) -> bool:
         valid = k - delay
-        fix = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, latency)
         came = valid % 10 == 0 and 0 <= valid <= last
-        part.step(k * STEP_NS, (0.0, 0.0, 0.0, 0.0, *(fix if came else (0.0,) * 8)))
+        part.step(k * STEP_NS, (*STILL, *((*FIX[:7], latency) if came else NO_FIX)))
         return bool(part.advice.warning)
 
     warned = [k for k in range(last + delay + 60) if is_warning_at(k)]
@@ -237,7 +236,7 @@ def test_a_filter_in_the_dark_warns_after_five_slots() -> None:
     part = Part(mekf.COMPONENT, suite("smallsat", star_tracker__latency=0.0))
     begin = 12_345 * STEP_NS
     for k in range(52):
-        part.step(begin + k * STEP_NS, (0.0,) * 12)
+        part.step(begin + k * STEP_NS, (*STILL, *NO_FIX))
         late = k > 50
         text = "no fix for 0.51 s, so no estimate" if late else "no fix yet"
         assert part.advice[:3] == (text, late, False)
@@ -246,40 +245,39 @@ def test_a_filter_in_the_dark_warns_after_five_slots() -> None:
 def test_the_filter_says_what_it_thinks_of_itself() -> None:
     values = suite("smallsat", star_tracker__latency=0.0)
     part = Part(mekf.COMPONENT, values)
-    no_fix, good = (0.0,) * 8, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     false = (0.0, 0.0, math.sin(0.1), math.cos(0.1), 0.0, 0.0, 0.0, 0.0)
 
     def after(*fixes: tuple[float, ...]) -> Advice:
         for fix in fixes:
             stamp = int(part.state[0]["count"]) * STEP_NS
-            part.step(stamp, (*(0.0, 0.0, 0.0, 0.0), *fix))
+            part.step(stamp, (*STILL, *fix))
         return part.advice
 
-    assert after(no_fix)[:3] == ("no fix yet", False, False)
-    assert after(good).text.startswith("tracking, 3σ = 30″")  # 3 · 10″, about the boresight
-    assert after(*[no_fix] * 50).text.startswith("tracking")  # five slots
-    stale = after(no_fix)
+    assert after(NO_FIX)[:3] == ("no fix yet", False, False)
+    assert after(FIX).text.startswith("tracking, 3σ = 30″")  # 3 · 10″, about the boresight
+    assert after(*[NO_FIX] * 50).text.startswith("tracking")  # five slots
+    stale = after(NO_FIX)
     assert stale.text.startswith("no fix for 0.51 s, 3σ = ")
     assert (stale.warning, stale.failed) == (True, False)
-    assert after(good).text.startswith("tracking")
+    assert after(FIX).text.startswith("tracking")
     refused = after(false)
     assert refused.text.startswith("the last fix was refused, 3σ = ")
     assert (refused.warning, refused.failed) == (True, False)
     assert (refused.numbers["fixes"], refused.numbers["fixes refused"]) == (3, 1)
-    lost = after(*[no_fix] * 6000)  # it hardly knows the bias yet
+    lost = after(*[NO_FIX] * 6000)  # it hardly knows the bias yet
     assert lost.text.startswith("lost: no fix for 60 s, 3σ = ")
     assert (lost.warning, lost.failed) == (True, True)
-    assert after(good).text.startswith("tracking")
+    assert after(FIX).text.startswith("tracking")
     assert part.advices == 8  # every change of mind, once
     for share, told in ((1.001, "tracking"), (0.999, "lost")):
         limit = share * math.radians(30.0 / 3600.0)
         other = Part(mekf.COMPONENT, {**values, "lost_sigma": limit})
-        other.step(0, (*(0.0, 0.0, 0.0, 0.0), *good))
+        other.step(0, (*STILL, *FIX))
         assert other.advice.text.startswith(told)
-    part.step(10**12, (*(0.0, 0.0, 0.0, -1.0), *no_fix))
+    part.step(10**12, (*(0.0, 0.0, 0.0, -1.0), *NO_FIX))
     assert part.advice[:3] == ("lost: the gyro gives no rate", True, True)
     estimate = np.zeros(19)
     estimate[[4, 13]] = -1.0  # not known
     assert part.output("estimate") == pytest.approx(estimate, abs=0.0)
     assert part.output("gyro_bias") == part.output("gyro_bias_sigma") == (0.0, 0.0, 0.0)
-    assert after(good).text.startswith("tracking")
+    assert after(FIX).text.startswith("tracking")

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from craft_helpers import configs
+from estimation_helpers import angles_between
 from guidance_helpers import mean_anomaly
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
@@ -102,8 +103,7 @@ def drift_from_the_truth(rate: float, end: float) -> float:
         motion = craft.step(stamp, (0.0, 0.0, 0.0, *torque))
         torque = surroundings.step(stamp, motion[:4])[:3]
         if k in compared:
-            turned = Rotation.from_quat(motion[:4]).inv() * Rotation.from_quat(compared[k])
-            worst = max(worst, turned.magnitude())
+            worst = max(worst, angles_between(np.array(motion[:4]), compared[k]))
     return worst
 
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import configs
+from synthetic import with_columns, without_columns
 
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.main import main
@@ -63,10 +64,7 @@ def test_an_environment_gives_again_what_it_tells_of_itself() -> None:
     assert (found["orbit"].largest, found["orbit"].steps) == (0.0, 201)
     sun = record["sun"].copy()
     sun[77, 1] += 1e-3
-    found = {
-        each.component: each
-        for each in replay(replace(record, columns={**record.columns, "sun": sun})).others
-    }
+    found = {each.component: each for each in replay(with_columns(record, sun=sun)).others}
     assert (found["orbit"].column, found["orbit"].at) == ("sun", 0.77)
 
 
@@ -90,7 +88,7 @@ def test_an_estimator_gives_again_what_late_fixes_made_it_give() -> None:
     assert {(each.steps, each.skipped) for each in found.found} == {(1201, 0)}
     fixes = record["star_fix"].copy()
     fixes[200, 0] += 1e-6
-    changed = replay(replace(record, columns={**record.columns, "star_fix": fixes}))
+    changed = replay(with_columns(record, star_fix=fixes))
     differing = {each.component for each in changed.others if each.largest > 0.0}
     assert differing == {"gyro_star_tracker", "mekf"}
 
@@ -102,15 +100,14 @@ def test_an_estimator_without_a_fix_is_replayed_too() -> None:
     record = simulate(case, 1.0)
     absent = {"innovation", "star_fix"}
     assert all(np.isnan(record[name]).all() for name in absent)
-    kept = {name: rows for name, rows in record.columns.items() if name not in absent}
-    found = {each.component: each for each in replay(replace(record, columns=kept)).others}
+    kept = without_columns(record, *absent)
+    found = {each.component: each for each in replay(kept).others}
     assert found["gyro_star_tracker"].largest == 0.0
 
 
 def test_what_cannot_be_replayed_is_named_with_the_reason() -> None:
     record = simulate(estimated(), 1.0)
-    kept = {name: rows for name, rows in record.columns.items() if name != "gyro"}
-    (reason,) = replay(replace(record, columns=kept)).left_out[:1]
+    reason = replay(without_columns(record, "gyro")).left_out[0]
     assert reason.startswith("gyro_star_tracker: no messages of ")
 
 
@@ -170,13 +167,9 @@ def test_another_number_is_found_where_it_is() -> None:
     record = simulate(scenario({}), 2.0)
     torque = record["torque_command"].copy()
     torque[77, 1] += 1e-3
-    found = replay(replace(record, columns={**record.columns, "torque_command": torque}))
-    assert found.found[0].largest == pytest.approx(1e-3)
-    assert (found.found[0].column, found.found[0].at, found.found[0].unit) == (
-        "torque_command",
-        0.77,
-        "N·m",
-    )
+    law = replay(with_columns(record, torque_command=torque)).found[0]
+    assert law.largest == pytest.approx(1e-3)
+    assert (law.column, law.at, law.unit) == ("torque_command", 0.77, "N·m")
 
 
 def test_what_was_changed_in_flight_is_applied_at_its_stamp() -> None:

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from craft_helpers import case, configs
 from docs_helpers import EXAMPLES
-from estimation_helpers import Array, suite
+from estimation_helpers import Array, angles_between, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
@@ -41,14 +41,6 @@ def true_error(record: RunRecord) -> Array:
     desired = Rotation.from_quat(record.columns["reference_attitude"])
     true = Rotation.from_quat(record.columns["truth_attitude"])
     return np.asarray(np.abs((desired.inv() * true).as_quat()[:, :3]).max(axis=1))
-
-
-def knowledge_error(record: RunRecord, rows: Any) -> Array:
-    """Angle [rad] between true and estimated attitude."""
-    true = Rotation.from_quat(record.columns["truth_attitude"][rows])
-    return np.asarray(
-        (true.inv() * Rotation.from_quat(record.columns["attitude"][rows])).magnitude()
-    )
 
 
 @pytest.mark.parametrize(("rate", "overlay"), [(50.0, "cubesat"), (1000.0, "smallsat")])
@@ -92,8 +84,7 @@ def test_the_record_has_what_was_measured_and_the_truth() -> None:
     fixes, true = columns["star_fix"], columns["truth_attitude"]
     assert np.flatnonzero(np.isfinite(fixes).all(axis=1)).tolist() == slots.tolist()
     assert np.isnan(fixes).any(axis=1).sum() == 301 - slots.size
-    error = Rotation.from_quat(true[slots]).inv() * Rotation.from_quat(fixes[slots, :4])
-    assert error.magnitude().max() < 4.0 * 66.0 * ARCSEC
+    assert angles_between(true[slots], fixes[slots, :4]).max() < 4.0 * 66.0 * ARCSEC
     assert np.allclose(fixes[slots, 4:], np.square([10 * ARCSEC, 10 * ARCSEC, 66 * ARCSEC]))
     told = np.flatnonzero(np.isfinite(columns["innovation"]).all(axis=1))
     assert told.tolist() == slots.tolist()[1:]  # none for the fix that the filter begins from
@@ -220,7 +211,7 @@ def test_a_minute_without_fixes_is_survived(name: str) -> None:
     assert (fixes[slots[blind]] == -1.0).all()
     assert (fixes[slots[~blind]] > 0.0).all()
     sigma = np.sqrt(columns["estimate"][-1, [4, 7, 9]])
-    error = knowledge_error(record, slice(-1, None))[0]
+    error = angles_between(columns["truth_attitude"][-1], columns["attitude"][-1])
     assert error < 3.0 * np.linalg.norm(sigma)
     # A craft that turns learns of the boresight from the other axes; the flagship's are apart.
     least = 0.85 if name == "flagship" else 0.99

@@ -14,7 +14,6 @@
 
 """Thrusters: which fires how long, against linear programming, and what the pulses do."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ import truth_tables
 from craft_helpers import case
 from estimation_helpers import STEP_NS, Array, angles_between
 from scipy.optimize import linprog
+from synthetic import with_columns
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
@@ -326,7 +326,7 @@ def test_fuel_is_drawn_as_a_number_without_an_axis() -> None:
 def test_each_of_sixteen_thrusters_is_drawn() -> None:
     flight = simulate(case("thrusters"), 0.1)
     on_times = np.random.default_rng(1).uniform(size=(11, 16))
-    all_on = replace(flight, columns={**flight.columns, "thruster_on_time": on_times})
+    all_on = with_columns(flight, thruster_on_time=on_times)
     (axes,) = column_figure(Measured(all_on, PAPER_REQUIREMENTS), "thruster_on_time").axes
     assert axes.get_ylabel().endswith("[s]")
     drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}

@@ -29,6 +29,7 @@ from estimation_helpers import STEP_NS, Array
 from peer import peer
 from process_helpers import PAPER, Run
 from scipy.linalg import null_space
+from synthetic import with_columns
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
@@ -282,7 +283,7 @@ def test_each_wheel_that_turned_is_drawn() -> None:
         for k in range(4):
             assert np.array_equal(drawn[f"wheel {k}"], record[column][:, k])
         assert "wheel 4" not in drawn
-    still = replace(record, columns={**record.columns, "wheel_speed": np.zeros((201, 8))})
+    still = with_columns(record, wheel_speed=np.zeros((201, 8)))
     (axes,) = column_figure(Measured(still, PAPER_REQUIREMENTS), "wheel_speed").axes
     assert [line.get_label() for line in axes.get_lines()] == ["wheel 0"]
 
