@@ -73,9 +73,9 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.words).split())
 
 
-def report(tmp_path, *runs):
+def report(tmp_path, *runs, **told):
     path = tmp_path / "sub" / "report.html"
-    write_report([Verdict(run) for run in runs], path)
+    write_report([Verdict(run) for run in runs], path, **told)
     text = path.read_text(encoding="utf-8")
     return Page(text), text
 
@@ -138,11 +138,9 @@ def test_one_name_means_one_number_and_says_over_which_part_it_is_taken(tmp_path
 
 
 def test_the_page_says_whose_it_is_and_hides_what_did_not_run(tmp_path, undrawn):
-    path = tmp_path / "report.html"
     law = {"controller": "log_barrier", "k": 3.0, "log_barrier.K1": 0.5, "inertia": [1.0]}
     run = replace(normal_run(5.0), parameters={"ppc_controller": law})
-    write_report([Verdict(run)], path, mission="Aeolus-3", date="2026-11-22 01:00")
-    page = Page(path.read_text(encoding="utf-8"))
+    page, _ = report(tmp_path, run, mission="Aeolus-3", date="2026-11-22 01:00")
     assert page.text.startswith("Aeolus-3: ppc Aeolus-3: ppc 2026-11-22 01:00")
     assert "log_barrier.K1 0.5" in page.text
     assert "inertia [1.0] kg·m²" in page.text
@@ -281,11 +279,9 @@ def test_several_runs_are_compared(page_of_two):
 
 def test_a_comparison_tells_the_spans_and_no_number_where_none_is(tmp_path, undrawn):
     """A hit ends the span of the rate; a run that is too short is not judged."""
-    path, runs = tmp_path / "report.html", (hit_run(), normal_run(30.0))
-    write_report([Verdict(run) for run in runs], path)
-    text = Page(path.read_text(encoding="utf-8")).text
-    assert "angular rate (norm) 2.397 from 0 to 20 s ✓ met 2.397 from 0 to 30 s ✓ met" in text
-    assert "attitude error in the last 20 s – not judged – not judged < 0.0005" in text
+    page, _ = report(tmp_path, hit_run(), normal_run(30.0))
+    assert "angular rate (norm) 2.397 from 0 to 20 s ✓ met 2.397 from 0 to 30 s ✓ met" in page.text
+    assert "attitude error in the last 20 s – not judged – not judged < 0.0005" in page.text
 
 
 def test_the_page_is_the_same_each_time(tmp_path):

@@ -24,7 +24,6 @@ import pytest
 from bag_helpers import assert_flown
 from conftest import StartProcess
 from craft_helpers import ROOT, case, configs, part_of
-from estimation_helpers import STEP_NS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
@@ -84,16 +83,6 @@ def test_an_allocator_to_which_no_actuator_listens_is_refused(
     message = "wheel_torque_command, which no selected component reads; actuator = wheel_motors or"
     with pytest.raises(ConfigurationError, match=message):
         load(configs(*names))
-
-
-def test_recorded_torques_move_a_craft_as_they_did() -> None:
-    flown = simulate(case("wheels"), 20.0)
-    motors = part_of(ACTUATORS, "wheel_motors")
-    for k in range(0, flown.stamps_ns.size, 50):
-        asked, rate = flown["wheel_torque"][k], flown["angular_velocity"][k]
-        motors.step(k * STEP_NS, [*asked, *rate, *flown["wheel_speed"][k]])
-        applied = motors.output("applied_torque")
-        assert applied == pytest.approx(flown["applied_torque"][k], abs=1e-15)
 
 
 @settings(max_examples=200, deadline=None)
