@@ -89,6 +89,20 @@ def test_wheels_move_as_two_integrators_say(case: str, allowed: tuple[float, ...
     assert np.all(worst < allowed), worst
 
 
+def test_one_wheel_spins_up_and_turns_the_body_back() -> None:
+    part = plant_of(
+        "gyrostat",
+        wheels__axes=Z_FIRST,
+        **FRICTIONLESS,
+    )
+    spun = 8e-4 * (1.9 - 8e-4) / 1.9 * 200.0 * math.pi / 0.05
+    for k in range(1005):
+        given = part.step(k * STEP_NS, [0.05, *[0.0] * 10])
+    assert spun == pytest.approx(10.04886, abs=1e-5)
+    assert given[6] == pytest.approx(-0.2645552 * 10.04 / spun, rel=1e-6)
+    assert given[7] == pytest.approx(200.0 * math.pi * 10.04 / spun, rel=1e-9)
+
+
 def test_a_wheel_that_crosses_zero_at_full_torque_is_that_of_an_integrator() -> None:
     """In a step its speed changes by six times the speed over which friction changes its sign."""
     part = plant_of(
@@ -200,6 +214,31 @@ def test_flexible_modes_move_as_two_integrators_say() -> None:
             off = [angles_between(given[:4], row[1:5]), np.abs(given[4:7] - row[5:8]).max()]
             worst = np.maximum(worst, [*off, np.abs(deflection - row[8:12]).max()])
     assert np.all(worst < (1e-9, 1e-8, 1e-7)), worst
+
+
+def test_one_mode_on_one_axis_swings_by_its_closed_form() -> None:
+    inertia, delta, clamped, damping, torque = 2.8, 1.2, 2.0 * math.pi * 0.35, 0.005, 0.05
+    part = plant_of(
+        "flexible",
+        initial_attitude=[0.0, 0.0, 0.0, 1.0],
+        flexible__frequency=[0.35],
+        flexible__damping=[damping],
+        flexible__coupling=[delta, 0.0, 0.0],
+    )
+    c = 1.0 - delta**2 / inertia
+    swing, ratio = clamped / math.sqrt(c), damping / math.sqrt(c)
+    free = swing * math.sqrt(1.0 - ratio**2)
+    steady = -delta * torque / (inertia * clamped**2)
+    assert swing / (2.0 * math.pi) == pytest.approx(0.50220, abs=1e-5)
+    for k in range(1001):
+        given = part.step(k * STEP_NS, [torque, 0.0, 0.0, 0.0, 0.0, 0.0])
+        t = k / 100.0
+        decay = steady * math.exp(-ratio * swing * t)
+        lag = ratio / math.sqrt(1.0 - ratio**2)
+        bent = steady - decay * (math.cos(free * t) + lag * math.sin(free * t))
+        rate = decay * swing / math.sqrt(1.0 - ratio**2) * math.sin(free * t)
+        assert part.state[0]["motion"][multibody.BEND] == pytest.approx(bent, abs=1e-8)
+        assert given[4] == pytest.approx((torque * t - delta * rate) / inertia, abs=1e-8)
 
 
 def test_without_wheels_and_modes_the_body_is_rigid() -> None:

@@ -49,3 +49,13 @@ def test_a_pair_is_the_same_alone_and_among_others(count: int) -> None:
     normal_pairs(2**53 - 1, 2**40, 0, count, together)
     drawn_one_by_one(2**53 - 1, 2**40, alone)
     assert np.array_equal(together, alone)
+
+
+def test_numbers_are_standard_normal_and_independent() -> None:
+    pairs = np.zeros((2, DRAWN))
+    normal_pairs(1, 5, 0, DRAWN, pairs)
+    for power, expected, spread in ((1, 0.0, 1.0), (2, 1.0, 2.0), (4, 3.0, 96.0)):
+        found = (pairs**power).mean(axis=1)
+        assert np.abs(found - expected).max() < 5.0 * math.sqrt(spread / DRAWN)
+    assert abs(np.mean(pairs[0] * pairs[1])) < 5.0 / math.sqrt(DRAWN)
+    assert abs(np.mean(pairs[0, 1:] * pairs[0, :-1])) < 5.0 / math.sqrt(DRAWN)

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.performance import (
@@ -226,3 +227,23 @@ def test_attitude_widening_solves_its_implicit_equation() -> None:
     after = widened_attitude_envelope(delta, DRIVE, DECAY, h)
     for old, new, drive in zip(delta, after, DRIVE, strict=True):
         assert new == pytest.approx(old + h * (-DECAY * new + drive), rel=1e-12)
+
+
+def test_widenings_converge_to_their_equations_with_the_step() -> None:
+    rho, end, delta = 3e-5, 0.5, (0.0, 1e-3, 0.05)
+
+    def slope(_: float, y: np.ndarray) -> np.ndarray:
+        drive = np.array(DRIVE)
+        rate = -DECAY * y[:3] + drive / (rho + y[:3])
+        return np.concatenate([rate, -DECAY * y[3:] + drive])
+
+    true = solve_ivp(slope, (0.0, end), delta * 2, method="Radau", rtol=1e-10, atol=1e-13).y[:, -1]
+    errors = []
+    for steps in (50, 500):
+        x = y = delta
+        for _ in range(steps):
+            x = widened_rate_envelope(x, rho, DRIVE, DECAY, end / steps)
+            y = widened_attitude_envelope(y, DRIVE, DECAY, end / steps)
+        errors.append(np.abs(np.array([*x, *y]) - true).max())
+    assert errors[0] < 0.02 * true.max()
+    assert errors[1] < 0.15 * errors[0]  # first order

@@ -62,6 +62,35 @@ def test_hundred_hertz_follow_the_binary128_truth(case: str, inertia: Array) -> 
     assert np.abs(samples[:, 4:] - truth[:, 5:8]).max() < 1e-12
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_spin_about_a_principal_axis_is_a_plain_rotation(axis: int) -> None:
+    omega = np.zeros(3)
+    omega[axis] = 0.3
+    start = Rotation.from_rotvec([1.0, 2.0, -0.5])
+    rows = trajectory(DIAGONAL, start.as_quat(), omega, np.zeros((5000, 3)), 0.01)
+    expected = (start * Rotation.from_rotvec(omega * 50.0)).as_quat()
+    assert angles_between(rows[-1:, :4], expected[None])[0] < 1e-10
+    assert np.array_equal(rows[-1, 4:], omega)
+
+
+def test_constant_torque_about_a_principal_axis() -> None:
+    torques = np.tile([0.0, 0.02, 0.0], (1000, 1))
+    rows = trajectory(DIAGONAL, np.array([0.0, 0, 0, 1]), np.zeros(3), torques, 0.01)
+    expected = Rotation.from_rotvec([0.0, 0.5 * 0.02 / 2.5 * 10.0**2, 0.0]).as_quat()
+    assert angles_between(rows[-1:, :4], expected[None])[0] < 1e-12
+    assert rows[-1, 5] == pytest.approx(0.02 / 2.5 * 10.0, rel=1e-12)
+
+
+def test_fourth_order_in_the_step() -> None:
+    q, omega = np.array([0.0, 0, 0, 1]), np.array([0.5, -0.9, 0.7])
+    torque = np.array([0.3, -0.2, 0.1])
+    fine, *coarse = (
+        trajectory(FULL, q, omega, np.tile(torque, (n, 1)), 2.0 / n)[-1] for n in (6400, 20, 40)
+    )
+    errors = [np.abs(rows - fine).max() for rows in coarse]
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.15)
+
+
 def test_actuator_saturates_and_has_a_dead_band() -> None:
     assert actuator((0.06, -7.0, 0.05), 0.05, 1e-4) == (0.05, -0.05, 0.05)
     assert actuator((0.99e-4, -0.99e-4, 0.0), 0.05, 1e-4) == (0.0, 0.0, 0.0)
