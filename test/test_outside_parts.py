@@ -396,17 +396,15 @@ def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path:
 @pytest.mark.ros
 def test_a_run_names_sensors_that_fail(run_outside: Run, tmp_path: Path) -> None:
     """Not the estimator that refuses what they give, nor the plant that waits for it in vain."""
-    name_points(tmp_path, f"{POINTS}[ppc_attitude.sensors]\nfailing = misfits:failing\n")
-    (tmp_path / "own.yaml").write_text("spacecraft_plant: {ros__parameters: {sensors: failing}}\n")
-    command = ["run", *CONFIGS, "--config", "own.yaml", "--duration", "1", "--bag", "bag"]
-    done = run_outside("-m", "ppc_attitude.command_line.main", *command, code=3)
+    name_points(tmp_path, **{**POINTS, "sensors": "failing = misfits:failing"})
+    choose(tmp_path, "spacecraft_plant", "sensors: failing")
+    done = run_outside(f"run {CONFIGS} --config own.yaml --duration 1 --bag bag", code=3)
     assert "spacecraft_plant ended with exit code 3: at t = 0.110 s failing g" in done.stderr
     assert "the step of component failing raised ValueError: the cap is on" in done.stderr
 
 
 def test_a_step_that_writes_beyond_its_column_fails(run_outside: Run, tmp_path: Path) -> None:
     """It would be the memory of others."""
-    name_points(tmp_path, "[ppc_attitude.controllers]\nbeyond_column = misfits:beyond_column\n")
-    command = ["simulate", *CONFIGS[:2], "--controller", "beyond_column", "--duration", "0.1"]
-    done = run_outside("-m", "ppc_attitude.command_line.main", *command, code=3)
+    name_points(tmp_path, controllers="beyond_column = misfits:beyond_column")
+    done = run_outside(f"simulate {PAPER} --controller beyond_column --duration 0.1", code=3)
     assert "component beyond_column raised IndexError: index is out of bounds" in done.stderr
