@@ -176,7 +176,8 @@ def test_a_configuration_that_cannot_be_made_is_told_with_its_component(
     "hook", ["advice", "advices", "exact", "torque", "faults", "least_impulse", "bound"]
 )
 def test_a_hook_that_raises_is_told_with_its_component(hook: str) -> None:
-    broken = replace(ONE, **{hook: lambda given: given["wheels"]})
+    ours = replace(ONE, name="ours", **{hook: lambda given: given["wheels"]})
+    broken = replace(ours, name="mine")
     with pytest.raises(ConfigurationError, match=f"^component mine: {hook} raised KeyError: 'whe"):
         getattr(broken, hook)({})
 

@@ -220,6 +220,7 @@ _HOOKS: dict[str, Callable[[Any], Any]] = {
 
 def _named(component: str, hook: str, ask: Callable[..., Any]) -> Callable[..., Any]:
     """Let an error of a hook name both: it may be of a package that its user did not write."""
+    ask = getattr(ask, "asks", ask)  # of a component that is replaced by this one
 
     @wraps(ask)
     def asked(*given: Any) -> Any:
@@ -232,6 +233,7 @@ def _named(component: str, hook: str, ask: Callable[..., Any]) -> Callable[..., 
                 f"component {component}: {hook} raised {type(error).__name__}: {error}"
             ) from error
 
+    vars(asked)["asks"] = ask
     return asked
 
 
