@@ -82,6 +82,22 @@ def test_allan_deviation_is_that_of_the_noise_parameters(
         assert found * h == pytest.approx(expected_deviation(values, steps * h), rel=tolerance)
 
 
+def test_a_walk_alone_has_its_deviation_from_one_sample_on() -> None:
+    """A sample is the mean of a walking bias, which differs from the mean of its ends."""
+    values = suite(
+        "flagship",
+        gyro__angular_random_walk=0.0,
+        gyro__rate_random_walk=1e-6,
+        gyro__initial_bias_sigma=0.0,
+        gyro__resolution=0.0,
+    )
+    samples = np.empty((200_000, 3))
+    at_rest(gyro_record({**values, "seed": 4}), 1.0, samples)
+    for steps in (1, 2, 5):
+        deviation = allan_deviation(samples, steps)
+        assert deviation == pytest.approx(expected_deviation(values, steps), rel=0.01)
+
+
 def test_mean_rate_is_the_true_rotation_vector() -> None:
     turn = Rotation.from_rotvec([0.03, -0.2, 0.1])
     before = Rotation.random(random_state=1)
