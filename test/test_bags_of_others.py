@@ -17,6 +17,7 @@
 import csv
 from collections.abc import Callable
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -202,6 +203,37 @@ def test_topics_with_stamps_of_their_own_are_held(tmp_path: Path) -> None:
     assert any("at most 0.5 s old" in each or "0.499999" in each for each in read.warnings)
     (lost,) = (each for each in Verdict(read).requirements if each.key == "lost_messages")
     assert (lost.value, read.missing) == (0.0, {})
+
+
+def slow(path: Path, column: str, own: str, begin: float, end: float) -> Verdict:
+    """Judge an attitude, its reference and a column that has the numbers of an own one.
+
+    It comes at 20 Hz with stamps of its own, from one instant to another [s].
+    """
+    run = normal_run()
+    sent = list(messages(only(run, "attitude", *({"reference_attitude"} - {column}))))
+    at = (run.stamps_ns % 50_000_000 == 0) & (begin <= run.t) & (run.t <= end)
+    stamps, rows = run.stamps_ns[at] + 3_000_000, run[own][at]
+    late = replace(run, stamps_ns=stamps, columns={column: rows})
+    path = write_messages(path, sorted([*sent, *messages(late)], key=itemgetter(1)))
+    return Verdict(read_run(path))
+
+
+def test_nothing_is_said_of_an_error_before_its_reference_begins(tmp_path: Path) -> None:
+    verdict = slow(tmp_path / "bag", "reference_attitude", "reference_attitude", 70.0, 120.0)
+    found = {each.key: each for each in verdict.requirements}
+    settling, error = found["settling_time"], found["error_after_deadline"]
+    assert (settling.met, verdict.metrics.settling_time_s) == (None, None)
+    assert settling.reason == "the record of the error begins at 70.01 s, after the deadline"
+    assert (error.met, error.span) == (True, (70.01, 120.0))
+
+
+def test_a_truth_that_ends_is_not_held_for_ever(tmp_path: Path) -> None:
+    verdict = slow(tmp_path / "bag", "truth_attitude", "attitude", 0.0, 80.0)
+    found = {each.key: each for each in verdict.requirements}
+    assert found["terminal_error"].outcome == NOT_JUDGED
+    # From half a second, ten of its steps, after the last one on.
+    assert found["lost_messages"].value == pytest.approx(100 * 39.5, abs=2)
 
 
 @pytest.mark.parametrize(("attitude", "rate", "goal"), [(1, 1, 20), (2, 1, 50), (1, 2, 200)])

@@ -137,13 +137,16 @@ def test_who_is_settled_when_the_record_begins_settled_by_then(start, value):
     verdict = Verdict(begun_late(normal_run(), start))
     row = requirement(verdict, "settling time")
     assert (row.value, row.met) == (value, None if value is None else True)
-    assert "the record begins" in row.reason
+    assert "the record of the error begins" in row.reason
     assert verdict.metrics.settling_time_s is None
 
 
 def test_the_end_of_a_record_that_is_shorter_than_it_is_not_judged():
     row = requirement(Verdict(begun_late(normal_run(), 105.0)), "attitude error in the last 20 s")
-    assert (row.met, row.reason) == (None, "the record begins at 105 s, within the last 20 s")
+    assert (row.met, row.reason) == (
+        None,
+        "the record of the error begins at 105 s, within the last 20 s",
+    )
 
 
 def test_the_sign_of_the_quaternion_changes_nothing():

@@ -116,6 +116,7 @@ class Measured:
         self.rate = None
         if has(record, truth.angular_velocity):
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
+        self.known_from, _ = self.known_part(self.whole, self.size(required.settled))
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
         pulses = known_pulses or ()
@@ -153,7 +154,7 @@ class Measured:
         self.terminal_from = round(
             last_hit + required.settling_deadline + required.terminal_window, 9
         )
-        self.last_span = (max(self.end - required.terminal_window, self.begin), self.end)
+        self.last_span = (max(self.end - required.terminal_window, self.known_from), self.end)
         self.last = self.t >= np.round(self.end - required.terminal_window, 9)
 
     @property
@@ -199,13 +200,21 @@ class Measured:
 
     @property
     def span_from_deadline(self) -> Span:
-        """What is on record from the settling deadline on [s]."""
-        return (max(self.required.settling_deadline, self.begin), self.end)
+        """What is known of the attitude error from the settling deadline on [s]."""
+        return (max(self.required.settling_deadline, self.known_from), self.end)
+
+    @property
+    def rate_spans(self) -> tuple[Span, Span]:
+        """What is known of the rate before the first sudden disturbance, and in all [s]."""
+        if self.rate is None:
+            return self.calm_span, self.whole
+        known = self.rate[:, 0]
+        return self.known_part(self.calm_span, known), self.known_part(self.whole, known)
 
     @property
     def shorter_than_window(self) -> bool:
-        """Whether the record is shorter than the last part of which the error is asked for."""
-        return round(self.end - self.begin, 9) < self.required.terminal_window
+        """Whether the error is known for less than the last part of which it is asked for."""
+        return round(self.end - self.known_from, 9) < self.required.terminal_window
 
     @cached_property
     def knowledge(self) -> Errors | None:
@@ -259,6 +268,11 @@ class Measured:
             return np.full(self.t.size, np.nan)
         return self.pointing.in_unit_of(accuracy)
 
+    def known_part(self, span: Span, values: Array) -> Span:
+        """Part of a span [s] from the first finite one of some values, shape (n,), on."""
+        first = float(self.t[np.argmax(np.isfinite(values))])
+        return (first, span[1]) if span[0] < first < span[1] else span
+
     def _recovery(self, pulse: Pulse, pulses: tuple[Pulse, ...]) -> float | None:
         """`Disturbance.recovery_time_s` of one pulse."""
         error, limit = self.size(self.required.settled), self.required.settled.limit
@@ -285,10 +299,11 @@ class Measured:
         settling: float | None = None
         if unsettled.size:
             settling = float(self.t[unsettled[-1]])
-        elif not self.begin and np.isfinite(size[self.calm]).any():
+        elif not self.known_from and np.isfinite(size[self.calm]).any():
             settling = 0.0
         norm = None if self.rate is None else np.sqrt(np.square(self.rate).T.sum(axis=0))
         axis = None if self.rate is None else component_size(self.rate)
+        calm_span, whole = self.rate_spans
         measured: dict[str, tuple[float | None, Span]] = {
             "settling_time_s": (settling, self.calm_span),
             "error_after_settling_deadline": (largest(sizes, self.settled), deadline),
@@ -296,14 +311,14 @@ class Measured:
                 None if self.shorter_than_window else largest(sizes, self.last),
                 self.last_span,
             ),
-            "max_rate_deg_s": (largest(norm, self.calm), self.calm_span),
-            "max_rate_axis_deg_s": (largest(axis, self.calm), self.calm_span),
+            "max_rate_deg_s": (largest(norm, self.calm), calm_span),
+            "max_rate_axis_deg_s": (largest(axis, self.calm), calm_span),
             "max_applied_torque": (self.largest_of(APPLIED_TORQUE.column), self.whole),
             **{name: (outsides.pop(name, None), self.whole) for name in _NAMED.values()},
             "time_pointing_outside_attitude_envelope_s": (self._pointing_outside(), self.whole),
             "error_from_deadline_with_recoveries": (largest(sizes, self.from_deadline), deadline),
-            "max_rate_whole_run_deg_s": (largest(norm), self.whole),
-            "max_rate_axis_whole_run_deg_s": (largest(axis), self.whole),
+            "max_rate_whole_run_deg_s": (largest(norm), whole),
+            "max_rate_axis_whole_run_deg_s": (largest(axis), whole),
         }
         values: dict[str, Any] = {name: value for name, (value, _) in measured.items()}
         spans = {name: span for name, (value, span) in measured.items() if value is not None}

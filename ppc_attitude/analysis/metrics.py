@@ -162,7 +162,7 @@ class Verdict(Measured):
             why = self.lacks_rate or self.lacks_calm
             rate = self.metrics.max_rate_deg_s
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
-            yield self.row("rate", rate, required.rate, "deg/s", why, self.calm_span, note=note)
+            yield self.row("rate", rate, required.rate, "deg/s", why, self.rate_spans[0], note=note)
         if required.torque is not None:
             why = self.lacks_torque_limit
             yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit, why)
@@ -198,9 +198,10 @@ class Verdict(Measured):
             note = f"still not settled at {until:g} s"
         value = self.metrics.settling_time_s
         if value is None and self.metrics.settled:
-            value, note = self.begin, "at most: it was settled when the record begins"
+            value = self.known_from
+            note = "at most: it was settled when the record of the error begins"
             if value >= deadline:
-                why = why or f"the record begins at {value:g} s, after the deadline"
+                why = why or f"the record of the error begins at {value:g} s, after the deadline"
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when it was {note}"
             if not self.hits:
@@ -232,7 +233,8 @@ class Verdict(Measured):
         what = f"{last:g} s that begin {deadline:g} s after {start} are over"
         begins = ""
         if self.shorter_than_window:
-            begins = f"the record begins at {self.begin:g} s, within the last {last:g} s"
+            late = f"the record of the error begins at {self.known_from:g} s"
+            begins = f"{late}, within the last {last:g} s"
         return self.row(
             "terminal_error",
             largest(self.size(accuracy), self.last),

@@ -26,7 +26,14 @@ from numpy.typing import NDArray
 
 from ppc_attitude.bags.source import Integers
 from ppc_attitude.contract.run_record import STEADY, Array
-from ppc_attitude.contract.topics import ATTITUDE, PLANT, Topic
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    PLANT,
+    TRUE_ATTITUDE,
+    TRUE_RATE,
+    Topic,
+)
 from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
 # A message that comes late is followed within so many by one that is newer than all before;
@@ -43,6 +50,10 @@ _RAGGED_END = NANOSECONDS  # [ns]
 # More missing instants than this times the messages of a topic, on average, are not filled in with
 # NaN: a bag with messages of one topic only would take fifty times its size.
 _LARGEST_FILL = 10
+# The motion goes on whether or not it is told: of these a sample that is held says nothing after so
+# many of the longest steps, but for one in twenty, between two of them.
+_MOTION = (ANGULAR_VELOCITY, TRUE_ATTITUDE, TRUE_RATE)
+_LONGEST_HOLD, _USUAL = 10, 0.95
 
 
 @dataclass(frozen=True)
@@ -113,10 +124,16 @@ def align(
         stamps = _without_ragged_end(stamps, series, 1)
     columns, missing = {}, {}
     for topic in list(series):
-        column, absent, strays = _spread(series.pop(topic), stamps)
+        messages = series.pop(topic)
+        column, absent, strays = _spread(messages, stamps)
         columns[topic.column] = column
-        if absent + unfilled and not topic.late and topic not in held:
-            missing[topic.name] = absent + unfilled
+        if topic in held:  # of which nothing is missing before the first message
+            begins = messages.stamps[0] if messages.stamps.size else stamps[-1] + 1
+            absent -= int(np.searchsorted(stamps, begins))
+        else:
+            absent += unfilled
+        if absent and not topic.late:
+            missing[topic.name] = absent
         if strays:
             warnings.append(f"{strays} messages of {topic.name} have no stamp of the plant's")
     return Timeline(
@@ -134,13 +151,19 @@ def _master(series: Mapping[Topic, Series]) -> Topic:
 
 
 def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> frozenset[Topic]:
-    """Put topics with stamps of their own on the master's: at each instant the latest counts."""
+    """Put topics with stamps of their own on the master's: at each instant the latest counts.
+
+    The motion is not known any more long after its last message.
+    """
     stamps, held = series[master].stamps, set()
     for topic, messages in series.items():
         if topic.late or not _goes_its_own_way(messages.stamps, stamps):
             continue
         place = np.searchsorted(messages.stamps, stamps, side="right") - 1
         begun = place >= 0
+        if topic in _MOTION and len(messages.stamps) >= _FEWEST:
+            usual = float(np.quantile(np.diff(messages.stamps), _USUAL))
+            begun &= stamps - messages.stamps[place] <= _LONGEST_HOLD * usual
         place = place[begun]
         if place.size:
             oldest = seconds(int((stamps[begun] - messages.stamps[place]).max()))

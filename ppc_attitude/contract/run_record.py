@@ -95,7 +95,7 @@ class RunRecord:
         Topic name to number of instants without a message; only topics that lack some.
     held : frozenset of str
         Columns that came at stamps of their own: the latest sample at each instant, and NaN before
-        the first one, where nothing is missing.
+        the first one, where nothing is missing; NaN long after the last one of the motion.
     parameters : mapping of str to mapping
         Node name to its parameters, as the run began with them.
     changes : tuple of Change
