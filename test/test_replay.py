@@ -93,6 +93,23 @@ def test_an_estimator_gives_again_what_late_fixes_made_it_give() -> None:
     assert differing == {"gyro_star_tracker", "mekf"}
 
 
+def test_a_late_message_that_no_component_gave_differs() -> None:
+    """One that is not on record may have been lost."""
+    record = simulate(estimated(), 2.0)
+    came = np.flatnonzero(np.isfinite(record["innovation"][:, 0]))
+    innovations = record["innovation"].copy()
+    innovations[came[3:]] = np.nan
+    lost = replay(with_columns(record, innovation=innovations))
+    assert all(each.largest == 0.0 for each in lost.found)
+    innovations[came[1] + 1] = 0.7
+    (differs,) = (
+        each
+        for each in replay(with_columns(record, innovation=innovations)).found
+        if each.largest > 0.0
+    )
+    assert (differs.component, differs.column, differs.largest) == ("mekf", "innovation", np.inf)
+
+
 def test_an_estimator_without_a_fix_is_replayed_too() -> None:
     """Its innovations come with fixes, so a short run has none on record."""
     tracker = {"star_tracker.latency": 9.0, "initial_fix": False}

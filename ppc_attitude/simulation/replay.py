@@ -234,9 +234,14 @@ def _replayed(
     name, largest, k = compared[0].name, 0.0, 0
     for given, computed in by_column(compared, stamps, samples).items():
         recorded = columns.get(given, np.full((complete.size, 1), np.nan))[complete]
-        # Nobody can tell a late message that was never sent from one that is missing.
-        no_number = 0.0 if BY_COLUMN[given].late else np.inf
-        difference = np.nan_to_num(np.abs(recorded - computed), nan=no_number, posinf=np.inf)
+        difference = np.abs(recorded - computed)
+        unknown = np.isnan(difference)
+        if BY_COLUMN[given].late:
+            # Nobody can tell a late message that was never sent from one that is missing. One that
+            # is on record came at some instant: if none was skipped it should be computed.
+            difference[unknown] = 0.0
+            unknown &= np.isfinite(recorded) & bool(complete.all())
+        difference[unknown] = np.inf
         difference = difference.max(axis=1)
         latest = int(np.argmax(difference))
         if difference[latest] > largest:
