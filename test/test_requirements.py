@@ -31,6 +31,7 @@ from ppc_attitude.analysis.requirements import (
     load_requirements,
     names_of,
 )
+from ppc_attitude.contract.run_record import Change
 from ppc_attitude.science.errors import ConfigurationError
 
 
@@ -180,6 +181,15 @@ def test_a_told_attitude_that_the_noise_does_not_explain_fails() -> None:
     row = requirement(Verdict(told_with_noise(1e-4, 1e-5)), "knowledge error (truth against told)")
     assert (row.met, row.unit) == (False, "deg")
     assert row.limit == pytest.approx(np.rad2deg(8e-5), rel=1e-12)
+
+
+def test_noise_that_was_changed_in_flight_explains_no_one_knowledge_error(tmp_path: Path) -> None:
+    louder = Change(60 * 10**9, "spacecraft_plant", "attitude_noise", 1e-4)
+    run = replace(told_with_noise(1e-4, 1e-5), changes=(louder,))
+    row = requirement(Verdict(run), "knowledge error (truth against told)")
+    assert (row.met, row.reason) == (None, "attitude_noise was changed in flight")
+    own = load_requirements([written(tmp_path, "knowledge: 0.1 deg\n")])
+    assert requirement(Verdict(run, own), row.name).met
 
 
 def test_required_knowledge(tmp_path: Path) -> None:

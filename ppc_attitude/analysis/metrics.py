@@ -83,7 +83,7 @@ from ppc_attitude.analysis.verdict import (
 )
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, TRUE_ATTITUDE
+from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, PLANT, TRUE_ATTITUDE
 from ppc_attitude.science.kinds import SENSORS
 
 ROUNDING = 1e-9
@@ -310,6 +310,8 @@ class Verdict(Measured):
             return
         value = largest(self.knowledge.in_unit_of(accuracy)) if self.knowledge else None
         why = self.lacks(TRUE_ATTITUDE.column, ATTITUDE.column)
+        if self.required.knowledge is None:
+            why = why or self.changed(PLANT, "attitude_noise")
         if standing == EXACT:
             value, why = 0.0, ""
         yield self.row("knowledge", value, accuracy.limit, accuracy.unit, why, strict=True)
