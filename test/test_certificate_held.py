@@ -32,6 +32,7 @@ from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Array, Change, RunRecord
 from ppc_attitude.contract.topics import (
     CONTROLLER,
+    INJECTOR,
     PLANT,
     REFERENCE,
     REFERENCE_ACCELERATION,
@@ -325,6 +326,16 @@ def test_nodes_of_others_may_tell_little_of_themselves(
     held = held_by(replace(record, parameters={**record.parameters, node: values}))
     assert reason in held.reason
     assert bool(held.reason) == bool(reason)
+
+
+@pytest.mark.parametrize("silent", [REFERENCE, INJECTOR])
+def test_a_craft_is_known_whoever_else_tells_nothing_of_himself(silent: str) -> None:
+    record = record_of("guaranteed")
+    plant = {**record.parameters[PLANT], "max_torque": 0.01}
+    heard = replace(record, parameters={**record.parameters, silent: {}})
+    assert not held_by(heard).reason
+    weak = held_by(replace(heard, parameters={**heard.parameters, PLANT: plant}))
+    assert weak.reason == "max_torque = 0.01 N·m; assumed: at least 0.05"
 
 
 @pytest.mark.parametrize(

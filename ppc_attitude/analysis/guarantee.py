@@ -209,11 +209,11 @@ def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float | None) ->
         yield "the law was switched off"
     if values[CERTIFICATE.name] != digest_of(values):
         yield "the certificate is for other numbers"
-    elif all(parameters.get(each) for each in (PLANT, REFERENCE, INJECTOR)):
+    elif parameters.get(PLANT):
         assumed, law = assumptions_of(values), law_of(values)
         nodes = nodes_around(parameters)
         yield from broken_assumptions(assumed, law, nodes)
-        if until is not None:
+        if until is not None and parameters.get(REFERENCE):
             yield from broken_by_reference(assumed, nodes, until)
 
 

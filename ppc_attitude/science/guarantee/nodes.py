@@ -85,7 +85,12 @@ class Nodes(NamedTuple):
 
     @property
     def torque_bound(self) -> float | None:
-        """Bound of the norm of the environment's torque [N·m]; None if it is not known."""
+        """Bound of the norm of the environment's torque [N·m]; None if it is not known.
+
+        It is zero if nothing is told of an environment: what acts is on record then.
+        """
+        if not self.injector:
+            return 0.0
         found = self.selected(ENVIRONMENTS)
         return found.bound(self.injector) if found and found.bound else None
 
