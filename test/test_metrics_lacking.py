@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import normal_run, with_columns, without_columns
+from synthetic import hit_run, normal_run, with_columns, without_columns
 from test_metrics import requirement
 
 from ppc_attitude.analysis.metrics import Verdict
@@ -62,6 +62,17 @@ def test_a_reference_that_ends_before_the_craft_has_settled_is_no_disturbance():
     row = requirement(Verdict(with_columns(run, reference_attitude=rows)), "settling time")
     assert row.met is None
     assert row.reason == "no attitude error is known after 10 s, when it was not settled"
+
+
+@pytest.mark.parametrize("end", [50, 80, 82])  # [s]: before the second hit, at it, and after it
+def test_a_recovery_that_nobody_saw_is_not_judged(end):
+    run = hit_run()
+    rows = run["reference_attitude"].copy()
+    rows[100 * end + 1 :] = np.nan
+    verdict = Verdict(with_columns(run, reference_attitude=rows))
+    row = requirement(verdict, "recovery from a sudden disturbance")
+    reason = f"no attitude error is known after {end} s, before the 10 s after the sudden"
+    assert (row.met, row.reason.startswith(reason)) == (None, True)
 
 
 def test_what_was_told_of_the_rate_is_no_truth_where_the_truth_is_recorded():

@@ -204,6 +204,12 @@ class Measured:
         return (max(self.required.settling_deadline, self.known_from), self.end)
 
     @property
+    def known_until(self) -> float:
+        """The last instant with an attitude error [s]; the end if there is none."""
+        known = np.flatnonzero(np.isfinite(self.size(self.required.settled)))
+        return float(self.t[known[-1]]) if known.size else self.end
+
+    @property
     def rate_spans(self) -> tuple[Span, Span]:
         """What is known of the rate before the first sudden disturbance, and in all [s]."""
         if self.rate is None:

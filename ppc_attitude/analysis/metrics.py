@@ -271,8 +271,9 @@ class Verdict(Measured):
         """Judge the slowest recovery from the hits that are judged by it."""
         limit, span = self.required.recovery, (hits[0].start_s, self.end)
         slowest, why, never = None, self.lacks_attitude, ""
+        until = self.known_until
         for hit, following in zip(hits, [*hits[1:], None], strict=True):
-            stop = self.end if following is None else following.start_s
+            stop = until if following is None else min(following.start_s, until)
             time = round(stop - hit.start_s, 9)
             # Before the end the error of a hit that has just come may still grow.
             cut = following is None and time < limit
@@ -282,7 +283,10 @@ class Verdict(Measured):
                 never = f"not recovered from the sudden disturbance at {hit.start_s:g} s"
             elif following is None and not never and (slowest or 0.0) <= limit:
                 after = f"after the sudden disturbance at {hit.start_s:g} s are over"
-                why = why or f"the run ends at {self.end:g} s, before the {limit:g} s {after}"
+                ends = (
+                    "the run ends at" if until == self.end else "no attitude error is known after"
+                )
+                why = why or f"{ends} {until:g} s, before the {limit:g} s {after}"
         if never and not why:
             name = self.names["recovery"]
             return Requirement("recovery", name, None, limit, "s", False, span, reason=never)
