@@ -14,10 +14,12 @@
 
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import guaranteed
 from record_helpers import configured, inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
@@ -27,6 +29,9 @@ from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.brake import deceleration
 from ppc_attitude.science.controllers.momentum_tube import _advance
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.guarantee.assumptions import parameters_of
+from ppc_attitude.science.guarantee.cells import COARSE
+from ppc_attitude.science.guarantee.fixed_point import tuned
 from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import simulate, stamps_of
@@ -351,6 +356,21 @@ def test_an_assumption_that_is_seen_broken_is_named(
         found.add(diagram.parts[CONTROLLERS.name].advice.text[: len(told)])
     assert told in found
     assert bool(nodes) == any("suspended" in each for each in found)
+
+
+def test_an_estimate_at_its_limit_is_no_proof_of_a_broken_assumption() -> None:
+    """The dead band alone may hold it there, and the guarantee was said to be suspended."""
+    assumed = replace(guaranteed()[0], d=5e-5)  # half the dead band
+    law = tuned(assumed, 0.01, 1.0, 15.4, 0.2, COARSE)
+    push = {"pulse_times": [0.0], "pulse_durations": [20.0], "pulse_torques": [5e-5] * 3}
+    nodes = {
+        "disturbance_injector": {"environment": False, **push},
+        "ppc_controller": LAW | parameters_of(assumed, law),
+    }
+    diagram = Diagram(scenario(nodes).parameters)
+    diagram.run(stamps_of(100.0, 20.0))
+    told = diagram.parts[CONTROLLERS.name].advice.text
+    assert told.startswith("the guarantee may be suspended: the disturbance estimate stays")
 
 
 def test_noise_far_beyond_the_assumed_one_makes_no_cycle_of_events() -> None:

@@ -97,16 +97,17 @@ _LOSS = 0.2  # of what is counted on, at each slip after the first
 _LARGEST_LOSS = 0.7
 LOSS_LASTS = 120.0  # [s] without another slip
 _GAIN = 0.6  # of the last torque: what a weak actuator or a wrong inertia may leave unexplained
-_AT_LIMIT = 1.0  # [s] of the disturbance estimate at its limit that the assumed one does not make
+_HELD = 1.0  # [s] of the disturbance estimate at its limit that the assumed one alone does not make
 _HEARD = 30.0  # [s] in which noise that is no longer heard is forgotten
 _NEWS = 1.0  # [s] between two advices
 DOUBT_LASTS = 10.0  # [s] without another sign of it
-NOISE, LATE, CRAFT, DISTURBANCE = 1.0, 2.0, 3.0, 4.0
+NOISE, LATE, CRAFT, DISTURBANCE, AT_LIMIT = 1.0, 2.0, 3.0, 4.0, 5.0
 DOUBTS = {
     NOISE: "the measurement is noisier than assumed (e_A, e_W)",
     LATE: "commands act later than assumed (late)",
     CRAFT: "the craft answers torque otherwise than assumed: actuator (eta) or inertia (e_S)",
     DISTURBANCE: "a disturbance beyond the assumed one acts (d)",
+    AT_LIMIT: "the disturbance estimate stays at its limit, as with more than is assumed (d)",
 }
 
 
@@ -130,7 +131,9 @@ def advice(memory: Any) -> Advice:
             warning=True,
         )
     if memory["doubt"] != 0.0 and memory["t"] - memory["doubted_at"] <= DOUBT_LASTS:
-        told = f"the guarantee is suspended: {DOUBTS[float(memory['doubt'])]}"
+        # Dead band, errors and samples may hold the estimate there within the assumptions, too.
+        certain = "may be" if memory["doubt"] == AT_LIMIT else "is"
+        told = f"the guarantee {certain} suspended: {DOUBTS[float(memory['doubt'])]}"
         return Advice(told, warning=True)
     if memory["events"] > 1.0:
         return Advice(
@@ -202,8 +205,8 @@ def watch(memory: Any, gains: Any, unexplained: Vector, h: float) -> None:
             held = memory.at_limit + h
     memory.at_limit = held
     doubt = _pattern(memory, gains, unexplained, h)
-    if doubt == 0.0 and held > _AT_LIMIT and gains.d_max > 0.0:
-        doubt = DISTURBANCE
+    if doubt == 0.0 and held > _HELD and gains.d_max > 0.0:
+        doubt = AT_LIMIT
     if doubt == 0.0:
         return
     is_new = memory.doubt != doubt or memory.t - memory.doubted_at > DOUBT_LASTS
