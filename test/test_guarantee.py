@@ -364,3 +364,39 @@ def test_a_refusal_shows_numbers_that_fail(share: float) -> None:
     with pytest.raises(InfeasibleError) as refusal:
         tuned(slow, law.h, law.k, law.kappa, law.ell, COARSE)
     assert refusal.value.failing.room < 0.0
+
+
+@cache
+def noisy() -> tuple[Assumptions, Law]:
+    """A law for the paper's craft, whose rate is measured to 5e-4 rad/s."""
+    assumed = replace(guaranteed()[0], e_A=1e-4, e_W=5e-4)
+    return assumed, tuned(assumed, 0.01, 0.56, 28.0, 0.4, COARSE)
+
+
+def test_no_time_is_promised_of_a_start_that_may_be_told_to_tumble() -> None:
+    assumed, law = noisy()
+    values = values_of() | parameters_of(assumed, law)
+    e_w = Bounds(assumed, law, FLOATS, COARSE).e_w
+    fastest = math.degrees(law.omega0 - assumed.W)
+    rates = [fastest - math.degrees(each * e_w) for each in (1.1, 0.9)]
+    promised = [each.rate for each in certify(values, rates=rates).promises]
+    assert promised == rates[:1]
+
+
+def test_a_stop_lasts_no_longer_than_what_the_law_is_told_allows() -> None:
+    """The rate of the start alone was counted, though the law takes away what it is told."""
+    assumed, law = noisy()
+    nodes = {
+        PLANT: {"faults": ["sensor/rate bias 5e-4 0 0"]},
+        REFERENCE: {"amplitude": [0.0] * 3},
+        CONTROLLER: parameters_of(assumed, law),
+    }
+    given = load(configs("paper", "guaranteed"), nodes)
+    record = simulate(given, 1.0)
+    lasted = float(record.t[record["phase"][:, 0] == 1.0][-1])
+    bounds = Bounds(assumed, law, FLOATS, COARSE)
+    envelope = Envelope(bounds)
+    assert envelope.stop(0.0)[1] < lasted <= envelope.stop(envelope.told(0.0))[1]
+    exact = Bounds(replace(assumed, e_A=0.0, e_W=0.0), law, FLOATS, COARSE)
+    noise = [x / row for x, row in zip(bounds.torque_noise, bounds.body.row, strict=True)]
+    assert min(noise) <= exact.reserve - bounds.reserve <= max(noise)

@@ -67,8 +67,10 @@ class Bounds:
         Largest |V'| where the cap acts, with the error of its estimate in a sample [rad/s²].
     load : triple
         Torque that feedforward and brake need [N·m].
+    torque_noise : triple
+        N_F,i: change of F with the estimation errors, in any phase [N·m].
     reserve : number
-        a_r: acceleration that is left for a ramp [rad/s²].
+        a_r: acceleration that is left for a ramp by the F that the law is told [rad/s²].
     brake : triple
         T for which the load would be all of B [N·m].
     variation, variation_at_stop : triple
@@ -127,20 +129,21 @@ class Bounds:
         self.variation_at_stop = self._stop_variation()
         lipschitz = most(*(each.lipschitz for each in found))
         self.noise = _triple(lambda i: body.row[i] * (self.e_w + lipschitz * self._e_A))
+        self.torque_noise = self._torque_noise()
         feedforward = self.feedforward(self._Omega)
         needed = _triple(
             lambda i: most(*(each.needed(body.row[i], brake[i], arithmetic) for each in found))
         )
         self.load = _triple(lambda i: feedforward[i] + needed[i])
         self.brake = _triple(lambda i: B[i] - feedforward[i] - (needed[i] - brake[i]))
-        free = arithmetic.least(*((B[i] - feedforward[i]) / body.row[i] for i in range(3)))
+        left = (B[i] - feedforward[i] - self.torque_noise[i] for i in range(3))
+        free = arithmetic.least(*(each / row for each, row in zip(left, body.row, strict=True)))
         drift = most(*(arithmetic.sqrt(each.drift**2 + each.turn**2) for each in found))
         self.reserve = free - drift
         self.V_rate, self.a_rate = self._rates()
         self.z = body.box(self._Y)
-        torque_noise = self._torque_noise()
-        self.B = self._allowed(torque_noise)
-        self.Y = self._tube(torque_noise)
+        self.B = self._allowed()
+        self.Y = self._tube()
 
     def feedforward(self, rate: Number) -> Numbers:
         """M_i [N·m] for ‖ω_s‖ ≤ rate [rad/s].
@@ -151,13 +154,13 @@ class Bounds:
         return _triple(lambda i: row[i] * (rate * self._W + self._W1) + spread[i] * rate * rate)
 
     def stop_time(self, rate: Number) -> Number | None:
-        """T_p [s]: p is 0 after it if ‖ω_e‖ ≤ rate [rad/s] at the event; None if never."""
+        """T_p [s]: p is 0 after it if the event is told ‖ω_e‖ ≤ rate [rad/s]; None if never."""
         number, law = self.arithmetic.number, self.law
         feedforward = self.feedforward(rate + self._W + self._z)
         cruises = bool(rate <= number(law.w_far))
         times = []
         for i in range(3):
-            left = number(law.B[i]) - feedforward[i]
+            left = number(law.B[i]) - feedforward[i] - self.torque_noise[i]
             if cruises:
                 left = left - self.body.row[i] * self.stop_load
             if not left > 0:
@@ -253,7 +256,7 @@ class Bounds:
         )
 
     def _torque_noise(self) -> Numbers:
-        """N_F,i: change of F with the estimation errors, in any phase."""
+        """N_F,i."""
         e_W, slow = self.arithmetic.number(self.assumed.e_W), self._cruise_rate
         stop = self.nu_stop, self._stop_cotangent
         turning = slow * axis_error(*stop, slow, slow + self.e_w, self._e_A, self.e_w)
@@ -280,14 +283,14 @@ class Bounds:
         end = arithmetic.pi + LARGEST
         return arithmetic.largest(of(phi, arithmetic), of(end, arithmetic))
 
-    def _allowed(self, noise: Numbers) -> Numbers:
+    def _allowed(self) -> Numbers:
         """Largest B: a saturated axis is still pushed back."""
         number, assumed = self.arithmetic.number, self.assumed
         common = number(assumed.eta) * self._torque - self._d - number(assumed.dead_band)
         common = common - self._misled - self._gyroscopic
-        return _triple(lambda i: common - self.variation[i] - noise[i])
+        return _triple(lambda i: common - self.variation[i] - self.torque_noise[i])
 
-    def _tube(self, noise_of_torque: Numbers) -> Numbers:
+    def _tube(self) -> Numbers:
         """Least Y: D/κ_eff + kick; infinite if the observer does not follow a weak actuator."""
         number, assumed, law = self.arithmetic.number, self.assumed, self.law
         eta, ell, dead_band = map(number, (assumed.eta, law.ell, assumed.dead_band))
@@ -301,7 +304,7 @@ class Bounds:
         def axis(i: int) -> Number:
             free = (1 - eta) * self._most_used[i] + self._d + self.variation[i] + dead_band
             free = free + self._misled + self._gyroscopic
-            D = number(law.d_max) + self._kappa * self.noise[i] + noise_of_torque[i] + free / eta
+            D = number(law.d_max) + self._kappa * self.noise[i] + self.torque_noise[i] + free / eta
             kick = self.body.row[i] * (self._h * self.V_rate)
             kick = kick + self._late * self._h * (self._torque + 5 * self._most_used[i])
             return D * factor + kick

@@ -115,7 +115,7 @@ def certify(
     if all(each.holds for each in judged):
         for rate in rates:
             start = math.nextafter(assumed.W + math.radians(rate) * (1 + 1e-15), math.inf)
-            if start <= law.omega0:
+            if envelope.told(start) <= arithmetic.number(law.omega0):
                 promises.append(Promise(rate, envelope.settling(start, accuracy).time))
     return Certificate(digest_of(values), accuracy, judged, tuple(promises), envelope.terminal())
 

@@ -283,8 +283,9 @@ def _grid(assumed: Assumptions, h: float, *, short: bool = False) -> Iterator[Ga
 
 
 def _judged(assumed: Assumptions, law: Law, wishes: Wishes, count: Cells = COARSE) -> Design:
-    envelope = Envelope(Bounds(assumed, law, FLOATS, count))
-    terminal, fastest = _ALMOST * envelope.terminal(), law.omega0 - assumed.W
+    bounds = Bounds(assumed, law, FLOATS, count)
+    envelope = Envelope(bounds)
+    terminal, fastest = _ALMOST * envelope.terminal(), law.omega0 - assumed.W - bounds.e_w
     if terminal >= wishes.accuracy:
         raise UnwishedError("an accuracy", wishes.accuracy, terminal, "")
     if wishes.rate > fastest:

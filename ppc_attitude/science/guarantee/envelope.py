@@ -77,6 +77,10 @@ class Envelope:
         self._offset = self._a * self._a / (self._k * self._k)
         self._e_A = number(assumed.e_A)
 
+    def told(self, rate: float) -> Number:
+        """Largest ‖ω_e‖ [rad/s] that an event with a true one up to a rate [rad/s] is told."""
+        return self._arithmetic.number(rate) + self._bounds.e_w
+
     def speed(self, phi: Number, cap: Number) -> Number:
         """f(φ; V), from below where a comparison is not certain."""
         arithmetic = self._arithmetic
@@ -122,21 +126,26 @@ class Envelope:
                 f"|q_ev,i| < {accuracy:g} is never guaranteed: the tube leads to "
                 f"z̄/(2k) = {self.terminal():.3g}"
             )
-        if rate > self._law.omega0:
+        told, number = self.told(rate), self._arithmetic.number
+        if not told <= number(self._law.omega0):
             raise ValueError(
-                f"a rate error of {rate:g} rad/s is beyond omega0 = {self._law.omega0:g} rad/s"
+                f"a rate error of {rate:g} rad/s is beyond omega0 = {self._law.omega0:g} rad/s, or "
+                "the law may be told so"
             )
-        half_turn = self._arithmetic.pi + self._arithmetic.number(self._assumed.lead)
-        turn = self.near_time(half_turn, rate, accuracy)
-        if rate > self._law.w_far:
+        half_turn = self._arithmetic.pi + number(self._assumed.lead)
+        turn = self.near_time(half_turn, told, accuracy)
+        if not told <= number(self._law.w_far):
             return Settling(rate, None, None, turn)
-        near = self.near_time(self._arithmetic.number(self._law.far), rate, accuracy)
-        return Settling(rate, self.far_time(half_turn, rate, accuracy), near, turn)
+        near = self.near_time(number(self._law.far), told, accuracy)
+        return Settling(rate, self.far_time(half_turn, told, accuracy), near, turn)
 
     def near_time(
-        self, phi: Number, rate: float, accuracy: float, stop: Number | None = None
+        self, phi: Number, rate: Number, accuracy: float, stop: Number | None = None
     ) -> float:
-        """Time [s] from φ [rad] where the brake sets in after a stop, whose length may be known."""
+        """Time [s] from φ [rad] where the brake sets in after a stop, whose length may be known.
+
+        The rate [rad/s] is the one that the law is told.
+        """
         arithmetic, step, one = self._arithmetic, self._step, self._arithmetic.number(1.0)
         drift, time = self.stop(rate, stop)
         reserve, limit = self._bounds.reserve, self.settled(accuracy)
@@ -146,7 +155,7 @@ class Envelope:
         for n in range(_PATIENCE):
             if phi < limit:
                 return arithmetic.outward(time + n * step)[1]
-            highest = phi + step * self._z  # φ within the step
+            highest = phi + step * self._z + self._e_A  # φ within the step, as it is told
             rising = reserve / self.speed_above(highest, self._fastest, self._bounds.a_most)
             fall = r * self.speed(self._lowest(phi), self._slowest)
             phi = arithmetic.upper(phi + step * (self._z - fall))
@@ -155,7 +164,7 @@ class Envelope:
             )
         raise ValueError(f"no settling within {_PATIENCE} steps")
 
-    def far_time(self, phi: Number, rate: float, accuracy: float) -> float:
+    def far_time(self, phi: Number, rate: Number, accuracy: float) -> float:
         """Time [s] from φ [rad] where the speed rises with the torque that is left."""
         arithmetic, step = self._arithmetic, self._step
         drift, time = self.stop(rate)
@@ -204,7 +213,9 @@ class Envelope:
             fastest = number(rate) + number(self._assumed.W) + self._z
             feedforward = bounds.feedforward(fastest)
             gained = tuple(
-                (pushed + feedforward[i]) * time + number(law.Y[i]) + bounds.body.row[i] * self._z
+                (pushed + feedforward[i]) * time
+                + number(law.Y[i])
+                + bounds.body.row[i] * (self._z + bounds.e_w)  # as the law is told
                 for i in range(3)
             )
             rate = self._arithmetic.outward(bounds.body.box(gained))[1]
@@ -218,7 +229,7 @@ class Envelope:
         phi = self._z / self._k + number(rate) * time
         if bool(phi + self._e_A < number(law.far)) or rate > law.w_far:
             # The momentum is known by axis, which ends the stop sooner than the rate alone would.
-            left = (number(law.B[i]) - feedforward[i] for i in range(3))
+            left = (number(law.B[i]) - feedforward[i] - bounds.torque_noise[i] for i in range(3))
             pairs = zip(gained, left, strict=True)
             stop = self._arithmetic.largest(*(momentum / torque for momentum, torque in pairs))
             rest = self.near_time(phi, rate, accuracy, stop)
@@ -239,7 +250,7 @@ class Envelope:
         fastest = self.speed_above(phi, self._slowest, self._a)
         return self._arithmetic.largest(phi - self._step * fastest, zero)
 
-    def stop(self, rate: float, known: Number | None = None) -> tuple[Number, Number]:
+    def stop(self, rate: Number, known: Number | None = None) -> tuple[Number, Number]:
         """Drift of φ [rad] and time [s] of the stop phase, a sample more for what lands on one.
 
         Raises

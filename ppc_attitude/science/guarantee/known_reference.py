@@ -136,6 +136,7 @@ class KnownReference:
             The rate is beyond that of a cruise.
         """
         rate += float(np.linalg.norm(self._rate_at(np.zeros(1)))) * (1.0 + _PADDING)
+        rate = self._envelope.told(rate)
         if rate > self._law.w_far:
             raise ValueError(
                 f"a rate error of {rate:g} rad/s does not cruise; at most {self._law.w_far:g}"
