@@ -16,13 +16,17 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from craft_helpers import guaranteed
 
 from ppc_attitude.science.guarantee import design as module
+from ppc_attitude.science.guarantee.arithmetic import FLOATS
+from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.design import (
+    Design,
     UnwishedError,
     Wishes,
     _nearest_factor,
@@ -31,6 +35,7 @@ from ppc_attitude.science.guarantee.design import (
     nearest,
 )
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
+from ppc_attitude.science.guarantee.inequalities import inequalities
 
 
 @pytest.mark.long
@@ -86,6 +91,24 @@ def test_a_search_finds_gains_that_settle_sooner(monkeypatch: pytest.MonkeyPatch
     found = design(assumed, Wishes(), law.h)
     shipped = designed(assumed, Wishes(), law.h, law.k, law.kappa, law.ell)
     assert found.settling.time < 0.97 * shipped.settling.time
+
+
+def test_every_law_of_a_search_may_be_the_one_that_fine_cells_prove(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The best three were tried, and a craft refused for a wish that the fourth granted."""
+    assumed, law = guaranteed()
+    failing = InfeasibleError(inequalities(Bounds(assumed, law, FLOATS, COARSE))[0])
+    answers = iter([failing] * 5)
+
+    def proved(*given: Any) -> Design:
+        if (failed := next(answers, None)) is not None:
+            raise failed
+        return designed(*given)
+
+    monkeypatch.setattr(module, "FINE", COARSE)
+    monkeypatch.setattr(module, "designed", proved)
+    assert design(assumed, Wishes(), law.h).settling.time < 100.0
 
 
 def test_contradicting_wishes_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

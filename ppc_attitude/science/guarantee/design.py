@@ -126,7 +126,7 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
     if search.unwished and not search.found:
         search.tries(_grid(assumed, h))
     search.climbs()
-    for best in sorted(search.found, key=lambda each: each.settling.time)[:3]:
+    for best in sorted(search.found, key=lambda each: each.settling.time):
         law = best.law
         try:
             return designed(assumed, wishes, h, law.k, law.kappa, law.ell)
