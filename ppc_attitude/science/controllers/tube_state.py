@@ -90,7 +90,7 @@ PHASE = of_law(
     width=2,
 )
 STOP = 1.0  # phase in which the rate of the event fades
-_HIT = 0.4  # torque beyond the declared one, of max_torque, that makes a hit
+HIT = 0.4  # torque beyond the declared one, of max_torque, that makes a hit
 _FAR_OUTSIDE = 5.0  # of the tube: an event without a hit
 # Outside the assumptions events may follow each other: then less torque is counted on, for a while.
 _LOSS = 0.2  # of what is counted on, at each slip after the first
@@ -152,7 +152,7 @@ def is_hit(y: Vector, unexplained: Vector, memory: Any, gains: Any, h: float) ->
     """Tell whether y is outside its tube by a torque that nobody declared, or far outside."""
     for i in range(3):
         tube = gains.Y[i] + gains.N[i] + 2.0 * h * memory.noise
-        threshold = _HIT * gains.max_torque + 2.0 * (gains.N[i] / h + memory.noise)
+        threshold = HIT * gains.max_torque + 2.0 * (gains.N[i] / h + memory.noise)
         if abs(y[i]) > tube and abs(unexplained[i]) > threshold:
             return True
         if abs(y[i]) > _FAR_OUTSIDE * tube:

@@ -22,6 +22,7 @@ import math
 from dataclasses import dataclass
 
 from ppc_attitude.science.controllers.brake import BLEND
+from ppc_attitude.science.controllers.tube_state import HIT
 from ppc_attitude.science.guarantee.arithmetic import Number
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import saturated
@@ -197,9 +198,12 @@ class Envelope:
             The hit may make the craft tumble, or lead out of the tube without being seen.
         """
         number, law, bounds = self._arithmetic.number, self._law, self._bounds
-        # What the law and its tube may have against a torque that leads out of it in one sample.
+        # What the law and its tube may have against a torque that leads out of it in one sample,
+        # and that is then large enough for a hit.
+        hit = HIT * self._assumed.max_torque
         seen = 3.0 * self._assumed.d + max(
-            (y + n) / law.h + law.kappa * y for y, n in zip(law.Y, law.N, strict=True)
+            max((y + n) / law.h, hit + 4.0 * n / law.h) + law.kappa * y
+            for y, n in zip(law.Y, law.N, strict=True)
         )
         if torque <= seen:
             raise ValueError(
