@@ -236,7 +236,7 @@ def test_an_advice_that_is_none_is_refused_before_anything_runs(
 ) -> None:
     name_points(tmp_path, controllers="chatty = misfits:chatty")
     done = run_outside(f"simulate {PAPER} --controller chatty --duration 1", code=2)
-    assert "component share: advice raised TypeError: 'well'; allowed: an Advice" in done.stderr
+    assert "component chatty: advice raised TypeError: 'well'; allowed: an Advice" in done.stderr
 
 
 def test_the_law_is_checked_for_the_reference_that_is_selected(
