@@ -138,7 +138,8 @@ def _iterated(assumed: Assumptions, law: Law, count: Cells) -> Law:
     bounds = _evaluated(assumed, law, count)
     failing = _failing(bounds)
     if [each.name for each in failing] == ["C9"]:  # what was rounded asks for a larger error
-        failing = _failing(_evaluated(assumed, law := replace(law, far=_roomy_far(bounds)), count))
+        law = replace(law, far=_roomy_far(bounds))
+        failing = _failing(_evaluated(assumed, law, count))
     if failing:
         raise InfeasibleError(min(failing, key=lambda each: each.room))
     return law
