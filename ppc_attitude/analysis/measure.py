@@ -116,7 +116,7 @@ class Measured:
         self.rate = None
         if has(record, truth.angular_velocity):
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
-        self.known_from, _ = self.known_part(self.whole, self.size(required.settled))
+        self.known_from, self.known_until = self._known(self.size(required.settled))
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
         pulses = known_pulses or ()
@@ -204,18 +204,11 @@ class Measured:
         return (max(self.required.settling_deadline, self.known_from), self.end)
 
     @property
-    def known_until(self) -> float:
-        """The last instant with an attitude error [s]; the end if there is none."""
-        known = np.flatnonzero(np.isfinite(self.size(self.required.settled)))
-        return float(self.t[known[-1]]) if known.size else self.end
-
-    @property
     def rate_spans(self) -> tuple[Span, Span]:
         """What is known of the rate before the first sudden disturbance, and in all [s]."""
-        if self.rate is None:
-            return self.calm_span, self.whole
-        known = self.rate[:, 0]
-        return self.known_part(self.calm_span, known), self.known_part(self.whole, known)
+        start = self.begin if self.rate is None else self._known(self.rate[:, 0])[0]
+        calm = self.calm_span
+        return (start, calm[1]) if start < calm[1] else calm, (start, self.end)
 
     @property
     def shorter_than_window(self) -> bool:
@@ -274,10 +267,10 @@ class Measured:
             return np.full(self.t.size, np.nan)
         return self.pointing.in_unit_of(accuracy)
 
-    def known_part(self, span: Span, values: Array) -> Span:
-        """Part of a span [s] from the first finite one of some values, shape (n,), on."""
-        first = float(self.t[np.argmax(np.isfinite(values))])
-        return (first, span[1]) if span[0] < first < span[1] else span
+    def _known(self, values: Array) -> Span:
+        """First and last instant [s] with a finite value, shape (n,); the whole if none is."""
+        finite = self.t[np.isfinite(values)]
+        return (float(finite[0]), float(finite[-1])) if finite.size else self.whole
 
     def _recovery(self, pulse: Pulse, pulses: tuple[Pulse, ...]) -> float | None:
         """`Disturbance.recovery_time_s` of one pulse."""

@@ -16,7 +16,6 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from math import isfinite
 from typing import Any
 
 from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of
@@ -102,8 +101,7 @@ class ComponentNode(BaseNode):
         """Answer an instant [ns] whose messages are all there, by column."""
         name = self._topics[0].name
         for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
-            if not isfinite(sum(map(sum, map(answer.__getitem__, self._senders)))):
-                why = self.chain.not_finite(answer)
+            if why := self.chain.not_finite(answer, self._senders):
                 self.fail(stamp, f"at t = {seconds(stamp):.3f} s {why}")
                 return
             for column, send in self._senders.items():

@@ -17,7 +17,6 @@
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import isfinite
 from typing import Any
 
 from std_srvs.srv import Trigger
@@ -155,8 +154,7 @@ class SpacecraftPlant(BaseNode):
 
     def show(self) -> None:
         """Publish the present state: the attitude last, because all peers start at it."""
-        if not isfinite(sum(map(sum, map(self._state.__getitem__, self._state_columns)))):
-            why = self._motion.not_finite(self._state)
+        if why := self._motion.not_finite(self._state, self._state_columns):
             raise _FailedError(f"at t = {seconds(self._stamp):.3f} s {why}")
         self._publish_clock(encode_clock(self._stamp))
         for name in reversed(self._state_columns):

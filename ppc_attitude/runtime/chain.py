@@ -14,7 +14,7 @@
 
 """The components that one node runs at each instant, one after the other."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -80,11 +80,13 @@ class Chain:
         """What the components count and measure of themselves, by name with unit."""
         return {name: n for part in self.parts for name, n in part.advice.numbers.items()}
 
-    def not_finite(self, signals: Mapping[str, Values]) -> str:
+    def not_finite(self, signals: Mapping[str, Values], names: Iterable[str]) -> str:
         """Say which component has given numbers that are not finite, and whether its step failed.
 
-        Every peer would refuse them, so that all would wait.
+        Empty if those of these names are finite. Every peer would refuse them, and all would wait.
         """
+        if isfinite(sum(map(sum, map(signals.__getitem__, names)))):
+            return ""
         told = next(
             f"{part.component.name} gives {column} = {signals[column]}"
             for part in self.parts
