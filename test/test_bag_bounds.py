@@ -289,30 +289,33 @@ def attitudes(count: int, behind: bytes = b"") -> bytes:
     return schema + channel + b"".join(record(5, head + data) + behind for data in told)
 
 
-def many_topics() -> bytes:
-    said = (struct.pack("<HH", key, 9) + text(f"/{key}".encode(), b"cdr", b"") for key in TOPICS)
-    return attitudes(250_000) + b"".join(record(4, each) for each in said)
+def many_topics(part: int) -> bytes:
+    keys = TOPICS[::part]
+    said = (struct.pack("<HH", key, 9) + text(f"/{key}".encode(), b"cdr", b"") for key in keys)
+    return attitudes(250_000 // part) + b"".join(record(4, each) for each in said)
 
 
 @pytest.mark.parametrize(
     "records",
     [
-        pytest.param(lambda: attitudes(16_000, record(0x80, b"")), id="interrupted"),
+        pytest.param(lambda part: attitudes(40_000 // part, record(0x80, b"")), id="interrupted"),
         pytest.param(
-            lambda: chunk(b"", len(it := attitudes(200_000, record(0x80, b""))), it),
+            lambda part: chunk(b"", len(it := attitudes(200_000 // part, record(0x80, b""))), it),
             id="interrupted in a chunk",
         ),
         pytest.param(many_topics, id="many topics"),
     ],
 )
 def test_time_grows_with_the_bag_and_not_faster(
-    records: Callable[[], bytes], tmp_path: Path
+    records: Callable[[int], bytes], tmp_path: Path
 ) -> None:
-    (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + records())
-    before = time.process_time()
-    read = read_run(tmp_path / "bag.mcap")
-    assert time.process_time() - before < 3.0
-    assert len(read.stamps_ns) >= 16_000
+    spent = []
+    for part in (4, 4, 1):  # the first reading loads what reading needs
+        (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + records(part))
+        before = time.process_time()
+        read_run(tmp_path / "bag.mcap")
+        spent.append(time.process_time() - before)
+    assert spent[2] < 8 * spent[1], spent  # in proportion 4 times, with the square 16 times
 
 
 def test_a_recovery_writes_what_the_bag_says_of_its_run_once(
