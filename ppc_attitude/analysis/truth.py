@@ -40,7 +40,7 @@ from ppc_attitude.contract.topics import (
     TRUE_ATTITUDE,
     TRUE_RATE,
 )
-from ppc_attitude.science.attitude import attitude_errors, rotation_angles, to_body
+from ppc_attitude.science.attitude import attitude_errors, rotation_angles, vectors_to_body
 from ppc_attitude.science.kernel import STRAIGHT
 
 RECORDED, EXACT, UNKNOWN = "recorded", "exact", "unknown"
@@ -170,12 +170,9 @@ def reference_rates_in_body(record: RunRecord) -> Array:
         If the run lacks the attitude, the reference's attitude or its rate.
     """
     errors, rates = pointing_errors(record).quaternions, vectors(record, REFERENCE_RATE.column)
-    return np.array(
-        [
-            to_body(tuple(rate), (x, y, z), w)
-            for rate, (x, y, z, w) in zip(rates.tolist(), errors.tolist(), strict=True)
-        ]
-    )
+    turned = np.empty_like(rates)
+    vectors_to_body(rates, errors, turned)
+    return turned
 
 
 def lost(record: RunRecord) -> int:

@@ -34,6 +34,7 @@ from ppc_attitude.science.kernel import (
     quaternion,
     scale,
     subtract,
+    vector,
 )
 
 _SMALL = 1e-4  # [rad²] below which a series of four terms is exact to rounding
@@ -252,3 +253,12 @@ def rotation_angles(rotations: Any, angles: Any) -> None:
     """Angles [rad], shape (n,), of rotations, shape (4, n); of a NaN it is NaN."""
     for k in range(len(angles)):
         angles[k] = rotation_angle(quaternion(rotations[:, k]))
+
+
+@kernel
+def vectors_to_body(vectors: Any, errors: Any, turned: Any) -> None:
+    """`to_body` of vectors, shape (n, 3), by errors, shape (n, 4)."""
+    for k in range(len(turned)):
+        error = errors[k]
+        a = to_body(vector(vectors[k]), vector(error), error[3])
+        turned[k, 0], turned[k, 1], turned[k, 2] = a
