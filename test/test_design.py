@@ -64,13 +64,13 @@ def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user() -> None:
     helps = nearest(weak, precise, law.h, gains)
     torque = helps[0]["max_torque"]
     assert torque > 0.012
-    assert designed(replace(weak, max_torque=torque), precise, law.h, *gains)
+    assert designed(replace(weak, max_torque=torque), precise, law.h, gains)
     with pytest.raises((InfeasibleError, UnwishedError)):
-        designed(replace(weak, max_torque=0.7 * torque), precise, law.h, *gains)
+        designed(replace(weak, max_torque=0.7 * torque), precise, law.h, gains)
     quick = replace(assumed, **{name: 3.0 * getattr(assumed, name) for name in ("W", "W1", "W2")})
     (reference,) = (each for each in nearest(quick, precise, law.h, gains) if "W" in each)
     assert list(reference) == ["W", "W1", "W2"]
-    assert designed(replace(quick, **reference), precise, law.h, *gains)
+    assert designed(replace(quick, **reference), precise, law.h, gains)
 
 
 @pytest.mark.long
@@ -78,7 +78,7 @@ def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user() -> None:
 def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds() -> None:
     """It was feasible with gains of another rate, which no search tries at this one."""
     uncertain, h = replace(guaranteed()[0], e_S=0.05), 0.1
-    factor = _nearest_factor(uncertain, Wishes(), h, None, "h")
+    factor = _nearest_factor(uncertain, Wishes(), h, None, {"h": h})
     assert factor is not None
     assert 0.1 < factor < 1.0
     assert design(uncertain, Wishes(), factor * h)
@@ -89,7 +89,7 @@ def test_a_search_finds_gains_that_settle_sooner(monkeypatch: pytest.MonkeyPatch
     assumed, law = guaranteed()
     monkeypatch.setattr(module, "FINE", COARSE)
     found = design(assumed, Wishes(), law.h)
-    shipped = designed(assumed, Wishes(), law.h, law.k, law.kappa, law.ell)
+    shipped = designed(assumed, Wishes(), law.h, (law.k, law.kappa, law.ell))
     assert found.settling.time < 0.97 * shipped.settling.time
 
 
@@ -115,7 +115,7 @@ def test_contradicting_wishes_are_refused(monkeypatch: pytest.MonkeyPatch) -> No
     """The law of the gains is the shipped one, whatever the wish."""
     assumed, law = guaranteed()
     monkeypatch.setattr(module, "tuned", lambda *_: law)
-    gains = (law.h, law.k, law.kappa, law.ell)
+    gains = (law.h, (law.k, law.kappa, law.ell))
     with pytest.raises(UnwishedError, match=r"time of 60 s cannot .* nearest .* is 91\.\d+ s"):
         designed(assumed, Wishes(time=60.0), *gains)
     quiet = Wishes(torque_noise=1e-5, rate_noise=2e-5)
@@ -150,4 +150,4 @@ def test_gains_are_not_refused_for_a_rounded_number() -> None:
         "e_A": 1.08e-4,
         "e_W": 7.31e-5,
     }
-    tuned(replace(guaranteed()[0], **craft), 0.1, 0.1, 2.0, 0.2, COARSE)
+    tuned(replace(guaranteed()[0], **craft), 0.1, (0.1, 2.0, 0.2), COARSE)

@@ -316,7 +316,7 @@ def test_design_scales_with_the_craft(scale: float) -> None:
         inertia=tuple(scale * each for each in assumed.inertia),
         **{name: scale * getattr(assumed, name) for name in torques},
     )
-    found = designed(other, Wishes(), law.h, law.k, law.kappa, law.ell)
+    found = designed(other, Wishes(), law.h, (law.k, law.kappa, law.ell))
     assert found.law.a_most == pytest.approx(law.a_most, rel=5e-5)
     assert np.array(found.law.brake) == pytest.approx(scale * np.array(law.brake), rel=5e-5)
     assert np.array(found.law.Y) == pytest.approx(scale * np.array(law.Y), rel=5e-5)
@@ -332,7 +332,7 @@ def test_full_inertia_and_every_error_are_designed_and_proved() -> None:
     full = replace(assumed, inertia=(2.8, 0.1, -0.05, 0.1, 2.5, 0.08, -0.05, 0.08, 1.9))
     weak = replace(full, eta=0.8, e_S=0.05, e_A=1e-4, e_W=1e-5)
     for each, gains in ((full, (1.0, 15.0, 0.2)), (weak, (0.6, 20.0, 0.5))):
-        found = designed(each, Wishes(), 0.01, *gains)
+        found = designed(each, Wishes(), 0.01, gains)
         certificate = certify(_complete(each, found.law), rates=(1.0,))
         assert certificate.holds
         assert certificate.promises[0].time < 130.0
@@ -347,7 +347,7 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
         envelope.recovery(0.15, 0.1, 5e-3)
     # Of a tube that is narrow for its sample a lesser torque leads out than makes a hit.
     quiet = replace(assumed, d=2e-4, W=1e-3, W1=1e-5, W2=1e-7)
-    narrow = tuned(quiet, 0.05, 0.1, 4.0, 1.0, COARSE)
+    narrow = tuned(quiet, 0.05, (0.1, 4.0, 1.0), COARSE)
     assert max(narrow.Y) / 0.05 + 4.0 * max(narrow.Y) + 3.0 * 2e-4 < 0.007
     with pytest.raises(ValueError, match=r"is promised of less than 0\.021\d N·m"):
         Envelope(Bounds(quiet, narrow, FLOATS, COARSE)).recovery(0.0205, 0.1, 5e-3)
@@ -368,7 +368,7 @@ def test_a_refusal_shows_numbers_that_fail(share: float) -> None:
     assumed, law = guaranteed()
     slow = replace(assumed, Omega=share * assumed.Omega)
     with pytest.raises(InfeasibleError) as refusal:
-        tuned(slow, law.h, law.k, law.kappa, law.ell, COARSE)
+        tuned(slow, law.h, (law.k, law.kappa, law.ell), COARSE)
     assert refusal.value.failing.room < 0.0
 
 
@@ -376,7 +376,7 @@ def test_a_refusal_shows_numbers_that_fail(share: float) -> None:
 def noisy() -> tuple[Assumptions, Law]:
     """A law for the paper's craft, whose rate is measured to 5e-4 rad/s."""
     assumed = replace(guaranteed()[0], e_A=1e-4, e_W=5e-4)
-    return assumed, tuned(assumed, 0.01, 0.56, 28.0, 0.4, COARSE)
+    return assumed, tuned(assumed, 0.01, (0.56, 28.0, 0.4), COARSE)
 
 
 def test_no_time_is_promised_of_a_start_that_may_be_told_to_tumble() -> None:

@@ -361,7 +361,7 @@ def test_an_assumption_that_is_seen_broken_is_named(
 def test_an_estimate_at_its_limit_is_no_proof_of_a_broken_assumption() -> None:
     """The dead band alone may hold it there, and the guarantee was said to be suspended."""
     assumed = replace(guaranteed()[0], d=5e-5)  # half the dead band
-    law = tuned(assumed, 0.01, 1.0, 15.4, 0.2, COARSE)
+    law = tuned(assumed, 0.01, (1.0, 15.4, 0.2), COARSE)
     push = {"pulse_times": [0.0], "pulse_durations": [20.0], "pulse_torques": [5e-5] * 3}
     nodes = {
         "disturbance_injector": {"environment": False, **push},

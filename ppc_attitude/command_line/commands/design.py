@@ -209,7 +209,7 @@ def execute(arguments: argparse.Namespace) -> int:
     try:
         while True:
             found = (
-                designed(assumed, wishes, h, *arguments.gains)
+                designed(assumed, wishes, h, arguments.gains)
                 if arguments.gains
                 else design(assumed, wishes, h)
             )
@@ -220,13 +220,10 @@ def execute(arguments: argparse.Namespace) -> int:
             before, assumed = assumed, _assumptions(scenario, arguments, tube)
             if assumed == before:  # they do not depend on it
                 break
-    except InfeasibleError as error:
+    except (InfeasibleError, UnwishedError) as error:
         print(error)
-        for line in _helps(nearest(assumed, wishes, h, arguments.gains)):
-            print(line)
-        return REQUIREMENT_FAILED
-    except UnwishedError as error:
-        print(error)
+        if isinstance(error, InfeasibleError):
+            print("\n".join(_helps(nearest(assumed, wishes, h, arguments.gains))))
         return REQUIREMENT_FAILED
     except ArithmeticError:  # numbers that are so large or small are no gains of any craft
         if not arguments.gains:

@@ -28,16 +28,18 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE, FINE, Cells
 from ppc_attitude.science.guarantee.envelope import Envelope, Settling
-from ppc_attitude.science.guarantee.fixed_point import TUMBLING, InfeasibleError, tuned
+from ppc_attitude.science.guarantee.fixed_point import TUMBLING, Gains, InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import Inequality
 
-Gains = tuple[float, float, float]  # k [1/s], κ [1/s], ℓ
 # κh, k/κ and ℓ of the search; and of the short one that looks for the nearest feasible number.
 _KAPPA_H = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8)
 _K_SHARE = (0.02, 0.04, 0.067, 0.1)
 _ELL = (0.05, 0.1, 0.2, 0.4, 1.0)
 _SHORT = ((0.02, 0.07, 0.2, 0.4), (0.02, 0.05), (0.2, 1.0))
 _FAR = (1.5, 3.0, 10.0, 100.0, 1000.0)  # by which one number may be changed to be feasible
+# These numbers, W with what scales with it.
+_MORE_HELPS = (("max_torque",), ("Omega",))
+_LESS_HELPS = (("d",), ("W", "W1", "W2"), ("e_S",), ("dead_band",), ("h",))
 _FACTORS = ((1.4, 0.7), (1.15, 0.87))  # by which a search changes one gain, then by less
 _ALMOST = 1.3  # of the error in the end: what is reached in a time that can be told
 _WISHES = ("an accuracy", "a rate at the start", "a settling time", "a torque noise")  # as judged
@@ -129,7 +131,7 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
     for best in sorted(search.found, key=lambda each: each.settling.time):
         law = best.law
         try:
-            return designed(assumed, wishes, h, law.k, law.kappa, law.ell)
+            return designed(assumed, wishes, h, (law.k, law.kappa, law.ell))
         except UnwishedError as error:
             search.unwished.append(error)
         except InfeasibleError as error:
@@ -151,13 +153,12 @@ class _Search:
 
     def tries(self, gains: Iterable[Gains]) -> None:
         """Try each k, κ and ℓ that was not tried before."""
-        for k, kappa, ell in gains:
-            if (k, kappa, ell) in self._tried:
+        for each in gains:
+            if each in self._tried:
                 continue
-            self._tried.add((k, kappa, ell))
+            self._tried.add(each)
             try:
-                law = tuned(self._assumed, self._h, k, kappa, ell, COARSE)
-                self.found.append(_judged(self._assumed, law, self._wishes))
+                self.found.append(_designed(self._assumed, self._wishes, self._h, each, COARSE))
             except InfeasibleError as error:
                 self.failing.append(error.failing)
             except UnwishedError as error:
@@ -184,10 +185,8 @@ class _Search:
         return min(self.found, key=lambda each: each.settling.time, default=None)
 
 
-def designed(
-    assumed: Assumptions, wishes: Wishes, h: float, k: float, kappa: float, ell: float
-) -> Design:
-    """Design with given k [1/s], κ [1/s] and ℓ.
+def designed(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> Design:
+    """Design with given gains.
 
     Raises
     ------
@@ -196,93 +195,11 @@ def designed(
     UnwishedError
         The inequalities hold, but not a wish.
     """
-    return _judged(assumed, tuned(assumed, h, k, kappa, ell, FINE), wishes, FINE)
+    return _designed(assumed, wishes, h, gains, FINE)
 
 
-def nearest(
-    assumed: Assumptions, wishes: Wishes, h: float, gains: Gains | None = None
-) -> list[dict[str, float]]:
-    """Nearest values with which a design gives what is wished, by bisection.
-
-    Returns
-    -------
-    list of dict of str to float
-        Each one suffices with all other numbers, also given gains, unchanged, within a factor of
-        1000: a single number, or W with W1 and W2, which scale with it.
-    """
-    found = []
-    for name in ("max_torque", "Omega", "d", "W", "e_S", "dead_band", "h"):
-        scaled = {"h": h} if name == "h" else {x: getattr(assumed, x) for x in _together(name)}
-        factor = _nearest_factor(assumed, wishes, h, gains, name) if scaled[name] else None
-        if factor is not None:
-            found.append({each: factor * value for each, value in scaled.items()})
-    return found
-
-
-def _nearest_factor(
-    assumed: Assumptions, wishes: Wishes, h: float, gains: Gains | None, name: str
-) -> float | None:
-    """Nearest factor of one number with which a design succeeds; None if no factor helps."""
-    first = 0  # of the gains: those that a neighbour was feasible with
-
-    def helps(logarithm: float) -> bool:
-        nonlocal first
-        factor = math.exp(logarithm)
-        scaled = assumed if name == "h" else _scaled(assumed, name, factor)
-        step = factor * h if name == "h" else h
-        tried = [gains] if gains else [*_grid(scaled, step, short=True)]
-        for i in sorted(range(len(tried)), key=lambda i: i != first):
-            if _succeeds(scaled, wishes, step, tried[i]):
-                first = i
-                return True
-        return False
-
-    # Not only too little fails: what is far too much may fail as well.
-    low, high = 0.0, 0.0  # infeasible, feasible: logarithms of a factor
-    for most in _FAR:
-        low, high = high, math.log(most if name in ("max_torque", "Omega") else 1.0 / most)
-        if helps(high):
-            break
-    else:
-        return None
-    while abs(high - low) > 0.05:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if helps(middle) else (middle, high)
-    return math.exp(high)
-
-
-def _succeeds(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> bool:
-    """Tell whether gains satisfy every inequality, and the wishes."""
-    try:
-        tuned(assumed, h, *gains, COARSE, TUMBLING[-1:])  # the last demands least
-        _judged(assumed, tuned(assumed, h, *gains, COARSE), wishes)
-    except (InfeasibleError, UnwishedError):
-        return False
-    return True
-
-
-def _scaled(assumed: Assumptions, name: str, factor: float) -> Assumptions:
-    """Scale one number, and what scales with it."""
-    changed: dict[str, Any] = {each: factor * getattr(assumed, each) for each in _together(name)}
-    return replace(assumed, **changed)
-
-
-def _together(name: str) -> tuple[str, ...]:
-    """Names of what scales with one: the bound of a quantity, and those of its rates."""
-    return ("W", "W1", "W2") if name == "W" else (name,)
-
-
-def _grid(assumed: Assumptions, h: float, *, short: bool = False) -> Iterator[Gains]:
-    """k, κ and ℓ to try."""
-    steps, shares, ells = _SHORT if short else (_KAPPA_H, _K_SHARE, _ELL)
-    late = assumed.late > 0.0
-    for step, share, ell in product(steps, shares, ells):
-        if step <= (0.4 if late else 0.9) and (ell == 1.0 or not late):
-            kappa = float(f"{step / h:.4g}")
-            yield float(f"{share * kappa:.3g}"), kappa, ell
-
-
-def _judged(assumed: Assumptions, law: Law, wishes: Wishes, count: Cells = COARSE) -> Design:
+def _designed(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains, count: Cells) -> Design:
+    law = tuned(assumed, h, gains, count)
     bounds = Bounds(assumed, law, FLOATS, count)
     envelope = Envelope(bounds)
     terminal, fastest = _ALMOST * envelope.terminal(), law.omega0 - assumed.W - bounds.e_w
@@ -298,3 +215,75 @@ def _judged(assumed: Assumptions, law: Law, wishes: Wishes, count: Cells = COARS
     if noise > wishes.torque_noise:
         raise UnwishedError("a torque noise", wishes.torque_noise, noise, "N·m")
     return Design(law, settling, noise)
+
+
+def nearest(
+    assumed: Assumptions, wishes: Wishes, h: float, gains: Gains | None = None
+) -> list[dict[str, float]]:
+    """Nearest values with which a design gives what is wished, by bisection.
+
+    Returns
+    -------
+    list of dict of str to float
+        Each one suffices with all other numbers, also given gains, unchanged, within a factor of
+        1000: a single number, or W with W1 and W2, which scale with it.
+    """
+    found = []
+    for names in (*_MORE_HELPS, *_LESS_HELPS):
+        given = {name: h if name == "h" else getattr(assumed, name) for name in names}
+        factor = _nearest_factor(assumed, wishes, h, gains, given) if given[names[0]] else None
+        if factor is not None:
+            found.append({name: factor * value for name, value in given.items()})
+    return found
+
+
+def _nearest_factor(
+    assumed: Assumptions, wishes: Wishes, h: float, gains: Gains | None, given: dict[str, float]
+) -> float | None:
+    """Nearest factor of given numbers with which a design succeeds; None if no factor helps."""
+    first = 0  # of the gains: those that a neighbour was feasible with
+
+    def helps(logarithm: float) -> bool:
+        nonlocal first
+        changed: dict[str, Any] = {x: math.exp(logarithm) * value for x, value in given.items()}
+        step = changed.pop("h", h)
+        scaled = replace(assumed, **changed)
+        tried = [gains] if gains else [*_grid(scaled, step, short=True)]
+        for i in sorted(range(len(tried)), key=lambda i: i != first):
+            if _succeeds(scaled, wishes, step, tried[i]):
+                first = i
+                return True
+        return False
+
+    # Not only too little fails: what is far too much may fail as well.
+    low, high = 0.0, 0.0  # infeasible, feasible: logarithms of a factor
+    for most in _FAR:
+        low, high = high, math.log(most if (*given,) in _MORE_HELPS else 1.0 / most)
+        if helps(high):
+            break
+    else:
+        return None
+    while abs(high - low) > 0.05:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if helps(middle) else (middle, high)
+    return math.exp(high)
+
+
+def _succeeds(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> bool:
+    """Tell whether gains satisfy every inequality, and the wishes."""
+    try:
+        tuned(assumed, h, gains, COARSE, TUMBLING[-1:])  # the last demands least
+        _designed(assumed, wishes, h, gains, COARSE)
+    except (InfeasibleError, UnwishedError):
+        return False
+    return True
+
+
+def _grid(assumed: Assumptions, h: float, *, short: bool = False) -> Iterator[Gains]:
+    """k, κ and ℓ to try."""
+    steps, shares, ells = _SHORT if short else (_KAPPA_H, _K_SHARE, _ELL)
+    late = assumed.late > 0.0
+    for step, share, ell in product(steps, shares, ells):
+        if step <= (0.4 if late else 0.9) and (ell == 1.0 or not late):
+            kappa = float(f"{step / h:.4g}")
+            yield float(f"{share * kappa:.3g}"), kappa, ell

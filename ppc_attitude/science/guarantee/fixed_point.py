@@ -29,6 +29,7 @@ from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE, Cells
 from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
 
+Gains = tuple[float, float, float]  # k [1/s], κ [1/s], ℓ
 _ROOM = 1e-4  # relative, so that every inequality holds with room for rounding
 _ROUNDS, _FINE_ROUNDS = 40, 15
 _STEADY = 2e-5  # relative change of the tube at which the iteration ends
@@ -51,13 +52,11 @@ class InfeasibleError(ValueError):
 def tuned(
     assumed: Assumptions,
     h: float,
-    k: float,
-    kappa: float,
-    ell: float,
+    gains: Gains,
     count: Cells,
     tumbling: Iterable[float] = TUMBLING,
 ) -> Law:
-    """Return the law that follows from k [1/s], κ [1/s], ℓ, and the first omega0 / Ω that fits.
+    """Return the law that follows from gains, and the first omega0 / Ω that fits.
 
     Raises
     ------
@@ -68,7 +67,7 @@ def tuned(
     for share in tumbling:
         omega0 = float(f"{share * assumed.Omega:.6g}")
         try:
-            return _iterated(assumed, _first(assumed, h, k, kappa, ell, omega0), count)
+            return _iterated(assumed, _first(assumed, h, gains, omega0), count)
         except InfeasibleError as error:
             failing.append(error.failing)
             # A lower omega0 helps the stop phase, and the inertia's error at its rates.
@@ -77,10 +76,9 @@ def tuned(
     raise InfeasibleError(max(failing, key=lambda each: each.room))
 
 
-def _first(
-    assumed: Assumptions, h: float, k: float, kappa: float, ell: float, omega0: float
-) -> Law:
+def _first(assumed: Assumptions, h: float, gains: Gains, omega0: float) -> Law:
     """Begin the iteration with a tube that disturbance and estimate alone need."""
+    k, kappa, ell = gains
     d_max = (1.3 if assumed.eta < 1.0 or assumed.e_S > 0.0 else 1.05) * assumed.d
     free = d_max + (assumed.d + assumed.dead_band) / assumed.eta
     tube = free / kappa * (1.0 + kappa * h * (1.0 - ell) / ell)
