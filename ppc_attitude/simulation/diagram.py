@@ -54,7 +54,6 @@ def run_parts(
     played: Any,
     timetable: Any,
     recorded: Any,
-    rows: Any,
     stamps_ns: Any,
     signals: Any,
     samples: Any,
@@ -76,15 +75,15 @@ def run_parts(
         Places that are filled from the timetable.
     timetable : ndarray, shape (n, m)
         What was computed or recorded before, the numbers of an instant side by side.
-    recorded, rows : ndarray of uint64, shape (r,)
-        Places whose numbers are written to `samples`, and to which of its rows.
+    recorded : ndarray of uint64, shape (r,)
+        Places whose numbers are written to `samples`, each to a row.
     stamps_ns : ndarray of int64, shape (n,)
         Instants [ns].
     signals : ndarray
         The records of all parts.
-    samples : ndarray, shape (m, n)
+    samples : ndarray, shape (≥ r, n)
         Where to write.
-    whole : ndarray of bool, shape (m,)
+    whole : ndarray of bool, shape (r,)
         Becomes False for a row that gets a number that is not finite.
     """
     # Places are unsigned: Numba would look at each signed one whether it counts from the end.
@@ -111,13 +110,13 @@ def run_parts(
             block[each, place] = signals[recorded[each]]
         if k + 1 - first == _BLOCK or k + 1 == stamps_ns.size:
             for each in range(recorded.size):
-                row = samples[rows[each], first : k + 1]
+                row = samples[each, first : k + 1]
                 last = block[each]
                 finite = True
                 for late in range(row.size):
                     row[late] = last[late]
                     finite &= abs(last[late]) < np.inf
-                whole[rows[each]] &= finite
+                whole[each] &= finite
             first = k + 1
 
 
@@ -166,9 +165,7 @@ class Diagram:
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self._signals = np.zeros(starts[-1])
         self._places = _places([component for _, component in chosen], starts)
-        self._timetable = np.zeros((0, 0)) if timetable is None else timetable
-        self._instants_played = np.ascontiguousarray(self._timetable.T)
-        self._played_whole = bool(np.isfinite(self._timetable).all())
+        self._timetable = np.zeros((0, 0)) if timetable is None else timetable.T.copy()
         played: list[int] = []
         instants, first_source, sources = [], [0], []
         self.parts: dict[str, Part] = {}
@@ -214,16 +211,10 @@ class Diagram:
             self._record(columns)
 
     def _record(self, columns: tuple[Column, ...]) -> None:
-        """Arrange what goes on record: the rows of the table, and which places to which rows."""
+        """Arrange what goes on record: a row of the table for each number."""
         self.columns = columns
         self._first_rows = list(accumulate((each.width for each in columns[:-1]), initial=0))
-        places, played = self._places_of(columns), self._played.tolist()
-        self._rows_played = {
-            row: played.index(place) for row, place in enumerate(places) if place in played
-        }
-        rows = [row for row in range(len(places)) if row not in self._rows_played]
-        self._recorded = np.array([places[row] for row in rows], np.uint64)
-        self._rows = np.array(rows, np.uint64)
+        self._recorded = np.array(self._places_of(columns), np.uint64)
 
     whole: frozenset[str] = frozenset()
     """Columns that were finite throughout in the last run."""
@@ -268,21 +259,18 @@ class Diagram:
             A row for each number of `columns`. So the instants of a number lie side by side, and
             who reads one column need not pass the others.
         """
-        numbers = self._rows.size + len(self._rows_played)
+        numbers = self._recorded.size
         if samples is None:
             samples = np.zeros((numbers, stamps_ns.size))
         whole = np.ones(numbers, np.bool_)
-        for row, played in self._rows_played.items():
-            samples[row], whole[row] = self._timetable[played], self._played_whole
         run_parts(
             np.array([part.addresses for part in self.parts.values()], np.uint64).reshape(-1, 5),
             self._instants,
             self._first_source,
             self._sources,
             self._played,
-            self._instants_played,
+            self._timetable,
             self._recorded,
-            self._rows,
             stamps_ns,
             self._signals,
             samples,
@@ -336,7 +324,6 @@ def play(
         np.arange(_INSTANT, _INSTANT + len(inputs), dtype=np.uint64),
         np.ascontiguousarray(inputs.T),
         np.array(recorded, np.uint64),
-        np.arange(len(recorded), dtype=np.uint64),
         stamps_ns,
         part.signals,
         samples,
