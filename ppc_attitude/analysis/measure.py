@@ -17,12 +17,11 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, beyond, bound_of, envelopes_of, outside
-from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.pulses import Pulse, find_pulses
 from ppc_attitude.analysis.requirements import (
     PAPER,
@@ -40,7 +39,6 @@ from ppc_attitude.analysis.series import (
     step,
     topic_of,
     vectors,
-    zero_ns,
 )
 from ppc_attitude.analysis.truth import (
     EXACT,
@@ -72,7 +70,6 @@ from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
-_Found = TypeVar("_Found")
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
 _NAMED = {
@@ -128,9 +125,7 @@ class Measured:
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (self.begin, min(self.first_hit, self.end))
-        early = "nothing"
-        if any(not each.jumps for each in envelopes_of(record)):
-            early = "the envelope"
+        early = "nothing" if all(each.jumps for each in envelopes_of(record)) else "the envelope"
         self.hits = tuple(
             Disturbance(
                 **vars(pulse),
@@ -156,26 +151,6 @@ class Measured:
         )
         self.last_span = (max(self.end - required.terminal_window, self.known_from), self.end)
         self.last = self.t >= np.round(self.end - required.terminal_window, 9)
-
-    @property
-    def duration_s(self) -> float:
-        """From the first instant to the last [s]."""
-        return round(self.end - self.begin, 9)
-
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """Faults of the plant's hardware that acted, each in a few words."""
-        return tuple(map(str, faults_of(self.record)))
-
-    @property
-    def changes(self) -> tuple[str, ...]:
-        """Parameters that were changed in flight, each in a few words."""
-        told = []
-        for change, before in self.record.told_changes:
-            old = "" if before is None else f"{before} → "
-            since = f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}"
-            told.append(f"{change.node} {change.name} {old}{change.value} from {since} s on")
-        return tuple(told)
 
     def lacks(self, *columns: str) -> str:
         """Why something cannot be judged: the topics that the record lacks; empty if none."""

@@ -57,6 +57,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, envelopes_of, outside
+from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import judge_filter
 from ppc_attitude.analysis.flight import judge_orders
 from ppc_attitude.analysis.guarantee import judge_certificate
@@ -70,7 +71,7 @@ from ppc_attitude.analysis.requirements import (
     outside_names,
 )
 from ppc_attitude.analysis.reserves import judge_fuel, judge_wheels
-from ppc_attitude.analysis.series import has, largest
+from ppc_attitude.analysis.series import has, largest, zero_ns
 from ppc_attitude.analysis.truth import EXACT, RECORDED, lost
 from ppc_attitude.analysis.verdict import (
     MET,
@@ -129,6 +130,26 @@ class Verdict(Measured):
         counts = [(outcomes.count(each), each) for each in (NOT_MET, NOT_JUDGED, MET)]
         told = ", ".join(f"{count} {outcome}" for count, outcome in counts if count)
         return f"{told} of {len(outcomes)} requirements"
+
+    @property
+    def duration_s(self) -> float:
+        """From the first instant to the last [s]."""
+        return round(self.end - self.begin, 9)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Faults of the plant's hardware that acted, each in a few words."""
+        return tuple(map(str, faults_of(self.record)))
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Parameters that were changed in flight, each in a few words."""
+        told = []
+        for change, before in self.record.told_changes:
+            old = "" if before is None else f"{before} → "
+            since = f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}"
+            told.append(f"{change.node} {change.name} {old}{change.value} from {since} s on")
+        return tuple(told)
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that ``ppc_attitude analyse --json`` prints."""
