@@ -110,8 +110,7 @@ class BagRecorder(BaseNode):
             raise ConfigurationError(str(error)) from None
         self._flow = Flow()
         self._executor = SingleThreadedExecutor()
-        self._heard = 0  # messages, whether the executor took them or `wake`
-        self._heard_at = 0.0  # time of the last look that found any
+        self._heard_at = 0.0  # time of the last look that found any message
         self._about: Mapping[str, Any] = {}  # what rclpy says of the last one
         self._written = 0
         self._now = 0.0
@@ -130,8 +129,7 @@ class BagRecorder(BaseNode):
         samples = self._run_info.get("samples", {})
         told = {home: of_namespace(samples, home) for home in self._recordings}
         self._graph = RunGraph(self, told)
-        ask = not self._run_info
-        self._survey = ParameterSurvey(self, self._graph, self._learn) if ask else None
+        self._survey = None if self._run_info else ParameterSurvey(self, self._graph, self._learn)
         tell(BAG, str(self._path))
         self.get_logger().info(f"recording to {self._path}")
 
@@ -209,11 +207,11 @@ class BagRecorder(BaseNode):
         # Who takes two arguments is told the number, also of what the executor has taken; rclpy's
         # events executor fails at that.
         def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
-            self._heard, self._about = self._heard + 1, about
+            self._about = about
             recording.event(name, header_stamp(data, msgtype), data, topic.source == PLANT)
 
         def receive(data: bytes, about: Mapping[str, Any]) -> None:
-            self._heard, self._about = self._heard + 1, about
+            self._about = about
             if self.wake_at:  # the executor took the first after a silence: `wake` takes the others
                 self.wake_now()
             number = about["publication_sequence_number"]
@@ -289,25 +287,18 @@ class BagRecorder(BaseNode):
     def _take_gathered(self) -> None:
         """Take all that has arrived."""
         self._now = time.monotonic()
-        before = self._heard
         if self._now - self._listened < _LISTEN:
-            for ear in self._lively:
-                self._take(ear)
+            heard = [ear for ear in self._lively if take_gathered(ear.subscription)]
         else:  # a look costs a few microseconds, and most topics of the contract are silent
             self._listened = self._now
-            self._lively = [each for each in tuple(self._ears.values()) if self._take(each)]
+            ears = tuple(self._ears.values())
+            heard = self._lively = [ear for ear in ears if take_gathered(ear.subscription)]
         for home, recording in self._recordings.items():
             stamp = recording.progress()
             if stamp is not None:
                 self._progress[home].publish(encode_clock(stamp))
-        if self._heard != before:
+        if heard:
             self._heard_at = self._now
-
-    def _take(self, ear: _Ear) -> bool:
-        """Take all that has arrived on a topic; False if there was nothing."""
-        before = self._heard
-        take_gathered(ear.subscription)
-        return self._heard != before
 
     def drain(self, executor: Executor) -> None:
         """Take all that was sent before the stop: until nothing has come for a while.

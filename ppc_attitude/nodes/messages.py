@@ -145,15 +145,19 @@ class Inbox:
         return RefusedError(f"{self._topic.name}: {reason}")
 
 
-def take_gathered(subscription: Any) -> None:
+def take_gathered(subscription: Any) -> bool:
     """Call a subscription back with each message that has gathered, and what rclpy says about it.
 
-    It does not wait for the executor, which by itself does not tell the number of a message.
+    It does not wait for the executor, which by itself does not tell the number of a message. False
+    if there was none.
     """
     handle, kind, receive = subscription.handle, subscription.msg_type, subscription.callback
+    message = None
     with handle:
-        while (message := handle.take_message(kind, True)) is not None:
+        while (taken := handle.take_message(kind, True)) is not None:
+            message = taken
             receive(*message)
+    return message is not None
 
 
 class LatestSamples:
