@@ -235,19 +235,14 @@ class BaseNode(Node):
             self.get_logger().info(text)
 
     def say_all(self, news: Iterable[Advice]) -> None:
-        """Log advice of the node's components."""
-        for advice in news:
-            self.say(advice.text, advice.warning, advice.failed)
-
-    def say(self, text: str, warning: bool, failed: bool = False) -> None:
-        """Log a text, as an error, a warning or neither."""
-        # A line of source each: rclpy ties a severity to it.
-        if failed:
-            self.get_logger().error(text)
-        elif warning:
-            self.get_logger().warning(text)
-        else:
-            self.get_logger().info(text)
+        """Log advice, of the node's components or its own, as errors, warnings or neither."""
+        for advice in news:  # a line of source each: rclpy ties a severity to it
+            if advice.failed:
+                self.get_logger().error(advice.text)
+            elif advice.warning:
+                self.get_logger().warning(advice.text)
+            else:
+                self.get_logger().info(advice.text)
 
     def report(self, stamp_ns: int, at_once: bool = False) -> None:
         """Publish diagnostics once per simulated second, or at once."""

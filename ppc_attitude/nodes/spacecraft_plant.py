@@ -41,7 +41,7 @@ from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, WARN, Status
 from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
 from ppc_attitude.runtime.stamps import Values
-from ppc_attitude.science.component import Column, Component, read_from_elsewhere
+from ppc_attitude.science.component import Advice, Column, Component, read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, acting_of, fault_texts
 from ppc_attitude.science.kinds import CONTROLLERS, KINDS
@@ -180,7 +180,7 @@ class SpacecraftPlant(BaseNode):
 
     def announce(self, text: str, warning: bool) -> None:
         """Log that something has changed, and report it."""
-        self.say(text, warning)
+        self.say_all([Advice(text, warning)])
         self.report(self._stamp, at_once=True)
 
     # What comes from outside.
