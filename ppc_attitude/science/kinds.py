@@ -158,22 +158,18 @@ class Kind:
         """Name of what is selected where nobody selects."""
         return NONE if self.optional else next(iter(self.components))
 
-    @property
-    def _selector(self) -> Parameter:
-        """The parameter that selects a component."""
-        names = (NONE,) * self.optional + tuple(self.components)
-        return Parameter(
-            self.selector,
-            self.default,
-            self.description,
-            choices=names,
-            read_only=self.read_only,
-            switch=self.switch,
-        )
-
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the selecting parameter, if there is one, and those of all components."""
-        merged = {self.selector: self._selector} if self.selector else {}
+        merged = {}
+        if self.selector:
+            merged[self.selector] = Parameter(
+                self.selector,
+                self.default,
+                self.description,
+                choices=(NONE,) * self.optional + tuple(self.components),
+                read_only=self.read_only,
+                switch=self.switch,
+            )
         for component in self.components.values():
             merged.update({parameter.name: parameter for parameter in component.parameters})
         return tuple(merged.values())
