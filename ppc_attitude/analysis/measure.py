@@ -30,16 +30,7 @@ from ppc_attitude.analysis.requirements import (
     component_size,
     names_of,
 )
-from ppc_attitude.analysis.series import (
-    Mask,
-    elapsed,
-    has,
-    known,
-    largest,
-    step,
-    topic_of,
-    vectors,
-)
+from ppc_attitude.analysis.series import Mask, elapsed, has, known, largest, step, topic_of, vectors
 from ppc_attitude.analysis.truth import (
     EXACT,
     Errors,

@@ -63,13 +63,7 @@ from ppc_attitude.analysis.flight import judge_orders
 from ppc_attitude.analysis.guarantee import judge_certificate
 from ppc_attitude.analysis.keep_out import judge_cones
 from ppc_attitude.analysis.measure import Measured, window
-from ppc_attitude.analysis.requirements import (
-    DEGREES,
-    PAPER,
-    Accuracy,
-    Requirements,
-    outside_names,
-)
+from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
 from ppc_attitude.analysis.reserves import judge_fuel, judge_wheels
 from ppc_attitude.analysis.series import has, largest, zero_ns
 from ppc_attitude.analysis.truth import EXACT, RECORDED, lost

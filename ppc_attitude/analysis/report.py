@@ -221,13 +221,7 @@ def _disturbances(verdict: Verdict) -> str:
     if not verdict.metrics.disturbances:
         return "<p>No sudden disturbance.</p>"
     rows = [
-        (
-            f"{hit.start_s:g}",
-            f"{hit.duration_s:g}",
-            torque_text(hit),
-            hit.outcome,
-            hit.judged_by,
-        )
+        (f"{hit.start_s:g}", f"{hit.duration_s:g}", torque_text(hit), hit.outcome, hit.judged_by)
         for hit in verdict.metrics.disturbances
     ]
     titles = ("start [s]", "duration [s]", "torque x, y, z [N·m]", "recovery", "judged by")

@@ -51,9 +51,7 @@ class RunFacts(NamedTuple):
 
 
 def encode_custom_data(
-    controller: str,
-    parameters: Mapping[str, Mapping[str, Any]],
-    metadata: Mapping[str, str],
+    controller: str, parameters: Mapping[str, Mapping[str, Any]], metadata: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the custom data of a bag that states these facts.
 

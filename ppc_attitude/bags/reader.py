@@ -29,13 +29,7 @@ from ppc_attitude.bags.timeline import Timeline, align
 from ppc_attitude.contract.carriers import carriers
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED, not_installed, promised
 from ppc_attitude.contract.run_record import Change, RunRecord, told
-from ppc_attitude.contract.topics import (
-    ANGULAR_VELOCITY,
-    APPLIED_TORQUE,
-    ATTITUDE,
-    PLANT,
-    Topic,
-)
+from ppc_attitude.contract.topics import ANGULAR_VELOCITY, APPLIED_TORQUE, ATTITUDE, PLANT, Topic
 from ppc_attitude.science.stamps import LATEST, seconds, stamp_of
 
 
@@ -271,10 +265,7 @@ def _held(bag: Bag) -> str:
 
 
 def _lacking(
-    bag: Bag,
-    home: str,
-    series: Collection[Topic],
-    parameters: Mapping[str, Mapping[str, Any]],
+    bag: Bag, home: str, series: Collection[Topic], parameters: Mapping[str, Mapping[str, Any]]
 ) -> dict[Topic, str]:
     """Topics that a run should have and has not, and why if the bag has them after all."""
     found = {}

@@ -20,14 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
-from ppc_attitude.contract.topics import (
-    CONTROLLER,
-    MARKERS,
-    OF_A_RUN,
-    PLANT,
-    RECORDER,
-    SOURCES,
-)
+from ppc_attitude.contract.topics import CONTROLLER, MARKERS, OF_A_RUN, PLANT, RECORDER, SOURCES
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.simulation.closed_loop import warm_up

@@ -92,9 +92,7 @@ def _complete() -> None:
     argcomplete.autocomplete(parser)
 
 
-def parsers(
-    names: Sequence[str] = COMMANDS,
-) -> "tuple[Parser, argparse._SubParsersAction[Parser]]":
+def parsers(names: Sequence[str] = COMMANDS) -> "tuple[Parser, argparse._SubParsersAction[Parser]]":
     """Build the parser of the executable, and what holds those of its commands by their names."""
     parser = Parser(
         prog="ppc_attitude",

@@ -148,13 +148,7 @@ def slew_conditions(scenario: Scenario, required: Requirements) -> Iterator[Cond
     times = reference[GOAL_TIMES.name]
     end = scenario.number(PLANT, "duration")
     if times and end:
-        yield _at_most(
-            "last goal",
-            max(times),
-            end,
-            "s",
-            "all goals begin before the run ends",
-        )
+        yield _at_most("last goal", max(times), end, "s", "all goals begin before the run ends")
     law = scenario.parameters[CONTROLLER]
     if scenario.controller.name == ppc.COMPONENT.name and required.rate is not None:
         yield _rate_of_slew(rate, times, law, required.rate)

@@ -54,11 +54,7 @@ def box(position: kernel.Vector, attitude: kernel.Quaternion) -> Marker:
 
 
 def axes(
-    name: str,
-    position: kernel.Vector,
-    attitude: kernel.Quaternion,
-    length: float,
-    alpha: float,
+    name: str, position: kernel.Vector, attitude: kernel.Quaternion, length: float, alpha: float
 ) -> list[Marker]:
     """Return the three axes of a frame, x y z in red, green and blue."""
     return [

@@ -14,12 +14,7 @@
 
 """Quality of service of every topic, in one place."""
 
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_profile_parameter_events,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_parameter_events
 
 from ppc_attitude.contract.topics import (
     CLOCK_TOPIC,

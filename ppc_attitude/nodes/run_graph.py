@@ -113,10 +113,7 @@ class ParameterSurvey:
     """
 
     def __init__(
-        self,
-        node: Node,
-        graph: RunGraph,
-        on_answer: Callable[[str, str, dict[str, Any]], None],
+        self, node: Node, graph: RunGraph, on_answer: Callable[[str, str, dict[str, Any]], None]
     ) -> None:
         self._node = node
         self._graph = graph

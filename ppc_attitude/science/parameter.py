@@ -183,13 +183,7 @@ class Parameter:
 at_start = partial(Parameter, read_only=True)
 """Make a parameter that only has effect at start."""
 RATE = at_start(
-    "rate",
-    100.0,
-    "steps per second of simulated time",
-    "Hz",
-    low=1.0,
-    high=10000.0,
-    agreed=True,
+    "rate", 100.0, "steps per second of simulated time", "Hz", low=1.0, high=10000.0, agreed=True
 )
 """Of the plant, and of whatever else counts in its steps."""
 

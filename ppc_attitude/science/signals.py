@@ -41,9 +41,7 @@ TRUE_ATTITUDE = _attitude(
     meaning=f"true attitude, body to inertial, x y z w; {_DIFFERS}",
 )
 TRUE_RATE = _of_body(
-    "truth_angular_velocity",
-    "truth/angular_velocity",
-    meaning=f"true angular velocity; {_DIFFERS}",
+    "truth_angular_velocity", "truth/angular_velocity", meaning=f"true angular velocity; {_DIFFERS}"
 )
 ATTITUDE = _attitude("attitude", "attitude", meaning="attitude, body to inertial, x y z w")
 ANGULAR_VELOCITY = _of_body("angular_velocity", "angular_velocity", meaning="angular velocity")

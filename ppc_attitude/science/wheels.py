@@ -64,11 +64,7 @@ INITIAL_SPEED = _of_each(
 VISCOUS = _of_each("wheels.viscous", 3e-6, "viscous friction", "N·m·s", low=0.0)
 COULOMB = _of_each("wheels.coulomb", 5e-4, "Coulomb friction", "N·m", low=0.0)
 STATIC = _of_each(
-    "wheels.static",
-    8e-4,
-    "static friction, at least the Coulomb friction",
-    "N·m",
-    low=0.0,
+    "wheels.static", 8e-4, "static friction, at least the Coulomb friction", "N·m", low=0.0
 )
 STRIBECK_SPEED = _of_each(
     "wheels.stribeck_speed",

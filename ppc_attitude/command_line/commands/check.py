@@ -225,10 +225,7 @@ def _condition(condition: Condition) -> dict[str, Any]:
 
 
 def _print(
-    scenario: Scenario,
-    conditions: tuple[Condition, ...],
-    q_e: Quaternion,
-    advices: list[Advice],
+    scenario: Scenario, conditions: tuple[Condition, ...], q_e: Quaternion, advices: list[Advice]
 ) -> None:
     rate = scenario.number(PLANT, "rate")
     print(f"controller {scenario.controller.name}, {rate:g} Hz")

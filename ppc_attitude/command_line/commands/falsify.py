@@ -78,9 +78,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"of settling and terminal: error below which it is settled; default {SETTLED:g}",
     )
     parser.add_argument(
-        "--after",
-        type=NOT_NEGATIVE,
-        help="of rate and bounds: judged from here on [s]; default 0",
+        "--after", type=NOT_NEGATIVE, help="of rate and bounds: judged from here on [s]; default 0"
     )
     for option, allowed, default, told in (
         ("--start-rate", number(0.0, 5000.0, "deg/s"), 1.0, "largest ‖ω_s‖ at the start [deg/s]"),

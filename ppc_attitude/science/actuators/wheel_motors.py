@@ -41,14 +41,7 @@ from ppc_attitude.science.faults import (
 from ppc_attitude.science.kernel import cross, kernel, scale, store, subtract, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TRUE_RATE
-from ppc_attitude.science.wheels import (
-    TRACE,
-    WHEELS,
-    friction,
-    momentum,
-    room,
-    wheel_record,
-)
+from ppc_attitude.science.wheels import TRACE, WHEELS, friction, momentum, room, wheel_record
 
 _SEIZING = 0.1  # [s] in which the speed of a wheel that seizes falls to 1/e
 CONFIGURATION = record_type(("wheels", WHEELS), ("faults", RECORD))

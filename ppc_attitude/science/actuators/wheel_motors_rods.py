@@ -25,16 +25,7 @@ from ppc_attitude.science.actuators import wheel_motors
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import RECORD, Failure, faults_of, faulty
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
-from ppc_attitude.science.kernel import (
-    Vector,
-    add,
-    cross,
-    kernel,
-    largest,
-    scale,
-    store,
-    vector,
-)
+from ppc_attitude.science.kernel import Vector, add, cross, kernel, largest, scale, store, vector
 from ppc_attitude.science.magnetorquers import DIPOLE, MAX_DIPOLE, torque_of_rods
 from ppc_attitude.science.parameter import filled, record_type
 

@@ -65,12 +65,7 @@ _OWN = (
 )
 PARAMETERS = (INERTIA, MAX_TORQUE, D_M, MU, *_OWN, *ATTITUDE_PARAMETERS)
 CONFIGURATION = record_type(
-    *_OWN,
-    D_M,
-    MU,
-    MAX_TORQUE,
-    ("inertia", np.float64, (3, 3)),
-    ("shape", SHAPE),
+    *_OWN, D_M, MU, MAX_TORQUE, ("inertia", np.float64, (3, 3)), ("shape", SHAPE)
 )
 MEMORY = record_type(("started", np.float64), ("start", np.float64))
 # F_e⁻¹ is singular at q_e0 = 0; a reconstruction keeps that, but never divides by zero.

@@ -50,11 +50,7 @@ class InfeasibleError(ValueError):
 
 
 def tuned(
-    assumed: Assumptions,
-    h: float,
-    gains: Gains,
-    count: Cells,
-    tumbling: Iterable[float] = TUMBLING,
+    assumed: Assumptions, h: float, gains: Gains, count: Cells, tumbling: Iterable[float] = TUMBLING
 ) -> Law:
     """Return the law that follows from gains, and the first omega0 / Ω that fits.
 

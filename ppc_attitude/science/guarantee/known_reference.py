@@ -109,11 +109,7 @@ class KnownReference:
     """
 
     def __init__(
-        self,
-        assumed: Assumptions,
-        law: Law,
-        rate_at: Callable[[Array], Array],
-        ahead: Array,
+        self, assumed: Assumptions, law: Law, rate_at: Callable[[Array], Array], ahead: Array
     ) -> None:
         self._assumed, self._law, self._rate_at, self._ahead = assumed, law, rate_at, ahead
         self._lead = min(float(np.linalg.norm(ahead)), assumed.lead)

@@ -23,13 +23,7 @@ import numpy as np
 
 from ppc_attitude.science.attitude import conjugate, product
 from ppc_attitude.science.guidance.frames import INERTIAL, LEAST_SINE, SKY, SPIN, frame_at
-from ppc_attitude.science.guidance.plan import (
-    LIMITS,
-    LOOK,
-    PLAN,
-    plan_motion,
-    start_plan,
-)
+from ppc_attitude.science.guidance.plan import LIMITS, LOOK, PLAN, plan_motion, start_plan
 from ppc_attitude.science.guidance.rotation import Motion, axis_and_angle, standing
 from ppc_attitude.science.guidance.sight import crossing, directions_at, goal_at
 from ppc_attitude.science.guidance.slew import (

@@ -228,10 +228,7 @@ def gyro_sample(
     sigma = louder * math.sqrt(
         sample_variance(gyro.white * gyro.white, 0.0, gyro.walk * gyro.walk, h)
     )
-    measured = add(
-        add(apply(matrix(gyro.response), rate), bias),
-        scale(sigma, noise),
-    )
+    measured = add(add(apply(matrix(gyro.response), rate), bias), scale(sigma, noise))
     return (
         _read_axis(measured[0], gyro.resolution, gyro.full_scale),
         _read_axis(measured[1], gyro.resolution, gyro.full_scale),
