@@ -34,7 +34,7 @@ from rclpy.time import Time
 from std_msgs.msg import Header
 
 from ppc_attitude.contract.cdr import LARGEST, CdrError, Codec, Sample, finite
-from ppc_attitude.contract.topics import ATTITUDE, MSGTYPES, Topic
+from ppc_attitude.contract.topics import ATTITUDE, Topic
 from ppc_attitude.nodes.qos import ONLOOKER, PEER, published
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
@@ -84,11 +84,6 @@ class Inbox:
         self._topic = topic
         self._codec = Codec(topic)
         self._frames = {topic.frame_id} if topic.source else {topic.frame_id, ""}
-        self._is_attitude = topic.msgtype == MSGTYPES[QUATERNION]
-        self._may_be_unknown = topic.name == ATTITUDE.name  # a zero quaternion: no estimate yet
-        self._is_fix = topic.form == FIX
-        self._is_rate = topic.form == GYRO
-        self._is_torque = topic.msgtype == MSGTYPES[WRENCH]
 
     def read(self, data: bytes) -> Sample:
         """Checked sample; a quaternion is normalised.
@@ -105,7 +100,8 @@ class Inbox:
         except CdrError as error:
             raise self._refusal(error) from None
         stamp_ns, frame_id, values = sample
-        if self._is_torque and not any(values) and self._codec.has_force(data):
+        form = self._topic.form
+        if form == WRENCH and not any(values) and self._codec.has_force(data):
             raise self._refusal("a force without a torque; forces are not used")
         if frame_id not in self._frames:
             raise self._refusal(f"frame_id {frame_id!r}; allowed: {self._topic.frame_id!r}")
@@ -113,15 +109,15 @@ class Inbox:
             raise self._refusal(f"negative stamp {stamp_ns} ns")
         if not finite(values):
             raise self._refusal(f"{values} is not finite")
-        if self._may_be_unknown and not any(values):
-            return sample
-        if self._is_attitude:
+        if self._topic.name == ATTITUDE.name and not any(values):
+            return sample  # no estimate yet
+        if form == QUATERNION:
             return Sample(stamp_ns, frame_id, self._unit(values))
-        if self._is_fix and any(values[:4]):
+        if form == FIX and any(values[:4]):
             if min(values[4:]) < 0.0 or max(values[4:]) > FIX_VARIANCE:
                 raise self._refusal(f"variances {values[4:]} rad²; allowed: ≥ 0 and ≤ π² of a fix")
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
-        if self._is_rate and values != _NO_RATE and not 0.0 <= values[3] <= GYRO_VARIANCE:
+        if form == GYRO and values != _NO_RATE and not 0.0 <= values[3] <= GYRO_VARIANCE:
             raise self._refusal(
                 f"variance {values[3]} (rad/s)²; allowed: ≥ 0 and ≤ {GYRO_VARIANCE:g} of a rate, "
                 "−1 of none, which is zero"
