@@ -99,7 +99,7 @@ class SpacecraftPlant(BaseNode):
             )
 
     def _apply_parameters(self) -> None:
-        self.take_changes(self._stamp)
+        self.take_changes(self.pace.stamp)
         values: Mapping[str, Any] = self.parameters.values
         motion, acting = _split(values)
         self._motion.configure(motion, values)
@@ -127,7 +127,6 @@ class SpacecraftPlant(BaseNode):
         """Take the initial state at time zero."""
         self._motion.forget()
         self._acting.forget()
-        self._stamp = 0
         zeros = {column.name: (0.0,) * column.width for column in self._motion.inputs}
         self._state = self._motion.step(0, zeros)
         self.say_all(self._motion.news())
@@ -142,7 +141,6 @@ class SpacecraftPlant(BaseNode):
     def move_to(self, stamp_ns: int) -> None:
         """Reach the next stamp [ns]."""
         self._state = self._motion.step(stamp_ns, self._acted)
-        self._stamp = stamp_ns
         rate = self._state[TRUE_RATE.column]
         if not sum(map(abs, rate)) <= LARGEST:  # NaN is not either
             why = first_raised((*self._acting.parts, *self._motion.parts))
@@ -155,24 +153,24 @@ class SpacecraftPlant(BaseNode):
     def show(self) -> None:
         """Publish the present state: the attitude last, because all peers start at it."""
         if why := self._motion.not_finite(self._state, self._state_columns):
-            raise _FailedError(f"at t = {seconds(self._stamp):.3f} s {why}")
-        self._publish_clock(encode_clock(self._stamp))
+            raise _FailedError(f"at t = {seconds(self.pace.stamp):.3f} s {why}")
+        self._publish_clock(encode_clock(self.pace.stamp))
         for name in reversed(self._state_columns):
-            self._senders[name](self._stamp, self._state[name])
+            self._senders[name](self.pace.stamp, self._state[name])
 
     def tell_acted(self) -> None:
         """Publish the torque that acted last."""
         for name in self._acted_columns:
             self._senders[name](self._acted_at, self._acted[name])
         self.say_all(self._acting.news())
-        self.report(self._stamp)
+        self.report(self.pace.stamp)
         self._tell_time()
 
     def _tell_time(self) -> None:
         """Tell now and then how far it is, and so that it goes on."""
         if self.now() - self._told_at > _PROGRESS_PERIOD:
             self._told_at = self.now()
-            tell(TIME, seconds(self._stamp))
+            tell(TIME, seconds(self.pace.stamp))
 
     def is_published(self, name: str) -> bool:
         """True if anybody publishes on a topic."""
@@ -181,7 +179,7 @@ class SpacecraftPlant(BaseNode):
     def announce(self, text: str, warning: bool) -> None:
         """Log that something has changed, and report it."""
         self.say_all([Advice(text, warning)])
-        self.report(self._stamp, at_once=True)
+        self.report(self.pace.stamp, at_once=True)
 
     # What comes from outside.
 
@@ -198,7 +196,7 @@ class SpacecraftPlant(BaseNode):
         try:
             result = move(*values, self.now())
         except _FailedError as reason:
-            self.fail(self._stamp, str(reason))
+            self.fail(self.pace.stamp, str(reason))
             return None
         if self.pace.finished:
             self.finish()
@@ -229,7 +227,7 @@ class SpacecraftPlant(BaseNode):
         """Waiting, zero torque for lack of commands, faulty, or running."""
         level, summary, details = self.pace.report(self.now())
         numbers = {**self._motion.numbers, **self._acting.numbers}
-        faults = "; ".join(acting_of(fault_texts(self.parameters.values), self._stamp))
+        faults = "; ".join(acting_of(fault_texts(self.parameters.values), self.pace.stamp))
         if level == OK and faults:
             level, summary = WARN, f"{summary} with {faults}"
         for part in self._acting.parts:
