@@ -131,8 +131,7 @@ def unzstd_file(source: BinaryIO, target: BinaryIO, allowance: Allowance) -> Non
     """
     try:
         with zstandard.ZstdDecompressor().stream_reader(source) as stream:
-            for piece in _pieces(stream, allowance):
-                target.write(piece)
+            target.writelines(_pieces(stream, allowance))
     except zstandard.ZstdError as error:
         raise BagError(str(error)) from error
 

@@ -223,7 +223,7 @@ def execute(arguments: argparse.Namespace) -> int:
     except (InfeasibleError, UnwishedError) as error:
         print(error)
         if isinstance(error, InfeasibleError):
-            print("\n".join(_helps(nearest(assumed, wishes, h, arguments.gains))))
+            print(_helps(nearest(assumed, wishes, h, arguments.gains)))
         return REQUIREMENT_FAILED
     except ArithmeticError:  # numbers that are so large or small are no gains of any craft
         if not arguments.gains:
@@ -282,13 +282,11 @@ def _values(assumed: Assumptions, law: Law) -> dict[str, object]:
     return dict(values)
 
 
-def _helps(found: list[dict[str, float]]) -> list[str]:
+def _helps(found: list[dict[str, float]]) -> str:
     if not found:
-        return ["no single number helps: change several"]
-    lines = ["feasible, each alone, the others as they are:"]
-    for values in found:
-        lines.append("  " + ", ".join(_written(name, value) for name, value in values.items()))
-    return lines
+        return "no single number helps: change several"
+    told = (", ".join(_written(*each) for each in values.items()) for values in found)
+    return "\n  ".join(["feasible, each alone, the others as they are:", *told])
 
 
 def _written(name: str, value: float) -> str:
