@@ -227,7 +227,9 @@ class BagRecorder(BaseNode):
             if full not in self._announced:
                 self._announced.add(full)
                 topic = self._ears[full].topic
-                self._writer.add_topic(full, topic.msgtype, [_offered(topic)])
+                qos = published(topic)
+                offered = offered_qos(qos.reliability.name, qos.durability.name, qos.depth)
+                self._writer.add_topic(full, topic.msgtype, [offered])
             self._writer.write(full, time_ns, data)
             self._written += 1
         except BagError as error:
@@ -248,10 +250,8 @@ class BagRecorder(BaseNode):
         for full, (home, topic, _) in self._ears.items():
             if topic.column and self.count_publishers(full) > 1:
                 self._recordings[home].see(topic.name, publishing_nodes(self, full), self._now)
-        if runs:
-            for name in self._incompatible:
-                self._take_less(name)
-            self._incompatible.clear()
+        while runs and self._incompatible:
+            self._take_less(self._incompatible.pop())
 
     def _can_be_written(self, topic: Topic) -> bool:
         reason = "" if BagWriter.knows(topic.msgtype) else f"{topic.msgtype} is not in Jazzy"
@@ -310,16 +310,13 @@ class BagRecorder(BaseNode):
         end = inf
         while not self.failure and self._now < min(max(begun, self._heard_at) + _QUIET, end):
             self._take_gathered()
-            if end == inf and self._is_sent_after(late):
+            last = self._about  # its sender's clock may be wrong
+            sent = min(last.get("source_timestamp", 0), last.get("received_timestamp", 0))
+            if end == inf and sent > late:
                 end = self._now + _QUIET
                 for recording in self._recordings.values():
                     recording.end()
             executor.spin_once(timeout_sec=_BATCH)
-
-    def _is_sent_after(self, time_ns: int) -> bool:
-        """True if the last message was sent after a time [ns]; the sender's clock may be wrong."""
-        times = [self._about.get(each, 0) for each in ("source_timestamp", "received_timestamp")]
-        return bool(min(times) > time_ns)
 
     def close(self) -> None:
         """Finish the bag, and say whether it is complete."""
@@ -372,11 +369,6 @@ class BagRecorder(BaseNode):
         if self.is_idle():
             return Status(STALE, f"waiting for {ATTITUDE.name}", details)
         return Status(OK, "recording", details)
-
-
-def _offered(topic: Topic) -> Any:
-    profile = published(topic)
-    return offered_qos(profile.reliability.name, profile.durability.name, profile.depth)
 
 
 def _states_in(namespace: str) -> str:
