@@ -148,12 +148,12 @@ def take_gathered(subscription: Any) -> bool:
     if there was none.
     """
     handle, kind, receive = subscription.handle, subscription.msg_type, subscription.callback
-    message = None
+    found = False
     with handle:
-        while (taken := handle.take_message(kind, True)) is not None:
-            message = taken
+        while (message := handle.take_message(kind, True)) is not None:
+            found = True
             receive(*message)
-    return message is not None
+    return found
 
 
 class LatestSamples:
