@@ -57,6 +57,7 @@ from ppc_attitude.science.wheels import WHEELS, friction, momentum
 
 MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
+_PHASE = 0.07  # [rad] in a part of a step; there Runge-Kutta is off by 3e-9 rad after a minute
 # By the transition speed of a wheel: where it is smooth again, and what it may cross in a part.
 _SMOOTH, _CROSSED = 10.0, 0.5
 FREQUENCY = at_start(
@@ -80,6 +81,7 @@ _MODES = record_type(
     ("frequency", np.float64, (MAX_MODES,)),  # Ω [rad/s] with the body held fast
     ("damping", np.float64, (MAX_MODES,)),  # ζ
     ("coupling", np.float64, (MAX_MODES, 3)),  # δ [kg^½·m] body
+    ("fastest", np.float64),  # [rad/s] of the craft that is free, damping included
 )
 CONFIGURATION = record_type(
     ("body", rigid_body.CONFIGURATION),  # its inverse: of J − Σ J_s a aᵀ − δᵀδ
@@ -124,7 +126,7 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
             f"{spin.tolist()}, and modes, {(inertia - spin - rest).tolist()}"
         )
     record["body"]["inertia_inverse"] = np.linalg.inv(rest)
-    _see_that_steps_follow(values, modes, inertia - spin)
+    record["modes"]["fastest"] = _fastest(values, modes, inertia - spin)
     return record
 
 
@@ -145,12 +147,11 @@ def _modes(values: Mapping[str, Any]) -> Any:
     return record
 
 
-def _see_that_steps_follow(
-    values: Mapping[str, Any], modes: Any, inertia: NDArray[np.float64]
-) -> None:
-    """Refuse a mode that turns too far in a step, or whose damping takes more than its speed.
+def _fastest(values: Mapping[str, Any], modes: Any, inertia: NDArray[np.float64]) -> float:
+    """How fast [rad/s] a mode turns, or its damping takes its speed, at most.
 
-    Free, it is faster than with the body held, and damped faster.
+    Free, it is faster than with the body held, and damped faster. What turns too far in a step, or
+    is damped by more than its speed, is refused.
     """
     delta, rate = modes["coupling"], float(values["rate"])
     mass = np.eye(MAX_MODES) - delta @ np.linalg.solve(inertia, delta.T)
@@ -163,13 +164,14 @@ def _see_that_steps_follow(
             f"{free:.3g} Hz; allowed at rate = {rate:g} Hz: up to {fastest:.3g}"
         )
     damping = np.diag(2.0 * modes["damping"] * modes["frequency"])
-    decay = max(np.linalg.eigvals(np.linalg.solve(mass, damping)).real) / rate
+    decay = float(max(np.linalg.eigvals(np.linalg.solve(mass, damping)).real)) / rate
     if decay > 1.0:
         raise ConfigurationError(
             f"{DAMPING.name} = {values[DAMPING.name]}: in a step of {1.0 / rate:g} s it takes "
             f"{decay:.3g} times the speed of a mode; allowed: at most 1, by less damping, less "
             f"{COUPLING.name}, or a larger rate"
         )
+    return max(2.0 * math.pi * free, decay * rate)
 
 
 @kernel
@@ -218,10 +220,13 @@ def _parts(state: Any, craft: Any, h: float) -> int:
     While a wheel crosses zero, its friction changes its sign within the transition speed, which a
     motor crosses in less than a step; undivided, one crossing at full torque puts a wheel off by
     1e-3 rad/s. A hit can spin a small craft fast, and wheels can make it nutate by more than a
-    radian in a slow step; undivided, that would be damped within seconds, or grow.
+    radian in a slow step; undivided, that would be damped within seconds, or grow. Undivided, a
+    mode that swings by 0.3 rad in a step puts the rate off by 1e-5 rad/s.
     """
     wheels, rate = craft.wheels, norm(vector(state.motion[_RATE:]))
-    most = max(1.0, h * max(rate, _nutation(state.motion[_SPEED:], craft)) / rigid_body.TURNED)
+    swung = h * float(craft.modes.fastest) / _PHASE
+    turned = h * max(rate, _nutation(state.motion[_SPEED:], craft)) / rigid_body.TURNED
+    most = max(1.0, swung, turned)
     for i in range(wheels.count):
         if wheels.static[i] == 0.0:
             continue
