@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimation_helpers import Array, angles_between
+from craft_helpers import part_of
+from estimation_helpers import STEP_NS, Array, angles_between
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from truth_tables import numbers
@@ -27,6 +28,7 @@ from ppc_attitude.science.actuators.ideal import actuator
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import Vector, matrix
+from ppc_attitude.science.kinds import PLANTS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
@@ -71,6 +73,28 @@ def test_spin_about_a_principal_axis_is_a_plain_rotation(axis: int) -> None:
     expected = (start * Rotation.from_rotvec(omega * 50.0)).as_quat()
     assert angles_between(rows[-1:, :4], expected[None])[0] < 1e-10
     assert np.array_equal(rows[-1, 4:], omega)
+
+
+@pytest.mark.parametrize("plant", ["rigid_body", "flexible"])
+def test_fast_body_nutates_by_its_closed_form(plant: str) -> None:
+    """R = exp(H/J_x t) exp(s t e_z) of an axisymmetric body that turns by 0.028 rad in a step."""
+    transverse, axial, omega = 2.0, 1.2, np.array([1.5, 0.0, 2.4])
+    moments = np.array([transverse, transverse, axial])
+    precession = moments * omega / transverse  # [rad/s] inertial axes: those of the start
+    spin = np.array([0.0, 0.0, omega[2] * (1.0 - axial / transverse)])
+    part = part_of(
+        PLANTS,
+        plant,
+        inertia=np.diag(moments).ravel().tolist(),
+        initial_attitude=[0.0, 0.0, 0.0, 1.0],
+        initial_angular_velocity=omega.tolist(),
+    )
+    rows = np.array([part.step(k * STEP_NS, [0.0] * 6) for k in range(6001)])
+    t = np.arange(6001)[:, None] / 100.0
+    turned, back = (Rotation.from_rotvec(t * rate) for rate in (precession, -spin))
+    expected = (turned * back.inv()).as_quat()
+    assert angles_between(rows[:, :4], expected).max() < 1e-9
+    assert np.abs(rows[:, 4:7] - back.apply(omega)).max() < 1e-10
 
 
 def test_constant_torque_about_a_principal_axis() -> None:

@@ -71,7 +71,7 @@ INITIAL_RATE = at_start(
     high=100.0,
 )
 _MOST_TURN = 0.3  # [rad] in a step at the start: no law could follow
-TURNED = 0.03  # [rad] in a part of a step; there Runge-Kutta is off by 1e-7 rad after a minute
+TURNED = 0.007  # [rad] in a part of a step; there Runge-Kutta is off by 1e-10 rad after a minute
 MOST_PARTS = 64.0  # of a step
 CONFIGURATION = record_type(
     ("inertia", np.float64, (3, 3)),  # [kg·m²]
