@@ -21,6 +21,7 @@ import signal
 import subprocess
 import sys
 import time
+from errno import EAGAIN
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -49,7 +50,7 @@ from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.processes.child import Child
-from ppc_attitude.processes.telling import AT, BROKEN, TIME, WAITING
+from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, TIME, WAITING
 from ppc_attitude.simulation.scenario import load
 
 long = pytest.mark.long
@@ -304,6 +305,34 @@ def test_a_run_whose_plant_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) ->
     with pytest.raises(StackError, match=r"no step for 0\.5 s: spacecraft_plant neither goes on"):
         while time.monotonic() < give_up:
             run.goes_on(Event())
+
+
+def test_a_plant_that_somebody_else_asks_to_end_has_not_finished(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It ends with 0, as one that has; the run would be taken for complete."""
+    run = stalled(monkeypatch, after=PATIENCE)
+    plant: Any = run._nodes[PLANT]
+    plant.listen, plant.process.poll = lambda patience=0.0: None, lambda: 0
+    plant.process.returncode = 0
+    why = f"{PLANT} ended with exit code 0: somebody else asked it to"
+    with pytest.raises(StackError, match=why):
+        run.goes_on(Event())
+    plant.told[FINISHED] = True
+    assert not run.goes_on(Event())
+
+
+@pytest.mark.ros
+def test_a_run_that_can_start_no_process_says_why(
+    ask: Ask, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def refuse() -> None:
+        raise BlockingIOError(EAGAIN, os.strerror(EAGAIN))
+
+    monkeypatch.setattr(os, "fork", refuse)
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: refuse())
+    words = ["run", "--config", PAPER, "--bag", tmp_path / "bag", "--duration", "1"]
+    assert f"error: {os.strerror(EAGAIN)}" in ask(*words, code=3).err
 
 
 def stalled(monkeypatch: pytest.MonkeyPatch, after: float) -> Stack:

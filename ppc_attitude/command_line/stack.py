@@ -32,7 +32,7 @@ from ppc_attitude.contract.topics import OF_A_RUN, PLANT, RECORDER
 from ppc_attitude.nodes.discovery import DOMAIN, MIDDLEWARE, RANGE, check_discovery, choose_domain
 from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.exits import BAD_INPUT
-from ppc_attitude.processes.telling import AT, BROKEN, LINGERS, TIME, WAITING
+from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, LINGERS, TIME, WAITING
 from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
@@ -148,7 +148,8 @@ class Stack:
         """
         plant = self._nodes[PLANT]
         plant.listen(patience)
-        self.told()
+        ended = {name: code for name, code in self.exit_codes().items() if code is not None}
+        self.told()  # afterwards, so that who has ended has been heard to its end
         now: float | None = plant.told.pop(TIME, None)
         if now is not None:
             self._heard = time.monotonic()
@@ -158,8 +159,8 @@ class Stack:
             for node in self._nodes.values():
                 node.told.pop(WAITING, None)
             self._on_time(now)
-        ended = {name: code for name, code in self.exit_codes().items() if code is not None}
-        finished = ended.get(PLANT, 0 if LINGERS in plant.told else None) == 0
+        done = ended.get(PLANT, 0 if LINGERS in plant.told else None) == 0
+        finished = done and FINISHED in plant.told
         if broken := [name for name in ended if not (name == PLANT and finished)]:
             raise self._broken(broken)
         self._look_for_stall()
@@ -251,7 +252,8 @@ class Stack:
         code = node.process.returncode
         if code < 0:  # a process that was killed says nothing about it
             return StackError(f"{name} was killed by {signal.Signals(-code).name}")
-        reason, refused = node.told.get(BROKEN, "without saying why"), code == BAD_INPUT
+        unsaid = "without saying why" if code else "somebody else asked it to"
+        reason, refused = node.told.get(BROKEN, unsaid), code == BAD_INPUT
         if code == _NO_MIDDLEWARE:
             asked, refused = self.environment.get(MIDDLEWARE, ""), True
             reason = f"{MIDDLEWARE} = {asked!r}; allowed: one that is installed, or none"

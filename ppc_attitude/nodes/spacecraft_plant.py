@@ -36,7 +36,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.messages import publisher_of, subscribe
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.processes.telling import TIME, tell
+from ppc_attitude.processes.telling import FINISHED, TIME, tell
 from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, WARN, Status
 from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
@@ -199,6 +199,7 @@ class SpacecraftPlant(BaseNode):
             self.fail(self.pace.stamp, str(reason))
             return None
         if self.pace.finished:
+            tell(FINISHED, True)
             self.finish()
         return result
 
