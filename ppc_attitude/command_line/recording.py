@@ -147,7 +147,8 @@ class Recording:
             finally:
                 stack.kill()
                 self._interrupted = stop.is_set()
-                if not (finished or stack.has_begun) and (bag := stack.told()[RECORDER].get(BAG)):
+                bag = stack.told().get(RECORDER, {}).get(BAG)
+                if bag and not (finished or stack.has_begun):
                     shutil.rmtree(bag, ignore_errors=True)  # it would only be in the next one's way
             if finished:
                 show(duration)  # the plant tells the time ten times a second, not at its end
