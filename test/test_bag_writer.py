@@ -150,11 +150,17 @@ def test_messages_become_safe_when_nothing_follows_them(
     assert assert_child_wrote(bag, bag_child.IDLE_STEPS) == bag_child.IDLE_STEPS
 
 
-def test_a_folder_that_is_moved_away_ends_the_bag_at_once(tmp_path: Path, storage: str) -> None:
+@pytest.mark.parametrize("gone", ["folder", "file"])
+def test_a_folder_or_a_file_that_goes_ends_the_bag_at_once(
+    gone: str, tmp_path: Path, storage: str
+) -> None:
     bag = BagWriter(tmp_path / "bag", storage=storage)
-    (tmp_path / "bag").rename(tmp_path / "elsewhere")
+    bag.add_topic("/a", "std_msgs/msg/String")
+    bag.write("/a", 0, b"")
+    file = bag.path / {"mcap": "bag.mcap", "sqlite3": "bag.db3"}[storage]
+    (file if gone == "file" else bag.path).rename(tmp_path / "elsewhere")
     for doing in (bag.flush, bag.close):
-        with pytest.raises(BagError, match="any further: its folder was moved or removed; what"):
+        with pytest.raises(BagError, match="any further: its folder or a file of it was moved"):
             doing()
 
 

@@ -45,6 +45,7 @@ from ppc_attitude.bags.storage import PLUGINS, KillSafeWriter
 
 FLUSH_PERIOD = 0.5  # [s]; at most a second may be lost, so twice as often
 
+_GONE = "its folder or a file of it was moved or removed"
 _FOREVER = QosTime(9223372036, 854775807)
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
 
@@ -94,6 +95,8 @@ class BagWriter:
         try:
             self._writer = KillSafeWriter(self.path, version=9, storage_plugin=PLUGINS[storage])
             self._writer.open()
+            assert self._writer.storage is not None
+            self._file = self._writer.storage.path
             self._claim = claim(self.path)
             for key, value in (custom_data or {}).items():
                 self._writer.set_custom_data(key, value)
@@ -232,13 +235,17 @@ class BagWriter:
         self._flush_is_due = False
         self._writer.flush()
         # The system writes on into a file that nobody can find any more.
-        if not (self.path / UNFINISHED).exists():
-            raise FileNotFoundError(errno.ENOENT, "its folder was moved or removed")
+        if self._is_gone():
+            raise FileNotFoundError(errno.ENOENT, _GONE)
+
+    def _is_gone(self) -> bool:
+        return not (self._file.exists() and (self.path / UNFINISHED).exists())
 
     def _fail(self, error: Exception) -> BagError:
         """Stop recording for good and leave what is on disk as it is."""
+        reason = _GONE if self._is_gone() else _reason(error)  # SQLite calls it read-only then
         self._refusal = (
-            f"bag {self.path} cannot be written any further: {_reason(error)}; "
+            f"bag {self.path} cannot be written any further: {reason}; "
             f"what was on disk before can be read"
         )
         with contextlib.suppress(OSError, sqlite3.Error):
