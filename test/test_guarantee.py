@@ -345,12 +345,13 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
     assert envelope.recovery(0.16, 0.1, 5e-3) < 5.0
     with pytest.raises(ValueError, match=r"is promised of less than 0\.153 N·m"):
         envelope.recovery(0.15, 0.1, 5e-3)
-    # Of a tube that is narrow for its sample a lesser torque leads out than makes a hit.
+    # Of a tube that is narrow for its sample a torque leads out that the own actuator explains. The
+    # law then takes that for weak, and counts on less of it, which makes the recovery longer.
     quiet = replace(assumed, d=2e-4, W=1e-3, W1=1e-5, W2=1e-7)
     narrow = tuned(quiet, 0.05, (0.1, 4.0, 1.0), COARSE)
     assert max(narrow.Y) / 0.05 + 4.0 * max(narrow.Y) + 3.0 * 2e-4 < 0.007
-    with pytest.raises(ValueError, match=r"is promised of less than 0\.021\d N·m"):
-        Envelope(Bounds(quiet, narrow, FLOATS, COARSE)).recovery(0.0205, 0.1, 5e-3)
+    with pytest.raises(ValueError, match=r"is promised of less than 0\.051\d N·m"):
+        Envelope(Bounds(quiet, narrow, FLOATS, COARSE)).recovery(0.05, 0.1, 5e-3)
 
 
 def test_who_begins_within_the_accuracy_is_not_promised_to_stay_there_at_once() -> None:

@@ -22,7 +22,6 @@ import math
 from dataclasses import dataclass
 
 from ppc_attitude.science.controllers.brake import BLEND
-from ppc_attitude.science.controllers.tube_state import HIT
 from ppc_attitude.science.guarantee.arithmetic import Number
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import saturated
@@ -186,7 +185,7 @@ class Envelope:
         Parameters
         ----------
         torque : float
-            Largest extra torque on an axis [N·m].
+            Extra torque on the worst axis [N·m], constant.
         duration : float
             How long it acts [s].
         accuracy : float
@@ -195,20 +194,20 @@ class Envelope:
         Raises
         ------
         ValueError
-            The hit may make the craft tumble, or lead out of the tube without being seen.
+            The hit may make the craft tumble, or lead out of the tube without being seen for a hit.
         """
         number, law, bounds = self._arithmetic.number, self._law, self._bounds
         # What the law and its tube may have against a torque that leads out of it in one sample,
-        # and that is then large enough for a hit.
-        hit = HIT * self._assumed.max_torque
+        # and that the own actuator does not explain: the law counts on less of a weak one.
+        own = self._assumed.max_torque
         seen = 3.0 * self._assumed.d + max(
-            max((y + n) / law.h, hit + 4.0 * n / law.h) + law.kappa * y
+            max((y + n) / law.h, own + 4.0 * n / law.h) + law.kappa * y
             for y, n in zip(law.Y, law.N, strict=True)
         )
         if torque <= seen:
             raise ValueError(
-                f"a hit of {torque:g} N·m may lead out of the tube without being seen: no time is "
-                f"promised of less than {seen:.3g} N·m"
+                f"a hit of {torque:g} N·m may lead out of the tube without being seen, or be taken "
+                f"for a weak actuator: no time is promised of less than {seen:.3g} N·m"
             )
         time = number(duration) + self._h
         pushed = number(torque) + number(self._assumed.d) + number(self._assumed.max_torque)
