@@ -129,7 +129,8 @@ def test_check_says_that_a_promise_needs_fixes(
     designed_for_sensors: Path, tmp_path: Path, ask: Ask
 ) -> None:
     tracker = {"blinding_times": [30.0], "blinding_durations": [5.0], "dropout_probability": 1.0}
-    blind = overlay(tmp_path / "blind.yaml", {PLANT: {"star_tracker": tracker}})
+    late = {"/**": {"initial_fix": False}}
+    blind = overlay(tmp_path / "blind.yaml", {**late, PLANT: {"star_tracker": tracker}})
     files = [f"--config={file}" for file in (designed_for_sensors, blind)]
     told = ask("check", *FLAGSHIP, *files).page
     assert "guaranteed: |q_ev,i| < " in told
@@ -139,6 +140,9 @@ def test_check_says_that_a_promise_needs_fixes(
         "dropout_probability = 1.0 takes",
     ):
         assert f"warning: the promise holds while fixes come: star_tracker.{found}" in told
+    assert "warning: no fix comes before 0.1 s (initial_fix = false): the promised times" in told
+    refused = ask("check", *FLAGSHIP, *files, "--known-reference", code=2)
+    assert "initial_fix = false: the law begins later than this reference" in refused.err
 
 
 def test_a_design_knows_the_torque_noise_that_its_sensors_make(

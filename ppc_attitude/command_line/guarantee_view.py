@@ -43,6 +43,7 @@ from ppc_attitude.science.guarantee.surroundings import (
     suspensions,
 )
 from ppc_attitude.science.references import paper, paper_ahead
+from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
 from ppc_attitude.simulation.scenario import Scenario
 
 _PROMISED = ("rate", "time")
@@ -171,7 +172,7 @@ class Judgement:
         Raises
         ------
         ConfigurationError
-            The certificate does not hold, or the reference is not the paper's.
+            The certificate does not hold, the reference is not the paper's, or it begins first.
         """
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is for this reference")
@@ -181,6 +182,10 @@ class Judgement:
         if component is None:
             raise ConfigurationError(
                 f"mode = {reference['mode']}; only the paper's reference is known beforehand"
+            )
+        if not self._scenario.parameters[PLANT].get(INITIAL_FIX.name, True):
+            raise ConfigurationError(
+                f"{INITIAL_FIX.name} = false: the law begins later than this reference"
             )
         record = component.configure(reference)
         told = self._scenario.controller.name == LAW_AHEAD

@@ -41,6 +41,8 @@ from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
 from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
 from ppc_attitude.science.plants import rigid_body
+from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
+from ppc_attitude.science.sensors.star_tracker import slots
 
 _HORIZON = 3600.0  # [s] for which a design looks at the reference, unless a run is longer
 _DOUBT = "whether it keeps the assumed bounds is not known"
@@ -175,6 +177,12 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
     if not nodes.estimated:
         return
     held = "the promise holds while fixes come: star_tracker."
+    if not plant[INITIAL_FIX.name]:
+        first = slots(plant["rate"], plant)[1] / plant["rate"]
+        yield (
+            f"no fix comes before {first:g} s ({INITIAL_FIX.name} = false): the promised times "
+            "begin with the first fix, from the rate that the craft has by then"
+        )
     most, promised = plant["star_tracker.max_rate"], _fastest(assumed)
     if most < promised:
         yield f"{held}max_rate = {most:.4g} rad/s is below the promised {promised:.4g} rad/s"
