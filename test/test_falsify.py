@@ -175,6 +175,32 @@ def test_error_and_rate_are_the_true_ones() -> None:
     assert Goal("terminal").value(record, base.controller) == pytest.approx(last, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("law", "name", "bound"),
+    [("guaranteed", "turn", "turn_envelope"), ("any_start", "attitude_error", "attitude_envelope")],
+)
+def test_an_attitude_error_in_its_bound_is_the_true_one(law: str, name: str, bound: str) -> None:
+    """What the law was told had been compared: 0.58 of Φ where the craft was at 0.64."""
+    base = load(configs("paper", law, "sensors_cubesat"))
+    record = simulate(base, 60.0)
+    desired, attitude = (
+        Rotation.from_quat(record[each]) for each in ("reference_attitude", "truth_attitude")
+    )
+    error = desired.inv() * attitude
+    sizes = error.magnitude()[:, None] if name == "turn" else np.abs(error.as_quat()[:, :3])
+    largest = (sizes / record[bound])[record.t >= 20.0].max()
+    value = Goal(name, after=20.0).value(record, base.controller)
+    assert value == pytest.approx(largest, rel=1e-9)
+
+
+def test_a_true_turn_goes_the_laws_way_round() -> None:
+    base = load(configs("paper", "guaranteed", "sensors_flagship"))
+    record = simulate(base, 1.0)
+    way = 2.0 * np.pi - record["turn"]
+    other = replace(record, columns={**record.columns, "turn": way, "turn_envelope": way})
+    assert Goal("turn").value(other, base.controller) == pytest.approx(1.0, abs=1e-3)
+
+
 def test_a_law_without_a_guarantee_is_broken() -> None:
     """The paper's law leaves its envelope from a start that its table cannot follow."""
     base = load([PAPER], {PLANT: {"duration": 60.0}})

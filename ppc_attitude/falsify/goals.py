@@ -14,7 +14,7 @@
 
 """The goals of the adversary: numbers that it makes as large as it can.
 
-Error and rate are the true ones. A column that has a bound is what the law saw.
+Errors and rate are the true ones. Any other column that has a bound is what the law saw.
 """
 
 from dataclasses import dataclass
@@ -22,9 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppc_attitude.analysis.requirements import PAPER
-from ppc_attitude.analysis.truth import pointing_errors, truth_of
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.analysis.truth import RECORDED, pointing_errors, truth_of
+from ppc_attitude.contract.declared import ATTITUDE_ERROR
+from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.controllers.tube_state import TURN
 from ppc_attitude.science.errors import ConfigurationError
 
 RATE = 3.0  # [deg/s] the paper's limit
@@ -90,7 +92,7 @@ class Goal:
         else:
             column = next(each for each in law.outputs if each.name == self.name)
             bound = record[column.bound][judged]
-            error = np.abs(record[column.name][judged][:, : bound.shape[1]])
+            error = np.abs(_true(record, column.name)[judged][:, : bound.shape[1]])
             value = float(np.max(error / bound))
         return value if np.isfinite(value) else np.inf
 
@@ -102,6 +104,18 @@ class Goal:
             return 0.0
         time = float(record.t[outside[-1]])
         return time + float(error[-1]) if outside[-1] == error.size - 1 else time
+
+
+def _true(record: RunRecord, name: str) -> Array:
+    """Column of a run; of an attitude error the true one, where the law was told another."""
+    told = record[name]
+    if name not in (ATTITUDE_ERROR.column, TURN.name) or truth_of(record).standing != RECORDED:
+        return told
+    errors = pointing_errors(record)
+    if name == ATTITUDE_ERROR.column:
+        return errors.quaternions
+    angles = errors.angles[:, None]
+    return np.where(told > np.pi, 2.0 * np.pi - angles, angles)  # in the law's way round
 
 
 def goal_of(name: str, law: Component, accuracy: float, after: float, rate: float = RATE) -> Goal:
