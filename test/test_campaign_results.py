@@ -44,7 +44,7 @@ from ppc_attitude.campaign.quantile_bands import (
     time_bins,
 )
 from ppc_attitude.campaign.report import write_campaign_report
-from ppc_attitude.campaign.summary import WORST, Fraction, Summary
+from ppc_attitude.campaign.summary import WORST, Fraction, Summary, Tally
 from ppc_attitude.campaign.variables import DRAWN
 from ppc_attitude.contract.topics import PLANT
 
@@ -136,6 +136,15 @@ def test_summary_counts_what_the_rows_say(finished: Finished) -> None:
         (told,) = [each for each in summary.to_json()["requirements"] if each["name"] == name]
         finite = [value if math.isfinite(value) else None for value, _ in worst]  # of JSON
         assert [each["value"] for each in told["worst"]] == finite
+
+
+def test_of_runs_with_limits_of_their_own_those_that_miss_are_the_worst() -> None:
+    """Of runs with tanks of random size five were listed that had fuel left, and none without."""
+    tally = Tally()
+    for index, tank in enumerate((0.5, 0.001, 0.4, 0.002, 0.3, 0.6)):
+        used = min(tank, 0.004)
+        tally.add(used < tank, used, f"< {tank} kg", index)
+    assert tally.worst_runs()[:3] == [(3, 0.002), (1, 0.001), (0, 0.004)]
 
 
 def test_a_broken_run_meets_nothing() -> None:

@@ -73,7 +73,7 @@ class Tally:
     judged: int = 0
     not_judged: int = 0
     limits: dict[str, None] = field(default_factory=dict)  # as many as are told apart, and one
-    worst: list[tuple[float, int]] = field(default_factory=list)  # (value, −index)
+    worst: list[tuple[bool, float, int]] = field(default_factory=list)  # (missed, value, −index)
 
     def add(self, met: bool | None, value: float | None, limit: str, index: int) -> None:
         """Count one run; `met` is None if it was not judged."""
@@ -84,8 +84,9 @@ class Tally:
         self.met += met
         if len(self.limits) <= _MOST_LIMITS:
             self.limits[limit] = None
-        # Never to recover is the worst that a run can do.
-        entry = (math.inf if value is None else value, -index)
+        # Never to recover is the worst that a run can do. Where each run has a limit of its own,
+        # one that met it may have reached more than one that missed it.
+        entry = (not met, math.inf if value is None else value, -index)
         self.worst = sorted([*self.worst, entry], reverse=True)[:WORST]
 
     @property
@@ -101,7 +102,7 @@ class Tally:
 
     def worst_runs(self) -> list[tuple[int, float]]:
         """Index and value of the worst runs, worst first."""
-        return [(-index, value) for value, index in self.worst]
+        return [(-index, value) for _, value, index in self.worst]
 
 
 class Summary:
