@@ -49,15 +49,19 @@ RUN = normal_run(duration=1.0)
 STEPS = len(RUN.stamps_ns)
 
 
-def test_of_several_messages_of_one_stamp_the_first_counts(tmp_path: Path) -> None:
+@pytest.mark.parametrize("equal", [True, False])
+def test_of_several_messages_of_one_stamp_the_first_counts(tmp_path: Path, equal: bool) -> None:
+    """Those with other numbers say what the record does not: it tells that they are left out."""
     sequence = []
     for topic, stamp, data in messages(RUN):
         sequence.append((topic, stamp, data))
         if topic is TORQUE_COMMAND:
-            sequence.append((topic, stamp, Codec(topic).encode(stamp, (9.0, 9.0, 9.0))))
+            other = Codec(topic).encode(stamp, (9.0, 9.0, 9.0))
+            sequence.append((topic, stamp, data if equal else other))
     read = read_run(write_messages(tmp_path / "bag", sequence))
     assert_same(read, RUN)
-    assert (read.missing, read.warnings) == ({}, ())
+    told = f"{STEPS} messages of torque_command have the stamp of an earlier one and other numbers"
+    assert (read.missing, read.warnings) == ({}, () if equal else (f"{told}: left out",))
 
 
 def test_a_late_message_is_put_in_its_place(tmp_path: Path) -> None:

@@ -164,6 +164,15 @@ def test_an_attitude_of_hardware(tmp_path: Path, kind: str, storage: str) -> Non
     assert told == ([said] if kind in UNSTAMPED else [])
 
 
+def test_equal_messages_with_one_stamp_are_one_and_this_is_told(tmp_path: Path) -> None:
+    """A craft at rest whose driver fills no header was one instant without a word."""
+    sent = [("/imu/data", k, imu(7, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))) for k in range(30)]
+    read = read_run(write_typed(tmp_path / "bag", sent), topics=MAPPED)
+    assert read.stamps_ns.tolist() == [7]
+    assert read.warnings[0] == "30 equal messages of /imu/data with one stamp are one"
+    assert "/imu/data" not in "".join(read.warnings[1:])
+
+
 def test_one_imu_gives_attitude_and_rate(tmp_path: Path) -> None:
     both = zip(rows(RUN, "attitude"), RUN["angular_velocity"].tolist(), strict=True)
     sent = [("/imu/data", 5, imu(stamp, q, w)) for (stamp, q), w in both]

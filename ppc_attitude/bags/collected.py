@@ -131,6 +131,8 @@ class Collected:
             told = "one stamp for all messages" if stamps[0] else "no stamps"
             self._notes.append(f"{name} has {told}: the times of receipt are taken")
             stamps = np.concatenate(received)
+        elif alike and len(stamps) > 1:
+            self._notes.append(f"{len(stamps)} equal messages of {name} with one stamp are one")
         order = np.argsort(arrival, kind="stable")
         joined = Series(stamps, values, arrival)
         return joined[order] if (np.diff(order) != 1).any() else joined
@@ -160,7 +162,7 @@ class Collected:
             for name, text in found
             if name.startswith(f"{namespace}/") or name in self._names.values()
         ]
-        told += self._notes
+        told += dict.fromkeys(self._notes)  # one message may be read for two topics
         self._notes = []
         return told
 

@@ -262,14 +262,25 @@ def _without_leaps(topic: Topic, messages: Series, warnings: list[str]) -> Serie
 
 
 def _in_order(topic: Topic, messages: Series, warnings: list[str]) -> Series:
-    """Sort by stamp; of several messages with one stamp keep the first, on which others acted."""
+    """Sort by stamp; of several messages with one stamp keep the first, on which others acted.
+
+    What is sent again in lock-step has the same numbers.
+    """
     steps = np.diff(messages.stamps)
     if (steps > 0).all():
         return messages
     late = int((steps < 0).sum())
     if late:
         warnings.append(f"{late} messages of {topic.name} arrived out of order")
-    return messages[np.unique(messages.stamps, return_index=True)[1]]
+    _, first, place = np.unique(messages.stamps, return_index=True, return_inverse=True)
+    again = messages.values[first[place]]
+    alike = (messages.values == again) | (np.isnan(messages.values) & np.isnan(again))
+    if others := int(np.count_nonzero(~alike.all(axis=1))):
+        warnings.append(
+            f"{others} messages of {topic.name} have the stamp of an earlier one and other "
+            "numbers: left out"
+        )
+    return messages[first]
 
 
 def _complete(
