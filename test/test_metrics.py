@@ -111,6 +111,19 @@ def test_time_counts_from_the_first_instant():
     assert Verdict(later).to_json() == Verdict(run).to_json()
 
 
+def test_in_a_rhythm_that_changes_a_sample_lasts_until_the_next():
+    """At 10 Hz, and then at 20 Hz: of 20 s outside 10 s were told."""
+    run = normal_run()
+    times = np.concatenate([np.arange(0.0, 60.0, 0.1), np.arange(60.0, 120.0, 0.05)])
+    picked = np.round(100.0 * times).astype(int)
+    columns = {name: values[picked] for name, values in run.columns.items()}
+    run = replace(run, stamps_ns=run.stamps_ns[picked], columns=columns)
+    envelope = np.where(times[:, None] < 20.0, 1e-3, 1.0) * run["rate_envelope"]
+    rate_error = np.full((times.size, 3), 1e-2) * run["rate_envelope"]
+    run = with_columns(run, rate_envelope=envelope, rate_error=rate_error)
+    assert Verdict(run).metrics.time_outside_rate_envelope_s == 20.0
+
+
 def begun_late(run, start):
     """Record of a recorder that came at a time [s]."""
     late = run.t >= start

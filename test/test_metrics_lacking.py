@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import hit_run, normal_run, with_columns, without_columns
+from synthetic import hit_run, normal_run, with_columns, with_error, without_columns
 from test_metrics import requirement
 
 from ppc_attitude.analysis.metrics import Verdict
@@ -180,10 +180,15 @@ def test_the_torque_of_an_actuator_that_is_not_installed_is_not_judged():
 
 
 def test_one_sample_is_a_run():
-    run = normal_run(0.0)
-    verdict = Verdict(run)
+    """It has no duration: outside an envelope it was so for 0 s, and met that requirement."""
+    verdict = Verdict(with_error(normal_run(0.0), np.array([[0.0, 1.0, 0.0, 0.0]])))
     assert (verdict.t.size, verdict.duration_s) == (1, 0.0)
     json.dumps(verdict.to_json(), allow_nan=False)
+    for error in ("attitude", "rate"):
+        row = requirement(verdict, f"{error} error outside its envelope")
+        assert (row.met, row.reason) == (None, "the record has one instant, which has no duration")
+        assert verdict.to_json()["metrics"][f"time_outside_{error}_envelope_s"] is None
+    assert verdict.metrics.time_pointing_outside_attitude_envelope_s is None
 
 
 @pytest.mark.parametrize(

@@ -313,4 +313,5 @@ def judge_certificate(run: Measured) -> Iterator[Requirement]:
     held = certificate_held(run.record)
     if held is not None:
         time = run.time(held.outside)
-        yield run.row("certificate", time, 0.0, "s", held.reason, note=held.note)
+        why = held.reason or run.lacks_time
+        yield run.row("certificate", time, 0.0, "s", why, note=held.note)

@@ -30,7 +30,17 @@ from ppc_attitude.analysis.requirements import (
     component_size,
     names_of,
 )
-from ppc_attitude.analysis.series import Mask, elapsed, has, known, largest, step, topic_of, vectors
+from ppc_attitude.analysis.series import (
+    Mask,
+    elapsed,
+    has,
+    known,
+    largest,
+    lasting,
+    step,
+    topic_of,
+    vectors,
+)
 from ppc_attitude.analysis.truth import (
     EXACT,
     Errors,
@@ -94,7 +104,7 @@ class Measured:
         self.record, self.required = record, required
         self.names = names_of(required)
         self.t = elapsed(record)
-        self.h, self.begin, self.end = step(self.t), float(self.t[0]), float(self.t[-1])
+        self.begin, self.end = float(self.t[0]), float(self.t[-1])
         self.whole = (self.begin, self.end)
         self.truth = truth = truth_of(record)
         self.pointing = known(pointing_errors, record)
@@ -112,7 +122,7 @@ class Measured:
             torque = vectors(record, DISTURBANCE.column)
             if has(record, ENVIRONMENT_TORQUE.name):
                 torque = torque - vectors(record, ENVIRONMENT_TORQUE.name)
-            pulses = find_pulses(self.t, torque, self.h)
+            pulses = find_pulses(self.t, torque, step(self.t))
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (self.begin, min(self.first_hit, self.end))
@@ -151,6 +161,11 @@ class Measured:
     def ends_before(self, needed: float, what: str) -> str:
         """Why a run that ends before some time [s] does not show it; empty if it does."""
         return f"the run ends at {self.end:g} s, before {what}" if self.end < needed else ""
+
+    @property
+    def lacks_time(self) -> str:
+        """Why no time can be told; empty if one can."""
+        return "the record has one instant, which has no duration" if self.t.size < 2 else ""
 
     @property
     def lacks_settled(self) -> str:
@@ -249,8 +264,8 @@ class Measured:
 
     @cached_property
     def outsides(self) -> dict[Envelope, float]:
-        """Time outside [s] each envelope that the run has."""
-        found = envelopes_of(self.record)
+        """Time outside [s] each envelope that the run has; none of a run of one instant."""
+        found = () if self.lacks_time else envelopes_of(self.record)
         return {each: self.time(outside(self.record, each)) for each in found}
 
     @cached_property
@@ -331,14 +346,14 @@ class Measured:
     def _pointing_outside(self) -> float | None:
         """Time of the true attitude error beyond the law's envelope; its own may be inside [s]."""
         name = bound_of(self.record, ATTITUDE_ERROR.column)
-        if self.pointing is None or not has(self.record, name):
+        if self.pointing is None or not has(self.record, name) or self.lacks_time:
             return None
         bound = self.record[name]
         return self.time(beyond(self.pointing.quaternions[:, : bound.shape[1]], bound))
 
     def time(self, instants: Mask) -> float:
-        """Time outside [s]: the samples outside, h each."""
-        return round(int(np.count_nonzero(instants)) * self.h, 9)
+        """How long some instants, shape (n,), last together [s]."""
+        return round(float(lasting(self.t)[instants].sum()), 9) if instants.any() else 0.0
 
     @cached_property
     def errors(self) -> tuple[ErrorSize, ...]:

@@ -269,9 +269,9 @@ class Verdict(Measured):
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
         beyond, (key, *after_hit) = outside(self.record, envelope), outside_names(envelope)
-        time, span, why = self.time(beyond), self.whole, ""
+        time, span, why = self.time(beyond), self.whole, self.lacks_time
         if envelope.jumps:
-            time, span, why = self.time(beyond[self.calm]), self.calm_span, self.lacks_calm
+            time, span, why = self.time(beyond & self.calm), self.calm_span, why or self.lacks_calm
         note = self._whole_run(time, self.time(beyond), "s")
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
@@ -279,7 +279,7 @@ class Verdict(Measured):
         yield self.row(key, time, 0.0, "s", why, span, without=without, note=note)
         limit = self.required.outside_after_hit
         if envelope.jumps and self.hits and limit is not None:
-            longest = max(self.time(beyond[window(self.t, hit, self.hits)]) for hit in self.hits)
+            longest = max(self.time(beyond & window(self.t, hit, self.hits)) for hit in self.hits)
             yield self.row(after_hit[0], longest, limit, "s", span=(self.first_hit, self.end))
 
     def _recovered(self, hits: list[Disturbance]) -> Requirement:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import BY_COLUMN
-from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.run_record import Array, RunRecord, is_steady
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS
 
@@ -96,6 +96,19 @@ def step(t: Array) -> float:
     intervals = np.diff(t)
     low, high = np.round((intervals.min(), intervals.max()), 9)
     return float(low if low == high else np.round(np.median(intervals), 9))
+
+
+def lasting(t: Array) -> Array:
+    """How long each sample counts [s], shape (n,): the nominal time between two.
+
+    A rhythm that changes has no gaps and no nominal time: each counts until the next one.
+    """
+    h = step(t)
+    if t.size > 1:
+        steps = np.diff(t, append=t[-1] + h)
+        if not is_steady(steps, h):
+            return np.asarray(steps, dtype=np.float64)
+    return np.full(t.size, h)
 
 
 def samples(record: RunRecord, column: str) -> Array:

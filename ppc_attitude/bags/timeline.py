@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.bags.source import Integers
-from ppc_attitude.contract.run_record import STEADY, Array
+from ppc_attitude.contract.run_record import Array, is_steady
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -190,11 +190,7 @@ def _goes_its_own_way(own: Integers, stamps: Integers) -> bool:
     steps = np.diff(own)
     period = float(np.median(steps))
     ratio = period / float(np.median(np.diff(stamps)))
-    return _steady(steps, period) and not 1.0 / _SAME_RHYTHM < ratio < _SAME_RHYTHM
-
-
-def _steady(steps: Integers, period: float) -> bool:
-    return bool(np.quantile(np.abs(steps / period - 1.0), 0.75) <= STEADY)
+    return is_steady(steps, period) and not 1.0 / _SAME_RHYTHM < ratio < _SAME_RHYTHM
 
 
 def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> int | None:
@@ -296,7 +292,7 @@ def _complete(
         three = np.convolve(np.pad(steps, 1, constant_values=round(period)), [1, 1, 1], "valid")
         lost = np.minimum(lost, np.maximum(np.rint(three / period).astype(np.int64) - 3, 0))
     total = int(lost.sum())
-    if total == 0 or (rate is None and not _steady(steps, period)):
+    if total == 0 or (rate is None and not is_steady(steps, period)):
         return stamps, 0
     if total > most:
         warnings.append(

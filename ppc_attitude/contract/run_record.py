@@ -31,6 +31,11 @@ STEADY = 0.2
 """A rhythm has gaps only if three in four of its steps are as near as this to its usual one [1]."""
 
 
+def is_steady(steps: NDArray[Any], period: float) -> bool:
+    """Whether steps between samples, shape (n,), are those of a rhythm that may have gaps."""
+    return bool(np.quantile(np.abs(steps / period - 1.0), 0.75) <= STEADY)
+
+
 class Change(NamedTuple):
     """A parameter that was changed in flight.
 
