@@ -40,7 +40,7 @@ def time_bins(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], Array]:
     """First sample of each time bin, and the ends of the bins [s], one more than bins."""
     bins = min(TIME_BINS, stamps_ns.size)
     starts = np.arange(bins) * stamps_ns.size // bins
-    return starts, np.append(stamps_ns[starts], stamps_ns[-1]) * 1e-9
+    return starts, np.append(stamps_ns[starts], stamps_ns[-1]) / 1e9
 
 
 def levels_of(record: RunRecord, sizes: Array) -> Levels:

@@ -137,8 +137,8 @@ class RunRecord:
 
     @property
     def t(self) -> Array:
-        """Instants [s], shape (n,)."""
-        return np.asarray(self.stamps_ns * 1e-9, dtype=np.float64)
+        """Instants [s], shape (n,), each the float64 nearest to its stamp: 60 s equals 60."""
+        return np.asarray(self.stamps_ns / 1e9, dtype=np.float64)
 
     @property
     def told_changes(self) -> list[ToldChange]:
