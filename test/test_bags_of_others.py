@@ -267,6 +267,9 @@ def test_topics_at_rates_that_divide_each_other_are_held(
     for column, step in taken.items():
         np.testing.assert_array_equal(read[column], RUN[column][latest // step * step])
     assert any("reference/attitude has stamps of its own" in each for each in read.warnings)
+    # What came between two instants of a slower attitude, such as the largest rate, is not judged.
+    told = [each.partition("old; ")[2] for each in read.warnings if "count at none" in each]
+    assert told == (["50 others count at none"] if attitude == 2 else [])
 
 
 def test_a_clock_that_jitters_has_the_gaps_that_are_there(tmp_path: Path) -> None:

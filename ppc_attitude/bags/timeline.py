@@ -167,10 +167,12 @@ def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> fr
         place = place[begun]
         if place.size:
             oldest = seconds(int((stamps[begun] - messages.stamps[place]).max()))
-            warnings.append(
+            told = (
                 f"{topic.name} has stamps of its own: at each instant of {master.name} the latest "
                 f"message counts, at most {oldest:g} s old"
             )
+            between = len(messages.stamps) - np.unique(place).size
+            warnings.append(f"{told}; {between} others count at none" if between else told)
         else:
             warnings.append(f"{topic.name} begins after the last instant of {master.name}")
         series[topic] = Series(stamps[begun], messages.values[place], messages.arrival[place])
