@@ -179,6 +179,16 @@ def test_after_a_reset_the_last_epoch_is_read(tmp_path: Path, steps: list[int]) 
     assert "to 0 s (plant reset or restarted)" in read.warnings[0]
 
 
+def test_a_clock_of_the_wall_that_goes_back_is_told_to_its_last_digits(tmp_path: Path) -> None:
+    """From 1.7e+09 s to 1.7e+09 s, it was told."""
+    wall = 1_700_000_000 * 10**9
+    run = replace(RUN, stamps_ns=RUN.stamps_ns + wall, parameters={})
+    sequence = list(messages(run))
+    again = sequence[: 60 * len(SAMPLED)] + sequence[20 * len(SAMPLED) :]
+    read = read_run(write_messages(tmp_path / "bag", again))
+    assert "last from 1700000000.59 s to 1700000000.2 s" in read.warnings[0]
+
+
 def test_after_a_reset_a_second_node_that_answers_late_takes_nothing_away(tmp_path: Path) -> None:
     """What it sends again goes back in time, but no time has begun again there."""
     states = list(messages(RUN))

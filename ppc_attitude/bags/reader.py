@@ -173,7 +173,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         )
     if cut:
         end = seconds(int(timeline.stamps[-1]))
-        warnings.insert(0, f"{_state(bag)}: {'; '.join(cut)}; read up to {end:g} s")
+        warnings.insert(0, f"{_state(bag)}: {'; '.join(cut)}; read up to {end:.12g} s")
     return RunRecord(
         source=printable(str(bag.path)),
         controller=facts.controller,

@@ -204,8 +204,8 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
     start, times = resets[-1], len(resets)
     before, after = seconds(int(plant.stamps[start - 1])), seconds(int(plant.stamps[start]))
     warnings.append(
-        f"the clock went back {times} time{'s' if times > 1 else ''}, last from {before:g} s to "
-        f"{after:g} s (plant reset or restarted); only what follows is read"
+        f"the clock went back {times} time{'s' if times > 1 else ''}, last from {before:.12g} s "
+        f"to {after:.12g} s (plant reset or restarted); only what follows is read"
     )
     arrival = int(plant.arrival[start])
     for topic, messages in series.items():
