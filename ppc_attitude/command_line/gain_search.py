@@ -88,7 +88,7 @@ def _told(found: Tuned, law: str) -> list[str]:
     return [
         f"{law}: the best of {found.candidates} sets of gains: {gains}",
         f"Monte Carlo: {found.fraction.met} of {found.fraction.judged} fresh runs meet every "
-        f"requirement: {share_text(found.fraction)} with 95 % confidence",
+        f"requirement that they are judged by: {share_text(found.fraction)} with 95 % confidence",
         f"settled: {times}",
         *(f"missed in {count} runs: {name}" for name, count in found.missed.items()),
         "this is an estimate and no guarantee: momentum_tube is the law that has one",
