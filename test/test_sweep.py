@@ -63,7 +63,7 @@ def test_the_table_says_what_hits_and_gives_the_verdict_of_the_requirements(
 ) -> None:
     asked = tmp_path / "asked.yaml"
     asked.write_text("settled: 90 deg\n")
-    command = ["sweep", "--config", str(PAPER), "--at", "1", "--duration", "2"]
+    command = ["sweep", "--config", str(PAPER), "--at", "1", "--duration", "11"]
     command += ["--pulse-durations", "0.1"]
     assert main([*command, "--requirements", str(asked)]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -74,6 +74,17 @@ def test_the_table_says_what_hits_and_gives_the_verdict_of_the_requirements(
     assert "The craft has not settled when it is hit, so that it cannot recover." in lines
     assert lines[-1].endswith("NOT MET")
     assert max(map(len, lines)) <= 80
+
+
+def test_a_run_that_ends_while_its_error_may_still_grow_is_not_judged(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It had recovered after 0 s, 0.1 s after a hit that has moved nothing yet."""
+    command = ["sweep", "--config", str(PAPER), "--at", "80", "--pulse-durations", "0.1"]
+    assert main([*command, "--duration", "80.2"]) == 0
+    told = capsys.readouterr().out
+    assert "The runs end 0.2 s after the hit begins, before the 10 s to recover" in told
+    assert told.splitlines()[-1].endswith("not judged")
 
 
 def test_a_hit_too_weak_to_be_told_from_an_environment_is_recovered_all_the_same(

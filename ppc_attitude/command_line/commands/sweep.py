@@ -24,7 +24,7 @@ from ppc_attitude.analysis.envelopes import ATTITUDE, RATE
 from ppc_attitude.analysis.measure import Measured, metric_of
 from ppc_attitude.analysis.pulses import Pulse
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
-from ppc_attitude.analysis.verdict import MET, NOT_MET
+from ppc_attitude.analysis.verdict import MET, NOT_JUDGED, NOT_MET
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -140,7 +140,7 @@ def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requireme
         arguments.torque or float(f"{_STRENGTH * actuator_torque(scenario):.6g}"),
         at,
         sorted(arguments.pulse_durations or [count / rate for count in instants]),
-        arguments.duration or at + _AFTER * deadline,
+        arguments.duration or at + max(_AFTER * deadline, required.recovery),
     )
 
 
@@ -166,6 +166,15 @@ def _print_table(
     )
     if not settled:
         print("The craft has not settled when it is hit, so that it cannot recover.")
+    seen = round(hits.length - hits.at, 9)
+    judged = seen >= required.recovery  # before, the error of a hit may still grow
+    if not judged:
+        print(
+            paragraph(
+                f"The runs end {seen:g} s after the hit begins, before the {required.recovery:g} s "
+                "to recover are over, so that nothing is judged."
+            )
+        )
     # An error is one, whatever bounds it.
     symbols = {each.error: symbol for each, symbol in _SYMBOLS.items()}
     errors = symbols | {
@@ -175,14 +184,14 @@ def _print_table(
     print("\nhit [s]  recovered after [s]", *heads, "verdict", sep="  ")
     for each in swept:
         recovery = each.recovery_time_s
-        after = f"not in {hits.length - hits.at:g}" if recovery is None else f"{recovery:.2f}"
+        after = f"not in {seen:g}" if recovery is None else f"{recovery:.2f}"
         outside = {envelope.error: time for envelope, time in each.outside.items()}
         times = [
             f"{_number(outside.get(error)):>{len(head)}}"
             for error, head in zip(errors, heads, strict=True)
         ]
         met = recovery is not None and recovery <= required.recovery
-        verdict = MET if met else NOT_MET
+        verdict = NOT_JUDGED if not judged else MET if met else NOT_MET
         print(f"{each.duration_s:>7g}", f"{after:>19}", *times, verdict, sep="  ")
 
 
