@@ -152,8 +152,10 @@ def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> 
 
 def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: Path) -> None:
     laws = "broken = outside_parts:NOWHERE\nwrong = outside_parts:RING\nscript = leaving:LAW"
+    laws += "\nskipped = skipping:LAW"
     name_points(tmp_path, controllers=laws, plants="share = outside_parts:LAW")
     (tmp_path / "installed/leaving.py").write_text("raise SystemExit(5)\n")
+    (tmp_path / "installed/skipping.py").write_text("raise BaseException('no GPU')\n")
     code = (
         "from ppc_attitude.science.kinds import all_components as a; print(*(c.name for c in a()))"
     )
@@ -164,6 +166,7 @@ def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: P
         "broken = outside_parts:NOWHERE of ppc_attitude.controllers cannot be loaded" in done.stderr
     )
     assert "of ppc_attitude.controllers cannot be loaded: SystemExit(5)" in done.stderr
+    assert "of ppc_attitude.controllers cannot be loaded: BaseException('no GPU')" in done.stderr
     assert "is left out: it is a Parameter, not a Component" in done.stderr
     assert "is left out: share does not give truth_attitude" in done.stderr
 

@@ -150,6 +150,10 @@ def _exits(values: Any) -> None:
     raise SystemExit(5)
 
 
+def _panics(values: Any) -> Any:
+    raise BaseException("a Rust extension raises such a one")
+
+
 def _refuses(values: Any) -> None:
     raise ConfigurationError("gain = 0; allowed: > 0")
 
@@ -159,6 +163,7 @@ def _refuses(values: Any) -> None:
     [
         (lambda values: values["gain"], "component mine: configure raised KeyError: 'gain'"),
         (_exits, "component mine: configure raised SystemExit: 5"),
+        (_panics, "component mine: configure raised BaseException: a Rust extension"),
         (lambda values: (), r"component mine: configure made \(\), which is no record of"),
         (lambda values: None, "component mine: configure made None, which is no record of"),
         (lambda values: np.zeros(()), r"component mine: configure made array\(0.\), which is no"),

@@ -226,9 +226,9 @@ def _named(component: str, hook: str, ask: Callable[..., Any]) -> Callable[..., 
     def asked(*given: Any) -> Any:
         try:
             return _HOOKS[hook](ask(*given))
-        except ConfigurationError:
+        except (ConfigurationError, KeyboardInterrupt):
             raise
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
             raise ConfigurationError(
                 f"component {component}: {hook} raised {type(error).__name__}: {error}"
             ) from error

@@ -100,7 +100,9 @@ class Kind:
                 component = self._completed(self._fitting(point.load(), found))
             except ConfigurationError as error:
                 _warn(f"{origin} is left out: {error}")
-            except (Exception, SystemExit) as error:  # somebody else's may fail in any way
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:  # somebody else's may fail in any way
                 _warn(f"{origin} cannot be loaded: {error!r}")
             else:
                 found[component.name] = component
