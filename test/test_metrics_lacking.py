@@ -25,6 +25,7 @@ from test_metrics import requirement
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.series import AnalysisError
+from ppc_attitude.command_line.verdict_view import verdict_table
 
 
 def test_a_run_without_recorded_disturbance():
@@ -73,6 +74,7 @@ def test_a_recovery_that_nobody_saw_is_not_judged(end):
     row = requirement(verdict, "recovery from a sudden disturbance")
     reason = f"no attitude error is known after {end} s, before the 10 s after the sudden"
     assert (row.met, row.reason.startswith(reason)) == (None, True)
+    assert "not recovered" not in verdict_table(verdict)
 
 
 def test_what_was_told_of_the_rate_is_no_truth_where_the_truth_is_recorded():

@@ -115,7 +115,7 @@ class Disturbance(Pulse):
     ----------
     recovery_time_s : float or None
         From its start to the last instant, before the next one or the end, at which the attitude
-        error is not settled; 0 if it always is, None if it still is not at the last instant.
+        error is not settled; 0 if it always is, None if the record shows no recovery.
     judged_by : str
         What judges it: recovery, or, before the settling deadline, the envelope if there is one.
     """
@@ -127,7 +127,7 @@ class Disturbance(Pulse):
     def outcome(self) -> str:
         """How it came out, for a reader."""
         if self.recovery_time_s is None:
-            return "not recovered"
+            return "no recovery on record"
         return f"recovered after {number_text(self.recovery_time_s)} s"
 
 
