@@ -179,6 +179,8 @@ WRONG = [
     ("campaign --campaign none.yaml --runs 1", "none.yaml: No such file"),
     ("campaign --campaign deep.yaml --runs 1", "nested too deeply"),
     ("campaign --out a_file/out", "a_file is no folder"),
+    ("campaign --runs 0", "error: argument --runs: 0; allowed: whole numbers from 1"),
+    ("campaign --workers 0", "error: argument --workers: 0; allowed: whole numbers from 1"),
     ("campaign --record", "--only INDEX"),
     ("campaign --bag b", "--only INDEX"),
     ("campaign --only 1 --out o", "--out is for several runs, without --only"),

@@ -37,6 +37,7 @@ from ppc_attitude.command_line.options import (
     add_judging_options,
     add_scenario_options,
     exit_code,
+    number,
     print_json,
     print_verdict,
     requirements_of,
@@ -73,12 +74,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=some_path,
         help="what varies; default config/campaign.yaml",
     )
-    parser.add_argument("--runs", metavar="N", type=int, help=f"default {RUNS}")
+    at_least_one = number(1, 1e9, whole=True)
+    parser.add_argument("--runs", metavar="N", type=at_least_one, help=f"default {RUNS}")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="default 0")
     parser.add_argument(
         "--workers",
         metavar="N",
-        type=int,
+        type=at_least_one,
         help="processes on this machine; default one for each core",
     )
     parser.add_argument(
