@@ -170,7 +170,7 @@ def test_an_end_while_something_is_imported(tmp_path: Path, start_process: Start
 AMIDST_EXEC = """
 from ppc_attitude.command_line import main
 from ppc_attitude.command_line.commands import simulate
-simulate.simulate = lambda *_: exec("import os; os.kill(os.getpid(), {number})")
+simulate.tell_concerns = lambda *_: exec("import os; os.kill(os.getpid(), {number})")
 main.run()
 """
 LOST = """
@@ -184,7 +184,7 @@ def compiled():
 def compiles(*_):
     compiled()
     raise RuntimeError("no compiled object yet")
-simulate.simulate = compiles
+simulate.tell_concerns = compiles
 main.run()
 """
 
@@ -197,6 +197,35 @@ def test_an_end_while_code_is_made(
     (tmp_path / "amidst.py").write_text(script.format(number=int(signal.SIGTERM)))
     command = [sys.executable, "-m", "amidst", *WORDS]
     is_interrupted(start_process(command, cwd=tmp_path))
+
+
+AMIDST_LOOP = """
+import os, threading
+from ppc_attitude.command_line import main
+from ppc_attitude.command_line.commands import {command}
+from ppc_attitude.science.kernel import kernel
+@kernel
+def loop(odd):
+    while odd != 0:
+        odd *= 3
+loop(0)
+def endless(*_):
+    threading.Timer(0.2, os.kill, (os.getpid(), {number})).start()
+    loop(1)
+{command}.simulate = endless
+main.run()
+"""
+
+
+@pytest.mark.parametrize("command", ["simulate", "sweep"])
+def test_an_end_while_a_step_computes_for_ever(
+    command: str, tmp_path: Path, start_process: StartProcess
+) -> None:
+    """The main thread heard of it only after the loop."""
+    script = AMIDST_LOOP.format(command=command, number=int(signal.SIGTERM))
+    (tmp_path / "amidst.py").write_text(script)
+    words = [command, "--config", str(PAPER)]
+    is_interrupted(start_process([sys.executable, "-m", "amidst", *words], cwd=tmp_path))
 
 
 @pytest.mark.ros

@@ -18,12 +18,16 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
+from typing import TypeVar
 
 from ppc_attitude.processes.child import Handler, handle_ending
 from ppc_attitude.processes.exits import BROKEN
+
+_Done = TypeVar("_Done")
 
 
 def _end_at_once(number: int, frame: FrameType | None) -> None:
@@ -54,6 +58,24 @@ def interrupt() -> None:
     """Let a request to end raise KeyboardInterrupt, if it was to end this process at once."""
     if signal.getsignal(signal.SIGINT) is _end_at_once:
         handle_ending(_interrupt)
+
+
+def stoppable(work: Callable[[], _Done]) -> _Done:
+    """Do some work in a thread of its own, so that this one can be asked to end meanwhile.
+
+    A compiled loop comes back to Python, which hears of such a request, only when it is over; with
+    a step of somebody else's that may be never.
+    """
+    done: Future[_Done] = Future()
+
+    def run() -> None:
+        try:
+            done.set_result(work())
+        except BaseException as error:
+            done.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return done.result()
 
 
 @contextmanager

@@ -36,6 +36,7 @@ from ppc_attitude.command_line.options import (
     write_report_of,
 )
 from ppc_attitude.command_line.paths import new_bag, new_file
+from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.versions import versions
@@ -75,7 +76,8 @@ def execute(arguments: argparse.Namespace) -> int:
         new_bag(arguments.bag)
     scenario, required = scenario_of(arguments), requirements_of(arguments)
     check_memory(scenario)
-    record = simulate(scenario, scenario.number(PLANT, "duration"))
+    duration = scenario.number(PLANT, "duration")
+    record = stoppable(lambda: simulate(scenario, duration))
     tell_concerns(scenario, record)
     _see_that_it_is_bounded(scenario, record)
     record = replace(record, metadata={**versions(), "command": shlex.join(sys.argv)})

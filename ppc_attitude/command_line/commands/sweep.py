@@ -36,6 +36,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.proportions import actuator_torque
+from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.errors import ConfigurationError
@@ -152,7 +153,7 @@ def _measured(scenario: Scenario, required: Requirements, hits: Hits, duration: 
     }
     hit = scenario.overlaid({INJECTOR: pulse, PLANT: {"duration": hits.length}})
     known = Pulse(hits.at, duration, (hits.torque,) * 3)  # too weak a one would not be found
-    return Measured(simulate(hit, hits.length), required, (known,))
+    return Measured(stoppable(lambda: simulate(hit, hits.length)), required, (known,))
 
 
 def _print_table(
