@@ -72,6 +72,13 @@ def test_a_late_sample_is_where_it_belongs_or_nowhere(age: float, place: int | N
     assert np.array_equal(told, expected, equal_nan=True)
 
 
+def test_of_late_samples_of_one_instant_the_first_counts() -> None:
+    samples = np.zeros((2, 7))
+    samples[:, 2], samples[:, 5] = (3.0, 0.1), (2.0, 0.4)
+    told = by_column((LATE,), stamps_of(10.0, 0.6), samples)["news"]
+    assert told[1] == 3.0
+
+
 @pytest.fixture
 def counted() -> Iterator[Callable[[Callable[[], object]], int]]:
     """Count the blocks of memory that compiled code takes while a function runs."""

@@ -125,10 +125,11 @@ def by_column(
 def _put_where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> None:
     """Put each sample of a late column at the instant of its validity; NaN where there is none.
 
-    One that belongs to no instant of the run is on no record of the nodes either.
+    One that belongs to no instant of the run is on no record of the nodes either. Of several that
+    belong to one instant the first counts, as it does in a bag.
     """
     near = np.abs(rows[-1]) <= _LONGEST  # NaN is not
-    came = np.flatnonzero(np.logical_or.reduce(rows) & near)
+    came = np.flatnonzero(np.logical_or.reduce(rows) & near)[::-1]  # the last written stays
     valid = stamps_ns[came] - np.rint(rows[-1, came] * NANOSECONDS).astype(np.int64)
     places = np.searchsorted(stamps_ns[:-1], valid)
     known = stamps_ns[places] == valid
