@@ -53,6 +53,7 @@ from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.runtime.health import Health, Status
+from ppc_attitude.science.component import Advice
 from ppc_attitude.science.stamps import stamp_of
 
 OK, WARN, ERROR, STALE = (
@@ -303,13 +304,13 @@ def test_an_estimator_refuses_sensors_of_another_time_and_goes_on(
 def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
     admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch, noise: str, told: str
 ) -> None:
-    said: list[tuple[str, bool]] = []
-    monkeypatch.setattr(BaseNode, "say", lambda self, *words: said.append(words))
+    said: list[Advice] = []
+    monkeypatch.setattr(BaseNode, "say_all", lambda self, news: said.extend(news))
     gyro = [f"gyro.angular_random_walk:={noise}", "gyro.resolution:=1.0e-3"]
     admit(SpacecraftPlant, "sensors:=gyro_star_tracker", *gyro)
     assert len(said) == 1
-    assert f"gyro.resolution is {told}: a dead band" in said[0][0]
-    assert said[0][1]
+    assert f"gyro.resolution is {told}: a dead band" in said[0].text
+    assert said[0].warning
 
 
 def test_a_disabled_controller_warns(admit: Callable[..., Patient]) -> None:

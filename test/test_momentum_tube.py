@@ -34,6 +34,7 @@ from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.fixed_point import tuned
 from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import CONTROLLERS
+from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.closed_loop import simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import scenario
@@ -233,8 +234,8 @@ def test_a_quaternion_and_its_negative_are_the_same_attitude() -> None:
     random = np.random.default_rng(7)
     memory, command = new_records()
     gains, measurement = law_of(), inputs_of(momentum_tube.COMPONENT)
-    for k in range(record.t.size):
-        measurement["t"] = record.t[k]
+    for k, stamp_ns in enumerate(record.stamps_ns.tolist()):
+        measurement["t"] = seconds(stamp_ns)
         for column in momentum_tube.COMPONENT.inputs:
             sign = random.choice([-1.0, 1.0]) if column.form == QUATERNION else 1.0
             measurement[column.name] = sign * record[column.name][k]
