@@ -316,6 +316,16 @@ def test_what_was_changed_in_flight_is_compared_as_well(
     assert bool(held.reason) is bool(told)
 
 
+def test_a_run_with_two_certificates_is_judged_by_neither() -> None:
+    """It was judged by the bounds of the first, and the second was blamed for them."""
+    record, other = record_of("guaranteed"), load(configs("guaranteed_sharp"))
+    new = other.parameters[CONTROLLER].items()
+    changes = tuple(Change(10**10, CONTROLLER, *each) for each in new)
+    assert held_by(replace(record, changes=changes)).reason == (
+        "the certificate was replaced in flight"
+    )
+
+
 @pytest.mark.parametrize(
     ("node", "values", "reason"),
     [

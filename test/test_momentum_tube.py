@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import guaranteed
+from craft_helpers import configs, guaranteed
 from record_helpers import configured, inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.brake import deceleration
@@ -37,7 +38,7 @@ from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.closed_loop import simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
-from ppc_attitude.simulation.scenario import scenario
+from ppc_attitude.simulation.scenario import load, scenario
 
 LAW = {"controller": "momentum_tube"}
 
@@ -171,9 +172,10 @@ def test_recovers_when_a_hit_makes_the_craft_tumble() -> None:
     assert tumbling.any()
     assert inside(record)
     memory, command = new_records()
-    memory["started"], memory["tumbling"], memory["y"] = 1.0, 1.0, 1e-3
+    gains = law_of()
+    memory["numbers"], memory["tumbling"], memory["y"] = gains["numbers"], 1.0, 1e-3
     turning = measurement_of(Rotation.identity(), (1.0, 0.0, 0.0))
-    momentum_tube.step(turning, memory, law_of(), command)
+    momentum_tube.step(turning, memory, gains, command)
     assert (memory["tumbling"], *command["momentum_error"]) == (1.0, 0.0, 0.0, 0.0)  # none is told
 
 
@@ -265,7 +267,7 @@ def test_feedforward_is_what_the_commanded_rate_needs(seed: int, way: float) -> 
         measurement["reference_angular_velocity"] = omega_d + t * acceleration_d
         measurement["reference_angular_acceleration"] = acceleration_d
         memory, command = new_records()
-        memory["started"] = memory["r"] = memory["done"] = 1.0
+        memory["numbers"], memory["r"], memory["done"] = gains["numbers"], 1.0, 1.0
         memory["error"], memory["way"] = way * error.as_quat(canonical=True), way
         momentum_tube.step(measurement, memory, gains, command)
         assert memory["events"] == 0
@@ -372,6 +374,29 @@ def test_an_estimate_at_its_limit_is_no_proof_of_a_broken_assumption() -> None:
     diagram.run(stamps_of(100.0, 20.0))
     told = diagram.parts[CONTROLLERS.name].advice.text
     assert told.startswith("the guarantee may be suspended: the disturbance estimate stays")
+
+
+def test_other_numbers_in_flight_begin_a_new_promise() -> None:
+    """Another set led out of its tube, and without a certificate the old promise still stood."""
+    turned = {"spacecraft_plant": {"initial_attitude": [0.707, 0.0, 0.0, 0.707]}}
+    quiet, sharp = (
+        load(configs("paper", each), turned).parameters
+        for each in ("guaranteed_quiet", "guaranteed_sharp")
+    )
+    diagram, stamps = Diagram(quiet), stamps_of(100.0, 2.0)
+    part = diagram.parts[CONTROLLERS.name]
+    diagram.run(stamps[:100])
+    changed = (
+        (sharp[CONTROLLER], "the guarantee applies from"),
+        (sharp[CONTROLLER] | {"momentum_tube.k": 1.2}, "nothing is guaranteed: its certificate is"),
+    )
+    for k, (values, told) in enumerate(changed):
+        before = part.advices
+        part.configure(values)
+        diagram.run(stamps[100 + k : 101 + k])
+        assert part.advices == before + 1
+        assert part.advice.text.startswith(told)
+        assert part.normalised_errors()["momentum_tube"] <= 1.0
 
 
 def test_noise_far_beyond_the_assumed_one_makes_no_cycle_of_events() -> None:

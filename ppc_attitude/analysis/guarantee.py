@@ -127,6 +127,9 @@ def certificate_held(record: RunRecord) -> Held | None:
         lacks = isinstance(cause, KeyError)
         reason = f"the record lacks the parameter {cause.args[0]}" if lacks else str(error)
         return Held(nothing, reason, "")
+    certificates = (each.value for each in record.changes if each.name == CERTIFICATE.name)
+    if any(each != values[CERTIFICATE.name] for each in certificates):
+        different.append("the certificate was replaced in flight")
     different = different or [f"fault: {each}" for each in faults_of(record)]
     if different:
         return Held(nothing, "; ".join(dict.fromkeys(different)), "")

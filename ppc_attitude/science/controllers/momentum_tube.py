@@ -207,11 +207,13 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     # The way round is told by the sign of q_e, which those who measure the attitude may change.
     q_e = continued(q_e, quaternion(memory.error))
     store_quaternion(memory.error, q_e)
-    h = measurement.t - memory.t if memory.started != 0.0 else 0.0
+    begins = memory.numbers != gains.numbers  # also anew, with other numbers
+    h = 0.0 if begins else measurement.t - memory.t
     if h > 0.0 and memory.tumbling == 0.0:
         _advance(memory, gains, h)
-    event = memory.started == 0.0
-    memory.started = 1.0
+    if begins:
+        memory.numbers, memory.events, memory.told_at = gains.numbers, 0.0, -math.inf
+    event = begins
     memory.t = measurement.t
     if memory.tumbling != 0.0:
         event = norm(omega_e) <= _TUMBLING_ENDS * gains.omega0
@@ -278,6 +280,7 @@ def _track(
         n, phi, limit, brake, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
         y = ZERO
         store(memory.y_hat, ZERO)
+        store(memory.d_hat, clamp(vector(memory.d_hat), gains.d_max))  # new numbers may have less
     elif h > 0.0:
         _observe(memory, gains, y, unexplained, h)
     f, f_rate, f_cap = brake

@@ -28,7 +28,7 @@ from ppc_attitude.science.kernel import Vector, kernel, largest, subtract, vecto
 from ppc_attitude.science.parameter import record_type
 
 MEMORY = record_type(
-    ("started", np.float64),
+    ("numbers", np.float64),  # as in the configuration with which it began; 0 before
     ("t", np.float64),  # [s] of the last sample
     ("tumbling", np.float64),
     ("error", np.float64, (4,)),  # q_e of the last sample, whose sign goes on
@@ -51,7 +51,7 @@ MEMORY = record_type(
     ("torque", np.float64, (3,)),
     ("phi", np.float64),  # φ [rad]
     ("envelope", np.float64),  # Φ [rad]
-    ("events", np.float64),  # how many so far
+    ("events", np.float64),  # how many so far with these numbers
     ("slips", np.float64),  # events that a weak actuator explains
     ("slipped_at", np.float64),  # [s] the last of them
     ("loss", np.float64),  # share of the torque that is no longer counted on
