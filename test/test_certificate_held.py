@@ -125,6 +125,20 @@ def test_a_gyro_that_cannot_measure_the_promised_rates_voids_the_promise(
     assert held.reason.startswith("gyro.full_scale = 0.03 rad/s; with what is promised")
 
 
+def test_a_bias_that_the_filter_does_not_know_of_voids_the_promise(
+    designed_for_sensors: Path,
+) -> None:
+    """The estimate was five times worse than assumed, and `check` promised all the same."""
+    files = ("sensors_flagship", str(designed_for_sensors.with_suffix("")))
+    for bias, reason in (
+        (2e-7, ""),
+        (1e-3, "gyro.initial_bias = [0.001, 0.0, 0.0] rad/s; the filter takes σ = 2.42407e-07"),
+    ):
+        held = held_by(record_of(*files, spacecraft_plant={"gyro.initial_bias": [bias, 0.0, 0.0]}))
+        assert held.reason.startswith(reason)
+        assert bool(held.reason) == bool(reason)
+
+
 def test_check_says_that_a_promise_needs_fixes(
     designed_for_sensors: Path, tmp_path: Path, ask: Ask
 ) -> None:

@@ -252,6 +252,9 @@ def _unseen(plant: Mapping[str, Any], estimator: Mapping[str, Any]) -> Iterator[
     for name in _UNSEEN:
         if np.any(plant[name]):
             yield f"{name} = {plant[name]}: the filter's covariance does not contain it"
+    bias, sigma = plant["gyro.initial_bias"], estimator["gyro.initial_bias_sigma"]
+    if np.abs(bias).max() > sigma:  # the seed may add some σ to a fixed part
+        yield f"gyro.initial_bias = {bias} rad/s; the filter takes σ = {sigma:g} for the whole bias"
     for each in mekf.PARAMETERS:
         if plant.get(each.name, estimator[each.name]) != estimator[each.name]:
             yield (
