@@ -254,6 +254,12 @@ def test_a_certificate_with_any_other_number_is_found_out() -> None:
     ]
 
 
+def test_an_inequality_has_a_name_of_its_own() -> None:
+    """Numbers are compared by it; two were "C1 z", of which one could be anything."""
+    names = [each.name for each in proved().inequalities]
+    assert sorted(set(names)) == sorted(names)
+
+
 @pytest.mark.parametrize(
     ("node", "values", "told"),
     [

@@ -112,7 +112,7 @@ def _tube(bounds: Bounds) -> Iterator[Inequality]:
     meaning = "the law knows what estimation errors make of y"
     yield from by_axis("C1 N", bounds.noise, law.N, "N·m·s", meaning)
     meaning = "z̄ is the largest rate error in the tube"
-    yield told("C1 z", bounds.z, law.z_bar, "rad/s", meaning)
+    yield told("C1 ‖z‖", bounds.z, law.z_bar, "rad/s", meaning)
 
 
 def _rates(bounds: Bounds) -> Iterator[Inequality]:
