@@ -155,6 +155,8 @@ def test_check_says_that_a_promise_needs_fixes(
     ):
         assert f"warning: the promise holds while fixes come: star_tracker.{found}" in told
     assert "warning: no fix comes before 0.1 s (initial_fix = false): the promised times" in told
+    told = ask("check", *FLAGSHIP, files[0], "--hit", 3.0, 0.02, code=2).err
+    assert "a hit makes the gyro, which tells the mean rate of a step, lag by more than e_W" in told
     refused = ask("check", *FLAGSHIP, *files, "--known-reference", code=2)
     assert "initial_fix = false: the law begins later than this reference" in refused.err
 

@@ -159,6 +159,11 @@ class Judgement:
         """
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is after a hit")
+        if nodes_around(self._scenario.parameters).estimated:
+            raise ConfigurationError(
+                "a hit makes the gyro, which tells the mean rate of a step, lag by more than e_W = "
+                f"{self._assumed.e_W:.4g} rad/s: no time is promised after it"
+            )
         envelope = Envelope(Bounds(self._assumed, self._law, balls()))
         time = envelope.recovery(torque, duration, self.certificate.accuracy)
         return (
