@@ -191,6 +191,11 @@ def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
     assert told in ask("design", FLAGSHIP[0], *option.split(), code=2).err
 
 
+def test_a_design_says_which_of_its_assumptions_the_craft_does_not_keep(ask: Ask) -> None:
+    told = ask("design", FLAGSHIP[0], "--gains", 0.1, 4, 1, "--assume", "d=1e-5").out
+    assert "warning: assumption not kept: the environment reaches 0.004374 N·m; assumed: d" in told
+
+
 def test_gains_beyond_all_bounds_are_infeasible(ask: Ask) -> None:
     told = "nothing can be guaranteed: no floating-point number bounds what gains 1e-300, 15, 0.2"
     assert told in ask("design", FLAGSHIP[0], "--gains", 1e-300, 15, 0.2, code=1).out

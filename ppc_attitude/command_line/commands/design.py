@@ -64,6 +64,7 @@ from ppc_attitude.science.guarantee.fixed_point import InfeasibleError
 from ppc_attitude.science.guarantee.surroundings import (
     TUBE,
     assumptions_from,
+    broken_assumptions,
     suspensions,
     tube_of,
     white_noise,
@@ -238,6 +239,8 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"the search found numbers that cannot be proved: {', '.join(failing)}")
         return BAD_INPUT
     _tell(found, certificate, assumed)
+    for broken in broken_assumptions(assumed, found.law, nodes):
+        print(f"warning: assumption not kept: {broken}")
     for suspension in suspensions(assumed, nodes, scenario.number(PLANT, "duration")):
         print(f"warning: {suspension}")
     if arguments.output:
