@@ -353,7 +353,11 @@ class Measured:
 
     def time(self, instants: Mask) -> float:
         """How long some instants, shape (n,), last together [s]."""
-        return round(float(lasting(self.t)[instants].sum()), 9) if instants.any() else 0.0
+        return round(float(self._lasting[instants].sum()), 9) if instants.any() else 0.0
+
+    @cached_property
+    def _lasting(self) -> Array:
+        return lasting(self.t)
 
     @cached_property
     def errors(self) -> tuple[ErrorSize, ...]:
