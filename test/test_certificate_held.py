@@ -176,31 +176,6 @@ def test_a_design_knows_the_torque_noise_that_its_sensors_make(
     assert float(found[1]) == pytest.approx(noise.max(), rel=0.15)
 
 
-@pytest.mark.parametrize(
-    ("option", "told"),
-    [
-        ("--rate=-1", "argument --rate: -1; allowed: finite numbers from 0"),
-        ("--rate-noise=nan", "argument --rate-noise: nan; allowed: finite numbers from 0"),
-        ("--gains 1 1 2", "momentum_tube.ell = 2.0; allowed: finite, ≥ 1e-09, ≤ 1"),
-        ("--assume=eta=2", "momentum_tube.assumed.eta = 2.0; allowed: finite, > 0, ≤ 1"),
-    ],
-)
-def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
-    option: str, told: str, ask: Ask
-) -> None:
-    assert told in ask("design", FLAGSHIP[0], *option.split(), code=2).err
-
-
-def test_a_design_says_which_of_its_assumptions_the_craft_does_not_keep(ask: Ask) -> None:
-    told = ask("design", FLAGSHIP[0], "--gains", 0.1, 4, 1, "--assume", "d=1e-5").out
-    assert "warning: assumption not kept: the environment reaches 0.004374 N·m; assumed: d" in told
-
-
-def test_gains_beyond_all_bounds_are_infeasible(ask: Ask) -> None:
-    told = "nothing can be guaranteed: no floating-point number bounds what gains 1e-300, 15, 0.2"
-    assert told in ask("design", FLAGSHIP[0], "--gains", 1e-300, 15, 0.2, code=1).out
-
-
 @pytest.mark.parametrize("e_S", [0.0, 0.1])
 @pytest.mark.parametrize("products", [0.0, 0.3])  # [kg·m²]
 def test_no_craft_within_the_assumptions_lags_more_than_a_gyro_may(

@@ -19,7 +19,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from craft_helpers import guaranteed
+from conftest import Ask
+from craft_helpers import configs, guaranteed
 
 from ppc_attitude.science.guarantee import design as module
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
@@ -36,6 +37,8 @@ from ppc_attitude.science.guarantee.design import (
 )
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import inequalities
+
+CONFIG = [f"--config={file}" for file in configs("paper")]
 
 
 @pytest.mark.long
@@ -151,3 +154,28 @@ def test_gains_are_not_refused_for_a_rounded_number() -> None:
         "e_W": 7.31e-5,
     }
     tuned(replace(guaranteed()[0], **craft), 0.1, (0.1, 2.0, 0.2), COARSE)
+
+
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [
+        ("--rate=-1", "argument --rate: -1; allowed: finite numbers from 0"),
+        ("--rate-noise=nan", "argument --rate-noise: nan; allowed: finite numbers from 0"),
+        ("--gains 1 1 2", "momentum_tube.ell = 2.0; allowed: finite, ≥ 1e-09, ≤ 1"),
+        ("--assume=eta=2", "momentum_tube.assumed.eta = 2.0; allowed: finite, > 0, ≤ 1"),
+    ],
+)
+def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
+    option: str, told: str, ask: Ask
+) -> None:
+    assert told in ask("design", *CONFIG, *option.split(), code=2).err
+
+
+def test_a_design_says_which_of_its_assumptions_the_craft_does_not_keep(ask: Ask) -> None:
+    told = ask("design", *CONFIG, "--gains", 0.1, 4, 1, "--assume", "d=1e-5").out
+    assert "warning: assumption not kept: the environment reaches 0.004374 N·m; assumed: d" in told
+
+
+def test_gains_beyond_all_bounds_are_infeasible(ask: Ask) -> None:
+    told = "nothing can be guaranteed: no floating-point number bounds what gains 1e-300, 15, 0.2"
+    assert told in ask("design", *CONFIG, "--gains", 1e-300, 15, 0.2, code=1).out

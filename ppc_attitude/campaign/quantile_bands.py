@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
-from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.run_record import Array, RunRecord, times_of
 
 QUANTITIES = ("attitude_error", "attitude_envelope", "normalised_error")
 """max_i |q_ev,i| of the pointing error, max_i ρ_q,i, and max_i |q_ev,i|/ρ_q,i of the law's own."""
@@ -40,7 +40,7 @@ def time_bins(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], Array]:
     """First sample of each time bin, and the ends of the bins [s], one more than bins."""
     bins = min(TIME_BINS, stamps_ns.size)
     starts = np.arange(bins) * stamps_ns.size // bins
-    return starts, np.append(stamps_ns[starts], stamps_ns[-1]) / 1e9
+    return starts, times_of(np.append(stamps_ns[starts], stamps_ns[-1]))
 
 
 def levels_of(record: RunRecord, sizes: Array) -> Levels:

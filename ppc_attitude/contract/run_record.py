@@ -37,6 +37,11 @@ def is_steady(steps: NDArray[Any], period: float) -> bool:
     return bool(4 * np.count_nonzero(near) >= 3 * near.size)
 
 
+def times_of(stamps_ns: NDArray[np.int64]) -> Array:
+    """Times [s] for a reader, each the float64 nearest to its stamp [ns]: 60 s equals 60."""
+    return np.asarray(stamps_ns / 1e9, dtype=np.float64)
+
+
 class Change(NamedTuple):
     """A parameter that was changed in flight.
 
@@ -138,8 +143,8 @@ class RunRecord:
 
     @property
     def t(self) -> Array:
-        """Instants [s], shape (n,), each the float64 nearest to its stamp: 60 s equals 60."""
-        return np.asarray(self.stamps_ns / 1e9, dtype=np.float64)
+        """Instants [s], shape (n,)."""
+        return times_of(self.stamps_ns)
 
     @property
     def told_changes(self) -> list[ToldChange]:
