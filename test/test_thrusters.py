@@ -263,6 +263,17 @@ def test_what_thrusters_give_on_every_axis(seed: int) -> None:
     assert certain_torque(axes) == pytest.approx(1.0, rel=1e-12)
 
 
+def test_where_threes_cost_the_same_the_slower_one_counts() -> None:
+    """Beside a torque that two threes give for one cost, it may be the other that is the first."""
+    torques = [[2, -2, 0], [0, 1, -2], [-2, 0, -1], [-1, -2, 0], [-2, 1, -1], [1, 0, 2], [0, 1, 1]]
+    craft, on_time = record(**pushing(np.array(torques, np.float64))), np.zeros(16)
+    certain, longest = certain_torque(craft), 0.0
+    for way in np.random.default_rng(0).uniform(-1.0, 1.0, (20_000, 3)):
+        least_fuel(tuple(certain * way / np.abs(way).max()), craft, on_time)
+        longest = max(longest, float(on_time.max()))
+    assert 0.97 < longest < 1.0 + 1e-9
+
+
 @pytest.mark.parametrize(
     ("given", "reason"),
     [

@@ -49,6 +49,7 @@ _MOST_THREES = MAX_THRUSTERS * (MAX_THRUSTERS - 1) * (MAX_THRUSTERS - 2) // 6
 _FLAT = 1e-9  # what a direction or a three of thrusters spans, below which it counts as nothing
 _NONE = 1e-9  # share of the longest on-time that counts as none
 _TIE = 1e-12  # share of the cost by which a later three must be cheaper
+_NEAR_TIE = 1e-9  # share by which rounding may make a three look cheaper than another
 _C, _S = 0.9396926207859084, 0.3420201433256687  # cosine and sine of 20°
 _X, _Z = 0.3, 0.25  # [m]
 POSITIONS = at_start(
@@ -226,6 +227,16 @@ def _threes(torques: NDArray[np.float64]) -> Iterator[tuple[tuple[int, ...], Any
 
 
 @kernel
+def _on_times(k: int, impulse: Vector, craft: Any) -> tuple[Vector, float]:
+    """On-times [s] by which a three gives an impulse, and Σ F t [N·s]; infinite if it cannot."""
+    t = apply(matrix(craft.inverse[k]), impulse)
+    if min(t[0], t[1], t[2]) < -_NONE * largest(t):
+        return t, np.inf
+    a, b, c = craft.members[k]
+    return t, dot(t, (craft.force[a], craft.force[b], craft.force[c]))
+
+
+@kernel
 def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> float:
     """Write the on-times [s] that give an angular impulse with the least fuel.
 
@@ -246,11 +257,7 @@ def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> float:
     on_time[:] = 0.0
     least, best, times = np.inf, 0, ZERO
     for k in range(craft.threes):
-        t = apply(matrix(craft.inverse[k]), impulse)
-        if min(t[0], t[1], t[2]) < -_NONE * largest(t):
-            continue
-        a, b, c = craft.members[k]
-        cost = dot(t, (craft.force[a], craft.force[b], craft.force[c]))
+        t, cost = _on_times(k, impulse, craft)
         if cost < least * (1.0 - _TIE):
             least, best, times = cost, k, t
     for i in range(3):
@@ -300,12 +307,26 @@ def thrust(shares: Any, craft: Any) -> tuple[Vector, float]:
     return torque, flow
 
 
+@kernel
+def _longest(impulse: Vector, craft: Any) -> float:
+    """Longest on-time [s] by any of the threes that give an impulse with the least fuel."""
+    longest, least = 0.0, np.inf
+    for k in range(craft.threes):
+        t, cost = _on_times(k, impulse, craft)
+        if cost < least * (1.0 - _NEAR_TIE):
+            longest, least = 0.0, cost
+        if cost <= least * (1.0 + _NEAR_TIE):
+            longest = max(longest, largest(t))
+    return longest
+
+
 def certain_torque(craft: Any) -> float:
     """Torque per axis [N·m] that thrusters give in any direction: any |τ_i| up to it can be had.
 
     Among torques that the same three give, the longest on-time is convex, and threes meet in planes
     that two thrusters span. So on a box it is longest at a corner, where such a plane meets an
-    edge, or where a thruster's own torque meets a face.
+    edge, or where a thruster's own torque meets a face. Where several threes cost the same, the one
+    that takes longest counts: of torques beside this one it may be the first.
     """
     torques = craft["torque"][: craft["count"]]
     torques = torques[torques.any(axis=1)]
@@ -316,11 +337,7 @@ def certain_torque(craft: Any) -> float:
             met = corners.copy()
             met[:, axis] -= corners @ normal / normal[axis]
             points += [*met[np.abs(met[:, axis]) <= 1.0]]
-    longest, on_time = 0.0, np.zeros(MAX_THRUSTERS)
-    for point in points:
-        least_fuel(tuple(point.tolist()), craft, on_time)
-        longest = max(longest, float(on_time.max()))
-    return 1.0 / longest
+    return 1.0 / max(_longest(tuple(point.tolist()), craft) for point in points)
 
 
 def largest_torque(craft: Any) -> float:
