@@ -147,6 +147,11 @@ def test_a_late_command_acts_with_the_next_sample() -> None:
     assert part.step(0, (1.0, 5e-5, -0.02)) == (0.0, 0.0, 0.0)
     assert part.step(10_000_000, (0.01, 0.02, 0.03)) == (0.05, 0.0, -0.02)
     assert part.step(20_000_000, (0.0, 0.0, 0.0)) == (0.01, 0.02, 0.03)
+    prompt = {"max_torque": 0.05, "min_torque": 1e-4, "late_command": False}
+    part.configure(prompt)
+    assert part.step(30_000_000, (0.02, 0.0, 0.0)) == (0.02, 0.0, 0.0)
+    part.configure({**prompt, "late_command": True})
+    assert part.step(40_000_000, (0.0, 0.0, 0.0)) == (0.02, 0.0, 0.0)
 
 
 TRUE_ATTITUDE = tuple(map(float, Rotation.from_rotvec([1.0, -0.4, 0.2]).as_quat()))

@@ -72,10 +72,9 @@ def actuator(command: Vector, max_torque: float, min_torque: float) -> Vector:
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Give the torque that the actuator makes of the command, or of the one before."""
-    command = vector(inputs.torque_command)
-    if configuration.late_command != 0.0:
-        command = vector(state.command)
-        store(state.command, vector(inputs.torque_command))
+    asked, before = vector(inputs.torque_command), vector(state.command)
+    store(state.command, asked)
+    command = before if configuration.late_command != 0.0 else asked
     torque = actuator(command, configuration.max_torque, configuration.min_torque)
     store(outputs.applied_torque, torque)
     faults, limit = configuration.faults, configuration.max_torque
