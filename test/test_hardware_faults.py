@@ -219,6 +219,9 @@ def test_a_gyro_tells_what_its_faults_make_of_the_rate() -> None:
     one, _ = sensed(**white)
     ten, _ = sensed("gyro noise 10", **white)
     assert ten[:, :3] - rate == pytest.approx(10.0 * (one[:, :3] - rate), abs=1e-12)
+    walks = {"gyro__angular_random_walk": 1e-3, "gyro__rate_random_walk": 2e-3}
+    loud, _ = sensed(**{name: 10.0 * size for name, size in walks.items()})
+    assert sensed("gyro noise 10", **walks)[0][:, :3] == pytest.approx(loud[:, :3], abs=1e-12)
     frozen, _ = sensed("gyro frozen from 1 for 0.5", **white)
     assert (frozen[100:150, :3] == one[99, :3]).all()
     assert np.array_equal(frozen[150:], one[150:])

@@ -150,6 +150,8 @@ def _failed_gyro(sample: Vector, state: Any, configuration: Any, stamp_ns: int) 
 def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step: int) -> None:
     settings = configuration.gyro
     q = quaternion(inputs.truth_attitude)
+    faults, stamp_ns = configuration.faults, inputs.stamp_ns
+    louder = number_of(faults, _GYRO, How.NOISE, stamp_ns, 1.0)
     white, walk = gyro_noise(settings, step, state.noise)
     if state.started == 0.0:
         # Nothing to average over yet: the sample is the rate of the instant.
@@ -164,10 +166,8 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         h = seconds(inputs.stamp_ns - state.stamp_ns)
         rate = mean_rate(quaternion(state.attitude), q, h)
         before = vector(state.bias)
-        bias = walked_bias(settings, before, walk, h)
+        bias = walked_bias(settings, before, scale(louder, walk), h)
         middle = scale(0.5, add(before, bias))
-    faults, stamp_ns = configuration.faults, inputs.stamp_ns
-    louder = number_of(faults, _GYRO, How.NOISE, stamp_ns, 1.0)
     i = acting(faults, _GYRO, How.BIAS, stamp_ns)
     if i >= 0:
         middle = add(middle, vector(faults.fault[i].value))
