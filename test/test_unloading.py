@@ -30,7 +30,7 @@ from ppc_attitude.contract.topics import PLANT, REFERENCE
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import ORBIT_FIELD, magnetic_field
-from ppc_attitude.science.kinds import ACTUATORS, PLANTS
+from ppc_attitude.science.kinds import ACTUATORS, ALLOCATORS, PLANTS
 from ppc_attitude.science.magnetorquers import unloading_dipole
 from ppc_attitude.science.orbit import CURSOR, orbit_at
 from ppc_attitude.simulation.closed_loop import simulate
@@ -138,6 +138,25 @@ def test_rods_act_beside_the_wheels_and_hold_their_dipole_for_a_period() -> None
         dipoles.append(dipole)
     begins = [0, 50, 100]
     assert [k for k in range(1, 120) if dipoles[k] != dipoles[k - 1]] == begins[1:]
+
+
+def test_rods_give_one_dipole_whoever_asks_and_no_more_than_they_can() -> None:
+    """By a law on board, and by one in a node; a smaller limit holds within a period, too."""
+    board = part_of(ACTUATORS, "wheels_rods", magnetorquers__period=0.01)
+    law = part_of(ALLOCATORS, "wheel_drive_rods", magnetorquers__period=0.01)
+    motors = part_of(ACTUATORS, "wheel_motors_rods")
+    random = np.random.default_rng(6)
+    for k in range(500):
+        speeds, b = speeds_of(0.7 * random.normal(size=3)), 3e-5 * random.normal(size=3)
+        row = [*[0.0] * 6, *speeds, *b]
+        sent = law.step(k * STEP_NS, row)
+        wheels, dipole = sent[law.places["wheel_torque_command"]], sent[-3:]
+        given = motors.step(k * STEP_NS, [*wheels, *[0.0] * 3, *speeds, *dipole, *b])
+        assert given == board.step(k * STEP_NS, row)
+    held = part_of(ACTUATORS, "wheels_rods")
+    asked = np.array(held.step(0, row)[-3:])
+    held.configure({**RODS.defaults, "rate": 100.0, "magnetorquers.max_dipole": 0.5})
+    assert held.step(STEP_NS, row)[-3:] == pytest.approx(0.5 * asked / np.abs(asked).max())
 
 
 def test_a_rod_that_fails_gives_another_dipole() -> None:

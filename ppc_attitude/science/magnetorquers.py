@@ -154,6 +154,12 @@ def torque_of_rods(values: Mapping[str, Any]) -> float:
 
 
 @kernel
+def within(m: Vector, most: float) -> Vector:
+    """Dipole m [A·m²], scaled as a whole if it has more than `most` along an axis."""
+    return scale(most / max(largest(m), most), m)
+
+
+@kernel
 def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
     """Dipole m [A·m²] of the cross-product law, body axes.
 
@@ -172,7 +178,7 @@ def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
         return ZERO
     b = add(b, scale(rods.magnetometer_noise, normal_vector(rods.seed, step, _CHANNEL)))
     m = scale(rods.gain / dot(b, b), cross(excess, b))
-    return scale(rods.max_dipole / max(largest(m), rods.max_dipole), m)
+    return within(m, rods.max_dipole)
 
 
 @kernel

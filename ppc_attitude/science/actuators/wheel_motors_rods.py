@@ -25,8 +25,8 @@ from ppc_attitude.science.actuators import wheel_motors
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import RECORD, Failure, faults_of, faulty
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD
-from ppc_attitude.science.kernel import Vector, add, cross, kernel, largest, scale, store, vector
-from ppc_attitude.science.magnetorquers import DIPOLE, MAX_DIPOLE, torque_of_rods
+from ppc_attitude.science.kernel import Vector, add, cross, kernel, store, vector
+from ppc_attitude.science.magnetorquers import DIPOLE, MAX_DIPOLE, torque_of_rods, within
 from ppc_attitude.science.parameter import filled, record_type
 
 RODS = record_type(MAX_DIPOLE, ("faults", RECORD))
@@ -63,13 +63,14 @@ def turn(inputs: Any, dipole: Vector, rods: Any, outputs: Any) -> None:
     inputs
         Record with the instant and the true field.
     dipole
-        Asked for, within what the rods can give, body axes.
+        Asked for, body axes; one that is too large is scaled as a whole.
     rods
         Record of dtype `RODS`.
     outputs
         Record with the columns that the actuator gives.
     """
     stamp_ns, b = inputs.stamp_ns, vector(inputs.magnetic_field)
+    dipole = within(dipole, rods.max_dipole)
     if rods.faults.count:
         dipole = (
             faulty(dipole[0], rods.max_dipole, rods.faults, 0, stamp_ns),
@@ -82,12 +83,9 @@ def turn(inputs: Any, dipole: Vector, rods: Any, outputs: Any) -> None:
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-    """Let motors and rods give what a node asks of them; a dipole too large is scaled."""
+    """Let motors and rods give what a node asks of them."""
     wheel_motors.step(inputs, state, configuration, outputs)
-    asked, most = vector(inputs.magnetorquer_dipole_command), configuration.rods.max_dipole
-    if largest(asked) > most:
-        asked = scale(most / largest(asked), asked)
-    turn(inputs, asked, configuration.rods, outputs)
+    turn(inputs, vector(inputs.magnetorquer_dipole_command), configuration.rods, outputs)
 
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
