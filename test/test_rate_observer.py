@@ -183,11 +183,13 @@ def test_an_observer_that_is_switched_on_again_in_flight_begins_from_what_is_mea
     assert tuple(state["observer"]["rate"]) == measured
 
 
+@pytest.mark.parametrize("frequency", [0.0, 2.0])
 @pytest.mark.parametrize("name", list(CONTROLLERS.components))
-def test_a_law_begins_anew_after_a_gap_without_an_attitude(name: str) -> None:
+def test_a_law_begins_anew_after_a_gap_without_an_attitude(name: str, frequency: float) -> None:
     """What it remembers is of before the gap: a plan, and a torque that has not acted since."""
     law = CONTROLLERS.components[name]
-    flown, fresh = Part(law, law.defaults), Part(law, law.defaults)
+    values = {**law.defaults, "rate_observer": frequency, "disturbance_feedforward": True}
+    flown, fresh = Part(law, values), Part(law, values)
     known = {"attitude": (0.1, -0.2, 0.05, 0.9733), "reference_attitude": (0.0, 0.0, 0.0, 1.0)}
     zeros = {column.name: (0.0,) * column.width for column in law.inputs}
     for k in range(300):

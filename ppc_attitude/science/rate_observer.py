@@ -157,7 +157,9 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
     if memory.started == 0.0:
         memory.started = 1.0
         memory.stamp_ns = stamp_ns
+        memory.surprised = 0.0
         store(memory.rate, measured)
+        store(memory.disturbance, ZERO)
         return measured
     h = seconds(stamp_ns - memory.stamp_ns)
     memory.stamp_ns = stamp_ns
