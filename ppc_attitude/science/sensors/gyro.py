@@ -37,7 +37,7 @@ from ppc_attitude.science.kernel import (
     scale,
 )
 from ppc_attitude.science.noise import normal_pair, normal_pairs, normal_vector
-from ppc_attitude.science.parameter import Parameter, record_type
+from ppc_attitude.science.parameter import Parameter, at_start, record_type
 
 _size = partial(Parameter, low=0.0, high=1.0)
 ANGULAR_RANDOM_WALK = _size(
@@ -60,7 +60,7 @@ PARAMETERS = (
     RATE_RANDOM_WALK,
     INITIAL_BIAS_SIGMA,
     RESOLUTION,
-    Parameter(
+    at_start(
         "gyro.initial_bias",
         [0.0] * 3,
         "fixed part of the bias at the start",
