@@ -71,6 +71,14 @@ def test_bound_of_the_norm_form(q_e: Quaternion, rho: Vector, beta: float) -> No
     assert np.linalg.norm(v) <= SPEED * max(rho) * (1.0 + 1e-12)
 
 
+@pytest.mark.parametrize("beta", [3.6, 10.0, 100.0, 1e3, 1e5])
+@pytest.mark.parametrize("size", [1e-6, 9.9e-5, 1.01e-4])
+def test_a_steep_norm_form_is_what_it_says_for_small_errors(beta: float, size: float) -> None:
+    w, rate = directional((size, 0.0, 0.0), (1e-3, 0.0, 0.0), (1.0,) * 3, (0.0,) * 3, beta)
+    assert w[0] == pytest.approx(math.tanh(beta * size), rel=1e-12)
+    assert rate[0] == pytest.approx(1e-3 * beta / math.cosh(beta * size) ** 2, rel=1e-10)
+
+
 def test_both_bounds_are_reached_and_the_papers_is_passed() -> None:
     rho, beta = (0.05, 0.05, 0.05), 50.0
     q = np.array([0.05, 0.05, 0.05])

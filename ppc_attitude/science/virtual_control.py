@@ -44,8 +44,9 @@ from ppc_attitude.science.kernel import (
     subtract,
 )
 
-# Below this ‖ε‖ the quotients of the norm form are taken from their series.
-_SMALL = 1e-4
+# Where ‖ε‖ is below the first, and β‖ε‖ below the second, the quotients of the norm form are taken
+# from their series.
+_SMALL, _SMALL_SHAPE = 1e-4, 1e-3
 
 
 @kernel
@@ -83,7 +84,7 @@ def directional(
     epsilon = divide(q, rho)
     epsilon_rate = divide(subtract(q_rate, multiply(rho_rate, epsilon)), rho)
     e = math.sqrt(dot(epsilon, epsilon))
-    if e < _SMALL:
+    if e < _SMALL and beta * e < _SMALL_SHAPE:
         g = beta * (1.0 - (beta * e) ** 2 / 3.0)
         g_rate_by_e = -2.0 / 3.0 * beta**3
     else:
