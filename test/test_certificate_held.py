@@ -202,14 +202,9 @@ def test_no_craft_within_the_assumptions_lags_more_than_a_gyro_may(
 
 
 def test_a_tracker_that_is_blind_suspends_the_promise(designed_for_sensors: Path) -> None:
-    blind = {"star_tracker.blinding_times": [0.05], "star_tracker.blinding_durations": [25.0]}
-    poor = {"gyro.rate_random_walk": 8e-7}
-    record = record_of(
-        "sensors_flagship",
-        str(designed_for_sensors.with_suffix("")),
-        spacecraft_plant={**blind, **poor},
-        attitude_estimator=poor,
-    )
+    blind = {"star_tracker.blinding_times": [0.05], "star_tracker.blinding_durations": [300.0]}
+    files = configs("paper", "sensors_flagship", str(designed_for_sensors.with_suffix("")))
+    record = simulate(load(files, {PLANT: blind}), 300.0)
     assert "or one whose covariance is beyond the assumed errors" in held_by(record).note
 
 

@@ -25,12 +25,15 @@ from ppc_attitude.science.estimators.filter import innovation, propagated, updat
 from ppc_attitude.science.estimators.mekf import filter_record
 from ppc_attitude.science.estimators.steady_state import (
     FLOOR,
+    AxisKnowledge,
     after_gap,
+    first_knowledge,
     noise_floors,
     steady_state,
 )
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.sensors.gyro import effective_white_noise
+from ppc_attitude.science.sensors.star_tracker import slots
 
 ARCSEC = math.radians(1.0 / 3600.0)
 Q = tuple(Rotation.random(random_state=3).as_quat())
@@ -203,6 +206,25 @@ def test_what_is_published_is_as_old_as_the_latency(row: Any, published: Any) ->
         [closed[0], math.sqrt(after_gap(after, *noise[1:], ages[1] - 0.01).attitude) / ARCSEC],
         rel=1e-3,
     )
+
+
+@pytest.mark.parametrize("calibrated", [False, True])
+@pytest.mark.parametrize("name", SUITES)
+def test_a_filter_never_knows_less_than_at_first(name: str, calibrated: bool) -> None:
+    """Published just before a fix arrives; the bias of a calibrated gyro is known at first."""
+    given = suite(name, **({"gyro__initial_bias_sigma": 0.0} if calibrated else {}))
+    attitude, bias, white = first_knowledge(given, 100.0)
+    every, delay = slots(100.0, given)
+    fix = given["star_tracker.boresight_noise"]
+    walk = given["gyro.rate_random_walk"]
+    known = AxisKnowledge(fix**2, 0.0, given["gyro.initial_bias_sigma"] ** 2)
+    told = np.empty((40_000, 2))
+    for k in range(len(told)):
+        told[k] = after_gap(known, white, walk, (every + delay) / 100.0)[::2]
+        theta, cross, b = after_gap(known, white, walk, every / 100.0)
+        left = fix**2 / (theta + fix**2)
+        known = AxisKnowledge(theta * left, cross * left, b - cross**2 / (theta + fix**2))
+    assert np.all(told <= np.array([attitude, bias]) * (1.0 + 1e-9))
 
 
 GAPS = {

@@ -100,6 +100,8 @@ def after_gap(known: AxisKnowledge, white: float, walk: float, gap: float) -> Ax
 def first_knowledge(estimator: Mapping[str, Any], rate: float) -> tuple[float, float, float]:
     """Largest uncertainty of a filter once it has a fix; from then on it only decreases.
 
+    A bias that is known better at the start than in the long run is taken as known in the long run.
+
     Parameters
     ----------
     estimator : mapping
@@ -119,11 +121,12 @@ def first_knowledge(estimator: Mapping[str, Any], rate: float) -> tuple[float, f
     ConfigurationError
         The tracker's rate does not divide the steps'.
     """
-    age = sum(slots(rate, estimator)) / rate
+    every, delay = slots(rate, estimator)
     white, walk = _gyro_noise(estimator, rate)
     fix = max(estimator[CROSS_NOISE.name], estimator[BORESIGHT_NOISE.name])
-    bias = estimator[INITIAL_BIAS_SIGMA.name]
-    known = after_gap(AxisKnowledge(fix**2, 0.0, bias**2), white, walk, age)
+    settled, _ = steady_state(fix, white, walk, every / rate)
+    bias = max(estimator[INITIAL_BIAS_SIGMA.name] ** 2, settled.bias)
+    known = after_gap(AxisKnowledge(fix**2, 0.0, bias), white, walk, (every + delay) / rate)
     return known.attitude, known.bias, white
 
 
