@@ -26,11 +26,12 @@ import pytest
 from conftest import Ask
 from craft_helpers import configs, overlay
 from estimation_helpers import STEP_NS, Array
-from synthetic import without_columns
+from synthetic import with_columns, without_columns
 from test_certificate_held import held_by
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
 from ppc_attitude.science.guarantee.actuation import actuation_of, are_full
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
@@ -165,6 +166,22 @@ def test_a_certificate_with_wheels_holds_in_flight(gains: Path) -> None:
     assert (held.reason, held.note, held.outside.any()) == ("", "", False)
     silent = without_columns(record, "wheel_speed")
     assert "no speed of the wheels on record" in held_by(silent).reason
+
+
+def test_wheels_that_change_in_flight_are_judged_by_what_they_became(gains: Path) -> None:
+    """Friction and largest speed were those of the start: less torque was left to disturb."""
+    given = load([*FILES, gains])
+    became = {each: given.parameters[PLANT][each] for each in NO_FRICTION}
+    record = simulate(load([*FILES, gains], {PLANT: NO_FRICTION}), 2.0)
+    torque = np.full((record.t.size, 3), 1e-3)  # within d beside wheels without friction
+    record = with_columns(record, disturbance_torque=torque)
+    assert held_by(record).note == ""
+    changes = tuple(Change(10**9, PLANT, *each) for each in became.items())
+    told = "suspended: a torque beyond the assumed one at 101 instants"
+    assert held_by(replace(record, changes=changes)).note == told
+    slow = (Change(10**9, PLANT, "wheels.max_speed", [1e-3]),)
+    told = "suspended: a wheel at its largest speed at 101 instants"
+    assert held_by(replace(record, changes=slow)).note == told
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,7 @@ def certificate_held(record: RunRecord) -> Held | None:
         # What the reference did is on record; only where it is not, its parameters decide.
         shown = all(has(record, topic.column) for topic in (REFERENCE_RATE, REFERENCE_ACCELERATION))
         until = None if shown else float(record.t[-1])
-        different = [each for told in _in_flight(record) for each in _broken(told, until)]
+        different = [each for _, told in _in_flight(record) for each in _broken(told, until)]
         broken_at = _assumptions(record)
     except (KeyError, ConfigurationError) as error:
         cause = error.__cause__ or error  # a component that was asked names itself around it
@@ -183,18 +183,18 @@ def _until_inside(suspended: Mask, outside: Mask) -> Mask:
     return np.asarray(last > inside)
 
 
-def _in_flight(record: RunRecord) -> Iterator[Mapping[str, Mapping[str, Any]]]:
-    """Yield the parameters as the run began, and after each instant at which some changed.
+def _in_flight(record: RunRecord) -> Iterator[tuple[int, Mapping[str, Mapping[str, Any]]]]:
+    """Yield from which stamp [ns] on which parameters held: as the run began, and as changed.
 
     Faults are left as they were: they are known by when they acted.
     """
     parameters = {node: dict(values) for node, values in record.parameters.items()}
-    yield parameters
-    for _, changes in groupby(record.changes, attrgetter("stamp_ns")):
+    yield int(record.stamps_ns[0]), parameters
+    for stamp, changes in groupby(record.changes, attrgetter("stamp_ns")):
         for change in changes:
             if change.name != FAULTS.name:
                 parameters.setdefault(change.node, {})[change.name] = change.value
-        yield parameters
+        yield stamp, parameters
 
 
 def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float | None) -> Iterator[str]:
@@ -224,13 +224,14 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
     """Instants at which an assumption that a record shows is broken, by what broke it."""
     values = record.parameters[CONTROLLER]
     found = {}
-    external = values[f"{PREFIX}assumed.d"]  # [N·m]
-    plant = record.parameters.get(PLANT, {})
-    if has_wheels(plant):
+    external = np.full(record.stamps_ns.size, values[f"{PREFIX}assumed.d"])  # [N·m]
+    if has_wheels(record.parameters.get(PLANT, {})):
         assumed = assumptions_of(values)
         fastest = fastest_of(assumed, law_of(values))
-        external -= actuation_of(plant, assumed.momentum, fastest, assumed.max_torque).rest
-        found.update(_momentum(record, plant, assumed.momentum))
+        for begin, told in _in_flight(record):
+            wheels = actuation_of(told[PLANT], assumed.momentum, fastest, assumed.max_torque)
+            external[record.stamps_ns >= begin] = assumed.d - wheels.rest
+        found.update(_momentum(record, assumed.momentum))
     if has(record, DISTURBANCE.column):
         torque = np.abs(record[DISTURBANCE.column]).max(axis=1)
         found["a torque beyond the assumed one"] = torque > external
@@ -279,16 +280,18 @@ def _jumps(change: Array, slope: Array, h: Array, limit: Array) -> Mask:
     return np.asarray(jumps)
 
 
-def _momentum(record: RunRecord, plant: Mapping[str, Any], most: float) -> dict[str, Mask]:
+def _momentum(record: RunRecord, most: float) -> dict[str, Mask]:
     """Instants at which wheels, or the craft with them, had more momentum than assumed."""
     rate = truth_of(record).angular_velocity
     if not (has(record, SPEED.name) and has(record, rate)):
         return {"no speed of the wheels on record": np.ones(record.stamps_ns.size, np.bool_)}
     speeds = record[SPEED.name]
-    return {
-        "more momentum than assumed": momentum_of(plant, record[rate], speeds) > most,
-        "a wheel at its largest speed": are_full(plant, speeds),
-    }
+    full = np.zeros(record.stamps_ns.size, np.bool_)
+    for begin, told in _in_flight(record):
+        since = record.stamps_ns >= begin
+        full[since] = are_full(told[PLANT], speeds[since])
+    momentum = momentum_of(record.parameters[PLANT], record[rate], speeds)
+    return {"more momentum than assumed": momentum > most, "a wheel at its largest speed": full}
 
 
 def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
