@@ -42,7 +42,7 @@ from ppc_attitude.science.guarantee.assumptions import (
     parameters_of,
 )
 from ppc_attitude.science.guarantee.bounds import Bounds
-from ppc_attitude.science.guarantee.cells import COARSE
+from ppc_attitude.science.guarantee.cells import COARSE, Speed, cells
 from ppc_attitude.science.guarantee.certificate import Certificate, certify, differences
 from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
@@ -342,6 +342,26 @@ def test_full_inertia_and_every_error_are_designed_and_proved() -> None:
         certificate = certify(_complete(each, found.law), rates=(1.0,))
         assert certificate.holds
         assert certificate.promises[0].time < 130.0
+
+
+def test_late_commands_are_refused_with_the_momentum_observer() -> None:
+    """The proof leaves them out, yet given gains were certified, and a search could find some."""
+    assumed = replace(guaranteed()[0], late=1.0)
+    tuned(assumed, 0.01, (0.6, 20.0, 1.0), COARSE)
+    with pytest.raises(InfeasibleError, match="C5 ℓ fails"):
+        tuned(assumed, 0.01, (0.6, 20.0, 0.5), COARSE)
+
+
+def test_errors_of_what_a_ramp_adds_are_part_of_those_of_F() -> None:
+    """With r' = k the law errs in r' f n besides, by k times the change of v with the attitude."""
+    assumed, law = noisy()
+    bounds = Bounds(assumed, law, FLOATS, COARSE)
+    number = (law.k, bounds.a, bounds.a_most, law.Omega_e, assumed.W, assumed.W1, assumed.W2)
+    speed = Speed(*number, law.z_bar, assumed.e_A, bounds.e_w, FLOATS)
+    for each in cells(speed, law.Omega_e - assumed.W - 2.0 * law.h * law.V_rate, COARSE):
+        error = each.error + law.k * each.lipschitz * assumed.e_A
+        for row, noise in zip(bounds.body.row, bounds.torque_noise, strict=True):
+            assert row * error <= noise
 
 
 def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:

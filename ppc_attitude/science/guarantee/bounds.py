@@ -260,7 +260,13 @@ class Bounds:
         e_W, slow = self.arithmetic.number(self.assumed.e_W), self._cruise_rate
         stop = self.nu_stop, self._stop_cotangent
         turning = slow * axis_error(*stop, slow, slow + self.e_w, self._e_A, self.e_w)
-        of_v = self.arithmetic.largest(turning, *(each.error for each in self._cells))
+        # A ramp changes f n by itself: r' ≤ k, or |σ'| ≤ ‖v'‖ ≤ A where the cap alone acts.
+        A = self._acceleration(self._Omega, self.variation)
+        rising = A * self._largest(nu_of, self.blend) * self._e_A
+        most = self.arithmetic.largest
+        ramps = (most(self._k * each.lipschitz * self._e_A, rising) for each in self._cells)
+        pairs = zip(self._cells, ramps, strict=True)
+        of_v = most(turning, *(each.error + ramp for each, ramp in pairs))
         of_m = self._W * e_W + (self._fastest * self._W + self._W1) * self._e_A
 
         def axis(i: int) -> Number:

@@ -128,6 +128,9 @@ def _rates(bounds: Bounds) -> Iterator[Inequality]:
     limit = _STEP_LATE if assumed.late > 0.0 else _STEP
     meaning = "κh: one sample's correction does not overshoot"
     yield told("C5", number(law.kappa) * h, limit, "", meaning)
+    if assumed.late > 0.0:
+        meaning = "ℓ = 1: the momentum observer is not proved with late commands"
+        yield told("C5 ℓ", 1.0, law.ell, "", meaning)
     meaning = "the tube lies within the linear part of the brake"
     yield told("C6", z, bounds.a / number(law.k), "rad/s", meaning)
     meaning = "the reference leaves speed to turn with"
