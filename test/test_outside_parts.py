@@ -23,8 +23,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from campaign_helpers import rows_of
 from craft_helpers import CONFIG
 from process_helpers import PATIENCE
+
+from ppc_attitude.contract.topics import INJECTOR
 
 OUTSIDE = Path(__file__).parent / "outside"
 # Entry points of each kind.
@@ -334,6 +337,17 @@ def test_a_campaign_draws_nothing_of_parts_that_do_not_run(
     assert "inertia_error" in ours
     assert theirs.split(", ")[0] == "drawn: actuator_strength 1"
     assert theirs.endswith("rate_noise 1e-06")
+
+
+def test_each_run_of_a_campaign_has_noise_of_its_own(run_outside: Run, tmp_path: Path) -> None:
+    """An environment that depends on time and on its seed alone was the same in all runs."""
+    name_points(tmp_path, environments="gusty = misfits:gusty")
+    choose(tmp_path, INJECTOR, "environment: gusty")
+    (tmp_path / "nothing.yaml").write_text("campaign: {}\n")
+    campaign = f"campaign {PAPER} --config own.yaml --campaign nothing.yaml --duration 1"
+    done = run_outside(f"{campaign} --runs 2 --workers 1 --out out", f"{campaign} --only 1 --json")
+    alone = json.loads(done.stdout.splitlines()[-1])["metrics"]
+    assert rows_of(tmp_path / "out")[1]["max_rate_deg_s"] == alone["max_rate_deg_s"]
 
 
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.distributions import keys
 from ppc_attitude.campaign.variables import NOMINAL, VARIABLES, Drawn, Variable, drawn_columns
-from ppc_attitude.campaign.varied import SHORT, Varied, varied
+from ppc_attitude.campaign.varied import SHORT, varied
 from ppc_attitude.contract.declared import components_of, has_parameter
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import PLANT, SOURCES
@@ -97,12 +97,10 @@ class Campaign:
     @cached_property
     def timetable(self) -> Array | None:
         """The `timetable_of` all runs; None if what is drawn changes it."""
-        for each in self.variables.values():
-            if not isinstance(each, Varied):
-                continue
-            for component in components_of(each.node, self.scenario.parameters[each.node]):
-                names = [parameter.name for parameter in component.parameters]
-                if not component.inputs and each.parameter in names:
+        _, changed = drawn_run(self, 0)  # what changes in one run changes in every other
+        for node, values in changed.items():
+            for component in components_of(node, self.scenario.parameters[node]):
+                if not component.inputs and not values.keys().isdisjoint(component.defaults):
                     return None
         return timetable_of(self.scenario, self.stamps_ns)
 

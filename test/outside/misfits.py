@@ -26,10 +26,12 @@ from ppc_attitude.science.component import BODY, VECTOR, Column, Component
 from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
 from ppc_attitude.science.disturbances import pulses
 from ppc_attitude.science.kernel import kernel
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
+from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TORQUE_COMMAND
 
 LAW, PLANT, SENSORS = outside_parts.LAW, outside_parts.PLANT, outside_parts.SENSORS
+NOISE = record_type(SEED)
 
 
 def with_column(part: Component, **chosen: str) -> Component:
@@ -73,6 +75,12 @@ def step_quiet(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
     """Say nothing at first."""
     if inputs.t >= 0.05:
         outside_parts.step_estimator(inputs, state, configuration, outputs)
+
+
+@kernel
+def step_gusty(inputs: Any, state: Any, noise: Any, outputs: Any) -> None:
+    """Push by what the seed says, at all times alike."""
+    outputs.environment_torque[0] = 1e-6 * (noise.seed % 1000)
 
 
 @kernel
@@ -144,6 +152,14 @@ MADE: dict[str, Callable[[], Component]] = {
         PLANT,
         parameters=(),
         configure=lambda _: PLANT.configure(PLANT.defaults),
+    ),
+    "gusty": lambda: replace(
+        outside_parts.ENVIRONMENT,
+        parameters=(SEED,),
+        configuration=NOISE,
+        configure=lambda values: filled(NOISE, values),
+        step=step_gusty,
+        bound=None,
     ),
     "listening": lambda: replace(LAW, inputs=(*LAW.inputs, outside_parts.RATE_CHANGE)),
     "chatty": lambda: replace(LAW, advice=lambda _: "well"),
