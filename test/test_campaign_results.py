@@ -16,8 +16,10 @@
 
 import math
 import os
+import shlex
 import signal
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -224,6 +226,21 @@ def test_command_gives_the_campaign(finished: Finished, tmp_path: Path, ask: Ask
     assert told["requirements"] == finished.summary.to_json()["requirements"]
     assert rows_of(out) == rows_of(finished.folder)
     assert report.exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_names_that_begin_with_a_dash_can_be_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path)
+    Path("config.yaml").rename("-config.yaml")
+    Path("-slow.yaml").write_text("rate: 0.01\n", encoding="utf-8")
+    files = ["--config=-config.yaml", "--requirements=-slow.yaml", "--campaign=campaign.yaml"]
+    ask("campaign", *files, "--runs=1", "--report=report.html", code=1)
+    page = Path("report.html").read_text(encoding="utf-8")
+    _, *command = shlex.split(unescape(page.split("<code>")[1].split("</code>")[0]))
+    ask(*command, code=1)
 
 
 def test_command_runs_one_again(finished: Finished, tmp_path: Path, ask: Ask) -> None:

@@ -47,11 +47,12 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paths import new_folder, shipped_config, some_path
 from ppc_attitude.command_line.recording import Recording
-from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
+from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals, stoppable
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.science.kinds import SENSORS
+from ppc_attitude.simulation.closed_loop import warm_up
 
 HELP = "Monte Carlo: many drawn runs, in process, judged together"
 DESCRIPTION = (
@@ -120,6 +121,7 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"not drawn: {', '.join(unknown)}; {sensors} has no such number", file=sys.stderr)
     if not arguments.scheduler:  # the runs of a cluster take the memory of others
         check_memory(campaign.scenario, 1 if alone else min(arguments.workers or cores(), runs))
+        stoppable(lambda: warm_up(campaign.scenario))
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
@@ -150,7 +152,7 @@ def execute(arguments: argparse.Namespace) -> int:
 def _execute_one(arguments: argparse.Namespace, campaign: Campaign) -> int:
     """Run one index again, in process or through the nodes, and judge it as any run."""
     if not (arguments.record or arguments.bag):
-        verdict = rerun(campaign, arguments.only)
+        verdict = stoppable(lambda: rerun(campaign, arguments.only))
         tell_concerns(scenario_of_run(campaign, arguments.only), verdict.record)
         _tell_one(arguments, campaign, verdict)
         return exit_code(verdict)
@@ -229,12 +231,8 @@ def _exit_code(finished: Finished) -> int:
 def _again(arguments: argparse.Namespace) -> list[str]:
     """Command line of this campaign, to which --only is appended."""
     words = ["ppc_attitude", "campaign"]
-    for path in arguments.config:
-        words += ["--config", str(path)]
-    for path in arguments.requirements:
-        words += ["--requirements", str(path)]
-    for option in ("duration", "controller", "campaign", "seed"):
-        value = getattr(arguments, option)
-        if value is not None:
-            words += [f"--{option}", str(value)]
+    for option in ("config", "requirements", "duration", "controller", "campaign", "seed"):
+        given = getattr(arguments, option)
+        values = given if isinstance(given, list) else [given]
+        words += [f"--{option}={value}" for value in values if value is not None]
     return words
