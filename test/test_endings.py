@@ -201,8 +201,8 @@ def test_an_end_while_code_is_made(
 
 AMIDST_LOOP = """
 import os, threading
+import {module} as computing
 from ppc_attitude.command_line import main
-from ppc_attitude.command_line.commands import {command}
 from ppc_attitude.science.kernel import kernel
 @kernel
 def loop(odd):
@@ -212,20 +212,37 @@ loop(0)
 def endless(*_):
     threading.Timer(0.2, os.kill, (os.getpid(), {number})).start()
     loop(1)
-{command}.simulate = endless
+computing.{name} = endless
 main.run()
 """
 
 
-@pytest.mark.parametrize("command", ["simulate", "sweep"])
+@pytest.mark.parametrize(
+    ("words", "computing"),
+    [
+        ("simulate", "command_line.commands.simulate.simulate"),
+        ("sweep", "command_line.commands.sweep.simulate"),
+        ("check", "command_line.commands.check.first_instant"),
+        ("run", "command_line.recording.warm_up"),
+        ("campaign", "command_line.commands.campaign.warm_up"),
+        ("campaign --only 1", "campaign.rows.simulate"),
+        ("design --controller ppc", "command_line.gain_search.warm_up"),
+        ("design --controller ppc", "campaign.tuning.simulate"),
+        ("falsify", "falsify.search.simulate"),
+    ],
+)
 def test_an_end_while_a_step_computes_for_ever(
-    command: str, tmp_path: Path, start_process: StartProcess
+    words: str, computing: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
     """The main thread heard of it only after the loop."""
-    script = AMIDST_LOOP.format(command=command, number=int(signal.SIGTERM))
+    module, _, name = f"ppc_attitude.{computing}".rpartition(".")
+    script = AMIDST_LOOP.format(module=module, name=name, number=int(signal.SIGTERM))
     (tmp_path / "amidst.py").write_text(script)
-    words = [command, "--config", str(PAPER)]
-    is_interrupted(start_process([sys.executable, "-m", "amidst", *words], cwd=tmp_path))
+    command = [sys.executable, "-m", "amidst", *words.split(), "--config", str(PAPER)]
+    process = start_process(command, cwd=tmp_path)
+    _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 3
+    assert "interrupted" in err.splitlines()[-1]
 
 
 @pytest.mark.ros

@@ -21,7 +21,9 @@ process that computed was lost (killed, out of memory) rather than that the runs
 import asyncio
 import contextlib
 import os
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import Pipe
 from queue import SimpleQueue
 from typing import Any, TypeAlias
@@ -31,7 +33,6 @@ from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.rows import CampaignError, Outcome, run_chunk
 from ppc_attitude.processes.child import Child
 from ppc_attitude.science.errors import ConfigurationError, needed_by
-from ppc_attitude.simulation.closed_loop import warm_up
 
 _PATIENCE = 30.0  # [s] for a scheduler to answer, and for its first worker
 
@@ -39,6 +40,19 @@ _PATIENCE = 30.0  # [s] for a scheduler to answer, and for its first worker
 def cores() -> int:
     """How many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def threads() -> Iterator[Executor]:
+    """Threads of this process, one a core, whose compiled loops run side by side.
+
+    At the end nobody waits for what they still do: a step of somebody else's may compute for ever.
+    """
+    executor = ThreadPoolExecutor(cores())
+    try:
+        yield executor
+    finally:
+        executor.shutdown(wait=False, cancel_futures=True)
 
 
 class WorkerLostError(Exception):
@@ -77,11 +91,10 @@ class LocalPool:
     The standard library's pool shares one pipe among all processes: one that is killed while it
     answers blocks that pool for ever. Here it costs its own chunk.
 
-    The kernels of the campaign are compiled here, once, so that they find them cached.
+    The kernels of the campaign should be warm: else each process compiles them.
     """
 
     def __init__(self, campaign: Campaign, workers: int) -> None:
-        warm_up(campaign.scenario)
         self.slots = workers
         self._campaign = campaign
         self._closed = False

@@ -17,17 +17,17 @@
 import argparse
 import math
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from tqdm import tqdm
 
 from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
-from ppc_attitude.campaign.pools import cores
+from ppc_attitude.campaign.pools import cores, threads
 from ppc_attitude.campaign.report import share_text
 from ppc_attitude.campaign.tuning import Tuned, tuned
 from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
@@ -48,14 +48,14 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
             f"duration = {varied.duration:g} s; allowed: from the settling deadline of "
             f"{varied.required.settling_deadline:g} s on, without which nothing is judged"
         )
-    warm_up(scenario)
-    with ThreadPoolExecutor(cores()) as threads, tqdm(unit=" candidates", file=sys.stderr) as bar:
+    stoppable(lambda: warm_up(scenario))
+    with threads() as executor, tqdm(unit=" candidates", file=sys.stderr) as bar:
 
         def show(count: int, least: float) -> None:
             bar.update(count - bar.n)
             bar.set_postfix_str(f"cost {least:.3g}")
 
-        found = tuned(varied, arguments.seconds, threads, progress=show)
+        found = tuned(varied, arguments.seconds, executor, progress=show)
     lines = _told(found, scenario.controller.name)
     for line in lines:
         print(line)

@@ -31,7 +31,7 @@ from ppc_attitude.command_line.options import exit_code
 from ppc_attitude.command_line.paths import new_bag
 from ppc_attitude.command_line.security import domain_of, secured
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
-from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals
+from ppc_attitude.command_line.stopping import stop_on_signals, stoppable
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.whole_file import dated
@@ -83,8 +83,7 @@ class Recording:
         scenario = scenario.awaiting_recorder().with_values(PLANT, lockstep=lockstep)
         scenario = scenario.with_values(RECORDER, bag=str(self.bag))
         check_memory(scenario)  # the verdict is taken from the whole bag
-        with nothing_begun():
-            warm_up(scenario)
+        stoppable(lambda: warm_up(scenario))
         self._run_stack(scenario, environment, watch)
         try:
             record = read_run(self.bag, whole=True)

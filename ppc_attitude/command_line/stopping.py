@@ -42,7 +42,7 @@ def end_at_once() -> None:
 
 
 asked: list[int] = []
-"""Signals by which this process was asked to end, once that raises KeyboardInterrupt.
+"""Signals by which this process was asked to end after it had begun.
 
 A list, because one request may interrupt the handler of another: a lock would wait for ever.
 """
@@ -74,7 +74,9 @@ def stoppable(work: Callable[[], _Done]) -> _Done:
         except BaseException as error:
             done.set_exception(error)
 
-    threading.Thread(target=run, daemon=True).start()
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join()  # who has threads cannot be copied
     return done.result()
 
 
@@ -98,5 +100,10 @@ def nothing_begun() -> AbstractContextManager[None]:
 def stop_on_signals() -> Iterator[threading.Event]:
     """Event that a request to end sets, so that a second Ctrl-C cannot break the orderly stop."""
     stop = threading.Event()
-    with _handled(lambda number, frame: stop.set()):
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+        stop.set()
+
+    with _handled(handle):
         yield stop

@@ -21,7 +21,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -42,6 +42,7 @@ _WIDTH = 0.5  # deviation of the first generation, of numbers of the order of on
 # A generation that finds nothing new for so long begins a new search elsewhere.
 _STALE = 40
 _WORST = 1e9  # more than any goal reaches
+_GLANCE = 0.1  # [s] between looks at the wish to stop
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Search:
         """Search until so many runs, or so much time, and yield after each generation.
 
         The runs include those of earlier sessions, the time [s] is that of this one. A stop ends
-        the search after the present generation.
+        the search at once; the present generation is left out.
 
         Raises
         ------
@@ -141,7 +142,11 @@ class Search:
                 if values is None:
                     if best.runs >= runs or stop.is_set() or time.monotonic() > end:
                         return
-                    values = list(executor.map(value, questions))
+                    flown = [executor.submit(value, each) for each in questions]
+                    while wait(flown, timeout=_GLANCE).not_done:
+                        if stop.is_set():
+                            return
+                    values = [each.result() for each in flown]
                     file.write(json.dumps(values) + "\n")
                     file.flush()
                 if len(values) != len(questions):

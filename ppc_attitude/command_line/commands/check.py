@@ -46,6 +46,7 @@ from ppc_attitude.command_line.proportions import (
     settling_conditions,
     slew_conditions,
 )
+from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import (
     ATTITUDE,
@@ -123,13 +124,14 @@ def execute(arguments: argparse.Namespace) -> int:
     certified = scenario.controller.name in LAWS
     see_that_none_is_idle(arguments, certified, _CERTIFIED, "hit", "known-reference")
     guarantee = Judgement(scenario, arguments.config) if certified else None
-    parts = _at_start(scenario)
+    parts = stoppable(lambda: _at_start(scenario))
     law = parts[CONTROLLERS.name]
     told, desired = (_given(parts, each) for each in (ATTITUDE.column, REFERENCE_ATTITUDE.column))
     if not told.any():
         told = _given(parts, TRUE_ATTITUDE.column)
     q_e = attitude_error(tuple(told.tolist()), tuple(desired.tolist()))
-    environment = environment_torque(scenario, parts[ENVIRONMENTS.name])
+    surroundings = parts[ENVIRONMENTS.name]
+    environment = stoppable(lambda: environment_torque(scenario, surroundings))
     goals = goals_told(scenario)
     conditions = (
         *(() if guarantee else _law_conditions(scenario, q_e[3], environment, required.rate)),

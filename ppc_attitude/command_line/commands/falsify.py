@@ -18,13 +18,13 @@ import argparse
 import math
 import sys
 from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 from tqdm import tqdm
 
-from ppc_attitude.campaign.pools import connected, cores
+from ppc_attitude.campaign.pools import connected, cores, threads
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     ACCURACY,
@@ -206,10 +206,10 @@ def _file(space: Space, goal: Goal, found: Found, controller: str | None) -> str
 
 @contextmanager
 def _executor(scheduler: str | None) -> Iterator[Executor]:
-    """Threads of this process, whose compiled loops run side by side; or a Dask cluster."""
+    """Threads of this process, or a Dask cluster."""
     if scheduler is None:
-        with ThreadPoolExecutor(cores()) as threads:
-            yield threads
+        with threads() as executor:
+            yield executor
         return
     with closing(connected(scheduler)) as client:
         yield client.get_executor()

@@ -20,6 +20,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ppc_attitude.command_line.options import add_reading_options, print_json, record_of
+from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.simulation.replay import Difference, replay
 
@@ -39,7 +40,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Replay and report."""
-    result = replay(record_of(arguments))
+    record = record_of(arguments)
+    result = stoppable(lambda: replay(record))
     if arguments.json:
         law = dict.fromkeys(("steps", "skipped", "largest", "at"))
         if result.law is not None:
