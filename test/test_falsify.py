@@ -31,7 +31,7 @@ from process_helpers import PAPER
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.campaign.declaration import campaign
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
 from ppc_attitude.falsify.space import Space
@@ -194,6 +194,18 @@ def test_an_attitude_error_in_its_bound_is_the_true_one(law: str, name: str, bou
     largest = (sizes / record[bound])[record.t >= 20.0].max()
     value = Goal(name, after=20.0).value(record, base.controller)
     assert value == pytest.approx(largest, rel=1e-9)
+
+
+def test_what_no_law_has_before_the_first_fix_passes_no_bound() -> None:
+    """Without an attitude the envelope is zero: every start was as bad as one that diverges."""
+    late: dict[str, Any] = {node: {"initial_fix": False} for node in (PLANT, ESTIMATOR)}
+    base = load(configs("paper", "sensors_smallsat"), late)
+    record = simulate(base, 5.0)
+    known = record["attitude_envelope"].all(axis=1)
+    assert known.any() and not known.all()
+    later = Goal("attitude_error", after=float(record.t[known][0]))
+    value = Goal("attitude_error").value(record, base.controller)
+    assert value == later.value(record, base.controller) < math.inf
 
 
 def test_a_true_turn_goes_the_laws_way_round() -> None:

@@ -93,7 +93,9 @@ class Goal:
             column = next(each for each in law.outputs if each.name == self.name)
             bound = record[column.bound][judged]
             error = np.abs(_true(record, column.name)[judged][:, : bound.shape[1]])
-            value = float(np.max(error / bound))
+            # There is no bound without an attitude.
+            shares = np.divide(error, bound, out=np.zeros_like(error), where=bound != 0.0)
+            value = float(shares.max())
         return value if np.isfinite(value) else np.inf
 
     def _settling(self, record: RunRecord) -> float:
