@@ -88,7 +88,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             ENVIRONMENT_BOUND,
             "bound of the disturbance, per axis [N·m]",
         ),
-        ("--pieces", number(0, 1e4, whole=True), 40, "pieces of the disturbance; 0: as configured"),
+        # CMA-ES takes memory as their square: 0.5 GB of 1000, 20 GB of 10 000.
+        ("--pieces", number(0, 1e3, whole=True), 40, "pieces of the disturbance; 0: as configured"),
         ("--inertia-error", number(0.0, 0.5), 0.0, "largest inertia error e_S, such as 0.1"),
         ("--strength", number(1e-3, 1.0), 1.0, "least fraction η of a command that acts"),
         ("--begin", number(0.0, 1e9, "s"), 0.0, "latest time of the reference at t = 0 [s]"),
