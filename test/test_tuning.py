@@ -98,6 +98,23 @@ def test_a_law_whose_gains_are_not_searched_is_named() -> None:
         tuned(cubesat(controller="log_barrier"), 1.0, threads)
 
 
+@pytest.mark.parametrize(
+    ("gain", "varies", "told"),
+    [
+        (0.0, {}, "K_omega = 0; allowed: > 0"),
+        (2.3, {"parameters": {f"{CONTROLLER}.K_omega": 2.0}}, "the campaign varies K_omega"),
+    ],
+)
+def test_a_gain_that_no_search_would_change_or_keep_is_refused(
+    gain: float, varies: dict[str, Any], told: str
+) -> None:
+    """A zero has no logarithm, and what is drawn of a gain would be overwritten."""
+    given = {CONTROLLER: {"K_omega": gain}, "spacecraft_plant": {"duration": 60.0}}
+    of = campaign(varies, scenario(given), seed=0)
+    with ThreadPoolExecutor(1) as threads, pytest.raises(ConfigurationError, match=told):
+        tuned(of, 1.0, threads)
+
+
 def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

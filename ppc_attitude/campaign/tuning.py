@@ -108,7 +108,8 @@ def tuned(
     Raises
     ------
     ConfigurationError
-        The law has no gains that are searched, or `cma` is not installed.
+        The law has no gains that are searched, one of them is zero or is drawn, or `cma` is not
+        installed.
     """
     law = campaign.scenario.controller.name
     names = GAINS.get(law)
@@ -116,7 +117,13 @@ def tuned(
         raise ConfigurationError(f"controller = {law}; gains are searched for {', '.join(GAINS)}")
     with needed_by("the search needs CMA-ES", "guarantee"):
         import cma
-    begin = np.log([campaign.scenario.number(CONTROLLER, name) for name in names])
+    given = {name: campaign.scenario.number(CONTROLLER, name) for name in names}
+    for name, value in given.items():
+        if f"{CONTROLLER}.{name}" in campaign.variables:
+            raise ConfigurationError(f"the campaign varies {name}, which the search chooses")
+        if value == 0.0:  # it has no logarithm
+            raise ConfigurationError(f"{name} = 0; allowed: > 0, from which the search begins")
+    begin = np.log([*given.values()])
 
     def gains_of(x: Array) -> dict[str, float]:
         return dict(zip(names, map(_rounded, np.exp(begin + x)), strict=True))
