@@ -30,7 +30,7 @@ from campaign_helpers import files_of, rows_of, small
 from conftest import StartProcess
 from craft_helpers import ROOT
 from distributed import Client
-from process_helpers import PAPER, PATIENCE, Process
+from process_helpers import COMMAND, PAPER, PATIENCE, Process, until
 
 from ppc_attitude.campaign import pools
 from ppc_attitude.campaign.campaign import run_campaign
@@ -114,6 +114,21 @@ def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
         )
     kept = [row["index"] for row in rows_of(tmp_path / "away")]
     assert kept[:20] == list(range(20))
+
+
+def test_a_search_says_that_its_scheduler_was_lost(
+    cluster: Cluster, tmp_path: Path, start_process: StartProcess
+) -> None:
+    """It ended in a traceback, or waited for ever."""
+    command = [*COMMAND, "falsify", "--config", str(PAPER), "--duration", "5", "--runs", "100000"]
+    command += ["--scheduler", cluster.address]
+    search = Process(start_process, tmp_path, "search", command, cwd=tmp_path)
+    until(lambda: "settled" in search.err, "its first generation")
+    cluster.scheduler.send_signal(signal.SIGKILL)
+    cluster.scheduler.wait()
+    assert search.ends() == 3
+    told = search.err.splitlines()[-1]
+    assert told == f"error: the scheduler {cluster.address} was lost; the same command goes on"
 
 
 @pytest.mark.long

@@ -158,16 +158,12 @@ class ClusterPool:
     def lost(self, error: BaseException) -> bool:
         """True if the error means that the process that computed is gone."""
         if isinstance(error, CancelledError):
-            raise self._scheduler_lost() from None
+            raise _scheduler_lost(self._address) from None
         return isinstance(error, self._killed)
 
     def check(self) -> None:
-        """Raise CampaignError if the client has given up: Dask may then forget a chunk."""
-        if self._client.status in ("closing", "closed"):
-            raise self._scheduler_lost()
-
-    def _scheduler_lost(self) -> CampaignError:
-        return CampaignError(f"the scheduler {self._address} was lost")
+        """Raise CampaignError if the scheduler was lost."""
+        see_that_it_is_connected(self._client, self._address)
 
     def close(self) -> None:
         """End everything, now."""
@@ -211,6 +207,16 @@ def connected(address: str) -> Any:
             f"within {_PATIENCE:g} s ({error})"
         ) from None
     return client
+
+
+def see_that_it_is_connected(client: Any, address: str) -> None:
+    """Raise CampaignError if the client has given up: Dask may then forget what it was asked."""
+    if client.status in ("closing", "closed"):
+        raise _scheduler_lost(address)
+
+
+def _scheduler_lost(address: str) -> CampaignError:
+    return CampaignError(f"the scheduler {address} was lost")
 
 
 def _disconnect(client: Any) -> None:

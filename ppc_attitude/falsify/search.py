@@ -20,7 +20,7 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -120,12 +120,18 @@ class Search:
         return answers
 
     def run(
-        self, runs: int, seconds: float, executor: Executor, stop: threading.Event
+        self,
+        runs: int,
+        seconds: float,
+        executor: Executor,
+        stop: threading.Event,
+        check: Callable[[], None] = lambda: None,
     ) -> Iterator[Found]:
         """Search until so many runs, or so much time, and yield after each generation.
 
         The runs include those of earlier sessions, the time [s] is that of this one. A stop ends
-        the search at once; the present generation is left out.
+        the search at once; the present generation is left out. While runs are waited for, `check`
+        raises if there is nobody to wait for.
 
         Raises
         ------
@@ -144,6 +150,7 @@ class Search:
                         return
                     flown = [executor.submit(value, each) for each in questions]
                     while wait(flown, timeout=_GLANCE).not_done:
+                        check()
                         if stop.is_set():
                             return
                     values = [each.result() for each in flown]

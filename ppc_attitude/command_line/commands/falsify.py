@@ -17,14 +17,16 @@
 import argparse
 import math
 import sys
-from collections.abc import Iterator
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
 
-from ppc_attitude.campaign.pools import connected, cores, threads
+from ppc_attitude.campaign.pools import connected, cores, see_that_it_is_connected, threads
+from ppc_attitude.campaign.rows import CampaignError
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     ACCURACY,
@@ -158,13 +160,17 @@ def execute(arguments: argparse.Namespace) -> int:
     search = Search(space, goal, arguments.out, arguments.seed)
     found: Found | None = None
     with (
-        _executor(arguments.scheduler) as executor,
+        _executor(arguments.scheduler) as (executor, check),
         stop_on_signals() as stop,
         tqdm(total=arguments.runs, unit=" runs", file=sys.stderr) as bar,
     ):
-        for found in search.run(arguments.runs, arguments.seconds, executor, stop):
-            bar.update(found.runs - bar.n)
-            bar.set_postfix_str(goal.text(found.value, duration))
+        try:
+            for found in search.run(arguments.runs, arguments.seconds, executor, stop, check):
+                bar.update(found.runs - bar.n)
+                bar.set_postfix_str(goal.text(found.value, duration))
+        except (CampaignError, CancelledError):  # whichever comes first
+            lost = f"the scheduler {arguments.scheduler} was lost"
+            raise RunError(f"{lost}; the same command goes on") from None
     if found is None and stop.is_set():
         raise RunError("interrupted before the first generation had flown")
     if found is None:
@@ -206,11 +212,11 @@ def _file(space: Space, goal: Goal, found: Found, controller: str | None) -> str
 
 
 @contextmanager
-def _executor(scheduler: str | None) -> Iterator[Executor]:
-    """Threads of this process, or a Dask cluster."""
+def _executor(scheduler: str | None) -> Iterator[tuple[Executor, Callable[[], None]]]:
+    """Threads of this process, or a Dask cluster, and what raises CampaignError if it is lost."""
     if scheduler is None:
         with threads() as executor:
-            yield executor
+            yield executor, lambda: None
         return
     with closing(connected(scheduler)) as client:
-        yield client.get_executor()
+        yield client.get_executor(), partial(see_that_it_is_connected, client, scheduler)
