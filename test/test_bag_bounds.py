@@ -122,6 +122,12 @@ def deep_metadata_in_mcap(bag: Path) -> None:
     append(bag, record(12, text(b"rosbag2") + struct.pack("<I", len(table)) + table))
 
 
+def deep_metadata_in_sqlite(bag: Path) -> None:
+    (bag / "metadata.yaml").unlink()
+    with contextlib.closing(sqlite3.connect(storage_file(bag))) as database, database:
+        database.execute("UPDATE metadata SET metadata = ?", (f"custom_data: {DEEP}",))
+
+
 def laughing_custom_data(bag: Path) -> None:
     (bag / "metadata.yaml").write_text(LAUGHS + "rosbag2_bagfile_information: {custom_data: *l9}")
 
@@ -233,6 +239,7 @@ def many_attitudes(bag: Path) -> Path:
 HOSTILE: list[tuple[Callable[[Path], None], str, bool, str]] = [
     (deep_metadata, "mcap", False, f"metadata.yaml is damaged: .*({TOO_DEEP})"),
     (deep_metadata_in_mcap, "mcap", False, f"metadata in bag.mcap are damaged: .*({TOO_DEEP})"),
+    (deep_metadata_in_sqlite, "sqlite3", False, f"metadata in bag.db3 are damaged: .*({TOO_DEEP})"),
     (laughing_custom_data, "mcap", False, "unfolds into .* characters, allowed are 4194304"),
     (recursive_custom_data, "mcap", False, r"\*a stands before the end of what it means"),
     (number_to_base_60, "mcap", False, "number of 2000001 characters, allowed are 250"),

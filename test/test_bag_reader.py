@@ -38,6 +38,7 @@ from synthetic import SAMPLED, normal_run
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.reader import read_run, read_runs
+from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
@@ -55,9 +56,6 @@ def test_a_run_comes_back_to_the_last_bit(tmp_path: Path, storage: str) -> None:
     assert read.parameters == RUN.parameters
     assert read.metadata == RUN.metadata
     assert read.source == str(tmp_path / "bag")
-    alone = read_run(storage_file(tmp_path / "bag"))
-    assert_same(alone, RUN)
-    assert alone.controller == {"mcap": "ppc", "sqlite3": "unknown"}[storage]
 
 
 def test_a_bag_that_is_not_compressed_is_read_without_a_temporary_folder(
@@ -94,6 +92,20 @@ def test_an_end_while_a_run_is_written_leaves_no_half_of_it(
     with pytest.raises(KeyboardInterrupt):
         write_run(RUN, tmp_path / "bag", storage=storage)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_storage_file_says_alone_what_the_bag_says_of_its_run(
+    tmp_path: Path, storage: str
+) -> None:
+    """It has a copy of ``metadata.yaml``, so that a bag without this can be recovered."""
+    write_run(RUN, tmp_path / "bag", storage=storage)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    alone = read_run(storage_file(tmp_path / "bag"))
+    recover(tmp_path / "bag")
+    for read in (alone, read_run(tmp_path / "bag")):
+        assert_same(read, RUN)
+        facts = (read.controller, read.parameters, read.metadata)
+        assert facts == (RUN.controller, RUN.parameters, RUN.metadata)
 
 
 def test_without_custom_data_the_controller_is_unknown(tmp_path: Path) -> None:

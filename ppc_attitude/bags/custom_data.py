@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from ppc_attitude.bags.errors import all_printable, printable
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER
-from ppc_attitude.contract.yaml_file import parsed_json
+from ppc_attitude.contract.yaml_file import parsed, parsed_json
 from ppc_attitude.science.errors import ConfigurationError
 
 CONTROLLER_KEY = "ppc_attitude.controller"
@@ -36,6 +36,17 @@ def custom_data_of(said: Any) -> dict[str, str]:
     """Custom data in what the metadata of a bag, or what stands for them, say."""
     custom = said.get("custom_data") if isinstance(said, dict) else None
     return {str(k): str(v) for k, v in custom.items()} if isinstance(custom, dict) else {}
+
+
+def custom_data_in(metadata: str) -> dict[str, str]:
+    """Custom data in the copy of ``metadata.yaml`` that a storage file holds.
+
+    Raises
+    ------
+    ValueError
+        The text is not YAML, nests too deeply, or is too large.
+    """
+    return custom_data_of(parsed(metadata)) if "custom_data" in metadata else {}
 
 
 class RunFacts(NamedTuple):

@@ -30,11 +30,10 @@ from zlib import crc32
 
 import numpy as np
 
-from ppc_attitude.bags.custom_data import custom_data_of
+from ppc_attitude.bags.custom_data import custom_data_in
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, plain_file, unlz4, unzstd
 from ppc_attitude.bags.source import Block, Bytes, Channel, Integers
-from ppc_attitude.contract.yaml_file import parsed
 from ppc_attitude.science.kernel import kernel
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -217,11 +216,11 @@ class McapSource:
     def _read_metadata(self, content: bytes) -> None:
         """Take the custom data from the file's copy of ``metadata.yaml``."""
         name, position = _text(content, 0)
-        text = _table(content, position).get("serialized_metadata", "")
-        if name != "rosbag2" or "custom_data" not in text:
+        if name != "rosbag2":
             return
+        text = _table(content, position).get("serialized_metadata", "")
         try:
-            self.custom_data = custom_data_of(parsed(text)) or self.custom_data
+            self.custom_data = custom_data_in(text) or self.custom_data
         except ValueError as error:
             self._flaw(f"the metadata in {self._name} are damaged: {error}")
 

@@ -30,6 +30,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from ppc_attitude.bags.custom_data import custom_data_in
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import demand_plain, plain_file
 from ppc_attitude.bags.source import Block, Channel
@@ -42,9 +43,11 @@ _SMALLEST_ROW = 4  # bytes of it beside the message
 _JOURNAL, _WAL, _INDEX_OF_WAL = "-journal", "-wal", "-shm"
 # What a damaged file makes the sqlite3 module raise, in the rows as well as in the schema.
 _DAMAGE = (sqlite3.Error, TypeError, ValueError, OverflowError, KeyError, MemoryError)
+_METADATA = "metadata"  # this table is younger than the others
 _TABLES = {
     "messages": {"id", "topic_id", "timestamp", "data"},
     "topics": {"id", "name", "type", "serialization_format"},
+    _METADATA: {"id", "metadata"},
 }
 # https://www.sqlite.org/fileformat2.html#the_rollback_journal: it ends a name, and begins a header
 _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
@@ -72,13 +75,15 @@ class SqliteSource:
             raise BagError(f"{known} holds nothing")
         self._database = self._open(finished)
         try:
-            _demand_tables(self._database)
+            for table in _TABLES.keys() - {_METADATA}:
+                _demand_table(self._database, table)
             self.channels = self._read_channels()
         except _DAMAGE as error:
             self._database.close()
             raise BagError(
                 f"{known} cannot be read as a rosbag2 database: {_told(error)}"
             ) from error
+        self._read_metadata()
 
     def blocks(self) -> Iterator[Block]:
         """Messages in the order of the file.
@@ -93,8 +98,10 @@ class SqliteSource:
                     last, found = block
                     yield found
             except _DAMAGE as error:
-                aside = f"{self.cut}; " if self.cut else ""
-                self.cut = f"{aside}{self.path.name} is damaged: {_told(error)}"
+                self._flaw(f"{self.path.name} is damaged: {_told(error)}")
+
+    def _flaw(self, text: str) -> None:
+        self.cut = f"{self.cut}; {text}" if self.cut else text
 
     def _block(self, last: int) -> tuple[int, Block] | None:
         """Messages behind an id, and the last one's; SQLite joins them, which costs less than rows.
@@ -153,6 +160,19 @@ class SqliteSource:
             channels[key] = Channel(*texts)
         return channels
 
+    def _read_metadata(self) -> None:
+        """Take the custom data from the file's copy of ``metadata.yaml``, if it has one."""
+        if self._database.execute(f"PRAGMA table_xinfo({_METADATA})").fetchone() is None:
+            return
+        try:
+            _demand_table(self._database, _METADATA)
+            newest = f"SELECT metadata FROM {_METADATA} ORDER BY id DESC LIMIT 1"
+            for (text,) in self._database.execute(newest):
+                self._demand_room(len(text))
+                self.custom_data = custom_data_in(text)
+        except _DAMAGE as error:
+            self._flaw(f"the metadata in {self.path.name} are damaged: {_told(error)}")
+
     def _open(self, finished: bool) -> sqlite3.Connection:
         path = self.path
         torn = _bytes_of_torn_page(path)
@@ -195,19 +215,18 @@ def _only_reading_of_tables(
     return sqlite3.SQLITE_OK if allowed.get(action) else sqlite3.SQLITE_DENY
 
 
-def _demand_tables(database: sqlite3.Connection) -> None:
-    """Refuse tables whose rows do not lie in the file but are made up on the way."""
-    for table, needed in _TABLES.items():
-        query = "SELECT type, rootpage FROM sqlite_master WHERE name = ? COLLATE NOCASE"
-        for kind, root in database.execute(query, (table,)):
-            if kind != "table" or not root:
-                raise ValueError(f"{table} is a {kind if kind != 'table' else 'virtual table'}")
-        columns = {row[1]: row for row in database.execute(f"PRAGMA table_xinfo({table})")}
-        if lacking := needed - columns.keys():
-            raise ValueError(f"table {table} has no column {', '.join(sorted(lacking))}")
-        for name, (_, _, kind, _, default, key, hidden) in columns.items():
-            if hidden or default is not None or (name == "id" and (kind, key) != ("INTEGER", 1)):
-                raise ValueError(f"column {name} of table {table} is none of rosbag2's")
+def _demand_table(database: sqlite3.Connection, table: str) -> None:
+    """Refuse a table whose rows do not lie in the file but are made up on the way."""
+    query = "SELECT type, rootpage FROM sqlite_master WHERE name = ? COLLATE NOCASE"
+    for kind, root in database.execute(query, (table,)):
+        if kind != "table" or not root:
+            raise ValueError(f"{table} is a {kind if kind != 'table' else 'virtual table'}")
+    columns = {row[1]: row for row in database.execute(f"PRAGMA table_xinfo({table})")}
+    if lacking := _TABLES[table] - columns.keys():
+        raise ValueError(f"table {table} has no column {', '.join(sorted(lacking))}")
+    for name, (_, _, kind, _, default, key, hidden) in columns.items():
+        if hidden or default is not None or (name == "id" and (kind, key) != ("INTEGER", 1)):
+            raise ValueError(f"column {name} of table {table} is none of rosbag2's")
 
 
 def _bytes_of_torn_page(path: Path) -> int:
