@@ -242,9 +242,9 @@ def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
     assert main(["replay", str(tmp_path / "bag")]) == 0
     told, said = capsys.readouterr()
     assert "rigid_body: 11 steps replayed" in told
-    assert told.count("not installed, so not replayed: controller = theirs\n") == 1
+    assert told.count("not known here, so left out: controller = theirs\n") == 1
     assert "warning: not installed: controller = theirs; columns that nothing else gives" in said
-    assert "not installed, so not replayed: theirs.gain" in told
+    assert "not known here, so left out: theirs.gain" in told
     assert main(["replay", str(tmp_path / "bag"), "--json"]) == 0
     page = json.loads(capsys.readouterr().out)
     assert page["largest_difference"] is page["steps"] is None

@@ -66,7 +66,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 f"difference of {each.column} {each.largest:.3g}{unit} at t = {each.at:.3f} s"
             )
         for name in result.missing:
-            print(f"not installed, so not replayed: {name}")
+            print(f"not known here, so left out: {name}")
         for reason in result.left_out:
             print(f"not replayed: {reason}")
     return REQUIREMENT_FAILED if any(each.largest for each in result.found) else DONE
