@@ -238,6 +238,15 @@ def test_progress_is_told_now_and_then() -> None:
     assert told == [stamp_of(step, 100.0) for step in (499, 999, 1499, 1999)]
 
 
+def test_progress_is_told_to_a_plant_that_repeats_its_state() -> None:
+    bag = Bag()
+    bag.take(STATE, 3)
+    assert bag.recording.progress() is None
+    bag.take(STATE, 3)
+    assert bag.recording.progress() == stamp_of(3, 100.0)
+    assert bag.recording.progress() is None
+
+
 def test_what_is_no_sample_is_written_at_its_time_or_at_that_of_the_newest_state() -> None:
     bag = Bag()
     bag.recording.event("/diagnostics", None, b"early")

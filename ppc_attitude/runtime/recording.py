@@ -190,7 +190,9 @@ class Recording:
         lane.heard = stamp_ns
         epoch, present = lane.epoch, lane.stretches[-1]
         if stamp_ns <= present.last[0] and (stamp_ns, data) in (present.last, present.before):
-            return  # a peer's repeated answer to a repeated state
+            if name == _LEAD:  # who repeats a state waits, and maybe for this record alone
+                self._unreported = _EVERY
+            return  # or it is a peer's repeated answer to one
         if name == _LEAD:
             self._keep(name, epoch, stamp_ns, data)
             self._lead(stamp_ns, now)
@@ -284,7 +286,11 @@ class Recording:
         self._end = self.now
 
     def progress(self) -> int | None:
-        """Newest recorded state [ns], once in a while, so that a plant that waits may go on."""
+        """Newest recorded state [ns], once in a while, so that a plant that waits may go on.
+
+        After a repeated state it is told at once: the plant may have waited for a recorder that
+        was killed, and lets this one, which began later, record no state more.
+        """
         if self._unreported < _EVERY:
             return None
         self._unreported = 0
