@@ -95,6 +95,13 @@ class Bench:
         for _ in range(round(seconds / PERIOD)):
             self.passes(PERIOD)
 
+    def follows(self, seconds: float) -> None:
+        """Let wall time pass; every state that is shown is answered soon."""
+        for _ in range(round(seconds / 0.001)):
+            if self.shown[-1] == self.stamp:
+                self.answer()
+            self.passes(0.001)
+
     def give(self, name: str, values: Values, ahead: int = 0) -> None:
         """Answer the present state, or one that is to come."""
         self.pace.take(name, self.stamp + ahead * 10_000_000, values, self.now)
@@ -195,12 +202,26 @@ def test_the_stamp_of_what_came_last_is_told(kind: type[Pace]) -> None:
 
 def test_lockstep_keeps_the_pace_that_is_asked_for() -> None:
     bench = Bench(Lockstep, factor=2.0)
-    for _ in range(4000):
-        if bench.shown[-1] == bench.stamp:
-            bench.answer()
-        bench.passes(0.001)
+    bench.follows(4.0)
     assert bench.time == pytest.approx(2.0 * 4.0, abs=2.0 * PERIOD)
     assert bench.shown == steps(len(bench.shown))
+
+
+@pytest.mark.parametrize("before", [0.0, 0.1, 10.0])
+def test_a_pace_that_is_chosen_in_flight_holds_from_then_on(before: float) -> None:
+    bench = Bench(Lockstep, factor=before)
+    bench.follows(1.0)
+    bench.pace.rules.factor, begun = 2.0, bench.stamp
+    bench.follows(3.0)
+    assert bench.time - begun * 1e-9 == pytest.approx(2.0 * 3.0, abs=3.0 * PERIOD)
+
+
+def test_what_lockstep_has_waited_for_others_is_not_caught_up() -> None:
+    bench = Bench(Lockstep, factor=1.0)
+    for begun in (0.0, 1.0):
+        assert bench.time == pytest.approx(begun, abs=2.0 * PERIOD)
+        bench.passes(20.0)
+        bench.follows(1.0)
 
 
 def test_a_state_whose_answers_came_before_it_was_due_waits_for_nobody_when_it_is() -> None:

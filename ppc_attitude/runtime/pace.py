@@ -30,7 +30,7 @@ from ppc_attitude.runtime.stamps import RefusedError, Values, out_of_order
 from ppc_attitude.science.stamps import seconds, stamp_of, step_of
 
 _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated after this
-_REBASE = 0.5  # [s] a plant that is later than this goes on from now instead of catching up
+_REBASE = 0.5  # [s] who is later than this goes on from now instead of catching up
 _LOOK = 0.1  # [s] longest time between two looks at the clock
 _LAG = 2500  # steps that lock-step may be ahead of a recorder; publishers remember twice as many
 _LONG = 1.0  # [s] lock-step that has waited longer says so
@@ -223,6 +223,7 @@ class Lockstep(Pace):
         """Begin at time zero."""
         # Who waited for a recorder counts on it before it tells how far it is: it may be paused.
         self._recorded = 0 if self.rules.waits else None
+        self._factor, self._first = self.rules.factor, 0
         super().begin(now)
 
     def record(self, stamp_ns: int, now: float) -> None:
@@ -249,9 +250,19 @@ class Lockstep(Pace):
             self._advance(values, show=self._ahead(now, self.following) <= 0.0, now=now)
 
     def _ahead(self, now: float, stamp_ns: int) -> float:
-        """Seconds by which a stamp [ns] is ahead of the pace that is asked for."""
-        factor = self.rules.factor
-        return seconds(stamp_ns) / factor - (now - self._origin) if factor else 0.0
+        """Seconds by which a stamp [ns] is ahead of the pace that is asked for.
+
+        The pace counts from where it was chosen, or from where a long wait ended: nothing is
+        caught up or stands still because time went faster or slower before.
+        """
+        if self.rules.factor != self._factor:
+            self._factor, self._first, self._origin = self.rules.factor, self.stamp, now
+        if not self._factor:
+            return 0.0
+        ahead = seconds(stamp_ns - self._first) / self._factor - (now - self._origin)
+        if ahead < -_REBASE:
+            self._first, self._origin = stamp_ns, now
+        return ahead
 
     def wake(self, now: float) -> float:
         """Publish a state that was too early, or repeat one that is unanswered."""
