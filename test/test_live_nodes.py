@@ -34,6 +34,7 @@ from ppc_attitude.contract.topics import (
     CONTROLLER,
     INJECTOR,
     PLANT,
+    RECORDER,
     REFERENCE,
     TORQUE_COMMAND,
 )
@@ -91,6 +92,18 @@ def test_nodes_join_late_and_again_in_any_order(
         until(lambda: plans(nodes[CONTROLLER])[-1][0] < killed_at, "a plan of the new time")
         stack.hears(PLANT, "running")
         end_all(nodes.values())
+
+
+def test_a_plant_that_runs_free_says_which_first_answer_it_waits_for(
+    tmp_path: Path, start_process: StartProcess
+) -> None:
+    recorder = Node(start_process, tmp_path, RECORDER, f"bag:={tmp_path / 'bag'}")
+    plant = Node(start_process, tmp_path, PLANT, "wait_for_recorder:=true")
+    plant.says("waiting at t = 0.000 s for torque_command, disturbance/torque; nobody publishes")
+    plant.send(signal.SIGINT)
+    assert plant.ends() == 0, plant.err
+    recorder.send(signal.SIGINT)
+    recorder.ends()
 
 
 REFUSED = {

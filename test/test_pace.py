@@ -290,6 +290,15 @@ def test_lockstep_outruns_no_recorder_that_is_paused_before_it_says_how_far_it_i
     assert bench.pace.step == 2501, "time has begun again"
 
 
+@pytest.mark.parametrize("kind", [Lockstep, FreeRunning])
+def test_who_has_shown_no_state_has_waited_for_no_answer(kind: type[Pace]) -> None:
+    bench = Bench(kind, waits=True)
+    bench.pace.begin(bench.now)
+    bench.now += 20.0  # in which no recorder listened
+    bench.wake()
+    assert bench.pace.waiting_since == bench.now
+
+
 def test_reset_begins_again_and_forgets_what_was_ahead() -> None:
     bench = Bench(Lockstep)
     for _ in range(5):
@@ -389,7 +398,10 @@ def test_free_running_time_begins_with_the_first_answers_if_it_is_to_wait() -> N
     for _ in range(20):
         bench.passes(0.1)
     assert set(bench.shown) == {0}
+    waits = "waiting at t = 0.000 s for torque_command, disturbance/torque"
+    assert bench.pace.status(bench.now) == (STALE, waits)
     bench.answer()
+    assert not bench.pace.waiting()
     bench.begun = bench.now
     bench.runs(1.0)
     assert bench.time == pytest.approx(1.0, abs=2.0 * PERIOD)

@@ -55,7 +55,7 @@ class AttitudeEstimator(ComponentNode):
 
     def wake(self) -> float:
         """Say which fix is waited for, if it does not come."""
-        if self._fixes and self._fixes.waiting():
+        if self._fixes:
             self.say_waiting(self._fixes.waiting_since, self._fixes.waiting)
         return super().wake()
 

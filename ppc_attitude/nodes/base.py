@@ -206,11 +206,15 @@ class BaseNode(Node):
         ]
 
     def say_waiting(self, since: float, text: Callable[[], str]) -> None:
-        """Log every few seconds what is waited for since a time [s] of the monotonic clock."""
+        """Log every few seconds what is waited for since a time [s] of the monotonic clock.
+
+        An empty text says that nothing is.
+        """
         now = self.now()
-        if now - since >= _SAY_WAITING and self.health.may_log("waiting", now, _SAY_WAITING):
-            tell(WAITING, text())
-            self.get_logger().warning(text())
+        long = now - since >= _SAY_WAITING
+        if long and (told := text()) and self.health.may_log("waiting", now, _SAY_WAITING):
+            tell(WAITING, told)
+            self.get_logger().warning(told)
 
     def refuse(self, kind: str, reason: str) -> None:
         """Count a refusal and log it, at most once a second for each kind, such as a topic.

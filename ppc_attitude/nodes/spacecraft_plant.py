@@ -208,9 +208,8 @@ class SpacecraftPlant(BaseNode):
         longest = super().wake()
         if self.finished:
             return longest
-        if isinstance(self.pace, Lockstep):
-            self.say_waiting(self.pace.waiting_since, self.pace.waiting)
         wait = self._moved(self.pace.wake)
+        self.say_waiting(self.pace.waiting_since, self.pace.waiting)
         if self._told_at:  # time has begun
             self._tell_time()
         return longest if wait is None else float(wait)

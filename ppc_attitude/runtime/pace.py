@@ -33,7 +33,7 @@ _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated aft
 _REBASE = 0.5  # [s] who is later than this goes on from now instead of catching up
 _LOOK = 0.1  # [s] longest time between two looks at the clock
 _LAG = 2500  # steps that lock-step may be ahead of a recorder; publishers remember twice as many
-_LONG = 1.0  # [s] lock-step that has waited longer says so
+_LONG = 1.0  # [s] who has waited longer says so
 
 
 class Craft(Protocol):
@@ -161,8 +161,23 @@ class Pace(ABC):
         """Take what is not of the future; True if `wake` has to be called."""
 
     @abstractmethod
+    def _missing(self) -> list[str]:
+        """Inputs without which time does not go on, and that have not come."""
+
+    @abstractmethod
     def status(self, now: float) -> tuple[bytes, str]:
         """Level and summary of how it goes."""
+
+    def waiting(self) -> str:
+        """The inputs that are waited for, in words; empty if none are."""
+        missing = self._missing()
+        if not missing:
+            return ""
+        absent = [name for name in missing if not self.craft.is_published(name)]
+        text = f"waiting at t = {seconds(self.stamp):.3f} s for {', '.join(missing)}"
+        if absent:
+            text += f"; nobody publishes {', '.join(absent)}"
+        return text + "".join(self._last(name) for name in missing if name not in absent)
 
     def _last(self, name: str) -> str:
         """Say how old an input is: its peer has fallen silent, or copies no stamp of a state."""
@@ -276,20 +291,14 @@ class Lockstep(Pace):
             return min(ahead, _LOOK)
         if not self._shown:
             self._show(now)
+            self.waiting_since = now
             self._go(now)
         return self._repeat(now) if self._shown else 0.0
 
     def waiting(self) -> str:
-        """The inputs that are waited for, in words."""
-        missing = self._missing()
-        text = f"waiting at t = {seconds(self.stamp):.3f} s for "
-        if not missing:
-            return f"{text}the recorder to follow"
-        absent = [name for name in missing if not self.craft.is_published(name)]
-        text += ", ".join(missing)
-        if absent:
-            text += f"; nobody publishes {', '.join(absent)}"
-        return text + "".join(self._last(name) for name in missing if name not in absent)
+        """The inputs that are waited for, in words, or the recorder."""
+        told = f"waiting at t = {seconds(self.stamp):.3f} s for the recorder to follow"
+        return super().waiting() or told
 
     def status(self, now: float) -> tuple[bytes, str]:
         """Running, or waiting."""
@@ -309,23 +318,24 @@ class FreeRunning(Pace):
         super().begin(now)
 
     def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
-        awaited = self._awaits_first_answer()
+        awaited = bool(self._missing())
         stream.take(stamp_ns, values)
         if awaited:
             self._origin = now  # time begins with the last first answer
         return awaited
 
-    def _awaits_first_answer(self) -> bool:
+    def _missing(self) -> list[str]:
+        """Return which first answers have not come, if time begins with them."""
         if self.step or not self.rules.waits:
-            return False
-        return any(self.inputs[name].stamp < 0 for name in self.rules.wait_for)
+            return []
+        return [name for name in self.rules.wait_for if self.inputs[name].stamp < 0]
 
     def wake(self, now: float) -> float:
         """Step when it is time."""
         if not self._shown:
             self._show(now)
-            self._origin = now
-        if self._awaits_first_answer():
+            self._origin = self.waiting_since = now
+        if self._missing():
             return self._repeat(now)
         # The present state was published at origin + stamp; the next one is due a period later.
         late = now - self._origin - seconds(self.following)
@@ -363,7 +373,9 @@ class FreeRunning(Pace):
         return self.rules.inputs[name] if timed_out else self.inputs[name].values
 
     def status(self, now: float) -> tuple[bytes, str]:
-        """Running, or zero torque for lack of an input."""
+        """Waiting for the first answers, running, or zero torque for lack of an input."""
+        if self._missing() and now - self.waiting_since > _LONG:
+            return STALE, self.waiting()
         if self._timed_out:
             return WARN, f"no {', '.join(sorted(self._timed_out))}: zero torque"
         return OK, "running"
