@@ -14,12 +14,15 @@
 
 """Nodes that live alone: any order, late, killed, restarted, reconfigured."""
 
+import re
 import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from conftest import StartProcess
+from geometry_msgs.msg import WrenchStamped
 from peer import Peer, last_torque, peer
 from process_helpers import ENDLESS, LOCKSTEP, Node, Run, end_all, loop_nodes, pace, plans, until
 from rcl_interfaces.msg import ParameterEvent
@@ -38,6 +41,8 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
     TORQUE_COMMAND,
 )
+from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.stamps import nanoseconds
 from ppc_attitude.simulation.replay import replay
 
@@ -104,6 +109,33 @@ def test_a_plant_that_runs_free_says_which_first_answer_it_waits_for(
     assert plant.ends() == 0, plant.err
     recorder.send(signal.SIGINT)
     recorder.ends()
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["lockstep:=true", "wait_for:=[]"], "wait_for = []; allowed in lock-step: one or both"),
+        (["rate:=1.9"], "command_timeout = 0.5 s; allowed on the wall clock: from a step on, 0.5"),
+    ],
+)
+def test_a_plant_that_waits_for_nobody_or_finds_every_command_late_is_refused(
+    given: list[str], told: str
+) -> None:
+    rclpy.init(args=["--ros-args", *(word for each in given for word in ("-p", each))])
+    try:
+        with pytest.raises(ConfigurationError, match=re.escape(told)):
+            SpacecraftPlant()
+    finally:
+        rclpy.shutdown()
+
+
+def test_a_plant_finds_who_publishes_under_another_name() -> None:
+    rclpy.init(args=["--ros-args", "-r", f"{TORQUE_COMMAND.name}:=command"])
+    plant = SpacecraftPlant()
+    plant.create_publisher(WrenchStamped, "command", 1)
+    until(lambda: plant.is_published(TORQUE_COMMAND.name), "the publisher")
+    plant.destroy_node()
+    rclpy.shutdown()
 
 
 REFUSED = {

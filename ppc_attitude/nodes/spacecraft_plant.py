@@ -47,7 +47,7 @@ from ppc_attitude.science.faults import FAULTS, acting_of, fault_texts
 from ppc_attitude.science.kinds import CONTROLLERS, KINDS
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.part import first_raised
-from ppc_attitude.science.stamps import nanoseconds, seconds
+from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
 from ppc_attitude.simulation.scenario import check_components
 
 _PROGRESS_PERIOD = 0.1  # [s]
@@ -90,7 +90,8 @@ class SpacecraftPlant(BaseNode):
         subscribe(self, RECORDED_TOPIC, self._on_recorded, raw=True)
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """See that the selected components can run with the parameters, and send the truth."""
+        """See that time can go on, that the components can run, and that the truth is sent."""
+        _check_pace(values)
         check_components(PLANT, values)
         if self._sent is not None and not self._sent.issuperset(columns_of(PLANT, values)):
             raise ConfigurationError(
@@ -174,7 +175,7 @@ class SpacecraftPlant(BaseNode):
 
     def is_published(self, name: str) -> bool:
         """True if anybody publishes on a topic."""
-        return self.count_publishers(name) > 0
+        return self.count_publishers(self.resolve_topic_name(name)) > 0
 
     def announce(self, text: str, warning: bool) -> None:
         """Log that something has changed, and report it."""
@@ -243,6 +244,24 @@ class _FailedError(Exception):
 def _awaited(topic: Topic) -> str:
     """Name under which `wait_for` has an input: all that is no disturbance is a command."""
     return DISTURBANCE.name if topic == DISTURBANCE else TORQUE_COMMAND.name
+
+
+def _check_pace(values: Mapping[str, Any]) -> None:
+    """See that somebody leaves the plant time for requests, and that no command is late at once.
+
+    Raises
+    ------
+    ConfigurationError
+        Lock-step would wait for nobody, or on the wall clock every command would be too old.
+    """
+    if values["lockstep"]:
+        if not values["wait_for"]:
+            raise ConfigurationError(f"{PLANT}: wait_for = []; allowed in lock-step: one or both")
+    elif nanoseconds(values["command_timeout"]) * values["rate"] < NANOSECONDS:
+        raise ConfigurationError(
+            f"{PLANT}: command_timeout = {values['command_timeout']} s; allowed on the wall clock: "
+            f"from a step on, {1.0 / values['rate']:g} s, for a command acts in the step after it"
+        )
 
 
 def _split(values: Mapping[str, Any]) -> tuple[list[Component], list[Component]]:
