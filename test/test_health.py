@@ -318,6 +318,9 @@ def test_a_disabled_controller_warns(admit: Callable[..., Patient]) -> None:
     patient.call(SetBool, "ppc_controller/enable", SetBool.Request(data=False))
     patient.feed(0)
     patient.says(WARN, "disabled: zero torque")
+    for told in ("enabled: re-armed from the present error", "enabled already: goes on"):
+        answer = patient.call(SetBool, "ppc_controller/enable", SetBool.Request(data=True))
+        assert answer.message == told
 
 
 def test_the_injector_counts_what_it_takes_and_warns_of_what_it_refuses(

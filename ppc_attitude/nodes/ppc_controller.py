@@ -54,13 +54,14 @@ class PpcController(ComponentNode):
         return outputs if self._enabled else {**outputs, TORQUE_COMMAND.column: _ZERO}
 
     def _on_enable(self, request: Any, response: Any) -> Any:
-        if request.data and not self._enabled:
+        enabled, was = bool(request.data), self._enabled
+        self._enabled = enabled
+        self._switched = self._switched or enabled != was
+        if enabled and not was:
             self.arm()
-        self._switched = self._switched or self._enabled != request.data
-        self._enabled = bool(request.data)
-        state = (
-            "enabled: re-armed from the present error" if self._enabled else "disabled: zero torque"
-        )
+            state = "enabled: re-armed from the present error"
+        else:
+            state = "enabled already: goes on" if enabled else "disabled: zero torque"
         self.get_logger().info(state)
         response.success = True
         response.message = state
