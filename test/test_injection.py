@@ -102,10 +102,12 @@ def test_time_that_begins_again_ends_them() -> None:
     injector.runs(3)
     injector.accept(0.0, 10.0)
     injector.runs(5)
+    injector.accept(0.0, 10.0)  # of the next instant, which does not come
     injector.injections.begin_again()
     injector.step = 0
     injector.runs(5)
     assert injector.acted[5:] == [0.0] * 5
+    assert injector.injections.pending == 0
 
 
 def test_too_much_is_refused_with_what_is_allowed_and_changes_nothing() -> None:

@@ -114,6 +114,7 @@ class Injections:
     def begin_again(self) -> None:
         """Forget the torques that were injected before time began again, and who asked for them."""
         self.pulses.clear()
+        self._beginning.clear()
         self._answers.clear()
         self._changed = True
         self._stamp = -1
