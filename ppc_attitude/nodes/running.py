@@ -153,8 +153,8 @@ def _spin(node: BaseNode, stop: list[int]) -> None:
         while not (stop or node.finished):
             now = time.monotonic()
             if now >= node.wake_at:
-                node.wake_at = now  # unless `wake` itself asks for another call
-                node.wake_at += node.await_recorder() if node.waits else node.wake()
+                wait = node.await_recorder() if node.waits else node.wake()
+                node.wake_at = now + wait
             # Not `spin_once`: a call for each message would cost 2 µs each.
             patience = max(0.0, node.wake_at - time.monotonic())
             executor.spin_until_future_complete(node.new_turn(), patience)
