@@ -277,6 +277,21 @@ def test_goto_waits_for_the_one_who_answers_not_for_the_recorder_alone(pilot: Pi
         node.destroy_node()
 
 
+def test_a_goal_that_is_asked_for_again_before_it_acts_is_one(pilot: Pilot) -> None:
+    """As by `goto`, which asks every two seconds, while the plant waits for another node."""
+    pilot.state(0.0)
+    book = pilot.node._desk._book
+    pilot.pose(GOAL)
+    again = PoseStamped()
+    again.pose.orientation = Quaternion(x=GOAL[0], y=GOAL[1], z=GOAL[2], w=GOAL[3])
+    pilot.publishers[GOAL_POSE].publish(again)
+    pilot.pose(NEAR)
+    assert book.in_flight == 2
+    pilot.state(0.01)
+    pilot.pose(NEAR)
+    assert book.in_flight == 3, "the first one has acted"
+
+
 def test_time_that_begins_again_forgets_the_goals(pilot: Pilot) -> None:
     pilot.state(0.0)
     pilot.pose(GOAL)

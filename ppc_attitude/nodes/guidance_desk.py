@@ -67,6 +67,7 @@ class GuidanceDesk:
         self._profiles = list(self._scheduled.profiles)
         self._book = OrderBook(self._scheduled.listed)
         self._stamp = 0  # the latest instant [ns]
+        self._awaited = ""  # how a status names the last of the orders that wait for the next one
         self._told = -1  # number of the advice that was told last
         self._details: dict[str, Any] = {}  # that were told last
         self._look_again = 0  # [ns] when they may have changed
@@ -92,7 +93,7 @@ class GuidanceDesk:
 
     def before(self, stamp_ns: int) -> None:
         """Let the orders act that have come, before the step of an instant [ns]."""
-        self._stamp = stamp_ns
+        self._stamp, self._awaited = stamp_ns, ""
         orders = self._book.at(stamp_ns)
         if orders is None:
             return
@@ -158,14 +159,17 @@ class GuidanceDesk:
         self._node.mention(kind, f"{kind}: acts {when}")
         if stamp_ns > self._stamp:
             self._say(self._stamp, OK, f"{kind} acts {when}", {ASKED: name})
+        else:
+            self._awaited = name
         return when
 
     def _on_pose(self, message: PoseStamped) -> None:
         frame, attitude = _goal_of(message)
         make = partial(goal_order, frame=frame, attitude=attitude)
         make(0)  # what is wrong with it is told at once
-        stamp = _stamp_of(message.header.stamp)
-        self._accept(GOAL_POSE.name, make, stamp, pose_asked(message))
+        stamp, name = _stamp_of(message.header.stamp), pose_asked(message)
+        if stamp > self._stamp or name != self._awaited:  # else it is asked for again
+            self._accept(GOAL_POSE.name, make, stamp, name)
 
     def _on_trajectory(self, message: MultiDOFJointTrajectory) -> None:
         if list(message.joint_names) != [_BODY]:
