@@ -378,6 +378,22 @@ def test_many_gaps_are_counted_and_only_the_first_are_told() -> None:
     assert (len(gaps), gaps[-1]) == (6, "attitude jumps 94 times more")
 
 
+def test_a_reset_within_the_first_step_makes_no_gap() -> None:
+    """The torque that acts in a step is sent at the end of the step."""
+    bag = Bag()
+    for _ in range(3):
+        bag.take(STATE, 0)
+        bag.take(TORQUE, 0)
+        bag.take(STATE, 1)
+    bag.take(STATE, 0)
+    for step in range(4):
+        bag.take(TORQUE, step)
+        bag.take(STATE, step + 1)
+    assert bag.recording.gaps([]) == []
+    assert bag.steps(STATE) == [0, 1, 0, 1, 0, 1, 0, 1, 2, 3, 4]
+    assert bag.steps(TORQUE) == [0, 0, 0, 0, 1, 2, 3]
+
+
 def test_each_side_of_a_reset_is_compared_by_itself() -> None:
     assert gaps_of(*steps_of(range(30)), *steps_of(range(20))) == []
     before = [event for event in steps_of(range(30)) if event != (DISTURBANCE, 7)]

@@ -181,7 +181,8 @@ class Recording:
         lane = self._lanes[name]
         if number is not None:
             lane.publishers.hear(number, stamp_ns, now)
-        if stamp_ns == 0 < lane.heard:
+        # Time may begin again before a lane has come beyond zero: the states tell.
+        if stamp_ns == 0 < lane.heard or stamp_ns == lane.heard == 0 < self._behind(lane):
             self._begin_again(name, lane)
         elif lane.heard == 0 < lane.ended < stamp_ns and (
             name == _LEAD or lane.epoch > self._states.epoch
@@ -207,6 +208,10 @@ class Recording:
         lane.stretches.append(_Stretch())
         if name == _LEAD:
             self._latest.clear()
+
+    def _behind(self, lane: _Lane) -> int:
+        """How often the time of the states has begun again, and that of a lane has not."""
+        return self._states.epoch - lane.epoch
 
     def _take_back(self, name: str, lane: _Lane) -> None:
         """Go on after messages without a stamp, as of `ros2 topic pub`: no time has begun again."""
