@@ -23,15 +23,22 @@ import pytest
 import rclpy
 from conftest import StartProcess
 from peer import Beside, peer
-from process_helpers import Node, end_all
+from process_helpers import Node, end_all, until
 from rcl_interfaces.srv import ListParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, PLANT, RECORDER, REFERENCE
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    ATTITUDE,
+    CONTROLLER,
+    PLANT,
+    RECORDER,
+    REFERENCE,
+)
 from ppc_attitude.nodes.bag_recorder import BagRecorder
-from ppc_attitude.nodes.messages import message_class
+from ppc_attitude.nodes.messages import message_class, take_gathered
 from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.stamps import stamp_of
 
@@ -45,7 +52,7 @@ def recorder_into(bag: Path, *parameters: str) -> Iterator[Beside]:
     given = [word for each in (f"bag:={bag}", *parameters) for word in ("-p", each)]
     rclpy.init(args=["--ros-args", *given])
     try:
-        beside = Beside(BagRecorder(), ATTITUDE)
+        beside = Beside(BagRecorder(), ATTITUDE, APPLIED_TORQUE)
         beside.meet()
         yield beside
         beside.close()
@@ -72,6 +79,23 @@ def test_what_one_run_sends_at_best_effort_is_recorded_as_of_that_run(tmp_path: 
 
         beside.until(taken)
     assert read_run(bag, namespace="/craft").stamps_ns.size > 0
+
+
+def test_a_torque_that_is_read_before_the_state_of_a_reset_makes_no_gap(tmp_path: Path) -> None:
+    """A recorder that waits for the processor between two topics reads them so."""
+    with recorder_into(tmp_path / "bag") as beside:
+        node, zero = beside.node, (0.0, 0.0, 0.0)
+        torques = node._ears[f"/{APPLIED_TORQUE.name}"].subscription
+        recording = node._recordings[""]
+        for _ in range(2):
+            beside.send(ATTITUDE, 0, UNIT)
+            beside.send(APPLIED_TORQUE, 0, zero)
+            until(lambda: take_gathered(torques), "the torque")
+            beside.send(ATTITUDE, stamp_of(1, 100.0), UNIT)
+            until(lambda: node._take_gathered() or recording.now > 0, "the state")
+        beside.send(APPLIED_TORQUE, stamp_of(1, 100.0), zero)
+        until(lambda: take_gathered(torques), "the last torque")
+        assert recording.gaps([]) == []
 
 
 def test_a_recorder_ends_although_its_stack_runs_on(tmp_path: Path) -> None:

@@ -214,8 +214,10 @@ class BagRecorder(BaseNode):
             self._about = about
             if self.wake_at:  # the executor took the first after a silence: `wake` takes the others
                 self.wake_now()
-            number = about["publication_sequence_number"]
-            recording.sample(name, header_stamp(data, msgtype), data, number, self._now, ahead)
+            number, stamp_ns = about["publication_sequence_number"], header_stamp(data, msgtype)
+            if stamp_ns == 0 and name != ATTITUDE.name:  # the states tell if time begins again
+                take_gathered(self._ears[self._names[home, ATTITUDE.name]].subscription)
+            recording.sample(name, stamp_ns, data, number, self._now, ahead)
 
         return receive if topic.column else receive_event
 
