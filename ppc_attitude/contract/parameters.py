@@ -56,8 +56,8 @@ _PLANT = (
     at_start(
         "wait_for",
         [TORQUE_COMMAND.name, DISTURBANCE.name],
-        f"inputs that lock-step waits for at every step; {TORQUE_COMMAND.name} stands for what "
-        "commands the actuators",
+        f"inputs that lock-step waits for at every step, one or both; {TORQUE_COMMAND.name} stands "
+        "for what commands the actuators",
         choices=(TORQUE_COMMAND.name, DISTURBANCE.name),
     ),
     WAIT_FOR_RECORDER,
@@ -80,7 +80,7 @@ _PLANT = (
     Parameter(
         "command_timeout",
         0.5,
-        "free-running: zero torque when the last command is older",
+        "free-running: zero torque when the last command is older; a step or more",
         "s",
         above=0.0,
         high=3600.0,
