@@ -23,6 +23,7 @@ from synthetic import environment, hit_run, normal_run, pulse_torque, with_colum
 from test_metrics import constant_error, names, requirement
 
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.verdict import torque_text
 from ppc_attitude.command_line.verdict_view import disturbance_text, verdict_table
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import PLANT, REFERENCE
@@ -55,6 +56,22 @@ def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
     assert verdict.metrics.spans["time_outside_rate_envelope_s"] == (0.0, 120.0)
     assert verdict.metrics.error_after_settling_deadline < 5e-3
     assert verdict.all_met
+
+
+@pytest.mark.parametrize("size", [2.0**-26, 2.0**14])
+def test_hits_of_a_tiny_and_of_a_huge_craft_are_judged_as_those_of_any_other(size):
+    run = hit_run(hits=(80.0,))
+    torques = {name: size * run[name] for name in ("applied_torque", "disturbance_torque")}
+    plant = {**run.parameters[PLANT], "max_torque": size * 0.05}
+    scaled = replace(with_columns(run, **torques), parameters={**run.parameters, PLANT: plant})
+    verdict, expected = Verdict(scaled), Verdict(run)
+    assert [each.met for each in verdict.requirements] == [
+        each.met for each in expected.requirements
+    ]
+    (hit,) = verdict.metrics.disturbances
+    assert hit.torque == pytest.approx((0.8 * size,) * 3, rel=1e-6)
+    assert torque_text(hit) == ", ".join([f"{0.8 * size:.4g}"] * 3)
+    assert hit.recovery_time_s == expected.metrics.disturbances[0].recovery_time_s
 
 
 def test_rate_and_settling_count_before_the_first_hit_only():

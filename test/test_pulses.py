@@ -25,10 +25,11 @@ from ppc_attitude.analysis.series import step
 
 RATES = [50.0, 100.0, 333.0, 1000.0]
 HIT = (0.8, 0.8, 0.8)
+ACTUATOR = 0.05  # [N·m]
 
 
 def find_pulses(t, torque):
-    return found_pulses.find_pulses(t, torque, step(t))
+    return found_pulses.find_pulses(t, torque, step(t), ACTUATOR)
 
 
 def found_in(pulses, duration=30.0, rate=100.0, background=environment):
@@ -112,6 +113,26 @@ def test_missing_samples_are_no_steps():
     torque[501] = np.nan
     torque[-3:] = np.nan
     same(find_pulses(t, torque), [(5.0, 0.1, HIT)])
+
+
+@pytest.mark.parametrize("size", [2.0**-26, 2.0**26])
+def test_pulses_are_as_large_as_the_craft(size):
+    """From a PocketQube to a station: steps and rest are told by what the actuator gives."""
+    _, t = times(30.0)
+    torque = environment(t) + pulse_torque(t, [(0.0, 1.0, HIT), (5.0, 0.1, (0.02, 0.0, 0.0))])
+    of_this_craft = found_pulses.find_pulses(t, size * torque, step(t), size * ACTUATOR)
+    small, found = [
+        [(p.start_s, p.duration_s, *(x / each for x in p.torque)) for p in pulses]
+        for each, pulses in ((1.0, find_pulses(t, torque)), (size, of_this_craft))
+    ]
+    assert len(found) == 2
+    assert found == small
+
+
+def test_a_large_environment_is_no_pulse_of_a_weak_actuator():
+    _, t = times(30.0)
+    torque = environment(t) + pulse_torque(t, [(5.0, 0.1, HIT)])
+    same(found_pulses.find_pulses(t, torque, step(t), 0.01, 4.4e-3), [(5.0, 0.1, HIT)])
 
 
 def test_a_constant_torque_is_not_sudden():

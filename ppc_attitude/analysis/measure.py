@@ -64,11 +64,12 @@ from ppc_attitude.contract.topics import (
     ATTITUDE,
     CONTROLLER,
     DISTURBANCE,
+    INJECTOR,
     PLANT,
     REFERENCE_ATTITUDE,
 )
 from ppc_attitude.science.component import QUATERNION
-from ppc_attitude.science.kinds import ACTUATORS
+from ppc_attitude.science.kinds import ACTUATORS, ENVIRONMENTS
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
 PAPER_TORQUE_LIMIT = 0.05
@@ -120,9 +121,10 @@ class Measured:
         pulses = known_pulses or ()
         if known_pulses is None and has(record, DISTURBANCE.column):
             torque = vectors(record, DISTURBANCE.column)
+            bound = self._environment_bound
             if has(record, ENVIRONMENT_TORQUE.name):
-                torque = torque - vectors(record, ENVIRONMENT_TORQUE.name)
-            pulses = find_pulses(self.t, torque, step(self.t))
+                torque, bound = torque - vectors(record, ENVIRONMENT_TORQUE.name), 0.0
+            pulses = find_pulses(self.t, torque, step(self.t), self._actuator_limit, bound)
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (self.begin, min(self.first_hit, self.end))
@@ -325,14 +327,30 @@ class Measured:
 
     @property
     def torque_limit(self) -> float:
-        """Limit on an axis [N·m]: as required, else as configured, else the paper's."""
+        """Limit on an axis [N·m]: as required, else that of the actuator."""
+        required = self.required.torque
+        return float(required) if isinstance(required, int | float) else self._actuator_limit
+
+    @property
+    def _actuator_limit(self) -> float:
+        """What the actuator gives on an axis [N·m]: as configured, else the paper's."""
         torques = None
         with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
             torques = self._actuator.torques(self.plant) if self._actuator else None
         # A bag of somebody else's plant says only what the controller was told of the actuator.
         told = self.record.parameters.get(CONTROLLER, {}).get("max_torque")
-        limits = (self.required.torque, torques and torques[1], told, PAPER_TORQUE_LIMIT)
+        limits = (torques and torques[1], told, PAPER_TORQUE_LIMIT)
         return next(float(each) for each in limits if isinstance(each, int | float))
+
+    @property
+    def _environment_bound(self) -> float:
+        """Bound of the torque of the environment [N·m]; 0 if nobody tells one."""
+        injector = self.record.parameters.get(INJECTOR, {})
+        with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
+            environment = ENVIRONMENTS.selected(injector)
+            if environment and environment.bound:
+                return environment.bound(injector)
+        return 0.0
 
     @property
     def lacks_torque_limit(self) -> str:

@@ -18,7 +18,9 @@ The torque of an environment of ours is smooth (the paper's is at most 4.4e-3 N�
 and that of somebody else's is on record and taken away before; a sudden disturbance starts and ends
 with a step. So the steps are found first, then paired: a step and the first later
 step that undoes it are one pulse. What cannot be paired (pulses that touch) is read off as
-stretches of constant extra torque.
+stretches of constant extra torque. How large a step is depends on the craft: what is sudden for one
+of 1 kg is less than what the environment of a station changes from sample to sample. So torques are
+compared with what the actuator gives.
 """
 
 from dataclasses import dataclass
@@ -30,14 +32,14 @@ from numpy.typing import NDArray
 from ppc_attitude.analysis.series import Mask, finite
 from ppc_attitude.contract.run_record import Array
 
-SMALLEST_STEP = 1e-3
-"""A change of one axis between two samples that is a step and not the environment [N·m]."""
+SMALLEST_STEP = 0.02
+"""A change of one axis between two samples that is a step and not the environment [actuators]."""
 
-LARGEST_ENVIRONMENT = 6e-3
-"""Largest torque on an axis [N·m] that is no pulse."""
+LARGEST_ENVIRONMENT = 0.12
+"""Largest torque on an axis that is no pulse, unless the environment's is larger [actuators]."""
 
-SAME_TORQUE = 2e-4
-"""Two torques that differ by less on every axis are taken as one [N·m]."""
+SAME_TORQUE = 0.004
+"""Two torques that differ by less on every axis are taken as one [actuators]."""
 
 MOST_STEPS = 1000
 """A torque with more steps is a rough signal throughout: there is no rest to find pulses in."""
@@ -65,7 +67,9 @@ class Pulse:
     torque: tuple[float, float, float]
 
 
-def find_pulses(t: Array, torque: Array, interval: float) -> tuple[Pulse, ...]:
+def find_pulses(
+    t: Array, torque: Array, interval: float, actuator: float, environment: float = 0.0
+) -> tuple[Pulse, ...]:
     """Find the sudden disturbances in an external torque.
 
     A torque that never steps has no pulse, however large it is; nor has one that steps more than
@@ -79,6 +83,10 @@ def find_pulses(t: Array, torque: Array, interval: float) -> tuple[Pulse, ...]:
         External torque that acts from each instant on [N·m]; rows not finite are skipped.
     interval : float
         Nominal time between two samples [s]: the last one acts for so long.
+    actuator : float
+        Torque that the actuator gives on an axis [N·m].
+    environment : float
+        Bound of the environment's torque on an axis [N·m]; 0 if it is not known.
 
     Returns
     -------
@@ -91,22 +99,23 @@ def find_pulses(t: Array, torque: Array, interval: float) -> tuple[Pulse, ...]:
     edges = float(t[0]), float(t[-1]) + interval
     if not rows.all():
         t, torque = t[rows], torque[rows]
-    at, heights = _steps(t, torque)
+    at, heights = _steps(t, torque, SMALLEST_STEP * actuator)
     if not 0 < at.size <= MOST_STEPS:
         return ()
-    first = _extra_at_start(at, heights, torque)
+    most, same = max(LARGEST_ENVIRONMENT * actuator, environment), SAME_TORQUE * actuator
+    first = _extra_at_start(at, heights, torque, most, same)
     # The record's own edges are steps as well: from rest to the first level, and back to rest.
     rises = np.vstack([first, heights, -(first + heights.sum(axis=0))])
     times = [edges[0], *t[at].tolist(), edges[1]]
     return tuple(
         Pulse(times[start], round(times[stop] - times[start], 9), extra)
-        for start, stop, extra in sorted(_paired(rises))
+        for start, stop, extra in sorted(_paired(rises, same))
     )
 
 
-def _steps(t: Array, torque: Array) -> tuple[NDArray[np.intp], Array]:
+def _steps(t: Array, torque: Array, least: float) -> tuple[NDArray[np.intp], Array]:
     """First sample of each new level, and the height of the step without the smooth part."""
-    is_step = np.logical_or.reduce(np.abs(np.diff(torque.T)) > SMALLEST_STEP)
+    is_step = np.logical_or.reduce(np.abs(np.diff(torque.T)) > least)
     at = np.flatnonzero(is_step)
     # The smooth part goes on at the mean slope of the intervals beside, unless they are steps.
     beside = np.stack([at - 1, at + 1])
@@ -118,40 +127,42 @@ def _steps(t: Array, torque: Array) -> tuple[NDArray[np.intp], Array]:
     return at + 1, torque[at + 1] - torque[at] - smooth * (t[at + 1] - t[at])[:, None]
 
 
-def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array) -> Array:
+def _extra_at_start(
+    at: NDArray[np.intp], heights: Array, torque: Array, most: float, same: float
+) -> Array:
     """Extra torque at the first sample, shape (3,): zero unless the record starts in a pulse.
 
     Rest is the first level if it is small enough for an environment, else the one of those that is
     held longest.
     """
     stretches = np.split(torque, at)
-    if _is_quiet(stretches[0]):
+    if _is_quiet(stretches[0], most):
         return np.zeros(3)
     levels = np.vstack([np.zeros(3), np.cumsum(heights, axis=0)])
     held = np.array([len(stretch) for stretch in stretches])
-    quiet = np.flatnonzero([_is_quiet(stretch) for stretch in stretches])
+    quiet = np.flatnonzero([_is_quiet(stretch, most) for stretch in stretches])
     if quiet.size == 0:
         return np.asarray(np.median(stretches[0], axis=0), dtype=np.float64)
-    together = [held[quiet][_same(levels[quiet], levels[k])].sum() for k in quiet]
+    together = [held[quiet][_same(levels[quiet], levels[k], same)].sum() for k in quiet]
     return np.asarray(-levels[quiet[int(np.argmax(together))]], dtype=np.float64)
 
 
-def _is_quiet(stretch: Array) -> bool:
+def _is_quiet(stretch: Array, most: float) -> bool:
     """Whether a level is small enough for an environment: its median, or simply all of it."""
-    small = np.abs(stretch).max() <= LARGEST_ENVIRONMENT
-    return bool(small or np.abs(np.median(stretch, axis=0)).max() <= LARGEST_ENVIRONMENT)
+    small = np.abs(stretch).max() <= most
+    return bool(small or np.abs(np.median(stretch, axis=0)).max() <= most)
 
 
-def _paired(rises: Array) -> list[_Found]:
+def _paired(rises: Array, same: float) -> list[_Found]:
     """Pulses as (first step, last step, torque), from the steps."""
     pulses: list[_Found] = []
-    left = np.abs(rises).max(axis=1) > SAME_TORQUE
+    left = np.abs(rises).max(axis=1) > same
     unpaired = []
     for k in range(len(rises)):
         if not left[k]:
             continue
         left[k] = False
-        undoing = np.flatnonzero(left & _same(rises, -rises[k]))
+        undoing = np.flatnonzero(left & _same(rises, -rises[k], same))
         if undoing.size == 0:
             unpaired.append(k)
             continue
@@ -161,14 +172,14 @@ def _paired(rises: Array) -> list[_Found]:
     level = np.zeros(3)
     for k, after in pairwise(unpaired):
         level = level + rises[k]
-        if np.abs(level).max() > SAME_TORQUE:
+        if np.abs(level).max() > same:
             pulses.append((k, after, _triple(level)))
     return pulses
 
 
-def _same(torques: Array, other: Array) -> Mask:
+def _same(torques: Array, other: Array, same: float) -> Mask:
     """Which torques, of shape (…, 3), equal the other but for the environment's drift."""
-    return np.asarray(np.abs(torques - other).max(axis=-1) <= SAME_TORQUE)
+    return np.asarray(np.abs(torques - other).max(axis=-1) <= same)
 
 
 def _triple(value: Array) -> tuple[float, float, float]:

@@ -213,7 +213,9 @@ class ErrorSize:
 def torque_text(disturbance: Disturbance) -> str:
     """Torque of a sudden disturbance [N·m], by component."""
     # It is a difference of torques: what rounding leaves of nothing is nothing.
-    return ", ".join(number_text(round(each, 9) + 0.0) for each in disturbance.torque)
+    least = 1e-8 * max(map(abs, disturbance.torque))
+    told = (each if abs(each) > least else 0.0 for each in disturbance.torque)
+    return ", ".join(map(number_text, told))
 
 
 def number_text(value: float) -> str:
