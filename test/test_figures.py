@@ -195,6 +195,18 @@ def test_the_disturbance(normal, hit):
     assert "N·m" in whole.get_ylabel()
 
 
+def test_the_environment_of_a_tiny_craft_is_enlarged_too(hit):
+    """On an axis of ±1e-4 N·m it was a line at zero."""
+    size = 2.0**-20
+    plant = {**hit.parameters["spacecraft_plant"], "max_torque": size * 0.05}
+    tiny = replace(
+        with_columns(hit, disturbance_torque=size * hit["disturbance_torque"]),
+        parameters={**hit.parameters, "spacecraft_plant": plant},
+    )
+    _, enlarged = disturbance_figure(Measured(tiny)).axes
+    assert 3e-3 * size < enlarged.get_ylim()[1] < 5e-3 * size
+
+
 def test_the_transformed_errors(normal, hit):
     attitude, rate = transformed_errors_figure(Measured(normal)).axes
     epsilon = normal["attitude_error"][:, :3] / normal["attitude_envelope"]

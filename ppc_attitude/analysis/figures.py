@@ -153,7 +153,7 @@ def disturbance_figure(run: Measured) -> Figure:
         rest = np.ones(run.t.size, dtype=np.bool_)
         for hit in run.hits:
             rest &= (run.t < hit.start_s) | (run.t >= hit.start_s + hit.duration_s)
-        reach = 1.2 * max(float(np.nanmax(np.abs(torque[rest]), initial=0.0)), 1e-4)
+        reach = 1.2 * (float(np.nanmax(np.abs(torque[rest]), initial=0.0)) or 1e-4)
         shown[1].set_ylim(-reach, reach)
         shown[1].set_ylabel("external torque, enlarged [N·m]")
     finish(shown, run)
