@@ -39,7 +39,7 @@ from ppc_attitude.processes.exits import BAD_INPUT, BROKEN
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.surroundings import inertia_error
-from ppc_attitude.science.kinds import ACTUATORS, PLANTS
+from ppc_attitude.science.kinds import ACTUATORS, ENVIRONMENTS, PLANTS
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -155,6 +155,19 @@ def test_the_worst_case_is_a_configuration_that_gives_the_value(tmp_path: Path, 
     assert told["told"] == f"{told['largest']:.6g}"
     metrics = ask("simulate", *overlays, f"--config={told['worst']}", "--json").json["metrics"]
     assert metrics["terminal_error"] == pytest.approx(told["largest"], rel=1e-12)
+
+
+def test_the_disturbance_is_as_large_as_the_configured_environment(
+    tmp_path: Path, ask: Ask
+) -> None:
+    """Else that of the paper acted on every craft: on one of 1 kg a thousand times its actuator."""
+    told = ["--duration=5", "--runs=1", "--pieces=1", f"--out={tmp_path}"]
+    orbit = [f"--config={path}" for path in configs("paper", "orbit")]
+    ask("falsify", *orbit, *told)
+    worst = load([*configs("paper", "orbit"), tmp_path / "worst.yaml"]).parameters[INJECTOR]
+    orbiting = load(configs("paper", "orbit")).parameters[INJECTOR]
+    most = ENVIRONMENTS.components["orbit"].bound(orbiting)
+    assert 0.0 < np.abs(worst["pulse_torques"]).max() <= most < 1e-3
 
 
 def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path, ask: Ask) -> None:

@@ -40,6 +40,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.parameter_file import ros_parameters
 from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
+from ppc_attitude.command_line.proportions import environment_torque
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.contract.whole_file import write_whole
@@ -48,8 +49,10 @@ from ppc_attitude.falsify.search import Found, Search
 from ppc_attitude.falsify.space import Space
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED, RunError
 from ppc_attitude.science.controllers.tube_parameters import PREFIX
-from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kinds import ENVIRONMENTS
+from ppc_attitude.simulation.closed_loop import first_instant
+from ppc_attitude.simulation.scenario import Scenario
 
 HELP = "an adversary that looks for the worst case of a law"
 DESCRIPTION = (
@@ -87,8 +90,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         (
             "--disturbance",
             number(0.0, unit="N·m"),
-            ENVIRONMENT_BOUND,
-            "bound of the disturbance, per axis [N·m]",
+            None,
+            "bound of the disturbance, per axis [N·m]; default: that of the environment",
         ),
         # CMA-ES takes memory as their square: 0.5 GB of 1000, 20 GB of 10 000.
         ("--pieces", number(0, 1e3, whole=True), 40, "pieces of the disturbance; 0: as configured"),
@@ -138,7 +141,7 @@ def execute(arguments: argparse.Namespace) -> int:
     space = Space(
         base=scenario,
         rate=math.radians(arguments.start_rate),
-        disturbance=arguments.disturbance,
+        disturbance=_disturbance(arguments, scenario),
         pieces=arguments.pieces,
         e_S=arguments.inertia_error,
         eta=arguments.strength,
@@ -201,6 +204,13 @@ def execute(arguments: argparse.Namespace) -> int:
             f"interrupted after {found.runs} of {arguments.runs} runs; the same command goes on"
         )
     return REQUIREMENT_FAILED if broken else DONE
+
+
+def _disturbance(arguments: argparse.Namespace, scenario: Scenario) -> float:
+    """Bound of the disturbance [N·m]: as asked for, or else that of the configured environment."""
+    if arguments.disturbance is not None:
+        return float(arguments.disturbance)
+    return environment_torque(scenario, first_instant(scenario)[ENVIRONMENTS.name])
 
 
 def _file(space: Space, goal: Goal, found: Found, controller: str | None) -> str:
