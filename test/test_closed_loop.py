@@ -19,18 +19,25 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from craft_helpers import configs, pulse
 
+from ppc_attitude.contract.declared import BY_COLUMN
+from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.science.attitude import attitude_error
 from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
 from ppc_attitude.simulation.closed_loop import Loop, first_instant, simulate, stamps_of
-from ppc_attitude.simulation.scenario import load, scenario
+from ppc_attitude.simulation.scenario import Scenario, load, scenario
+
+# Powers of mass in units; whatever has another unit has none.
+MASS = dict.fromkeys(("kg", "kg·m²", "N", "N·m", "N·m·s", "N·m·s/rad", "A·m²"), 1.0)
+MASS["kg^½·m"] = 0.5
 
 
 @cache
@@ -186,3 +193,44 @@ def test_columns_are_those_that_the_law_has() -> None:
     assert "attitude_error" in record
     assert "attitude_envelope" not in record
     assert "auxiliary_state" not in record
+
+
+def heavier(base: Scenario, size: float) -> Scenario:
+    """The craft, its actuators and its torques, all so many times as heavy or strong."""
+    chosen: dict[str, dict[str, Any]] = {}
+    for node, table in PARAMETERS.items():
+        chosen[node] = dict(base.parameters[node])
+        for each in table:
+            power, value = MASS.get(each.unit, 0.0), chosen[node][each.name]
+            if power:
+                scaled = np.multiply(size**power, value)
+                chosen[node][each.name] = scaled.tolist()
+    plates = np.reshape(chosen["disturbance_injector"]["orbit.plates"], (-1, 10))
+    chosen["disturbance_injector"]["orbit.plates"] = [
+        number * (1.0 if k else size) for plate in plates.tolist() for k, number in enumerate(plate)
+    ]
+    return scenario(chosen)
+
+
+@pytest.mark.parametrize("size", [2.0**-20, 2.0**14])
+@pytest.mark.parametrize(
+    ("law", "overlays"),
+    [
+        ("momentum_tube", ["flexible", "wheels", "orbit", "unloading", "sudden_disturbance"]),
+        ("log_barrier", ["sensors_smallsat", "sudden_disturbance"]),
+        ("quaternion_feedback", ["thrusters"]),
+        ("quaternion_feedback", ["wheels", "faults", "mission", "orbit"]),
+    ],
+)
+def test_no_part_of_the_loop_knows_how_heavy_a_craft_is(
+    law: str, overlays: list[str], size: float
+) -> None:
+    """From a PocketQube to a station: a power of two scales every number without rounding."""
+    environment = "orbit" if "orbit" in overlays else "none"
+    nodes = {"ppc_controller": {"controller": law}, "disturbance_injector": {}}
+    nodes["disturbance_injector"]["environment"] = environment
+    base = load(configs("paper", *overlays), nodes)
+    expected, found = simulate(base, 25.0), simulate(heavier(base, size), 25.0)
+    for name, values in expected.columns.items():
+        factor = size ** MASS.get(BY_COLUMN[name].unit, 0.0)
+        np.testing.assert_array_equal(found[name], factor * values, err_msg=name)

@@ -119,14 +119,13 @@ _MARKERS = (
     Parameter(
         "position", [0.0, 0.0, 0.0], "where the craft is drawn", "m", length=3, low=-1e6, high=1e6
     ),
-    Parameter("torque_scale", 20.0, "length of the torque arrow", "m/(N·m)", above=0.0, high=1e6),
+    Parameter("torque_scale", 20.0, "length of the torque arrow", "m/(N·m)", above=0.0),
     Parameter(
         "disturbance_scale",
         200.0,
         "length of the disturbance arrow; no arrow is longer than 2 m",
         "m/(N·m)",
         above=0.0,
-        high=1e6,
     ),
 )
 

@@ -55,8 +55,8 @@ MAX_DIPOLE = Parameter(
     10.0,
     "largest dipole along each axis; a larger one is scaled as a whole",
     "A·m²",
-    low=0.01,
-    high=500.0,
+    above=0.0,
+    high=1e6,
 )
 GAIN = Parameter(
     "magnetorquers.gain",

@@ -77,8 +77,8 @@ FORCE = Parameter(
     [0.1],
     "force F of each thruster; once each, or one for all",
     "N",
-    low=1e-3,
-    high=100.0,
+    above=0.0,
+    high=1e6,
 )
 SPECIFIC_IMPULSE = Parameter(
     "thrusters.specific_impulse", 65.0, "specific impulse", "s", low=1.0, high=1e5
