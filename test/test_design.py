@@ -15,7 +15,9 @@
 """The search for gains with a guarantee: what it refuses, and what it says would help."""
 
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -174,6 +176,16 @@ def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
 def test_a_design_says_which_of_its_assumptions_the_craft_does_not_keep(ask: Ask) -> None:
     told = ask("design", *CONFIG, "--gains", 0.1, 4, 1, "--assume", "d=1e-5").out
     assert "warning: assumption not kept: the environment reaches 0.004374 N·m; assumed: d" in told
+
+
+def test_a_rate_that_was_asked_for_is_promised(tmp_path: Path, ask: Ask) -> None:
+    """A slow craft, which tumbles below 1 deg/s, had a promise for rest alone."""
+    law, gains = tmp_path / "slow.yaml", ("--gains", 1, 15, 0.2)
+    promise = r"from t = (\S+) s on, for every attitude and every start with ‖ω_s‖ ≤ 0\.25 deg/s"
+    told = ask("design", *CONFIG, *gains, "--rate", 0.25, f"--output={law}").page
+    again = ask("check", *CONFIG, f"--config={law}").page
+    assert re.findall(promise, told) == re.findall(promise, again) != []
+    assert "does not apply" not in again
 
 
 def test_gains_beyond_all_bounds_are_infeasible(ask: Ask) -> None:

@@ -32,7 +32,13 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.arithmetic import balls
 from ppc_attitude.science.guarantee.assumptions import Assumptions, assumptions_of, law_of
 from ppc_attitude.science.guarantee.bounds import Bounds
-from ppc_attitude.science.guarantee.certificate import ACCURACY, Certificate, certify, differences
+from ppc_attitude.science.guarantee.certificate import (
+    ACCURACY,
+    RATES,
+    Certificate,
+    certify,
+    differences,
+)
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.inequalities import Inequality
 from ppc_attitude.science.guarantee.known_reference import KnownReference
@@ -132,7 +138,8 @@ class Judgement:
         values = scenario.parameters[CONTROLLER]
         stored = stored_certificate(configurations)
         accuracy = stored["accuracy"] if stored else ACCURACY
-        self.certificate = certify(values, accuracy)
+        promised = [each["rate"] for each in stored["promises"]] if stored else []
+        self.certificate = certify(values, accuracy, sorted({*RATES, *promised}))
         self._assumed, self._law = assumptions_of(values), law_of(values)
         nodes = nodes_around(scenario.parameters)
         duration = scenario.number(PLANT, "duration")

@@ -51,7 +51,7 @@ from ppc_attitude.science.controllers.tube_parameters import (
 )
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, parameters_of
-from ppc_attitude.science.guarantee.certificate import Certificate, certify
+from ppc_attitude.science.guarantee.certificate import RATES, Certificate, certify
 from ppc_attitude.science.guarantee.design import (
     Design,
     UnwishedError,
@@ -144,7 +144,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate",
         type=NOT_NEGATIVE,
-        help=f"rate at the start for which to be fast [deg/s]; default {_DEFAULTS['rate']:g}",
+        help="rate at the start for which to be fast, promised beside others [deg/s]; default "
+        f"{_DEFAULTS['rate']:g}",
     )
     parser.add_argument("--time", type=POSITIVE, help="longest settling time [s]; default any")
     parser.add_argument(
@@ -233,7 +234,7 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"nothing can be guaranteed: no floating-point number bounds what gains {gains} do")
         return REQUIREMENT_FAILED
     values = _values(assumed, found.law)
-    certificate = certify(values, wishes.accuracy)
+    certificate = certify(values, wishes.accuracy, sorted({*RATES, arguments.rate}))
     if not certificate.holds:
         failing = [each.name for each in certificate.inequalities if not each.holds]
         print(f"the search found numbers that cannot be proved: {', '.join(failing)}")
