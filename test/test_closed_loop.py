@@ -17,9 +17,9 @@
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,16 +28,26 @@ from craft_helpers import configs, pulse
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
 from ppc_attitude.science.attitude import attitude_error
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
 from ppc_attitude.simulation.closed_loop import Loop, first_instant, simulate, stamps_of
 from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
-# Powers of mass in units; whatever has another unit has none.
-MASS = dict.fromkeys(("kg", "kg·m²", "N", "N·m", "N·m·s", "N·m·s/rad", "A·m²"), 1.0)
-MASS["kg^½·m"] = 0.5
+# Powers of mass and of time in units; a unit that is not here has none.
+POWERS = {
+    **dict.fromkeys(("kg", "kg·m²"), (1.0, 0.0)),
+    **dict.fromkeys(("N", "N·m", "A·m²"), (1.0, -2.0)),
+    **dict.fromkeys(("N·m·s", "N·m·s/rad"), (1.0, -1.0)),
+    "kg^½·m": (0.5, 0.0),
+    "s": (0.0, 1.0),
+    **dict.fromkeys(("1/s", "Hz", "rad/s"), (0.0, -1.0)),
+    "rad/s²": (0.0, -2.0),
+    "rad/s³": (0.0, -3.0),
+}
 
 
 @cache
@@ -195,24 +205,46 @@ def test_columns_are_those_that_the_law_has() -> None:
     assert "auxiliary_state" not in record
 
 
-def heavier(base: Scenario, size: float) -> Scenario:
-    """The craft, its actuators and its torques, all so many times as heavy or strong."""
-    chosen: dict[str, dict[str, Any]] = {}
+def factor(unit: str, mass: float, time: float) -> float:
+    """Factor on a number of a unit, if mass and time are so many times as large."""
+    of_mass, of_time = POWERS.get(unit, (0.0, 0.0))
+    return mass**of_mass * time**of_time
+
+
+def scaled(base: Scenario, mass: float, time: float = 1.0) -> Scenario:
+    """The craft, its actuators and its torques as heavy or strong, and all of it as slow."""
+    chosen = {node: dict(values) for node, values in base.parameters.items()}
     for node, table in PARAMETERS.items():
-        chosen[node] = dict(base.parameters[node])
         for each in table:
-            power, value = MASS.get(each.unit, 0.0), chosen[node][each.name]
-            if power:
-                scaled = np.multiply(size**power, value)
-                chosen[node][each.name] = scaled.tolist()
+            if each.unit in POWERS:
+                numbers = np.multiply(factor(each.unit, mass, time), chosen[node][each.name])
+                with suppress(ConfigurationError):  # the default of a part that does not run
+                    chosen[node][each.name] = each.checked(numbers.tolist())
     plates = np.reshape(chosen["disturbance_injector"]["orbit.plates"], (-1, 10))
-    chosen["disturbance_injector"]["orbit.plates"] = [
-        number * (1.0 if k else size) for plate in plates.tolist() for k, number in enumerate(plate)
-    ]
+    plates[:, 0] *= mass  # areas, which air and light push
+    chosen["disturbance_injector"]["orbit.plates"] = plates.ravel().tolist()
     return scenario(chosen)
 
 
-@pytest.mark.parametrize("size", [2.0**-20, 2.0**14])
+def apart(found: RunRecord, expected: RunRecord, mass: float, time: float = 1.0) -> float:
+    """Largest difference of a column from the one that is expected, as a share of its largest."""
+    shares = [0.0]
+    for name, values in expected.columns.items():
+        told = found[name] / factor(BY_COLUMN[name].unit, mass, time)
+        assert np.array_equal(np.isnan(told), np.isnan(values)), name
+        largest = np.nanmax(np.abs(values), initial=1e-300)
+        shares.append(np.nanmax(np.abs(told - values), initial=0.0) / largest)
+    return max(shares)
+
+
+def without_constants(law: str, *overlays: str) -> Scenario:
+    """The paper's case without its environment, which is a torque in N·m."""
+    environment = "orbit" if "orbit" in overlays else "none"
+    nodes = {CONTROLLER: {"controller": law}, INJECTOR: {"environment": environment}}
+    return load(configs("paper", *overlays), nodes)
+
+
+@pytest.mark.parametrize("mass", [2.0**-20, 2.0**14])
 @pytest.mark.parametrize(
     ("law", "overlays"),
     [
@@ -223,14 +255,34 @@ def heavier(base: Scenario, size: float) -> Scenario:
     ],
 )
 def test_no_part_of_the_loop_knows_how_heavy_a_craft_is(
-    law: str, overlays: list[str], size: float
+    law: str, overlays: list[str], mass: float
 ) -> None:
     """From a PocketQube to a station: a power of two scales every number without rounding."""
-    environment = "orbit" if "orbit" in overlays else "none"
-    nodes = {"ppc_controller": {"controller": law}, "disturbance_injector": {}}
-    nodes["disturbance_injector"]["environment"] = environment
-    base = load(configs("paper", *overlays), nodes)
-    expected, found = simulate(base, 25.0), simulate(heavier(base, size), 25.0)
-    for name, values in expected.columns.items():
-        factor = size ** MASS.get(BY_COLUMN[name].unit, 0.0)
-        np.testing.assert_array_equal(found[name], factor * values, err_msg=name)
+    base = without_constants(law, *overlays)
+    assert apart(simulate(scaled(base, mass), 25.0), simulate(base, 25.0), mass) == 0.0
+
+
+@pytest.mark.parametrize("time", [2.0**-2, 2.0**2])
+@pytest.mark.parametrize(
+    ("law", "overlays"),
+    [("ppc", []), ("quaternion_feedback", ["flexible", "wheels", "sudden_disturbance"])],
+)
+def test_no_part_of_the_loop_knows_how_fast_a_craft_is(
+    law: str, overlays: list[str], time: float
+) -> None:
+    """Every parameter has the unit that it is declared with; stamps of 1 ns are rounded."""
+    base = scaled(without_constants(law, *overlays), 2.0**-20)  # tanh of a small torque is linear
+    slower = simulate(scaled(base, 1.0, time), 25.0 * time)
+    assert apart(slower, simulate(base, 25.0), 1.0, time) < 1e-9
+
+
+def test_the_envelopes_of_a_heavy_craft_widen_with_larger_gains() -> None:
+    """As the theory says: tanh of a torque in N·m has no larger value than 1."""
+    heavy = scaled(without_constants("ppc", "sudden_disturbance"), 1024.0)
+    gains = {name: 1024.0 * heavy.parameters[CONTROLLER][name] for name in ("C_tau", "B_tau")}
+    worse, better = (
+        simulate(each, 120.0) for each in (heavy, heavy.with_values(CONTROLLER, **gains))
+    )
+    assert fill(worse, "attitude")[-1] > 1.0
+    assert fill(better, "attitude").max() < 1.0
+    assert last_above(better, 5e-3) == pytest.approx(83.77, abs=0.01)

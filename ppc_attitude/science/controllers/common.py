@@ -34,7 +34,12 @@ MAX_TORQUE = Parameter(
     "max_torque", 0.05, "torque limit per axis, sat(u)", "N·m", above=0.0, high=1e6
 )
 D_M = Parameter("D_m", 0.00457, "bound of the disturbance, gain of its estimate", "N·m", low=0.0)
-MU = Parameter("mu", 0.703, "width μ of the tanh in the disturbance estimate", above=0.0)
+MU = Parameter(
+    "mu",
+    0.703,
+    "width μ of the tanh in the disturbance estimate; of log_barrier in rad/s",
+    above=0.0,
+)
 
 
 def envelope_parameters(prefix: str, what: str, unit: str, table: EnvelopeTable) -> list[Parameter]:

@@ -78,15 +78,15 @@ GAINS = (
     Parameter("M_omega", 0.017, "speed scale M_ω of virtual control", "rad/s", above=0.0, high=1e6),
     Parameter("beta", 3.6, "steepness β of the virtual control", above=0.0),
     Parameter("K_omega", 2.3, "gain K_ω on the rate error z2", "1/s", low=0.0),
-    Parameter("K_u", 0.171, "gain K_u on the auxiliary state θ", low=0.0),
+    Parameter("K_u", 0.171, "gain K_u on the auxiliary state θ", "1/s", low=0.0),
     Parameter("K_a", 3.81, "decay K_a of the auxiliary state", "1/s", low=0.0),
-    Parameter("K_b", 3.09, "saturation-driven decay K_b of the auxiliary state", low=0.0),
+    Parameter("K_b", 3.09, "saturation-driven decay K_b of the auxiliary state", "s", low=0.0),
     Parameter("C_q", 0.975, "decay C_q of the attitude envelope's widening", "1/s", low=0.0),
     Parameter(
         "C_omega", 0.898, "decay C_ω of the rate envelope's widening", "1/s", low=0.0, high=1e6
     ),
     Parameter("C_tau", 0.00998, "gain C_τ of the attitude envelope's widening", low=0.0),
-    Parameter("B_tau", 0.0418, "gain B_τ of the rate envelope's widening", low=0.0),
+    Parameter("B_tau", 0.0418, "gain B_τ of the rate envelope's widening", "rad/s", low=0.0),
     Parameter("F1", 1.0, "scale F1 of the attitude barrier", above=0.0),
     Parameter("F2", 1.0, "scale F2 of the rate barrier", above=0.0),
     Parameter("k1", 1.0, "weight k1 of the attitude barrier", above=0.0),
