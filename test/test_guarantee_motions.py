@@ -18,15 +18,29 @@ import math
 from typing import Any
 
 import numpy as np
-from craft_helpers import guaranteed
+import pytest
+from craft_helpers import case, guaranteed
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.controllers.brake import axis_rate, capped_brake, deceleration
+from ppc_attitude.science.controllers.tube_parameters import PARAMETERS
+from ppc_attitude.science.guarantee import known_reference
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
-from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import FINE, Speed, cells
+
+POWERS_OF_TIME = {
+    "s": 1,
+    "1/s": -1,
+    "rad/s": -1,
+    "N·m·s": -1,
+    "rad/s²": -2,
+    "N·m": -2,
+    "rad/s³": -3,
+}
 
 
 def test_no_random_state_needs_more_than_the_load() -> None:
@@ -124,3 +138,22 @@ def _bending(law: Law, J: Any, turn: Any, omega: tuple[Any, Any], motion: tuple[
         return -_speed_of(law, J, axis, angle, rate_d) * axis
 
     return (command(h) - 2 * command(0.0) + command(-h)) / h**2
+
+
+def test_a_known_reference_is_followed_until_a_slow_craft_has_settled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After 400 s the bound gave up; here each rate is a sixteenth."""
+    monkeypatch.setattr(known_reference, "_FACES", (6,))
+    values = dict(case("guaranteed").parameters[CONTROLLER])
+    times = []
+    for slower in (1.0, 16.0):
+        for each in PARAMETERS:
+            if each.unit in POWERS_OF_TIME:
+                factor = slower ** POWERS_OF_TIME[each.unit]
+                values[each.name] = np.multiply(factor, values[each.name]).tolist()
+        bound = known_reference.KnownReference(
+            assumptions_of(values), law_of(values), lambda t: np.zeros((t.size, 3)), np.zeros(3)
+        )
+        times.append(bound.time(0.0, 5e-3))
+    assert times[1] == pytest.approx(16.0 * times[0], rel=1e-3)

@@ -93,7 +93,7 @@ EXAMPLES = (
     "ppc_attitude check --config config/paper.yaml --config config/guaranteed.yaml",
 )
 _CERTIFIED = f"a law with a certificate: {' or '.join(LAWS)}"
-_KNOWN_RATES = (0.0, 1.0)  # [deg/s] at the start
+_LARGEST_KNOWN_RATE = 1.0  # [deg/s] at the start
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -145,7 +145,8 @@ def execute(arguments: argparse.Namespace) -> int:
     )
     known = []
     if guarantee and arguments.known_reference:
-        known = guarantee.of_reference(_KNOWN_RATES)
+        promised = (each.rate for each in guarantee.certificate.promises)
+        known = guarantee.of_reference([x for x in promised if x <= _LARGEST_KNOWN_RATE])
     hits = [guarantee.of_hit(*hit) for hit in arguments.hit] if guarantee else []
     if arguments.json:
         page = _json(scenario, conditions, q_e, law.advice, goals)

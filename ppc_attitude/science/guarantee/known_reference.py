@@ -19,6 +19,7 @@ a cell of n and what n may have turned: V is larger than its least value most of
 cover the sphere, and the angles that the bound for any reference does not settle sooner.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -34,12 +35,12 @@ from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.kernel import kernel
 
 Array = NDArray[np.float64]
-_STEP = 0.02  # [s]
+_STEP = 0.02  # [s], or longer for a slow craft
 _PADDING = 1e-9  # relative, of every step: plain floats, rounded
 # Cells along an edge of the cube whose faces cover the sphere: those that settle late are divided.
 _FACES = (14, 28, 56)
 _LATE = 1.0  # [s] before the last: what is divided
-_LONGEST = 400.0  # [s]
+_STEPS = 20_000  # before which every cell has settled
 _ARRAYS = FLOATS._replace(sin=np.sin)
 
 
@@ -115,6 +116,7 @@ class KnownReference:
         self._lead = min(float(np.linalg.norm(ahead)), assumed.lead)
         self._bounds = Bounds(assumed, law, FLOATS)
         self._envelope = Envelope(self._bounds)
+        self._step = _STEP
 
     def time(self, rate: float, accuracy: float) -> float:
         """Guaranteed settling time [s] from t = 0, for every attitude.
@@ -139,6 +141,9 @@ class KnownReference:
             )
         near = self._envelope.near_time(self._law.far, rate, accuracy)
         longest = near
+        # The time that is found is at most that for any reference: half of the steps.
+        any_reference = self._envelope.far_time(math.pi + self._lead, rate, accuracy)
+        self._step = max(_STEP, 2.0 * any_reference / _STEPS)
         for start in np.linspace(np.pi, self._law.far, 40):
             # From here on down the bound for any reference is no longer than what is found.
             bound = self._envelope.far_time(float(start) + self._lead, rate, accuracy)
@@ -197,7 +202,8 @@ class KnownReference:
         )
         found = np.zeros(count)
         cells: NDArray[np.int64] = np.arange(count)
-        times = begin + _STEP * np.arange(round((_LONGEST - begin) / _STEP))
+        longest = _STEPS * self._step
+        times = begin + self._step * np.arange(round((longest - begin) / self._step))
         for t, omega_d in zip(times, self._rate_at(times), strict=True):
             keep = state.above > 2.0 * accuracy
             if not keep.all():
@@ -207,12 +213,12 @@ class KnownReference:
             if not keep.any():
                 return found
             self._advance(state, centres @ omega_d, radius, float(np.linalg.norm(omega_d)))
-        raise ValueError(f"no settling within {_LONGEST:g} s")
+        raise ValueError(f"no settling within {longest:g} s")
 
     def _advance(self, state: _State, along: Array, radius: Array, size: float) -> None:
         """Carry the bounds over a step in which the reference is near ω_d."""
-        law, assumed = self._law, self._assumed
-        change = assumed.W1 * _STEP
+        law, assumed, step = self._law, self._assumed, self._step
+        change = assumed.W1 * step
         size = min(size + change, assumed.W)
         spread = size * (radius + state.turned) + change
         slow, fast = along - spread, np.minimum(along + spread, size)
@@ -224,17 +230,17 @@ class KnownReference:
         brake = law.k, float(self._bounds.a)
         # An upper solution falls by no more in a step than at the speed of its beginning.
         fastest = speeds(state.above, cap, *brake) * (1.0 + _PADDING)
-        lowest = np.maximum(state.above - _STEP * fastest, 0.0)
+        lowest = np.maximum(state.above - step * fastest, 0.0)
         fall = speeds(lowest, cap, *brake) * (1.0 - _PADDING)
         nu = np.maximum(
             nu_of(np.clip(state.below, 1e-3, np.pi), _ARRAYS),
             nu_of(np.minimum(state.above, 2 * np.pi - 1e-3), _ARRAYS),
         )
-        state.turned += _STEP * law.z_bar * nu * (1.0 + _PADDING)
-        state.above += _STEP * (law.z_bar - fall)
+        state.turned += step * law.z_bar * nu * (1.0 + _PADDING)
+        state.above += step * (law.z_bar - fall)
         rise = np.minimum(most, law.k * np.maximum(state.below, 0.0))
-        state.below -= _STEP * (law.z_bar + rise) * (1.0 + _PADDING)
-        state.sigma += _STEP * float(self._bounds.reserve) * (1.0 - _PADDING)
+        state.below -= step * (law.z_bar + rise) * (1.0 + _PADDING)
+        state.sigma += step * float(self._bounds.reserve) * (1.0 - _PADDING)
 
 
 @kernel
