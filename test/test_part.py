@@ -50,6 +50,18 @@ def test_a_law_tells_how_much_of_its_own_envelopes_is_filled(law: str) -> None:
     assert part.normalised_errors() == expected
 
 
+@pytest.mark.parametrize("law", CONTROLLERS.components)
+def test_a_law_that_forgets_tells_no_errors_of_before_while_there_is_no_attitude(law: str) -> None:
+    """Until the first fix it is not stepped: then it gives what a new one gives."""
+    component = CONTROLLERS.components[law]
+    values = scenario({CONTROLLER: {"controller": law}}).parameters[CONTROLLER]
+    part, new = Part(component, values), Part(component, values)
+    width = sum(column.width for column in component.inputs)
+    part.step(0, np.linspace(0.1, 0.2, width))
+    part.forget()
+    assert part.step(0, np.zeros(width)) == new.step(0, np.zeros(width))
+
+
 def _giving(number: float) -> Any:
     @kernel
     def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:

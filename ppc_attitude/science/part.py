@@ -271,7 +271,8 @@ class Part:
         self._records = self.addresses[1:]
 
     def forget(self) -> None:
-        """Begin anew, as at the first step."""
+        """Begin anew, as at the first step: a step need not write all that it gives."""
+        self.signals[:] = 0.0
         self.state.view(np.uint8).fill(0)
         self.told = 0
 

@@ -198,7 +198,6 @@ class Diagram:
         ConfigurationError
             A parameter is infeasible.
         """
-        self._signals[:] = 0.0
         for kind, part in self.parts.items():
             part.forget()
             values = parameters.get(NODE_OF[kind], {})
