@@ -238,6 +238,16 @@ def test_after_a_reset_a_node_has_what_it_was_started_again_with(tmp_path: Path)
     assert read.changes == ()
 
 
+def test_every_time_that_a_node_began_anew_is_read(tmp_path: Path) -> None:
+    """Switched off and on between two states, or started again twice: replay begins anew, too."""
+    stamps = RUN.stamps_ns[1:3].tolist()
+    anew = [Change(stamp, CONTROLLER, "enabled", True) for stamp in stamps]
+    sequence = [*messages(RUN), *told(stamps[0], "k", 0.7), *told(stamps[1], "k", 0.7)]
+    sequence += [(CHANGES_TOPIC, *each) for each in encode_changes(anew)]
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
+    assert read.changes == (Change(stamps[0], CONTROLLER, "k", 0.7), *anew)
+
+
 def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     sequence = list(messages(RUN))
     place = [place for place, (topic, _, _) in enumerate(sequence) if topic == ATTITUDE][3]

@@ -29,7 +29,14 @@ from ppc_attitude.bags.timeline import Timeline, align
 from ppc_attitude.contract.carriers import carriers
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED, not_installed, promised
 from ppc_attitude.contract.run_record import Change, RunRecord, told
-from ppc_attitude.contract.topics import ANGULAR_VELOCITY, APPLIED_TORQUE, ATTITUDE, PLANT, Topic
+from ppc_attitude.contract.topics import (
+    ANGULAR_VELOCITY,
+    APPLIED_TORQUE,
+    ATTITUDE,
+    ENABLED,
+    PLANT,
+    Topic,
+)
 from ppc_attitude.science.stamps import LATEST, seconds, stamp_of
 
 
@@ -182,7 +189,11 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         missing={**timeline.missing, **empty},
         held=timeline.held,
         parameters=parameters,
-        changes=tuple(each for each, old in told(in_flight, parameters) if each.value != old),
+        changes=tuple(
+            each
+            for each, old in told(in_flight, parameters)
+            if each.value != old or each.name == ENABLED  # then a node began anew, also once more
+        ),
         metadata=facts.metadata,
         warnings=tuple(map(printable, warnings)),
     )
