@@ -313,11 +313,17 @@ def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
     assert said[0].warning
 
 
-def test_a_disabled_controller_warns(admit: Callable[..., Patient]) -> None:
-    patient = admit(PpcController)
+def test_a_disabled_controller_says_so_and_blames_no_disturbance(
+    admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[Advice] = []
+    monkeypatch.setattr(BaseNode, "say_all", lambda self, news: said.extend(news))
+    patient = admit(PpcController, "controller:=momentum_tube")
     patient.call(SetBool, "ppc_controller/enable", SetBool.Request(data=False))
-    patient.feed(0)
-    patient.says(WARN, "disabled: zero torque")
+    for step in (0, 200):
+        patient.feed(step, angular_velocity=(0.0002 * step, 0.0, 0.0))
+        assert patient.says(WARN, "disabled: zero torque")["steps in saturation"] == "0"
+    assert not said
     for told in ("enabled: re-armed from the present error", "enabled already: goes on"):
         answer = patient.call(SetBool, "ppc_controller/enable", SetBool.Request(data=True))
         assert answer.message == told

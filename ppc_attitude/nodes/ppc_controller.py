@@ -49,9 +49,13 @@ class PpcController(ComponentNode):
             self._switched = False
             self.tell_changes(stamp_ns, {ENABLED: self._enabled})
         outputs = super().compute(stamp_ns, inputs)
+        if not self._enabled:
+            # Nobody is told what the law makes of that: it misses the torque, and blames others.
+            tuple(self.chain.news())
+            return {**outputs, TORQUE_COMMAND.column: _ZERO}
         torque = outputs[TORQUE_COMMAND.column]
         self._saturated += torque != outputs.get(_UNSATURATED, torque)
-        return outputs if self._enabled else {**outputs, TORQUE_COMMAND.column: _ZERO}
+        return outputs
 
     def _on_enable(self, request: Any, response: Any) -> Any:
         enabled, was = bool(request.data), self._enabled
