@@ -76,6 +76,15 @@ def test_every_error_that_a_law_bounds_is_shown() -> None:
     assert "200 % outside" in line_with("momentum [N·m·s] z", shown)
 
 
+def test_before_the_first_estimate_there_is_no_share_of_an_envelope() -> None:
+    """The law has not been stepped: its errors and envelopes are zero."""
+    pair = BY_COLUMN["rate_error"], BY_COLUMN["rate_envelope"]
+    samples = {topic.name: Sample(0, topic.frame_id, (0.0,) * 3) for topic in pair}
+    row = line_with("rate [°/s] x", lines(Snapshot(samples={**SNAPSHOT.samples, **samples})))
+    assert "+0.000e+00" in row
+    assert "%" not in row
+
+
 def test_units_and_times() -> None:
     shown = lines(SNAPSHOT)
     assert "t = 12.34 s" in shown[0]

@@ -104,7 +104,7 @@ def _table(*names: str) -> Table:
 
 
 def _inside(error: float, envelope: float) -> tuple[str, str, RenderableType]:
-    if math.isnan(error) or math.isnan(envelope):
+    if math.isnan(error) or not envelope > 0.0:  # a law that has no attitude yet bounds nothing
         return _text(error), _text(envelope), ""
     normalised = abs(error) / envelope
     style = "green" if normalised < _NEAR else "yellow" if normalised <= 1.0 else "bold red"
