@@ -86,6 +86,15 @@ def test_after_lost_states_nothing_is_foreseen_until_the_rhythm_is_back() -> Non
     assert late.sent == [0, 50_000_000, 100_000_000, 60_000_000, 70_000_000]
 
 
+@pytest.mark.parametrize("ahead", [True, False])
+def test_nobody_knows_the_next_state_after_a_step_that_is_longer_than_others(ahead: bool) -> None:
+    """Of a bridge whose stamps jitter, or whose rate has changed, it would be told wrongly."""
+    node = Node(ahead)
+    for stamp, known in ((0, False), (10, True), (20, True), (120, False), (220, False)):
+        node.state(stamp * 1_000_000)
+        assert (node.answers.next_ns is not None) is known
+
+
 def test_time_that_begins_again_is_told_and_answered_anew() -> None:
     node = Node(ahead=True)
     for step in range(5):

@@ -43,6 +43,7 @@ class Answers:
         self._begin_again = begin_again
         self._guard = StampGuard()
         self._period = 0
+        self._is_steady = False  # the last step was a period
         self._sent: dict[int, Outputs] = {}
 
     def to(self, name: str, stamp_ns: int, inputs: Inputs, now: float) -> dict[int, Outputs]:
@@ -66,6 +67,7 @@ class Answers:
             self._begin_again(stamp_ns)
         elif step:
             self._period = min(self._period or step, step)
+        self._is_steady = 0 < step <= self._period + 1  # stamps are rounded
         stamps = [stamp_ns]
         # After a step that is longer than others some states were lost, and the rhythm with them.
         if self._ahead and step and step == self.period_ns:
@@ -82,4 +84,4 @@ class Answers:
     @property
     def next_ns(self) -> int | None:
         """The first stamp [ns] that has not been answered; None as long as nobody can know it."""
-        return max(self._sent) + self._period if self._period else None
+        return max(self._sent) + self._period if self._is_steady else None
