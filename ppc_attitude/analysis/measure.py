@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, beyond, bound_of, envelopes_of, outside
-from ppc_attitude.analysis.pulses import Pulse, find_pulses
+from ppc_attitude.analysis.hits import pulses_of
+from ppc_attitude.analysis.pulses import Pulse
 from ppc_attitude.analysis.requirements import (
     PAPER,
     Accuracy,
@@ -37,7 +38,6 @@ from ppc_attitude.analysis.series import (
     known,
     largest,
     lasting,
-    step,
     topic_of,
     vectors,
 )
@@ -57,20 +57,18 @@ from ppc_attitude.analysis.verdict import (
     Span,
     span_text,
 )
+from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN, RATE_ERROR
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
     CONTROLLER,
-    DISTURBANCE,
-    INJECTOR,
     PLANT,
     REFERENCE_ATTITUDE,
 )
 from ppc_attitude.science.component import QUATERNION
-from ppc_attitude.science.kinds import ACTUATORS, ENVIRONMENTS
-from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
+from ppc_attitude.science.kinds import ACTUATORS
 
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
@@ -118,13 +116,9 @@ class Measured:
         self.known_from, self.known_until = self._known(self.size(required.settled))
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
-        pulses = known_pulses or ()
-        if known_pulses is None and has(record, DISTURBANCE.column):
-            torque = vectors(record, DISTURBANCE.column)
-            bound = self._environment_bound
-            if has(record, ENVIRONMENT_TORQUE.name):
-                torque, bound = torque - vectors(record, ENVIRONMENT_TORQUE.name), 0.0
-            pulses = find_pulses(self.t, torque, step(self.t), self._actuator_limit, bound)
+        pulses = known_pulses
+        if pulses is None:
+            pulses = pulses_of(record, self._actuator_limit)
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (self.begin, min(self.first_hit, self.end))
@@ -333,24 +327,15 @@ class Measured:
 
     @property
     def _actuator_limit(self) -> float:
-        """What the actuator gives on an axis [N·m]: as configured, else the paper's."""
+        """What the actuator gives on an axis [N·m]: as configured, as required, or the paper's."""
         torques = None
-        with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
+        with suppress(KeyError, TypeError, ValueError, OverflowError):  # somebody's bag
             torques = self._actuator.torques(self.plant) if self._actuator else None
         # A bag of somebody else's plant says only what the controller was told of the actuator.
         told = self.record.parameters.get(CONTROLLER, {}).get("max_torque")
-        limits = (torques and torques[1], told, PAPER_TORQUE_LIMIT)
-        return next(float(each) for each in limits if isinstance(each, int | float))
-
-    @property
-    def _environment_bound(self) -> float:
-        """Bound of the torque of the environment [N·m]; 0 if nobody tells one."""
-        injector = self.record.parameters.get(INJECTOR, {})
-        with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
-            environment = ENVIRONMENTS.selected(injector)
-            if environment and environment.bound:
-                return environment.bound(injector)
-        return 0.0
+        limits = (torques and torques[1], told, self.required.torque, PAPER_TORQUE_LIMIT)
+        numbers = (each for each in limits if isinstance(each, int | float))
+        return next(float(each) for each in numbers if 0.0 < each <= LARGEST)
 
     @property
     def lacks_torque_limit(self) -> str:

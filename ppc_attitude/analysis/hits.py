@@ -1,0 +1,95 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The sudden disturbances of a run: those that its external torque shows, and scheduled ones."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise
+
+import numpy as np
+
+from ppc_attitude.analysis.pulses import SMALLEST_STEP, Pulse, find_pulses
+from ppc_attitude.analysis.series import elapsed, has, step, vectors
+from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import DISTURBANCE, INJECTOR
+from ppc_attitude.science.disturbances.pulses import scheduled_pulses
+from ppc_attitude.science.kinds import ENVIRONMENTS
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
+
+
+def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
+    """Find the sudden disturbances of a run; none if its external torque is not on record.
+
+    Those that are scheduled count even if they are too small to be told from an environment.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+    actuator : float
+        Torque that the actuator gives on an axis [N·m].
+
+    Returns
+    -------
+    tuple of Pulse
+        By start, then by end.
+    """
+    if not has(record, DISTURBANCE.column):
+        return ()
+    t, torque = elapsed(record), vectors(record, DISTURBANCE.column)
+    bound = _environment_bound(record)
+    if has(record, ENVIRONMENT_TORQUE.name):
+        torque, bound = torque - vectors(record, ENVIRONMENT_TORQUE.name), 0.0
+    found = find_pulses(t, torque, step(t), actuator, bound)
+    starts = {each.start_s for each in found}
+    least = SMALLEST_STEP * actuator
+    weak = (
+        each
+        for each in _scheduled(record)
+        if each.start_s not in starts and all(abs(torque) <= least for torque in each.torque)
+    )
+    return tuple(sorted((*found, *weak), key=lambda each: (each.start_s, each.duration_s)))
+
+
+def _environment_bound(record: RunRecord) -> float:
+    """Bound of the torque of the environment [N·m]; 0 if nobody tells one."""
+    injector = record.parameters.get(INJECTOR, {})
+    with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
+        environment = ENVIRONMENTS.selected(injector)
+        if environment and environment.bound:
+            return environment.bound(injector)
+    return 0.0
+
+
+def _scheduled(record: RunRecord) -> Iterator[Pulse]:
+    """Yield the scheduled pulses that begin or end during a run, as its instants show them.
+
+    A schedule that was changed in flight acts until the new one does.
+    """
+    stamps, t = record.stamps_ns, elapsed(record)
+    edges = np.append(t, t[-1] + step(t))  # the last sample acts for so long
+    values = dict(record.parameters.get(INJECTOR, {}))
+    changes = [each for each in record.changes if each.node == INJECTOR]
+    begins = sorted({int(stamps[0]), *(each.stamp_ns for each in changes)})
+    for since, until in pairwise([*begins, int(stamps[-1]) + 1]):
+        values.update({each.name: each.value for each in changes if each.stamp_ns == since})
+        with suppress(KeyError, TypeError, ValueError, OverflowError):  # somebody's bag
+            for each in scheduled_pulses(values):
+                span = max(int(each["start_ns"]), since), min(int(each["end_ns"]), until)
+                first, end = (int(k) for k in np.searchsorted(stamps, span))
+                torque = each["torque"].tolist()
+                if 0 < end - first < stamps.size and any(torque):
+                    duration = round(float(edges[end] - edges[first]), 9)
+                    yield Pulse(float(t[first]), duration, tuple(torque))
