@@ -116,6 +116,17 @@ def test_runs_of_different_length():
     assert figure.axes[0].get_xlim() == (0.0, 30.0)
 
 
+def test_no_part_of_a_run_is_hidden_by_another_that_was_recorded_late():
+    whole = normal_run(30.0)
+    late = replace(
+        whole,
+        stamps_ns=whole.stamps_ns[1000:],
+        columns={name: rows[1000:] for name, rows in whole.columns.items()},
+    )
+    figure = attitude_comparison(measured([normal_run(20.0), late]), LABELS)
+    assert figure.axes[0].get_xlim() == (0.0, 30.0)
+
+
 @pytest.mark.parametrize(
     ("controllers", "sources", "labels"),
     [

@@ -241,8 +241,8 @@ def _side_by_side(
     """
     hits = sorted({hit.start_s for run in runs for hit in run.hits})
     faults = sorted({(each.start_s, each.end_s) for run in runs for each in faults_of(run.record)})
-    longest = max((t for t, _, _ in series), key=lambda t: float(t[-1]))
-    window = zoom_window(longest, hits, runs[0].required.settling_deadline)
+    whole = np.array([min(t[0] for t, _, _ in series), max(t[-1] for t, _, _ in series)])
+    window = zoom_window(whole, hits, runs[0].required.settling_deadline)
     columns = 1 if window is None else 2
     figure, shown = panels(len(names), columns, width=PAGE_WIDTH, row_height=1.4, share_x=True)
     rows = [shown[k : k + columns] for k in range(0, len(shown), columns)]
@@ -263,7 +263,7 @@ def _side_by_side(
         for axes in row:
             if floor is not None:
                 log_axis(axes, floor)
-            time_axis(axes, longest)
+            time_axis(axes, whole)
             mark_hits(axes, hits)
             mark_faults(axes, faults)
     legend(rows[0][0])
