@@ -19,7 +19,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ppc_attitude.analysis.drawing import BUCKETS, band, decimated, draw, legend, panels, time_axis
+from ppc_attitude.analysis.drawing import (
+    BUCKETS,
+    band,
+    decimated,
+    draw,
+    legend,
+    log_axis,
+    panels,
+    time_axis,
+)
 
 
 def test_an_hour_is_light_and_keeps_its_spikes():
@@ -117,9 +126,18 @@ def test_a_noisy_line_becomes_a_band_and_a_smooth_one_does_not():
         line.get_ydata() < high.get_ydata()
     ).all()
     extent = filled.get_datalim(axes.transData).extents
-    shown = t < line.get_xdata()[-1] + 0.17
-    assert extent[1] == (np.sin(t) + noise)[shown].min()
+    assert extent[1] == (np.sin(t) + noise).min()
     assert np.abs(line.get_ydata() - np.sin(line.get_xdata())).mean() < 0.2  # of 34 samples each
     assert band(t, np.sin(t)) is None
     assert band(t, np.where(t > 100, 1.0, 0.0)) is None
     assert band(t[:100], noise[:100]) is None
+    noise[-1] = 100.0
+    _, _, _, high = band(t, noise)
+    assert high[-1] == 100.0  # a spike at the end is none the less drawn
+
+
+def test_what_is_below_the_floor_turns_no_axis_upside_down():
+    _, (axes,) = panels(1)
+    draw(axes, np.arange(3.0), np.full(3, 1e-7))
+    log_axis(axes, 1e-4)
+    assert axes.get_ylim() == (1e-4, 1.0)

@@ -130,14 +130,14 @@ def band(t: Array, values: Array) -> tuple[Array, Array, Array, Array] | None:
     if values.size <= 2 * BUCKETS:
         return None
     size = -(-values.size // BUCKETS)
-    whole = values.size // size * size
-    rows = values[:whole].reshape(-1, size)
+    rest = -values.size % size  # of the last stretch, which goes on as it ends
+    times, rows = (np.pad(each, (0, rest), "edge").reshape(-1, size) for each in (t, values))
     low, high = rows.min(axis=1), rows.max(axis=1)
     travelled = np.abs(np.diff(rows, axis=1)).sum(axis=1)
     moving = np.isfinite(travelled) & (high > low)
     if not moving.any() or np.median(travelled[moving] / (high - low)[moving]) < NOISY:
         return None
-    return t[:whole].reshape(-1, size).mean(axis=1), low, rows.mean(axis=1), high
+    return times.mean(axis=1), low, rows.mean(axis=1), high
 
 
 def draw(
@@ -280,7 +280,7 @@ def time_axis(axes: Axes, t: Array) -> None:
 
 def log_axis(axes: Axes, floor: float) -> None:
     """Make the ordinate logarithmic, from `floor` up: zero crossings reach no further down."""
-    if not axes.dataLim.y1 > 0.0:  # nothing to see, and no range that follows from it
+    if not axes.dataLim.y1 > floor:  # nothing to see, and no range that follows from it
         axes.set_ylim(floor, 1.0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=floor)
