@@ -19,7 +19,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
-from synthetic import hit_run, normal_run, times, with_columns, without_columns
+from synthetic import hit_run, normal_run, pulse_torque, times, with_columns, without_columns
 
 from ppc_attitude.analysis.drawing import BLACK, save_all
 from ppc_attitude.analysis.envelopes import ENVELOPES
@@ -132,6 +132,13 @@ def test_limits_are_drawn_where_they_are_judged(hit):
             inside = judged(t)
             assert np.isfinite(level[inside]).mean() > 0.98
             assert np.isnan(level[~inside]).mean() > 0.98
+    late = replace(
+        longer,
+        stamps_ns=longer.stamps_ns[11_000:],
+        columns={name: rows[11_000:] for name, rows in longer.columns.items()},
+    )
+    lines = labelled(error_figure(Measured(late), ENVELOPES[0]).axes[1])
+    assert "terminal < 0.0005" not in lines  # of the last 20 s only ten are known
     bottom = angular_velocity_figure(Measured(hit)).axes[1]
     t, level = labelled(bottom)["limit 3 deg/s, judged to 20 s"].get_data()
     assert t[np.isfinite(level)].max() < 20.0
@@ -205,6 +212,14 @@ def test_the_environment_of_a_tiny_craft_is_enlarged_too(hit):
     )
     _, enlarged = disturbance_figure(Measured(tiny)).axes
     assert 3e-3 * size < enlarged.get_ylim()[1] < 5e-3 * size
+
+
+def test_where_there_is_no_environment_none_is_enlarged(hit):
+    t = hit.stamps_ns / 1e9
+    torque = pulse_torque(t, [(20.0, 0.1, (0.8, 0.8, 0.8))])
+    run = Measured(with_columns(hit, disturbance_torque=torque))
+    assert len(run.hits) == 1
+    assert len(disturbance_figure(run).axes) == 1
 
 
 def test_the_transformed_errors(normal, hit):

@@ -143,17 +143,18 @@ def angular_velocity_figure(run: Measured) -> Figure:
 
 
 def disturbance_figure(run: Measured) -> Figure:
-    """Draw the external torque; with hits, the environment once more at its own scale."""
+    """Draw the external torque; with hits, any environment once more at its own scale."""
     torque = vectors(run.record, DISTURBANCE.column)
-    figure, shown = panels(2 if run.hits else 1, row_height=1.9, share_x=True)
+    rest = np.ones(run.t.size, dtype=np.bool_)
+    for hit in run.hits:
+        rest &= (run.t < hit.start_s) | (run.t >= hit.start_s + hit.duration_s)
+    reach = 1.2 * float(np.nanmax(np.abs(torque[rest]), initial=0.0))
+    enlarged = run.hits and reach > 0.0
+    figure, shown = panels(2 if enlarged else 1, row_height=1.9, share_x=True)
     for axes in shown:
         components(axes, run.t, torque)
         axes.set_ylabel("external torque [N·m]")
-    if run.hits:
-        rest = np.ones(run.t.size, dtype=np.bool_)
-        for hit in run.hits:
-            rest &= (run.t < hit.start_s) | (run.t >= hit.start_s + hit.duration_s)
-        reach = 1.2 * (float(np.nanmax(np.abs(torque[rest]), initial=0.0)) or 1e-4)
+    if enlarged:
         shown[1].set_ylim(-reach, reach)
         shown[1].set_ylabel("external torque, enlarged [N·m]")
     finish(shown, run)

@@ -117,9 +117,10 @@ def draw_envelope(
 
 def accuracy_limits(axes: Axes, run: Measured, unit: str) -> None:
     """Draw the required accuracies that are given in this unit, where they are judged."""
+    ends_settled = run.end >= run.terminal_from and not run.shorter_than_window
     for name, accuracy, judged, colour in (
         ("settled", run.required.settled, run.settled, BLACK),
-        ("terminal", run.required.terminal, run.last & (run.end >= run.terminal_from), GREEN),
+        ("terminal", run.required.terminal, run.last & ends_settled, GREEN),
     ):
         if accuracy is not None and accuracy.unit == unit and judged.any():
             label = f"{name} < {accuracy}"
