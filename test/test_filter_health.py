@@ -126,6 +126,16 @@ def test_the_figures_show_the_filters_errors_in_its_own_band() -> None:
     assert top.lines[3].get_ydata()[0] == 3.0
 
 
+def test_an_error_far_beyond_its_band_is_in_view() -> None:
+    record = run(20.0)
+    told = record["attitude"] + np.array([0.01, 0.0, 0.0, 0.0])  # 1.1°
+    columns = {**record.columns, "attitude": told / np.linalg.norm(told, axis=1, keepdims=True)}
+    figures = figures_of(Measured(replace(record, columns=columns)))
+    for axes in figures["knowledge_error"][1].axes:
+        low, high = axes.get_ylim()
+        assert low < axes.lines[0].get_ydata()[-1] < high
+
+
 def test_a_run_too_short_says_so() -> None:
     row = rows(run(5.0))["knowledge_outside"]
     assert row.met is None

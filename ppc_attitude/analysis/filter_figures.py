@@ -85,10 +85,10 @@ def _in_band(
             draw(axes, run.t, edge[:, k], width=ENVELOPE_WIDTH, style="--", label=label)
         # At the start nothing is known of the bias: the band of then would hide all that follows.
         late = run.t >= 0.25 * run.t[-1]
-        edges = np.concatenate([low[late, k], high[late, k]])
-        edges = edges[np.isfinite(edges)]
-        if edges.size and (width := np.ptp(edges)) > 0.0:
-            axes.set_ylim(edges.min() - 0.3 * width, edges.max() + 0.3 * width)
+        lines = np.concatenate([each[late, k] for each in (low, high, values)])
+        lines = lines[np.isfinite(lines)]
+        if lines.size and (width := np.ptp(lines)) > 0.0:
+            axes.set_ylim(lines.min() - 0.3 * width, lines.max() + 0.3 * width)
         axes.set_ylabel(f"{name},\n{axis} [{unit}]")
         finish([axes], run)
     return figure
