@@ -155,6 +155,14 @@ def test_what_was_changed_in_flight_is_told(tmp_path, undrawn):
     (_, text), verdict = report(tmp_path, changed), Verdict(changed)
     row = "<td>1.5</td><td>ppc_controller</td><td>k</td><td>3.0 → 4.0</td>"
     assert row in text
+    since_1970 = 1_700_000_000_000_000_000
+    (change,) = changes
+    late = replace(
+        changed,
+        stamps_ns=run.stamps_ns + since_1970,
+        changes=(change._replace(stamp_ns=change.stamp_ns + since_1970),),
+    )
+    assert row in report(tmp_path, late)[1]  # the time of the run, as everywhere in the page
     assert "<h3>Parameters changed in flight</h3>" not in report(tmp_path, run)[1]
     told = "parameters changed in flight: ppc_controller k 3.0 → 4.0 from 1.5 s on"
     assert verdict_table(verdict).splitlines()[-1] == told

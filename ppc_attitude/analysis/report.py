@@ -32,10 +32,9 @@ from ppc_attitude.analysis.page import (
     table,
     write_page,
 )
-from ppc_attitude.analysis.series import AnalysisError
+from ppc_attitude.analysis.series import AnalysisError, zero_ns
 from ppc_attitude.analysis.truth import STANDING
 from ppc_attitude.analysis.verdict import Requirement, number_text, span_text, torque_text
-from ppc_attitude.contract.run_record import RunRecord
 
 _METRICS = (
     ("settling_time_s", "settling time", "s"),
@@ -136,7 +135,7 @@ def _run_section(verdict: Verdict, title: str) -> str:
             _requirements(verdict),
             _disturbances(verdict),
             _faults(verdict),
-            _changes(record),
+            _changes(verdict),
             "<h3>Attitude errors</h3>",
             _errors(verdict),
             "<h3>Other numbers</h3>",
@@ -197,16 +196,17 @@ def _metrics(verdict: Verdict) -> str:
     return table([("number", "name"), ("value", "number"), ("over [s]", "")], rows)
 
 
-def _changes(record: RunRecord) -> str:
-    """Parameters changed in flight: each with its stamp, its node, and both values."""
+def _changes(verdict: Verdict) -> str:
+    """Parameters changed in flight: each with its time, its node, and both values."""
+    record = verdict.record
     if not record.changes:
         return ""
     rows = []
     for change, before in record.told_changes:
-        stamp = f"{change.stamp_ns / 1e9:.9g}"
+        since = f"{(change.stamp_ns - zero_ns(record)) / 1e9:.9g}"
         old = "not recorded" if before is None else str(before)
-        rows.append((stamp, change.node, change.name, f"{old} → {change.value}"))
-    head = [(title, "") for title in ("stamp [s]", "node", "parameter", "old → new")]
+        rows.append((since, change.node, change.name, f"{old} → {change.value}"))
+    head = [(title, "") for title in ("from [s]", "node", "parameter", "old → new")]
     return "<h3>Parameters changed in flight</h3>\n" + table(head, rows)
 
 
