@@ -125,6 +125,26 @@ def test_a_change_in_flight_is_a_column(tmp_path: Path) -> None:
     assert table["ppc_controller.k"].to_pylist() == [3.0, 4.0, 5.0, 5.0]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (1, 2.5, [1.0, 2.5]),
+        (1, "fast", ["1", '"fast"']),
+        (True, 3, ["true", "3"]),
+        (2**70, 1, [str(2**70), "1"]),
+    ],
+)
+def test_a_parameter_that_changes_its_type_is_told_too(
+    old: object, new: object, told: list[object], tmp_path: Path
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    changes = (Change(10_000_000, CONTROLLER, "k", new),)
+    run = replace(normal_run(duration=0.01), parameters={CONTROLLER: {"k": old}}, changes=changes)
+    export(run, tmp_path / "run.parquet")
+    table = parquet.read_table(tmp_path / "run.parquet")
+    assert table["ppc_controller.k"].to_pylist() == told
+
+
 @pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_changes_take_no_more_room_than_is_allowed(
     form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -130,12 +130,14 @@ def _changed(record: RunRecord) -> tuple[dict[str, list[Any]], str]:
     steps: dict[str, list[tuple[int, Any]]] = {}
     for change, before in record.told_changes:
         start = int(np.searchsorted(record.stamps_ns, change.stamp_ns))
-        told = steps.setdefault(f"{change.node}.{change.name}", [(0, _number(before))])
-        told.append((start, _number(change.value)))
+        told = steps.setdefault(f"{change.node}.{change.name}", [(0, before)])
+        told.append((start, change.value))
     room = _SMALL + _TIMES * sum(samples.nbytes for samples in record.columns.values())
     columns: dict[str, list[Any]] = {}
     lacking = []
-    for name, told in steps.items():
+    for name, values in steps.items():
+        are_numbers = all(_is_number(value) for _, value in values)
+        told = [(k, value if are_numbers or value is None else _text(value)) for k, value in values]
         texts = [len(value) for _, value in told if isinstance(value, str)]
         needed = size * (_CELL + max(texts, default=0))
         if needed > room:
@@ -155,10 +157,15 @@ def _changed(record: RunRecord) -> tuple[dict[str, list[Any]], str]:
     )
 
 
-def _number(value: Any) -> Any:
-    """A number as it is, None where nothing is known, all else as JSON."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return value if is_number or value is None else json.dumps(value, ensure_ascii=False)
+def _is_number(value: Any) -> bool:
+    """Whether a value fits into a column of numbers, with None where nothing is known."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) < 2**63
+    return value is None or isinstance(value, float)
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _cells(column: Any) -> list[Any]:
