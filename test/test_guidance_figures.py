@@ -27,7 +27,7 @@ from test_goal_reference import DESIRED_ATTITUDE, STRAIGHT, flight, given_in_fli
 
 from ppc_attitude.analysis.drawing import BLUE, ORANGE, RED
 from ppc_attitude.analysis.figures import figures_of
-from ppc_attitude.analysis.flight import flight_of
+from ppc_attitude.analysis.flight import flight_of, pointed
 from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.measure import Measured
@@ -214,6 +214,21 @@ def test_a_craft_that_never_knew_its_attitude_flew_nothing() -> None:
     record = simulate(load(files, {PLANT: blind, ESTIMATOR: {"initial_fix": False}}), 2.0)
     assert flight_of(record) is None
     assert {"gyro_bias", "transformed_errors"} <= figures_of(Measured(record)).keys()
+
+
+def test_an_attitude_that_is_not_known_is_in_no_cone_and_nowhere_on_the_sky(
+    record: RunRecord,
+) -> None:
+    attitude = record["attitude"].copy()
+    attitude[:100] = 0.0
+    lacking = replace(record, columns={**record.columns, "attitude": attitude})
+    known = replace(
+        record,
+        stamps_ns=record.stamps_ns[100:],
+        columns={name: rows[100:] for name, rows in record.columns.items()},
+    )
+    assert approaches_of(lacking) == approaches_of(known)
+    assert np.isnan(pointed(np.zeros((1, 4)), (0.0, 0.0, 1.0))).all()
 
 
 def test_a_run_without_goals_has_none_of_them() -> None:

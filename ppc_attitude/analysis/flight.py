@@ -197,9 +197,13 @@ def _legs(plan: Any) -> tuple[Leg, ...]:
 
 
 def pointed(attitudes: Array, axis: Any) -> Array:
-    """Body axis in inertial axes, shape (m, 3), at attitudes x y z w, shape (m, 4)."""
+    """Body axis in inertial axes, shape (m, 3), at attitudes x y z w, shape (m, 4).
+
+    NaN where an attitude is of zeros.
+    """
     x, y, z = map(float, axis)
-    return np.array([rotate((q[0], q[1], q[2], q[3]), (x, y, z)) for q in attitudes.tolist()])
+    turned = [rotate((q[0], q[1], q[2], q[3]), (x, y, z)) for q in attitudes.tolist()]
+    return np.where(attitudes.any(axis=1, keepdims=True), turned, np.nan)
 
 
 def judge_orders(run: Measured) -> Iterator[Requirement]:

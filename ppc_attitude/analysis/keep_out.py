@@ -71,7 +71,7 @@ def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -
     """Angle [rad] between body axis and direction of each keep-out cone, shape (n, count).
 
     By the attitudes, x y z w, in a column of a run, and the parameters of its guidance; NaN where
-    an attitude is missing.
+    an attitude is missing, or of zeros.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -
     attitudes = samples(record, column)
     configuration, *_kept = goal.configure(values)
     angles = np.full((record.stamps_ns.size, int(configuration["cones"]["count"])), np.nan)
-    seen = is_finite(record, column)
+    seen = is_finite(record, column) & attitudes.any(axis=1)
     angles[seen] = cone_angles(
         np.ascontiguousarray(record.stamps_ns[seen]),
         np.ascontiguousarray(attitudes[seen], float),
