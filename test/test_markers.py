@@ -167,6 +167,28 @@ def test_goal_cones_and_the_axes_that_must_keep_out(make_scene: Callable[..., Sc
             assert point[2] == pytest.approx(2.0 * math.cos(half_angle))
 
 
+def test_cones_that_went_are_taken_away(make_scene: Callable[..., Scene]) -> None:
+    scene = make_scene()
+    cones = (guidance.Cone((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.5),) * 2
+    actions = []
+    for count, stamp_ns in ((2, STAMP_NS), (1, 2 * STAMP_NS)):
+        scene.node._scene = guidance.Scene(QUARTER_TURN, cones[:count])
+        scene.show(ATTITUDE, QUARTER_TURN, stamp_ns)
+        shapes = scene.picture()
+        actions.append([shapes[name, 1].action for name in ("keep_out", "boresight")])
+    assert actions == [[Marker.ADD] * 2, [Marker.DELETE] * 2]
+
+
+def test_no_picture_without_an_attitude(make_scene: Callable[..., Scene]) -> None:
+    scene = make_scene()
+    scene.show(ATTITUDE, (0.0, 0.0, 0.0, 0.0))
+    scene.arrived(ATTITUDE)
+    scene.node._draw()
+    assert scene.node._drawn == 0
+    scene.show(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
+    assert scene.picture()["craft", 0].pose.orientation.w == HALF
+
+
 def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
     scene = make_scene()
     scene.show(ATTITUDE, (0.0, 0.0, 0.0, 2.0))

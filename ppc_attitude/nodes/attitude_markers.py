@@ -38,7 +38,16 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.marker_shapes import CONE_LENGTH, arrow, axes, box, cone, header, transform
+from ppc_attitude.nodes.marker_shapes import (
+    CONE_LENGTH,
+    arrow,
+    axes,
+    box,
+    cone,
+    gone,
+    header,
+    transform,
+)
 from ppc_attitude.nodes.messages import LatestSamples, publisher_of, subscribe
 from ppc_attitude.nodes.qos import LATE_PEER
 from ppc_attitude.nodes.running import run_node
@@ -71,6 +80,7 @@ class AttitudeMarkers(BaseNode):
         # Frames of several craft in one TF tree need names of their own.
         self._prefix = f"{self.get_namespace()}/".lstrip("/")
         self._scene: Scene | None = None  # of guidance; none in mode `paper`
+        self._cones = 0  # that are drawn
         # Who comes late still gets the last word.
         subscribe(self, GUIDANCE_STATUS, self._on_guidance, LATE_PEER)
         self._stamp = -1
@@ -87,8 +97,8 @@ class AttitudeMarkers(BaseNode):
 
     def _draw(self) -> None:
         state = self._sample(ATTITUDE)
-        if state is None or state.stamp_ns == self._stamp:
-            return
+        if state is None or state.stamp_ns == self._stamp or not any(state.values):
+            return  # nothing new, or no attitude is known
         if state.stamp_ns < self._stamp:
             self.health.begin_again()
         self._stamp = state.stamp_ns
@@ -142,6 +152,10 @@ class AttitudeMarkers(BaseNode):
             look = (_KEPT_OUT if inside else _CLEAR, 1.0, 0.03)
             extent = scale(CONE_LENGTH, pointed)
             shown.append(arrow(("boresight", i), position, extent, look))
+        count = len(self._scene.cones)
+        names = ("keep_out", "boresight")
+        shown += [gone(name, i) for name in names for i in range(count, self._cones)]
+        self._cones = count
         return shown
 
     def _sample(self, topic: Topic) -> Sample | None:
