@@ -108,7 +108,7 @@ def test_what_visitors_do_is_on_record_and_is_flown_again(
     monkeypatch.setattr(watch, "_SETTLE", PATIENCE)  # all there is to see will come
     assert main(["watch", "--once", "--timeout", str(PATIENCE)]) == exits.DONE
     shown = capfd.readouterr().out
-    assert "pointing error" in shown.splitlines()[0]
+    assert "attitude error" in shown.splitlines()[0]
     for quantity in ("attitude z", "rate [°/s] z"):
         (line,) = (each for each in shown.splitlines() if quantity in each)
         assert "%" in line

@@ -88,7 +88,7 @@ def test_before_the_first_estimate_there_is_no_share_of_an_envelope() -> None:
 def test_units_and_times() -> None:
     shown = lines(SNAPSHOT)
     assert "t = 12.34 s" in shown[0]
-    assert "0.697°" in shown[0]
+    assert "attitude error 0.697°" in shown[0]  # of the truth nobody knows here
     assert "no new state" not in shown[0]
     assert "no new state for 7 s" in lines(SNAPSHOT, silent=7.0)[0]
     assert "torque [mN·m]" in line_with("torque", shown)

@@ -62,7 +62,7 @@ def _title(snapshot: Snapshot, silent: float) -> Text:
     error = snapshot.samples.get(ATTITUDE_ERROR.name)
     if error is not None:
         x, y, z, w = error.values
-        text += f"   pointing error {_DEGREES * rotation_angle((x, y, z, w)):.4g}°"
+        text += f"   attitude error {_DEGREES * rotation_angle((x, y, z, w)):.4g}°"
     if silent > 1.0:
         return Text(f"{text}   no new state for {silent:.0f} s", style="yellow")
     return Text(text, style="bold")
