@@ -29,7 +29,12 @@ from craft_helpers import case, configs, guaranteed
 from mpmath import iv
 
 from ppc_attitude.analysis.guarantee import nodes_around
-from ppc_attitude.command_line.guarantee_view import certificate_path, stored_certificate
+from ppc_attitude.command_line.guarantee_view import (
+    certificate_path,
+    promise_lines,
+    stored_certificate,
+    time_text,
+)
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, digest_of
 from ppc_attitude.science.errors import ConfigurationError
@@ -43,7 +48,7 @@ from ppc_attitude.science.guarantee.assumptions import (
 )
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE, Speed, cells
-from ppc_attitude.science.guarantee.certificate import Certificate, certify, differences
+from ppc_attitude.science.guarantee.certificate import Certificate, Promise, certify, differences
 from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
@@ -433,3 +438,13 @@ def test_a_stop_lasts_no_longer_than_what_the_law_is_told_allows() -> None:
     exact = Bounds(replace(assumed, e_A=0.0, e_W=0.0), law, FLOATS, COARSE)
     noise = [x / row for x, row in zip(bounds.torque_noise, bounds.body.row, strict=True)]
     assert min(noise) <= exact.reserve - bounds.reserve <= max(noise)
+
+
+def test_what_is_promised_is_told_as_no_more_than_is_proved() -> None:
+    promises = (Promise(5.0, 109.454), Promise(1.0, 91.75))
+    certificate = Certificate("", 0.005, (), promises, 1.241e-3)
+    late, exact, end = promise_lines(certificate, assumptions_of(values_of()))[:3]
+    assert "from t = 109.46 s on" in late
+    assert "from t = 91.75 s on" in exact
+    assert end.endswith("≤ 0.0013 in the end")
+    assert time_text(71.1701) == "71.18"

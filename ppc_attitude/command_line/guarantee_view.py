@@ -16,6 +16,7 @@
 
 import math
 from collections.abc import Sequence
+from decimal import ROUND_CEILING, Context, Decimal
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -101,16 +102,26 @@ def _stated(content: Any) -> dict[str, Any]:
     }
 
 
+def time_text(time: float) -> str:
+    """Write a time [s] from which on something is guaranteed; rounded up, as it is no earlier."""
+    return str(Decimal(time).quantize(Decimal("0.01"), ROUND_CEILING))
+
+
+def _bound_text(bound: float) -> str:
+    """Write what is never exceeded, with two digits, rounded up."""
+    return f"{float(Context(2, ROUND_CEILING).create_decimal_from_float(bound)):g}"
+
+
 def promise_lines(certificate: Certificate, assumed: Assumptions) -> list[str]:
     """Say what is guaranteed, one line a rate; a craft with wheels has a bound of its momentum."""
     momentum = assumed.momentum
     lines = [
-        f"guaranteed: |q_ev,i| < {certificate.accuracy:g} from t = {promise.time:.2f} s on, "
+        f"guaranteed: |q_ev,i| < {certificate.accuracy:g} from t = {time_text(promise.time)} s on, "
         f"for every attitude and every start with ‖ω_s‖ ≤ {promise.rate:g} deg/s"
         for promise in certificate.promises
     ]
     if certificate.promises:
-        lines.append(f"guaranteed: |q_ev,i| ≤ {certificate.terminal_error:.2g} in the end")
+        lines.append(f"guaranteed: |q_ev,i| ≤ {_bound_text(certificate.terminal_error)} in the end")
     if certificate.promises and momentum:
         most = float(np.linalg.eigvalsh(np.reshape(assumed.inertia, (3, 3)))[-1])
         lines.append(
@@ -174,8 +185,8 @@ class Judgement:
         envelope = Envelope(Bounds(self._assumed, self._law, balls()))
         time = envelope.recovery(torque, duration, self.certificate.accuracy)
         return (
-            f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time:.2f} s after the "
-            f"start of a hit of {torque:g} N·m on any axes for {duration:g} s"
+            f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time_text(time)} s after "
+            f"the start of a hit of {torque:g} N·m on any axes for {duration:g} s"
         )
 
     def of_reference(self, rates: Sequence[float]) -> list[str]:
@@ -210,8 +221,8 @@ class Judgement:
         accuracy = self.certificate.accuracy
         return [
             f"guaranteed for this reference: |q_ev,i| < {accuracy:g} from "
-            f"t = {bound.time(math.radians(rate), accuracy):.2f} s on, for every attitude and "
-            f"every ‖ω_s(0)‖ ≤ {rate:g} deg/s"
+            f"t = {time_text(bound.time(math.radians(rate), accuracy))} s on, for every attitude "
+            f"and every ‖ω_s(0)‖ ≤ {rate:g} deg/s"
             for rate in rates
         ]
 
