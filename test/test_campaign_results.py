@@ -166,6 +166,7 @@ def test_variables_that_decide_come_first() -> None:
     bad = [run for run in runs if run["rate_noise"] >= 0.6]
     assert telling_variables(good, bad, DRAWN) == ["rate_noise", "inertia_error"]
     assert telling_variables([], bad, DRAWN) != []
+    assert len(telling_variables(good[:1], bad[:1], DRAWN)) == 2  # and no warning
     assert failing_figure([], [], DRAWN) is None
     figure = failing_figure(good, bad, DRAWN)  # over the two that vary
     assert figure is not None
