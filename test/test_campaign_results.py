@@ -157,6 +157,13 @@ def test_a_broken_run_meets_nothing() -> None:
     assert summary.requirements() == []
 
 
+@pytest.mark.parametrize(("end", "drawn"), [(50.0, 0), (79.0, 1), (80.0, 2)])
+def test_accuracies_are_drawn_where_runs_are_judged_by_them(end: float, drawn: int) -> None:
+    bands = QuantileBands(np.linspace(0.0, end, 81))
+    labels = bands_figure(bands).axes[0].get_legend_handles_labels()[1]
+    assert len({"settled < 0.005", "terminal < 0.0005"} & set(labels)) == drawn
+
+
 def test_variables_that_decide_come_first() -> None:
     own = np.random.default_rng(4)
     runs = [{"inertia_error": own.random(), "rate_noise": own.random()} for _ in range(400)]

@@ -54,14 +54,14 @@ def bands_figure(bands: QuantileBands, required: Requirements = PAPER) -> Figure
         top.plot(t, envelope[1], color=RED, linewidth=1.2, label="envelope, median")
         for edge, label in ((envelope[0], "envelope, 5 % and 95 %"), (envelope[2], "_")):
             top.plot(t, edge, color=RED, linewidth=0.7, linestyle=(0, (3, 2)), label=label)
-    end = float(bands.ends[-1])
-    for name, accuracy, start in (
-        ("settled", required.settled, required.settling_deadline),
-        ("terminal", required.terminal, end - required.terminal_window),
+    last, deadline = float(bands.ends[-1]) - required.terminal_window, required.settling_deadline
+    for name, accuracy, judged in (
+        ("settled", required.settled, t >= deadline),
+        ("terminal", required.terminal, (t >= last) & (last >= deadline)),
     ):
-        if accuracy is not None:
+        if accuracy is not None and judged.any():
             label = f"{name} < {accuracy}"
-            judged_limit(top, t, t >= start, accuracy.component, label=label)
+            judged_limit(top, t, judged, accuracy.component, label=label)
     log_axis(top, _ERROR_FLOOR)
     top.set_ylabel(r"pointing error $\max_i|q_{ev,i}|$ [1]")
     _bands(bottom, t, bands, "normalised_error")
