@@ -34,6 +34,7 @@ from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 
 
@@ -166,7 +167,7 @@ def test_changes_take_no_more_room_than_is_allowed(
 
 def test_missing_pyarrow_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(BagError, match=r"Parquet needs pyarrow.*pip install pyarrow"):
+    with pytest.raises(ConfigurationError, match=r"Parquet needs pyarrow: pip install .*campaign"):
         export_parquet(normal_run(duration=0.1), tmp_path / "out")
 
 

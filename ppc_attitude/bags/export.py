@@ -38,6 +38,7 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.whole_file import whole_file
+from ppc_attitude.science.errors import needed_by
 
 _AXES = "xyzw"
 _ROWS = 10_000
@@ -60,15 +61,13 @@ def export_parquet(record: RunRecord, target: Path) -> str:
     Raises
     ------
     BagError
-        The file exists or cannot be written, or pyarrow is missing.
+        The file exists or cannot be written.
+    ConfigurationError
+        pyarrow is not installed.
     """
-    try:
+    with needed_by("Parquet needs pyarrow", "campaign"):
         import pyarrow
         import pyarrow.parquet
-    except ImportError as error:
-        raise BagError(
-            "Parquet needs pyarrow, which is not installed: pip install pyarrow"
-        ) from error
     facts = {
         **encode_custom_data(record.controller, record.parameters, record.metadata),
         "ppc_attitude.missing": json.dumps(dict(record.missing)),
