@@ -38,6 +38,7 @@ from numpy.random import Generator
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.science.attitude import normalised, product
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.guidance.rotation import about
 from ppc_attitude.science.kernel import Quaternion, Vector
 
 _LEAST_SHARE = 1e-3  # of a cut normal distribution that must remain: it is drawn by rejection
@@ -120,10 +121,8 @@ class Attitudes:
         if self.angle is None:
             x, y, z, w = stream.standard_normal(4).tolist()
             return normalised((x, y, z, w))
-        half = 0.5 * self.angle * stream.random()
-        x, y, z = on_sphere(stream)
-        s = math.sin(half)
-        return normalised(product(configured, (s * x, s * y, s * z, math.cos(half))))
+        angle = self.angle * stream.random()
+        return normalised(product(configured, about(on_sphere(stream), angle)))
 
 
 def _given(vector: Vector, _stream: Generator) -> Vector:
