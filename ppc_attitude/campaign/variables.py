@@ -44,7 +44,6 @@ from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, fault_texts
-from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import ACTUATORS, REFERENCES
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
@@ -130,7 +129,7 @@ class InitialAttitude(Variable):
 
     def draw(self, own: Generator, values: Overrides) -> Drawn:
         """Draw the attitude; it tells how far from the reference it is, where that tells."""
-        q = _first_attitude(values[PLANT])
+        q = unit_quaternion(self.of_plant, values[PLANT][self.of_plant])
         if self.drawn_from is not None:
             q = self.drawn_from.draw(own, q)
         drawn, reference = dict(zip(_Q, q, strict=True)), values[REFERENCE]
@@ -138,15 +137,10 @@ class InitialAttitude(Variable):
         if REFERENCES.selected(reference) is goal.COMPONENT:
             desired = q  # it begins where the craft is
         elif has_parameter(REFERENCE, reference, "initial_attitude"):
-            desired = _first_attitude(reference)
+            desired = unit_quaternion("initial_attitude", reference["initial_attitude"])
         if desired is not None:
             drawn["initial_error_angle"] = float(rotation_angle(attitude_error(q, desired)))
         return drawn, {PLANT: {self.of_plant: list(q)}}
-
-
-def _first_attitude(values: Mapping[str, Any]) -> Quaternion:
-    x, y, z, w = unit_quaternion("initial_attitude", values["initial_attitude"]).tolist()
-    return x, y, z, w
 
 
 @dataclass(frozen=True)

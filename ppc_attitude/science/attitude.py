@@ -18,7 +18,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ppc_attitude.science.component import UNIT_TOLERANCE
 from ppc_attitude.science.errors import ConfigurationError
@@ -40,7 +40,7 @@ from ppc_attitude.science.kernel import (
 _SMALL = 1e-4  # [rad²] below which a series of four terms is exact to rounding
 
 
-def unit_quaternion(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def unit_quaternion(name: str, values: ArrayLike) -> Quaternion:
     """Check that a quaternion x y z w is a unit one up to rounding, and normalise it.
 
     Parameters
@@ -61,7 +61,8 @@ def unit_quaternion(name: str, values: ArrayLike) -> NDArray[np.float64]:
         raise ConfigurationError(
             f"{name} = {array.tolist()} has norm {length:.6g}; allowed: 1 within {UNIT_TOLERANCE:g}"
         )
-    return np.asarray(array / length)
+    x, y, z, w = (array / length).tolist()
+    return x, y, z, w
 
 
 @kernel

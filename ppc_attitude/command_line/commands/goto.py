@@ -72,7 +72,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from ppc_attitude.nodes.visiting import visiting
 
     if arguments.quaternion:
-        attitude = unit_quaternion("--quaternion", arguments.quaternion).tolist()
+        attitude = unit_quaternion("--quaternion", arguments.quaternion)
     elif arguments.euler:
         attitude = from_euler(*map(math.radians, arguments.euler))
     else:

@@ -98,9 +98,9 @@ def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[
     """
     if frame not in FRAME_NAMES:
         raise ConfigurationError(f"frame of a goal = {frame!r}; allowed: {', '.join(FRAME_NAMES)}")
-    unit = unit_quaternion("attitude of a goal", attitude)
+    unit: Sequence[float] = unit_quaternion("attitude of a goal", attitude)
     if abs(math.hypot(*attitude) - 1.0) <= OWN_TOLERANCE:
-        unit = np.asarray(attitude, np.float64)
+        unit = attitude
     return np.array([(stamp_ns, FRAME_NAMES.index(frame), tuple(unit), 0)], ORDER)
 
 

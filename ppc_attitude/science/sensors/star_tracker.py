@@ -183,8 +183,7 @@ def unit_mounting(values: Mapping[str, Any]) -> Quaternion:
     ConfigurationError
         Its norm differs from 1 by more than 1e-3.
     """
-    x, y, z, w = unit_quaternion(MOUNTING.name, values[MOUNTING.name]).tolist()
-    return (x, y, z, w)
+    return unit_quaternion(MOUNTING.name, values[MOUNTING.name])
 
 
 def sigmas(values: Mapping[str, Any]) -> Vector:
