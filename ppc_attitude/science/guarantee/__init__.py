@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The science: NumPy and Numba only, no ROS, no clock. Reads like the paper's block diagram."""
+"""The guarantee of the momentum-tube law: its inequalities, their proof, the search for gains."""
