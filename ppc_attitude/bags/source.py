@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import zstandard
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ppc_attitude.bags.foreign import Allowance, unzstd
 
@@ -40,7 +40,7 @@ class Channel(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Consecutive messages: where each lies in `data`, whose it is and when it was received."""
+    """Consecutive messages, at least one: where each lies in `data`, whose it is, when it came."""
 
     data: Bytes
     channel: Integers
@@ -84,23 +84,10 @@ def _merge(blocks: list[Block]) -> Block:
     )
 
 
-def block_of(channel: list[int], time: ArrayLike, payloads: list[bytes]) -> Block:
-    """Block of messages that are there one by one."""
-    length = np.fromiter(map(len, payloads), np.int64, len(payloads))
-    data = np.frombuffer(b"".join(payloads), np.uint8)
-    return Block(
-        data,
-        np.array(channel, np.int64),
-        np.asarray(time, np.int64),
-        np.cumsum(length) - length,
-        length,
-    )
-
-
 def are_compressed(block: Block) -> bool:
     """Whether all messages of a block are zstd frames, as no message in CDR is."""
     frame = zstandard.FRAME_HEADER
-    if not len(block.channel) or block.data[block.offset[0] :][: len(frame)].tobytes() != frame:
+    if block.data[block.offset[0] :][: len(frame)].tobytes() != frame:
         return False  # as in nearly every bag, without a look at all
     return all(payload.startswith(frame) for payload in payloads_of(block))
 
@@ -114,7 +101,9 @@ def decompressed(block: Block, allowance: Allowance) -> Block:
         A message is no zstd frame, or claims too much.
     """
     payloads = [unzstd(payload, allowance) for payload in payloads_of(block)]
-    return block_of(block.channel.tolist(), block.time.tolist(), payloads)
+    length = np.fromiter(map(len, payloads), np.int64, len(payloads))
+    data = np.frombuffer(b"".join(payloads), np.uint8)
+    return block._replace(data=data, offset=np.cumsum(length) - length, length=length)
 
 
 def payloads_of(block: Block) -> list[bytes]:
@@ -126,8 +115,6 @@ def payloads_of(block: Block) -> list[bytes]:
 
 def split_rows(block: Block) -> Iterator[tuple[int, Integers, Bytes]]:
     """Messages of a block by channel and length: channel, their indices, their bytes by row."""
-    if len(block.channel) == 0:
-        return
     order = np.lexsort((block.length, block.channel))
     channel, length = block.channel[order], block.length[order]
     borders = np.flatnonzero((np.diff(channel) != 0) | (np.diff(length) != 0)) + 1

@@ -164,7 +164,7 @@ class Codec:
         Parameters
         ----------
         rows : ndarray of uint8, shape (n, length)
-            The bytes of one message a row.
+            The bytes of one message a row, of at least one.
 
         Returns
         -------
@@ -177,8 +177,6 @@ class Codec:
         stamps: NDArray[np.int64] = np.zeros(count, np.int64)
         values = np.full((count, self.topic.width), np.nan)
         alike: NDArray[np.bool_] = np.zeros(count, np.bool_)
-        if count == 0:
-            return stamps, values, alike
         try:
             order, _, start = self._layout(rows[0].tobytes())
         except CdrError:
