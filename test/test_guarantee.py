@@ -385,6 +385,12 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
         Envelope(Bounds(quiet, narrow, FLOATS, COARSE)).recovery(0.05, 0.1, 5e-3)
 
 
+def test_of_a_hit_that_may_make_the_craft_tumble_no_time_is_promised() -> None:
+    envelope = Envelope(Bounds(*guaranteed(), FLOATS, COARSE))
+    with pytest.raises(ValueError, match="may make the craft tumble: it may gain"):
+        envelope.recovery(1.0, 1.0, 5e-3)
+
+
 def test_who_begins_within_the_accuracy_is_not_promised_to_stay_there_at_once() -> None:
     """While the brake sets in nothing holds φ back: just below it took less than just above."""
     envelope = Envelope(Bounds(*guaranteed(), FLOATS))

@@ -223,12 +223,10 @@ class Envelope:
             )
             rate = self._arithmetic.outward(bounds.body.box(gained))[1]
             if rate > law.omega0:
-                break
-        if rate > law.omega0:
-            raise ValueError(
-                f"{torque:g} N·m for {duration:g} s may make the craft tumble: it may gain "
-                f"{rate:.3g} rad/s, and omega0 = {law.omega0:g} rad/s; no time is promised"
-            )
+                raise ValueError(
+                    f"{torque:g} N·m for {duration:g} s may make the craft tumble: it may gain "
+                    f"{rate:.3g} rad/s, and omega0 = {law.omega0:g} rad/s; no time is promised"
+                )
         phi = self._z / self._k + number(rate) * time
         if bool(phi + self._e_A < number(law.far)) or rate > law.w_far:
             # The momentum is known by axis, which ends the stop sooner than the rate alone would.
