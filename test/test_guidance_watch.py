@@ -118,6 +118,19 @@ def test_hold_that_brakes_into_a_cone_is_followed_with_a_warning() -> None:
     assert "; the desired motion enters keep-out cone 0 at t = 119" in text
 
 
+def test_frame_whose_two_directions_have_become_parallel_is_warned_of() -> None:
+    orbit = {"orbit.inclination": 0.5 * math.pi, "orbit.raan": 0.5 * math.pi}  # its normal is x
+    values = {**goals((0.0, "sun", STRAIGHT)), **orbit, "orbit.epoch": "2024-12-20"}
+    part = part_of(**values)
+    ((_, _, warning),) = said(part, [0.0])
+    assert not warning
+    # Three months later the Sun is along x.
+    part.configure({**COMPONENT.defaults, **values, "orbit.epoch": "2025-03-20T09:00:00"})
+    ((_, text, warning),) = said(part, [1.0])
+    assert warning
+    assert text.endswith("is in a frame whose two directions are parallel within 6°")
+
+
 def test_ground_point_below_the_horizon_is_followed_with_a_warning() -> None:
     # Greenwich is 100.9° east of the ascending node at the epoch, so the point is behind Earth.
     goal = goals((10.0, "ground", STRAIGHT))
