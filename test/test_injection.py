@@ -74,6 +74,8 @@ def test_the_answer_tells_what_acts_from_state_to_state() -> None:
         RefusedError, match=r"start = 0\.153 s and duration = 0\.005 s: no state is"
     ):
         injector.accept(0.153, 0.005)
+    with pytest.raises(RefusedError, match=r"from 0\.333333333 s on"):  # no digit is lost
+        Injections().accept(TORQUE, 333_333_334, 0.1, LIMIT, 0, 333_333_333)
     injector.runs(30)
     assert injector.steps() == [7, 11, 12, 20]
     assert injector.injections.accepted == 3

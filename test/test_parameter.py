@@ -13,6 +13,7 @@
 # limitations under the License.
 
 import math
+import re
 from typing import Any
 
 import pytest
@@ -20,7 +21,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import Parameter, resolved
+from ppc_attitude.science.parameter import Parameter, exact_text, resolved
+from ppc_attitude.science.sensors.direct import SEED
 
 GAIN = Parameter("gain", 1.0, "a gain", "N·m", above=0.0, high=10.0)
 STEPS = Parameter("steps", 3, "a number", low=0, high=5)
@@ -65,8 +67,9 @@ def test_allowed_values_come_back_in_the_parameters_type(
 
 
 REFUSED: list[tuple[Parameter, list[Any]]] = [
-    (GAIN, [0.0, -1.0, 10.1, math.nan, math.inf, True, "1.0", None, [1.0]]),
-    (STEPS, [2.5, 6, -1, True, math.inf]),
+    (GAIN, [0.0, -1.0, 10.1, math.nan, math.inf, 10**400, True, "1.0", None, [1.0]]),
+    (STEPS, [2.5, 6, -1, True, math.inf, 10**400]),
+    (SEED, [2**53 + 1, 10**400]),  # as floats, the first is 2**53
     (ON, [1, "true"]),
     (LAW, ["c", 1]),
     (PLACE, [3, ["a"]]),
@@ -99,6 +102,14 @@ def test_what_is_allowed_in_words() -> None:
     assert AXIS.allowed == "finite, ≥ -1, ≤ 1, 3 values"
     assert TORQUES.allowed == "finite, up to ±1e+30, a multiple of 3"
     assert "N·m" in refusal(GAIN, -1.0)
+
+
+def test_an_allowed_limit_is_itself_allowed() -> None:
+    """Six digits of 2π are more than 2π, and whoever took them was refused with the same limit."""
+    turn = Parameter("turn", 0.0, "an angle", low=-2.0 * math.pi, high=2.0 * math.pi)
+    told = [float(each) for each in re.findall(r"[≥≤] (\S+?)(?:,|$)", turn.allowed)]
+    assert [turn.checked(each) for each in told] == [turn.low, turn.high]
+    assert exact_text(1e-9) == "1e-09"
 
 
 def refusal(parameter: Parameter, value: Any) -> str:

@@ -13,6 +13,7 @@
 # limitations under the License.
 
 import math
+import re
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ import numpy as np
 import pytest
 from craft_helpers import CONFIG, configs
 
+from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.environments import paper as paper_torque
 from ppc_attitude.science.errors import ConfigurationError
@@ -296,6 +298,16 @@ def test_nodes_agree_on_what_the_craft_is() -> None:
 @pytest.mark.parametrize(("start", "duration"), [(20.1, 0.01), (80.0, 1e-6), (0.507, 0.004)])
 def test_a_pulse_that_acts_at_one_instant_is_allowed(start: float, duration: float) -> None:
     assert scenario(one_pulse(start, duration))
+
+
+def test_the_least_duration_that_is_told_acts_wherever_it_begins() -> None:
+    """Six digits of a third of a second are less than that."""
+    at = {PLANT: {"rate": 3.0}}
+    with pytest.raises(ConfigurationError) as refused:
+        scenario({**at, **one_pulse(0.333333334, 0.33333333)})
+    least = re.search(r"pulse_durations from (\S+) s on", str(refused.value))
+    assert least
+    assert scenario({**at, **one_pulse(0.333333334, float(least[1]))})
 
 
 @pytest.mark.parametrize(("start", "duration"), [(0.503, 0.004), (20.1001, 0.0098)])

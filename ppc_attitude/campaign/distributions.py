@@ -40,6 +40,7 @@ from ppc_attitude.science.attitude import normalised, product
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.rotation import about
 from ppc_attitude.science.kernel import Quaternion, Vector
+from ppc_attitude.science.parameter import exact_text
 
 _LEAST_SHARE = 1e-3  # of a cut normal distribution that must remain: it is drawn by rejection
 
@@ -65,8 +66,8 @@ class Range:
 
     def __str__(self) -> str:
         """Say what is allowed."""
-        least = f"{'>' if self.open_low else '≥'} {self.low:g}"
-        return f"{least} and ≤ {self.high:g} {self.unit}".rstrip()
+        least = f"{'>' if self.open_low else '≥'} {exact_text(self.low)}"
+        return f"{least} and ≤ {exact_text(self.high)} {self.unit}".rstrip()
 
     def holds(self, value: float) -> bool:
         """True if the number is allowed."""

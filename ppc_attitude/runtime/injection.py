@@ -84,7 +84,7 @@ class Injections:
                 if begin == end:
                     raise RefusedError(
                         f"start = {seconds(start_ns):g} s and duration = {duration:g} s: no state "
-                        f"is between; allowed: a duration from {seconds(period_ns):g} s on"
+                        f"is between; allowed: a duration from {seconds(period_ns)} s on"
                     )
             text = f"{torque} N·m acts from t = {seconds(begin):.6f} s to {seconds(end):.6f} s"
         self.accepted += 1

@@ -16,6 +16,7 @@
 
 import json
 import math
+import sys
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -126,11 +127,11 @@ class Parameter:
             yield f"up to ±{LARGEST:g}"
             return
         if math.isfinite(self.above):
-            yield f"> {self.above:g}"
+            yield f"> {exact_text(self.above)}"
         if self.low > self.above:
-            yield f"≥ {self.low:g}"
+            yield f"≥ {exact_text(self.low)}"
         if math.isfinite(self.high):
-            yield f"≤ {self.high:g}"
+            yield f"≤ {exact_text(self.high)}"
 
     def checked(self, value: Any) -> Value:
         """Return the value in the parameter's own type.
@@ -166,14 +167,14 @@ class Parameter:
             raise self._refusal(value)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._refusal(value)
-        number = float(value)
-        if not (math.isfinite(number) and self.low <= number <= self.high and number > self.above):
+        in_range = self.low <= value <= self.high and value > self.above
+        if not (in_range and abs(value) <= sys.float_info.max):
             raise self._refusal(value)
-        if isinstance(prototype, int):
-            if number != int(number):
-                raise self._refusal(value)
-            return int(number)
-        return number
+        if not isinstance(prototype, int):
+            return float(value)
+        if value != int(value):
+            raise self._refusal(value)
+        return int(value)
 
     def _refusal(self, value: Any) -> ConfigurationError:
         unit = f" {self.unit}" if self.unit else ""
@@ -224,6 +225,12 @@ def filled(kind: np.dtype[Any], values: Any, group: str = "", **made: Any) -> An
     for name in kind.names or ():
         record[name] = made[name] if name in made else values[group + name]
     return record
+
+
+def exact_text(limit: float) -> str:
+    """Write a limit short if no digit is lost: a rounded one may itself not be allowed."""
+    short = f"{limit:g}"
+    return short if float(short) == limit else repr(limit)
 
 
 def unquoted(value: Any) -> Any:

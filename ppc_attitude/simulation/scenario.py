@@ -14,6 +14,7 @@
 
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ from ppc_attitude.science.kinds import ACTUATORS, Kind, all_components, not_give
 from ppc_attitude.science.parameter import Value, checked, nearest, resolved
 from ppc_attitude.science.part import configured
 from ppc_attitude.science.sensors.arrivals import check_slots
-from ppc_attitude.science.stamps import seconds, stamp_of, step_of
+from ppc_attitude.science.stamps import NANOSECONDS, seconds, stamp_of, step_of
 
 Overrides = Mapping[str, Mapping[str, Any]]
 
@@ -274,9 +275,10 @@ def _check_pulses(injector: Mapping[str, Any], rate: float) -> None:
         start, end = int(hit["start_ns"]), int(hit["end_ns"])
         near = step_of(start, rate)
         if not any(start <= stamp_of(step, rate) < end for step in (near, near + 1)):
+            least = math.ceil(NANOSECONDS / rate)  # no two stamps are further apart
             raise ConfigurationError(
                 f"{INJECTOR}: the pulse from {seconds(start)} to {seconds(end)} s lies between two "
-                f"instants of {rate} Hz; allowed: pulse_durations from {1.0 / rate:g} s on"
+                f"instants of {rate} Hz; allowed: pulse_durations from {seconds(least)} s on"
             )
 
 
