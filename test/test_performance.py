@@ -126,6 +126,21 @@ def test_too_short_a_time_names_the_shortest() -> None:
     assert not is_feasible(replace(table, settling_time=shortest * 0.999))
 
 
+@pytest.mark.parametrize("field", ["decay", "settling_time"])
+def test_a_parabola_shorter_than_the_digits_of_its_time_is_none(field: str) -> None:
+    """Its length was zero, by which the curvature was divided."""
+    envelope = solve_envelope("envelope", replace(TABLE_2_REPAIRED, **{field: 1e30}))
+    shape, end = envelope.shape(), envelope.table.settling_time
+    for t in (envelope.t1, end, 2.0 * end):
+        assert nominal(t, shape)[0] == pytest.approx(envelope.table.terminal, rel=1e-12)
+    assert nominal(0.0, shape)[0] == pytest.approx(envelope.table.initial, rel=1e-12)
+
+
+def test_what_no_parameter_may_be_is_no_remedy() -> None:
+    assert "initial" not in nearest(replace(TABLE_1, decay=1000.0))
+    assert "settling_time" not in nearest(replace(TABLE_1, decay=1e-30))
+
+
 def test_an_envelope_must_fall() -> None:
     with pytest.raises(ConfigurationError, match=r"initial = 0.005 must be larger than"):
         solve_envelope("envelope", EnvelopeTable(5e-3, 1e-4, 0.05, 60.0, 5e-3))

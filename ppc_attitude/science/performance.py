@@ -28,7 +28,7 @@ import numpy as np
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, divide, kernel, scale
-from ppc_attitude.science.parameter import filled, record_type
+from ppc_attitude.science.parameter import LARGEST, filled, record_type
 
 SHAPE = record_type(
     ("amplitude", np.float64),  # A
@@ -39,6 +39,7 @@ SHAPE = record_type(
     ("curvature", np.float64),  # a1 [1/s²]
     ("terminal", np.float64),  # g∞
 )
+LARGEST_INITIAL = 1e6  # what ρ_e0 may be
 R_LIMIT = math.e / 2.0  # the largest r with a real root
 # Computed tables may sit on the limit up to rounding (terminal = exponential_terminal: r = 0).
 _ROUNDING = 1e-12
@@ -127,7 +128,8 @@ def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
     x = _width(table)
     if x is None:
         raise ConfigurationError(_infeasible(name, table))
-    t1 = max(table.settling_time - x / table.decay, 0.0)
+    latest = math.nextafter(table.settling_time, 0.0)  # the parabola has a length
+    t1 = min(max(table.settling_time - x / table.decay, 0.0), latest)
     amplitude = table.initial - table.exponential_terminal
     fall = table.decay * amplitude * math.exp(-table.decay * t1)
     a1 = fall / (2.0 * (table.settling_time - t1))
@@ -228,7 +230,7 @@ def nearest(table: EnvelopeTable) -> dict[str, float]:
 
 
 def _rounded_to_feasible(table: EnvelopeTable, key: str, value: float) -> float | None:
-    if not math.isfinite(value) or value <= 0.0:
+    if not 0.0 < value <= (LARGEST_INITIAL if key == "initial" else LARGEST):
         return None
     unit = 10.0 ** (math.floor(math.log10(value)) - 5)
     for steps in (math.floor(value / unit), math.ceil(value / unit)):

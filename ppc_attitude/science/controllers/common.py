@@ -21,7 +21,12 @@ from typing import Any
 from ppc_attitude.science.component import BODY, VECTOR, Column, Component
 from ppc_attitude.science.kernel import Vector, divide, kernel, scale, tanh
 from ppc_attitude.science.parameter import Parameter
-from ppc_attitude.science.performance import Envelope, EnvelopeTable, solve_envelope
+from ppc_attitude.science.performance import (
+    LARGEST_INITIAL,
+    Envelope,
+    EnvelopeTable,
+    solve_envelope,
+)
 
 INERTIA = Parameter(
     "inertia",
@@ -46,7 +51,12 @@ def envelope_parameters(prefix: str, what: str, unit: str, table: EnvelopeTable)
     """Parameters of one nominal envelope; its tables are the paper's."""
     return [
         Parameter(
-            f"{prefix}.initial", table.initial, f"ρ_e0 of the {what}", unit, above=0.0, high=1e6
+            f"{prefix}.initial",
+            table.initial,
+            f"ρ_e0 of the {what}",
+            unit,
+            above=0.0,
+            high=LARGEST_INITIAL,
         ),
         Parameter(
             f"{prefix}.exponential_terminal",
