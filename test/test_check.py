@@ -188,6 +188,12 @@ def test_a_disturbance_estimate_out_of_proportion_swings_and_is_warned_of(
     assert bool(change > D_m) == bool(told)
 
 
+def test_the_least_width_of_the_disturbance_estimate_is_warned_of(cubesat: Scenario) -> None:
+    """It was divided by μ g∞, whose product is zero."""
+    least = cubesat.with_values(CONTROLLER, mu=math.ulp(0.0))
+    assert "answer to z2" in warned(sampling_conditions(least))
+
+
 def test_noise_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert not list(noise_conditions(cubesat))
     noisy = cubesat.with_values(PLANT, rate_noise=1e-5)

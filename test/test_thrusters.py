@@ -14,6 +14,7 @@
 
 """Thrusters: which fires how long, against linear programming, and what the pulses do."""
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.thrusters import (
+    POSITIONS,
     admitted,
     certain_torque,
     least_fuel,
@@ -261,6 +263,15 @@ def test_what_thrusters_give_on_every_axis(seed: int) -> None:
         pytest.approx((1.0, 2.0), rel=1e-12)
     )
     assert certain_torque(axes) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_a_place_of_a_thruster_as_good_as_zero_is_zero() -> None:
+    """Planes that two thrusters span then meet edges so far away that the place overflows."""
+    others = POSITIONS.default[1:]
+    least, none = (record(positions=[each, *others]) for each in (1e-310, 0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert certain_torque(least) == certain_torque(none)
 
 
 def test_where_threes_cost_the_same_the_slower_one_counts() -> None:

@@ -244,7 +244,7 @@ def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
         change = law["D_m"] / (rate * _moments(law)[0])
         yield _at_most(
             "answer to z2",
-            law["K_omega"] / rate + change / (law["mu"] * width),
+            law["K_omega"] / rate + change / law["mu"] / width,
             2.0,
             "",
             "K_ω h + D_m h / (J μ g∞): the torque does not throw a small rate error farther to the "
