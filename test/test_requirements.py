@@ -120,6 +120,7 @@ def test_a_limit_on_a_quaternion_is_one_on_its_vector(tmp_path: Path) -> None:
         ("rate: true", "rate = True; allowed: a number > 0; null asks for nothing"),
         ("rate: .nan", "rate = nan"),
         ("recovery: []", r"recovery = \[\]"),
+        ("terminal_window: 1.0e+300", r"allowed: a number > 0, ≤ 1e\+08 s"),
         ("limits: 3", "limits = 3; allowed: a mapping"),
         ("limits: {wheel_torque: no}", "limits: wheel_torque = False"),
         ("limits: {attitude_eror: 0.1}", "no column attitude_eror; did you mean attitude_error"),

@@ -28,6 +28,7 @@ from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import nearest
+from ppc_attitude.science.stamps import LATEST
 
 ACTUATOR = "actuator"
 DEGREES = "deg"
@@ -124,6 +125,7 @@ def _plain(value: Any) -> Any:
 PAPER = Requirements()
 _NAMES = tuple(each.name for each in fields(Requirements))
 _ACCURACIES = ("settled", "terminal", "knowledge")
+_TIMES = ("settling_deadline", "terminal_window", "recovery", "outside_after_hit")
 _OPTIONAL = ("terminal", "rate", "torque", "outside_after_hit", "momentum", "knowledge")
 
 
@@ -167,6 +169,8 @@ def _checked(name: Any, value: Any) -> Any:
         }
     if name in _ACCURACIES:
         return _accuracy(name, value)
+    if name in _TIMES:
+        return _positive(name, value, LATEST, " s")
     return _positive(name, value, also=f" or {ACTUATOR!r}" if name == "torque" else "")
 
 

@@ -40,8 +40,10 @@ from ppc_attitude.science.attitude import normalised, product
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.rotation import about
 from ppc_attitude.science.kernel import Quaternion, Vector
-from ppc_attitude.science.parameter import exact_text
+from ppc_attitude.science.parameter import LARGEST, exact_text
 
+_LEAST_RATIO = 1e-300  # of low to high; a quotient beyond any float would make every draw high
+_SHORTEST = 1.0 / LARGEST  # the square of a much shorter length loses its digits
 _LEAST_SHARE = 1e-3  # of a cut normal distribution that must remain: it is drawn by rejection
 
 
@@ -172,6 +174,9 @@ def _read_number(name: str, declared: Any) -> Number:
         _check_order(name, low, high)
         if kind == "log_uniform" and low <= 0.0:
             raise ConfigurationError(f"{name}.low = {low:g}; allowed: > 0 for log_uniform")
+        if kind == "log_uniform" and low < _LEAST_RATIO * high:
+            least = f"{_LEAST_RATIO:g} of high = {high:g} for log_uniform"
+            raise ConfigurationError(f"{name}.low = {low:g}; allowed: from {least} on")
         drawn = _log_uniform if kind == "log_uniform" else _uniform
         return Number(low, high, partial(drawn, low, high))
     if kind == "normal":
@@ -218,8 +223,9 @@ def direction(name: str, declared: Any) -> Direction:
         raise ConfigurationError(f"{name} = {declared!r}; allowed: sphere, or three numbers")
     x, y, z = (_finite(name, each) for each in declared)
     length = math.sqrt(x * x + y * y + z * z)
-    if not 0.0 < length < math.inf:
-        raise ConfigurationError(f"{name} = {declared} has no direction")
+    if not _SHORTEST <= length <= LARGEST:
+        allowed = f"a length from {_SHORTEST:g} to {LARGEST:g}"
+        raise ConfigurationError(f"{name} = {declared} has no direction; allowed: {allowed}")
     return partial(_given, (x / length, y / length, z / length))
 
 
