@@ -17,6 +17,7 @@
 import json
 import math
 import tracemalloc
+import warnings
 from dataclasses import replace
 from functools import cache, reduce
 from pathlib import Path
@@ -25,7 +26,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Ask
-from craft_helpers import case, configs, guaranteed
+from craft_helpers import case, configs, guaranteed, overlay
 from mpmath import iv
 
 from ppc_attitude.analysis.guarantee import nodes_around
@@ -36,6 +37,7 @@ from ppc_attitude.command_line.guarantee_view import (
     time_text,
 )
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
+from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, digest_of
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.arithmetic import FLOATS, Arithmetic, balls
@@ -237,6 +239,24 @@ def test_what_is_no_certificate_is_refused_by_name(tmp_path: Path, text: str) ->
     certificate_path(path).write_text(text)
     with pytest.raises(ConfigurationError, match=r"certificate .*mine.certificate.json is none: "):
         stored_certificate([path])
+
+
+@pytest.mark.parametrize("values", [{"k": 1e-9}, {"z_bar": 1e6}])
+def test_numbers_out_of_proportion_are_not_told_to_be_too_high_gains(
+    tmp_path: Path, ask: Ask, values: dict[str, float]
+) -> None:
+    law = {f"momentum_tube.{name}": value for name, value in values.items()}
+    files = [*configs("paper", "guaranteed"), overlay(tmp_path / "law.yaml", {CONTROLLER: law})]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        err = ask("check", *(f"--config={file}" for file in files), code=BAD_INPUT).err
+    assert "such as k, kappa, h and z_bar are out of proportion" in err
+
+
+def test_a_gain_whose_square_is_zero_is_refused() -> None:
+    """An envelope's cells were divided by it, with warnings of NumPy."""
+    with pytest.raises(ConfigurationError, match=r"momentum_tube.k = 5e-324 .* ≥ 1e-09"):
+        case("guaranteed").with_values(CONTROLLER, **{"momentum_tube.k": 5e-324})
 
 
 def test_a_certificate_that_promises_too_much_is_found_out() -> None:

@@ -34,7 +34,7 @@ LAWS = (LAW, LAW_AHEAD)
 # The least values are far below what a spacecraft has: the law's quotients and powers are finite.
 _OWN = (
     Parameter("h", 0.01, "sample time: the largest gap between two samples", "s", low=1e-9),
-    Parameter("k", 1.0, "rate at which a small error falls", "1/s", above=0.0),
+    Parameter("k", 1.0, "rate at which a small error falls", "1/s", low=1e-9),
     Parameter("kappa", 15.4, "κ: rate at which the momentum error falls", "1/s", above=0.0),
     Parameter(
         "ell", 0.2, "ℓ: gain of the momentum observer; 1 switches it off", low=1e-9, high=1.0

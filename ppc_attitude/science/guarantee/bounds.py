@@ -209,7 +209,8 @@ class Bounds:
         variation = self._next_variation(inflated)
         if not all(bool(v <= w) for v, w in zip(variation, inflated, strict=True)):
             raise ValueError(
-                "the variation of F within a sample has no bound: the gains are too high"
+                "the variation of F within a sample has no bound: numbers of the law such as k, "
+                "kappa, h and z_bar are out of proportion"
             )
         return inflated
 
