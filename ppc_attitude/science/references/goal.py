@@ -92,7 +92,7 @@ MAX_ACCELERATION = Parameter(
 MAX_JERK = Parameter(
     "guidance.max_jerk", math.radians(0.2), "K, jerk of a slew", "rad/s³", low=1e-12, high=100.0
 )
-TORQUE_SHARE = Parameter(
+TORQUE_SHARE = at_start(
     "guidance.torque_share",
     0.6,
     "share of the torque limit that `check` allows a slew",

@@ -46,11 +46,13 @@ ANGULAR_RANDOM_WALK = _size(
 RATE_RANDOM_WALK = _size(
     "gyro.rate_random_walk", 0.0, "σ_u of the gyro: walk of its bias", "rad/s^1.5"
 )
-INITIAL_BIAS_SIGMA = _size(
+INITIAL_BIAS_SIGMA = at_start(
     "gyro.initial_bias_sigma",
     0.0,
     "standard deviation of the unknown bias at the start, per axis",
     "rad/s",
+    low=0.0,
+    high=1.0,
 )
 RESOLUTION = _size("gyro.resolution", 0.0, "LSB of the gyro; 0: not rounded", "rad/s")
 _MOST_COUNTS = 2.0**52  # a float64 beyond has nothing behind the point
