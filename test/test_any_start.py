@@ -36,6 +36,7 @@ from ppc_attitude.simulation.closed_loop import (
     stamps_of,
     timetable_of,
 )
+from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import Scenario
 
 PAPER = case()
@@ -182,6 +183,23 @@ def test_a_plan_is_revised_when_its_hold_has_ended_and_not_before(
     measurement["attitude"] = Rotation.from_rotvec(np.deg2rad(150.0) * np.eye(3)[0]).as_quat()
     ppc.step(measurement, memory, GAINS, outputs_of(ppc.COMPONENT))
     assert memory["plan"]["count"] == plans
+
+
+def test_an_envelope_that_is_switched_in_flight_is_placed_anew() -> None:
+    """A plan stayed that nobody wanted any more; and there was none where one was wanted."""
+    diagram = Diagram(started(ANY_START, Rotation.from_rotvec([3.0, 0, 0]), np.zeros(3)).parameters)
+    part, stamps = diagram.parts[CONTROLLERS.name], stamps_of(100.0, 1.0)
+    diagram.run(stamps[:50])
+    plan = part.state[0]["law"]["plan"]
+    holds = [plan["hold"]]
+    for k, envelope in enumerate(("nominal", "auto")):
+        part.configure({**LAW, "envelope": envelope})
+        diagram.run(stamps[50 + k : 51 + k])
+        assert plan["start"] == 0.5 + 0.01 * k
+        holds.append(plan["hold"])
+    assert holds[0] > 30.0
+    assert holds[1] == 0.0
+    assert holds[2] > 30.0
 
 
 def test_the_envelope_falls_continuously_after_the_hold() -> None:

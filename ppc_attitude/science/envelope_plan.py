@@ -71,6 +71,7 @@ PLAN = record_type(
     ("angle_deg", np.float64),  # [deg] error angle when the plan was made
     ("feasible", np.float64),  # 1 if the model stays inside
     ("waiting", np.float64),  # 1 until the hold has ended and the stretch is final
+    ("auto", np.float64),  # 1 if it was made with ``envelope: auto``
     ("count", np.float64),  # plans and revisions made so far
 )
 MAX_STRETCH = 64.0
@@ -292,6 +293,7 @@ def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains:
     plan.rate_clock = 0.0
     plan.angle_deg = math.degrees(phi)
     plan.waiting = 0.0
+    plan.auto = gains.auto
     plan.count += 1.0
     if t > 0.0:
         reach = largest(vector(q_e))

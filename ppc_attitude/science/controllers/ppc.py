@@ -304,6 +304,8 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
         plan_envelopes(memory.plan, t, q_e, omega_e, gains)
         memory.started = 1.0
         memory.t = t
+    elif memory.plan.auto != gains.auto:  # switched in flight
+        plan_envelopes(memory.plan, t, q_e, omega_e, gains)
     elif memory.plan.waiting != 0.0 and t >= memory.plan.start + memory.plan.hold:
         revise_plan(memory.plan, t, q_e, omega_e, gains)
     rate, attitude = carry_on(memory.plan, t, gains)
