@@ -33,6 +33,7 @@ from ppc_attitude.science.geomagnetic import ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kinds import ACTUATORS, ALLOCATORS, PLANTS
 from ppc_attitude.science.magnetorquers import unloading_dipole
 from ppc_attitude.science.orbit import CURSOR, orbit_at
+from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -198,6 +199,18 @@ def test_the_field_takes_momentum_and_nothing_else_does() -> None:
         motor[:4] = 0.02 * random.normal(size=4)
         given_now = plant.step(k * STEP_NS, [*motor, 1e-3, 0.0, 2e-3, 0.0, 0.0, 0.0])
         assert given_now[:15] == free.step(k * STEP_NS, [*motor, 1e-3, 0.0, 2e-3])
+
+
+def test_a_law_that_is_switched_off_in_flight_holds_no_dipole() -> None:
+    """It held the one of the period, which may be a quarter of an hour."""
+    given = {**RODS.defaults, "rate": 100.0, "magnetorquers.period": 900.0}
+    part = Part(RODS, given)
+    read = [*np.zeros(6), *speeds_of(np.array([0.1, 0.2, -0.1])), *FIELD]
+    part.step(0, read)
+    assert np.any(part.output("magnetorquer_dipole"))
+    part.configure({**given, "magnetorquers.law": "off"})
+    part.step(STEP_NS, read)
+    assert not np.any(part.output("magnetorquer_dipole"))
 
 
 @pytest.mark.parametrize(

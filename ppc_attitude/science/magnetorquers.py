@@ -198,4 +198,6 @@ def unload(inputs: Any, wheels: Any, held: Any, rods: Any) -> Vector:
         held.begun = now // rods.period + 1
         full, b = momentum(wheels, inputs.wheel_speed), vector(inputs.magnetic_field)
         store(held.dipole, unloading_dipole(full, b, now, rods))
+    if rods.gain == 0.0:  # switched off in flight, it holds nothing
+        store(held.dipole, ZERO)
     return vector(held.dipole)
