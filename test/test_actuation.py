@@ -29,11 +29,11 @@ from estimation_helpers import STEP_NS, Array
 from synthetic import with_columns, without_columns
 from test_certificate_held import held_by
 
-from ppc_attitude.analysis.guarantee import nodes_around
+from ppc_attitude.analysis.guarantee import _momentum, nodes_around
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
-from ppc_attitude.science.guarantee.actuation import actuation_of, are_full
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, TRUE_RATE
+from ppc_attitude.science.guarantee.actuation import actuation_of, are_full, momentum_of
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
 from ppc_attitude.science.guarantee.surroundings import broken_assumptions, fastest_of
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
@@ -182,6 +182,21 @@ def test_wheels_that_change_in_flight_are_judged_by_what_they_became(gains: Path
     slow = (Change(10**9, PLANT, "wheels.max_speed", [1e-3]),)
     told = "suspended: a wheel at its largest speed at 101 instants"
     assert held_by(replace(record, changes=slow)).note == told
+
+
+def test_the_momentum_of_a_craft_that_changes_in_flight_is_that_of_what_it_became(
+    gains: Path,
+) -> None:
+    given = load([*FILES, gains]).parameters[PLANT]
+    record = simulate(load([*FILES, gains]), 2.0)
+    heavy = {**given, "inertia": [1.2 * each for each in given["inertia"]]}
+    changed = replace(record, changes=(Change(10**9, PLANT, "inertia", heavy["inertia"]),))
+    samples = record[TRUE_RATE.column], record["wheel_speed"]
+    was, became = (momentum_of(plant, *samples) for plant in (given, heavy))
+    most = float(was.max())
+    found = _momentum(changed, most)["more momentum than assumed"]
+    np.testing.assert_array_equal(found, (became > most) & (record.t >= 1.0))
+    assert found.any()
 
 
 @pytest.mark.parametrize(

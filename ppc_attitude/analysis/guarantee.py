@@ -286,11 +286,11 @@ def _momentum(record: RunRecord, most: float) -> dict[str, Mask]:
     if not (has(record, SPEED.name) and has(record, rate)):
         return {"no speed of the wheels on record": np.ones(record.stamps_ns.size, np.bool_)}
     speeds = record[SPEED.name]
-    full = np.zeros(record.stamps_ns.size, np.bool_)
+    full, momentum = np.zeros(record.stamps_ns.size, np.bool_), np.zeros(record.stamps_ns.size)
     for begin, told in _in_flight(record):
         since = record.stamps_ns >= begin
         full[since] = are_full(told[PLANT], speeds[since])
-    momentum = momentum_of(record.parameters[PLANT], record[rate], speeds)
+        momentum[since] = momentum_of(told[PLANT], record[rate][since], speeds[since])
     return {"more momentum than assumed": momentum > most, "a wheel at its largest speed": full}
 
 
