@@ -179,6 +179,15 @@ def test_every_line_of_the_way_can_be_read_off_by_name(record: RunRecord) -> Non
     assert [each.get_text() for each in shown] == ["desired, norm", "limit of a slew"]
 
 
+def test_limits_of_a_slew_that_were_changed_in_flight_are_all_drawn(record: RunRecord) -> None:
+    limit = record.parameters[REFERENCE]["guidance.max_rate"]
+    changes = (Change(10**10, REFERENCE, "guidance.max_rate", 2.0 * limit),)
+    rate = figures_of(Measured(replace(record, changes=changes)))["slews"][1].axes[1]
+    lines = (np.asarray(each.get_ydata()) for each in rate.get_lines())
+    levels = sorted({float(line[0]) for line in lines if line.size == 2 and line[0] == line[1]})
+    assert levels == pytest.approx(np.rad2deg([limit, 2.0 * limit]).tolist())
+
+
 def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRecord) -> None:
     values = record.parameters[REFERENCE]
     all_of_them = {name: values[name] for name in values if name.startswith("keep_out.")}

@@ -63,7 +63,7 @@ def innovation_figure(run: Measured) -> Figure:
     limit_lines(top, BAND, -BAND, label="3σ")
     bottom.plot(run.t, np.square(values).sum(axis=1), ".", color=BLACK, markersize=1.5, label="NIS")
     gate = run.record.parameters.get(ESTIMATOR, {}).get("gate")
-    if gate is not None:
+    if gate is not None and not run.changed(ESTIMATOR, "gate"):
         limit_lines(bottom, float(str(gate)), label=f"gate {gate:g}")
     bottom.set_yscale("log")
     top.set_ylabel("innovation / σ [1]")

@@ -74,8 +74,8 @@ class Flight:
         What each cone is about, when there were most.
     words : tuple of Word
         What was said of orders, and warned of.
-    max_rate, max_acceleration : float
-        Limits of a slew [rad/s], [rad/s²].
+    limits : ndarray, shape (m, 2)
+        Limits of a slew [rad/s], [rad/s²] at each.
     """
 
     picked: NDArray[np.int64]
@@ -83,8 +83,7 @@ class Flight:
     cones: tuple[tuple[Cone, ...], ...]
     names: tuple[str, ...]
     words: tuple[Word, ...]
-    max_rate: float
-    max_acceleration: float
+    limits: Array
 
 
 def flight_of(record: RunRecord) -> Flight | None:
@@ -95,7 +94,7 @@ def flight_of(record: RunRecord) -> Flight | None:
     ConfigurationError
         The parameters on record are infeasible.
     """
-    picked, goals, cones, words = [], [], [], []
+    picked, goals, cones, words, limits = [], [], [], [], []
     names: list[str] = []
     told, obeyed, flown = 0, 0, None
     for k, part, values in _flown(record, _SAMPLES):
@@ -111,6 +110,7 @@ def flight_of(record: RunRecord) -> Flight | None:
         told, obeyed = part.advices, int(state["obeyed"])
         scene = scene_at(t, part.configuration[0], state)
         picked.append(k)
+        limits.append([values[goal.MAX_RATE.name], values[goal.MAX_ACCELERATION.name]])
         goals.append(scene.goal)
         cones.append(scene.cones)
     if not picked:
@@ -121,8 +121,7 @@ def flight_of(record: RunRecord) -> Flight | None:
         tuple(cones),
         tuple(names),
         tuple(words),
-        float(values[goal.MAX_RATE.name]),
-        float(values[goal.MAX_ACCELERATION.name]),
+        np.array(limits, np.float64),
     )
 
 

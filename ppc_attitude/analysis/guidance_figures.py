@@ -85,13 +85,13 @@ def slews(run: Measured, flight: Flight) -> Figure:
         draw(left, t, angles, label=label, colour=colour, style=style)
     left.set_ylabel("angle to the goal [deg]")
     left.set_ylim(bottom=0.0)
-    for axes, topic, limit, label in (
-        (rate, REFERENCE_RATE, flight.max_rate, "rate [deg/s]"),
-        (acceleration, REFERENCE_ACCELERATION, flight.max_acceleration, "accel. [deg/s²]"),
+    for axes, topic, limits, label in (
+        (rate, REFERENCE_RATE, flight.limits[:, 0], "rate [deg/s]"),
+        (acceleration, REFERENCE_ACCELERATION, flight.limits[:, 1], "accel. [deg/s²]"),
     ):
         norm = np.rad2deg(np.linalg.norm(vectors(run.record, topic.column), axis=1))
         draw(axes, run.t, norm, label="desired, norm")
-        limit_lines(axes, np.rad2deg(limit), label="limit of a slew")
+        limit_lines(axes, *np.rad2deg(np.unique(limits)), label="limit of a slew")
         axes.set_ylabel(f"desired {label}")
         axes.set_ylim(bottom=0.0)
     start = seconds(zero_ns(run.record))
