@@ -24,8 +24,10 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from craft_helpers import part_of
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from peer import Beside
+from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool
 
 from ppc_attitude.bags.errors import BagError
@@ -54,6 +56,7 @@ from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.runtime.health import Health, Status
 from ppc_attitude.science.component import Advice
+from ppc_attitude.science.kinds import SENSORS
 from ppc_attitude.science.stamps import stamp_of
 
 OK, WARN, ERROR, STALE = (
@@ -311,6 +314,48 @@ def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
     assert len(said) == 1
     assert f"gyro.resolution is {told}: a dead band" in said[0].text
     assert said[0].warning
+
+
+def test_what_is_set_there_and_back_within_a_step_is_not_told(
+    admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bag had a message without a change, and the log a line."""
+    told: list[Any] = []
+    monkeypatch.setattr(BaseNode, "tell_changes", lambda self, *given: told.append(given))
+    patient = admit(PpcController)
+    for k in (2.0, 3.0, 2.5):
+        patient.node.set_parameters([Parameter("k", value=k)])
+        if k == 3.0:
+            patient.feed(0)
+            patient.until(lambda: patient.node._steps == 1)
+            assert told == []
+    patient.feed(1)
+    patient.until(lambda: patient.node._steps == 2)
+    assert told == [(stamp_of(1, 100.0), {"k": 2.5})]
+
+
+def test_a_pace_that_is_set_acts_at_once(admit: Callable[..., Patient]) -> None:
+    """The slow one would keep the next state waiting, and with it the new one."""
+    patient = admit(SpacecraftPlant, "lockstep:=true", "real_time_factor:=1.0e-6")
+    patient.until(lambda: patient.node.pace._shown)
+    patient.give(ANSWERS, 0)
+    patient.until(lambda: patient.node.pace.step == 1)
+    patient.node.set_parameters([Parameter("real_time_factor", value=0.0)])
+    patient.until(lambda: patient.node.wake() and patient.node.pace._shown)
+
+
+def test_a_gyro_that_is_made_coarse_in_flight_is_warned_of_and_that_it_is_over() -> None:
+    rounds = {"gyro.angular_random_walk": 1e-5, "gyro.resolution": 1e-3}
+    part = part_of(SENSORS, "gyro_star_tracker")
+    assert not part.advice.warning
+    said = []
+    for k, given in enumerate((rounds, rounds | {"gyro.resolution": 0.0})):
+        part.configure({**part.component.defaults, "rate": 100.0, **given})
+        part.step(stamp_of(k, 100.0), [*UNIT, *ZERO])
+        said.append((part.advices, part.advice.text, part.advice.warning))
+    assert said[0][1].startswith("gyro.resolution is 10 times the noise of a sample")
+    assert [(number, warning) for number, _, warning in said] == [(1, True), (2, False)]
+    assert said[1][1] == "the gyro's rounding acts as white noise again"
 
 
 def test_a_disabled_controller_says_so_and_blames_no_disturbance(

@@ -16,6 +16,7 @@
 
 import math
 import sys
+import time
 import types
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -25,6 +26,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from peer import Beside
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ppc_attitude.contract.topics import (
@@ -201,6 +203,19 @@ def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
     scene.show(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
     assert scene.picture()["craft", 0].header.stamp.sec == 3
     assert len(scene.drawn) == 1
+
+
+def test_a_rate_that_is_set_acts_at_once(make_scene: Callable[..., Scene]) -> None:
+    """The old one would keep the next picture waiting."""
+    scene = make_scene("-p", "update_rate:=0.1")
+    scene.show(ATTITUDE, QUARTER_TURN)
+    scene.arrived(ATTITUDE)
+    scene.picture()
+    scene.show(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
+    scene.node.set_parameters([Parameter("update_rate", value=100.0)])
+    begin = time.monotonic()
+    scene.picture()
+    assert time.monotonic() - begin < 9.0
 
 
 @pytest.mark.parametrize(("namespace", "prefix"), [("/", ""), ("/proposed", "proposed/")])

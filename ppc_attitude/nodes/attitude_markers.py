@@ -84,16 +84,16 @@ class AttitudeMarkers(BaseNode):
         # Who comes late still gets the last word.
         subscribe(self, GUIDANCE_STATUS, self._on_guidance, LATE_PEER)
         self._stamp = -1
-        self._next = 0.0
+        self._looked_at = 0.0  # [s]
         self._drawn = 0
 
     def wake(self) -> float:
         """Draw when it is time and there is a new state."""
-        now = time.monotonic()
-        if now >= self._next:
-            self._next = now + 1.0 / float(self.parameters["update_rate"])
+        now, period = time.monotonic(), 1.0 / float(self.parameters["update_rate"])
+        if now >= self._looked_at + period:
+            self._looked_at = now
             self._draw()
-        return min(super().wake(), self._next - now)
+        return min(super().wake(), self._looked_at + period - now)
 
     def _draw(self) -> None:
         state = self._sample(ATTITUDE)

@@ -58,7 +58,7 @@ class NodeParameters:
     values : dict
         Checked values by name, as of the last accepted change.
     changed : bool
-        True after an accepted change until the node has taken it over at a step boundary.
+        True if values differ from those that the node took over at its last step boundary.
     """
 
     def __init__(self, node: Node, executable: str, check: Check) -> None:
@@ -125,8 +125,8 @@ class NodeParameters:
             self._check(proposed)
         except ConfigurationError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        self.changed = self.changed or proposed != self.values
         self.values = proposed
+        self.changed = proposed != self._taken
         return SetParametersResult(successful=True)
 
 

@@ -209,6 +209,7 @@ class SpacecraftPlant(BaseNode):
         longest = super().wake()
         if self.finished:
             return longest
+        self._set_pace()  # at once: a slow pace would keep the next step waiting
         wait = self._moved(self.pace.wake)
         self.say_waiting(self.pace.waiting_since, self.pace.waiting)
         if self._told_at:  # time has begun

@@ -19,6 +19,7 @@ slot, which arrives late: an instant's fix was valid some steps ago.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -117,11 +118,13 @@ CONFIGURATION = record_type(
     INITIAL_FIX,
     ("gyro", gyro.GYRO),
     ("tracker", star_tracker.STAR_TRACKER),
+    ("coarse", np.float64),  # LSB of the gyro by its noise, if it is a dead band; else 0
     ("faults", RECORD),
 )
 STATE = record_type(
     ("started", np.float64),
-    ("coarse", np.float64),  # LSB of the gyro by its noise, if it is a dead band
+    ("coarse", np.float64),  # as in the configuration
+    ("news", np.int64),
     ("stamp_ns", np.int64),  # of the last sample
     ("attitude", np.float64, (4,)),  # true attitude at it
     ("bias", np.float64, (3,)),  # [rad/s] of the gyro at it
@@ -159,9 +162,6 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         rate = vector(inputs.truth_angular_velocity)
         bias = vector(settings.initial_bias)
         middle = bias
-        widest = gyro.widest_resolution(settings.white, h)
-        if settings.resolution > widest:
-            state.coarse = settings.resolution / widest
     else:
         h = seconds(inputs.stamp_ns - state.stamp_ns)
         rate = mean_rate(quaternion(state.attitude), q, h)
@@ -238,6 +238,8 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Measure the motion of an instant; an instant that is repeated is not measured again."""
     if state.started != 0.0 and inputs.stamp_ns <= state.stamp_ns:
         return
+    state.news += configuration.coarse != state.coarse
+    state.coarse = configuration.coarse
     number = step_of(inputs.stamp_ns, configuration.rate)
     _sense_rate(inputs, state, configuration, outputs, number)
     _sense_stars(inputs, state, configuration, outputs, number)
@@ -245,11 +247,21 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     state.started = 1.0
 
 
+def _coarse(values: Mapping[str, Any]) -> float:
+    """LSB of the gyro by the noise of a sample, if it is a dead band; else 0."""
+    white, lsb = values[gyro.ANGULAR_RANDOM_WALK.name], values[gyro.RESOLUTION.name]
+    widest = gyro.widest_resolution(white, 1.0 / values[RATE.name])
+    if lsb <= widest:
+        return 0.0
+    return lsb / widest if widest else math.inf
+
+
 def advice(state: Any) -> Advice:
     """Warn of a gyro that rounds its own noise away."""
     times = float(state["coarse"])
     if not times:
-        return Advice("", warning=False)
+        told = "the gyro's rounding acts as white noise again" if state["news"] else ""
+        return Advice(told, warning=False)
     beside = f"{times:.3g} times the noise of a sample" if np.isfinite(times) else "without noise"
     return Advice(
         f"gyro.resolution is {beside}: a dead band, not the white noise that a filter takes "
@@ -266,6 +278,7 @@ COMPONENT = Component(
         values,
         gyro=gyro_record(values),
         tracker=star_tracker_record(values),
+        coarse=_coarse(values),
         faults=faults_of(values, PARTS),
     ),
     configuration=CONFIGURATION,
@@ -274,6 +287,6 @@ COMPONENT = Component(
     outputs=(GYRO_SAMPLE, STAR_FIX),
     step=step,
     advice=advice,
-    advices=lambda state: int(state["coarse"] > 0.0),
+    advices=lambda state: int(state["news"]),
     faults=lambda values: PARTS,
 )
