@@ -41,6 +41,7 @@ from ppc_attitude.contract.topics import (
     DISTURBANCE,
     PLANT,
     REFERENCE,
+    REFERENCE_RATE,
     TORQUE_COMMAND,
     Topic,
 )
@@ -236,6 +237,25 @@ def test_after_a_reset_a_node_has_what_it_was_started_again_with(tmp_path: Path)
     read = read_run(bag)
     assert read.parameters[CONTROLLER] == {"k": 0.5, "eta": 0.1}
     assert read.changes == ()
+
+
+@pytest.mark.parametrize("states", [(101, 60, 101), (101, 80, 15, 101), (101, 15, 15, 60)])
+def test_what_comes_seldom_is_of_the_last_epoch_too(
+    tmp_path: Path, states: tuple[int, ...]
+) -> None:
+    """As fixes of a star tracker, of which an epoch may have one or two."""
+    sequence, whole = [], list(messages(RUN))
+    for epoch, count in enumerate(states):
+        for topic, stamp, data in whole[: count * len(SAMPLED)]:
+            if topic is REFERENCE_RATE:
+                if stamp % 10**8:
+                    continue
+                data = Codec(topic).encode(stamp, (float(epoch), 0.0, 0.0))
+            sequence.append((topic, stamp, data))
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
+    rates = read[REFERENCE_RATE.column][:, 0]
+    assert np.unique(rates[np.isfinite(rates)]).tolist() == [len(states) - 1]
+    assert len(read.warnings) == 1  # of the resets
 
 
 def test_every_time_that_a_node_began_anew_is_read(tmp_path: Path) -> None:

@@ -207,14 +207,16 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
         f"the clock went back {times} time{'s' if times > 1 else ''}, last from {before:.12g} s "
         f"to {after:.12g} s (plant reset or restarted); only what follows is read"
     )
-    arrival = int(plant.arrival[start])
     for topic, messages in series.items():
-        first = int(np.searchsorted(messages.arrival, arrival))
+        firsts = np.searchsorted(messages.arrival, plant.arrival[resets])
+        first = int(firsts[-1])
         if first:  # two who answer at once, one of them late, make a topic go back elsewhere too
             own = np.array(_resets(messages.stamps), np.int64)
+            # One that comes seldom does not go back at every reset: not to one before the last.
+            own = own[firsts[np.abs(own[:, None] - firsts).argmin(axis=1)] == first]
             first = int(own[np.abs(own - first).argmin()]) if own.size else first
         series[topic] = messages[first:]
-    return arrival
+    return int(plant.arrival[start])
 
 
 def _resets(stamps: Integers) -> list[int]:
