@@ -214,7 +214,13 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
             own = np.array(_resets(messages.stamps), np.int64)
             # One that comes seldom does not go back at every reset: not to one before the last.
             own = own[firsts[np.abs(own[:, None] - firsts).argmin(axis=1)] == first]
-            first = int(own[np.abs(own - first).argmin()]) if own.size else first
+            if own.size:
+                first = int(own[np.abs(own - first).argmin()])
+            elif (  # sent with the first state, and before it
+                messages.stamps[first - 1] <= plant.stamps[start]
+                and messages.arrival[first - 1] > plant.arrival[start - 1]
+            ):
+                first -= 1
         series[topic] = messages[first:]
     return int(plant.arrival[start])
 
