@@ -160,6 +160,20 @@ def test_what_comes_one_instant_ahead_is_kept_for_it() -> None:
     assert bench.shown == steps(51)
 
 
+@pytest.mark.parametrize("kind", [Lockstep, FreeRunning])
+def test_of_several_answers_with_one_stamp_the_first_acts(kind: type[Pace]) -> None:
+    """The same counts where the bag is read: what acted and what is on record agree."""
+    bench = Bench(kind)
+    for _ in range(20):
+        for ahead in (0, 1):
+            bench.give(DISTURBANCE, (bench.stamp + ahead * 10_000_000.0, 0.0, 0.0), ahead)
+            bench.give(DISTURBANCE, TORQUE, ahead)
+        bench.give(COMMAND, TORQUE)
+        bench.passes(PERIOD)
+    assert len(bench.acted) > 10
+    assert all(given[DISTURBANCE][0] == stamp for stamp, given in bench.acted)
+
+
 def test_what_is_further_ahead_or_behind_is_refused() -> None:
     bench = Bench(Lockstep)
     for _ in range(3):

@@ -88,19 +88,20 @@ class _Input:
     def __init__(self, zero: Values) -> None:
         self.values = zero
         self.stamp = -1
-        self._next: tuple[int, Values] | None = None
+        self._next: Values | None = None
 
     def take(self, stamp_ns: int, values: Values) -> None:
         self.stamp, self.values = stamp_ns, values
 
-    def keep(self, stamp_ns: int, values: Values) -> None:
-        self._next = stamp_ns, values
+    def keep(self, values: Values) -> None:
+        """Keep the first values of the instant to come."""
+        if self._next is None:
+            self._next = values
 
     def reach(self, stamp_ns: int) -> None:
-        """Let an instant [ns] come."""
+        """Let that instant [ns] come."""
         if self._next is not None:
-            if self._next[0] == stamp_ns:
-                self.take(*self._next)
+            self.take(stamp_ns, self._next)
             self._next = None
 
 
@@ -145,7 +146,7 @@ class Pace(ABC):
                     f"{name}: stamp {seconds(stamp_ns):.6f} s is in the future of "
                     f"{seconds(self.stamp):.6f} s"
                 )
-            stream.keep(stamp_ns, values)
+            stream.keep(values)
             return False
         if stamp_ns < stream.stamp:
             raise out_of_order(name, stamp_ns)
