@@ -200,6 +200,8 @@ def test_an_unanswered_state_is_repeated_less_and_less_often_and_told() -> None:
     )
     bench.answer()
     assert bench.pace.status(bench.now) == (OK, "running")
+    bench.passes(0.25)
+    assert bench.shown[-2:] == steps(2)[1:] * 2, "the next state is repeated as soon as the first"
 
 
 @pytest.mark.parametrize("kind", [Lockstep, FreeRunning])
@@ -219,6 +221,22 @@ def test_lockstep_keeps_the_pace_that_is_asked_for() -> None:
     bench.follows(4.0)
     assert bench.time == pytest.approx(2.0 * 4.0, abs=2.0 * PERIOD)
     assert bench.shown == steps(len(bench.shown))
+
+
+@pytest.mark.parametrize("kind", [Lockstep, FreeRunning])
+def test_who_is_woken_only_when_it_asks_for_it_keeps_the_pace(kind: type[Pace]) -> None:
+    bench = Bench(kind, factor=1.0, waits=True)
+    begun, due = bench.now, bench.now + 0.1
+    for _ in range(2000):
+        if bench.shown[-1] == bench.stamp:
+            for name in RULES["inputs"]:
+                if bench.pace.take(name, bench.stamp, TORQUE, bench.now):
+                    due = bench.now
+        if bench.now >= due:
+            due = bench.now + bench.wake()
+        assert bench.now - begun - bench.time < 1.5 * PERIOD
+        bench.now += 0.001
+    assert bench.time == pytest.approx(2.0, abs=2.0 * PERIOD)
 
 
 @pytest.mark.parametrize("before", [0.0, 0.1, 10.0])
@@ -245,7 +263,7 @@ def test_a_state_whose_answers_came_before_it_was_due_waits_for_nobody_when_it_i
     bench.answer()
     assert (bench.pace.step, bench.shown) == (1, steps(1))
     bench.now += 1.5 * PERIOD
-    bench.wake()
+    assert bench.wake() == 0.0, "when the next one is due is still to be asked"
     assert (bench.pace.step, bench.shown) == (2, steps(2))
 
 
@@ -264,6 +282,7 @@ def test_the_last_step_tells_what_acts_and_ends() -> None:
         bench.answer()
     assert bench.shown == steps(6)
     assert [stamp for stamp, _ in bench.acted] == steps(6)
+    assert (bench.stamp, bench.pace.step) == (bench.shown[-1], 5)
 
 
 def test_lockstep_waits_for_a_recorder_that_lags_and_for_no_other() -> None:

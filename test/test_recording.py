@@ -65,6 +65,15 @@ def test_what_was_sent_beyond_the_end_is_no_part_of_the_record() -> None:
     assert bag.gaps() == []
 
 
+def test_what_was_sent_beyond_the_last_state_before_a_reset_is_in_no_record() -> None:
+    bag = Bag()
+    bag.run(range(20))
+    bag.take(TORQUE, 20)
+    bag.run(range(5))
+    assert all(bag.steps(name) == [*range(20), *range(5)] for name in ALL)
+    assert bag.gaps() == []
+
+
 def test_the_record_of_a_run_that_goes_on_ends_with_a_whole_instant() -> None:
     bag = Bag()
     bag.run(range(20))
@@ -110,6 +119,9 @@ def test_what_was_sent_at_skipped_instants_is_written_in_the_order_of_time() -> 
         bag.take(STATE, step)
     assert bag.steps(TORQUE) == [*range(18)]
     assert bag.recording.surplus() == {}
+    bag.take(TORQUE, 12, b"late")
+    bag.take(AHEAD, 12)
+    assert (bag.steps(TORQUE)[18:], bag.steps(AHEAD)[10:]) == ([12], [16])
 
 
 @pytest.mark.parametrize("silent", [range(10, 300), range(10, 500), range(300)])
@@ -170,20 +182,21 @@ def test_a_stranger_s_messages_are_told_apart_and_make_no_gap() -> None:
     assert 400 not in bag.steps(TORQUE)
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_strangers_who_send_no_stamp_end_no_record(name: str) -> None:
+@pytest.mark.parametrize("names", [(STATE,), (TORQUE,), (AHEAD,), (TORQUE, AHEAD)])
+def test_strangers_who_send_no_stamp_end_no_record(names: tuple[str, ...]) -> None:
     """`ros2 topic pub` sends zero; a reset of the plant does so too."""
     bag = Bag()
     for epoch in range(2):
         for step in range(20):
             bag.run(range(step, step + 1))
             if step in (7, 8, 12):
-                bag.take(name, 0, b"%d without a stamp" % step)
-                bag.take(name, 0, b"another without a stamp")
+                for name in names:
+                    bag.take(name, 0, b"%d without a stamp" % step)
+                    bag.take(name, 0, b"another without a stamp")
         assert bag.gaps() == []
-        assert bag.recording.surplus() == {name: 6 * (epoch + 1)}
+        assert bag.recording.surplus() == dict.fromkeys(names, 6 * (epoch + 1))
         others = [step for _ in range(epoch + 1) for step in range(20)]
-        assert all(bag.steps(each) == others for each in ALL if each != name)
+        assert all(bag.steps(each) == others for each in ALL if each not in names)
 
 
 def test_who_joins_a_run_begins_with_the_first_state_that_it_hears() -> None:
@@ -205,6 +218,19 @@ def test_a_recorder_whose_states_lag_by_all_that_publishers_keep_loses_nothing()
         bag.take(STATE, step)
     assert {name: bag.steps(name) for name in ALL} == {name: list(range(5000)) for name in ALL}
     assert (bag.gaps(), bag.recording.surplus()) == ([], {})
+
+
+def test_only_so_many_messages_wait_for_their_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ppc_attitude.runtime.recording._MOST_AHEAD", 100)
+    bag = Bag()
+    bag.run(range(150))
+    bag.take(TORQUE, 0, b"without a stamp")
+    bag.run(range(150, 200))
+    for step in range(200, 299):  # what was sent ahead for 200 waits as well
+        bag.take(TORQUE, step)
+    assert bag.steps(TORQUE)[-1] == 199
+    bag.take(TORQUE, 299)
+    assert bag.steps(TORQUE)[-1] == 298
 
 
 def test_two_publishers_of_a_topic_are_seen_and_one_after_the_other_are_not() -> None:
@@ -242,6 +268,9 @@ def test_progress_is_told_to_a_plant_that_repeats_its_state() -> None:
     bag = Bag()
     bag.take(STATE, 3)
     assert bag.recording.progress() is None
+    for _ in range(2):
+        bag.take(TORQUE, 3)
+        assert bag.recording.progress() is None
     bag.take(STATE, 3)
     assert bag.recording.progress() == stamp_of(3, 100.0)
     assert bag.recording.progress() is None
@@ -253,12 +282,14 @@ def test_what_is_no_sample_is_written_at_its_time_or_at_that_of_the_newest_state
     bag.run(range(3))
     bag.recording.event("/diagnostics", None, b"late")
     bag.recording.event("disturbance/inject", 0, b"from now on")
+    bag.recording.event("disturbance/inject", 7, b"then")
     bag.recording.event("/clock", 0, b"first", with_state=True)
     bag.recording.event("/clock", 5, b"clock", with_state=True)
     assert bag.written[0] == ("/diagnostics", 0, b"early")
-    assert bag.written[-4:] == [
+    assert bag.written[-5:] == [
         ("/diagnostics", 20_000_000, b"late"),
         ("disturbance/inject", 20_000_000, b"from now on"),
+        ("disturbance/inject", 7, b"then"),
         ("/clock", 0, b"first"),
         ("/clock", 5, b"clock"),
     ]
@@ -335,8 +366,10 @@ def test_a_lost_message_is_a_gap(lost: int) -> None:
     assert gap.startswith(f"torque_command has {STEPS - 1} messages until 0.490000 s, attitude 50")
 
 
-def test_a_lost_instant_is_a_gap() -> None:
-    (gap,) = gaps_of(*steps_of(range(20)), *steps_of(range(21, STEPS)))
+@pytest.mark.parametrize("end", [25, STEPS])
+def test_a_lost_instant_is_a_gap(end: int) -> None:
+    """Also in a run that ends before the rhythm is known."""
+    (gap,) = gaps_of(*steps_of(range(18, 20)), *steps_of(range(21, end)))
     assert gap == "attitude jumps from 0.190000 s to 0.210000 s"
 
 
@@ -354,9 +387,10 @@ def test_a_first_step_that_is_longer_hides_no_gap() -> None:
     assert gaps[1:] == ["attitude jumps from 0.190000 s to 0.220000 s"]
 
 
-def test_a_rhythm_that_changes_has_no_gaps() -> None:
-    lengths = itertools.cycle((12, 3, 17, 8, 5))
-    steps = list(itertools.accumulate(itertools.islice(lengths, 43)))
+@pytest.mark.parametrize(("begin", "cycle"), [([], (12, 3, 17, 8, 5)), ([3] * 9, (1, 1, 1, 1, 5))])
+def test_a_rhythm_that_changes_has_no_gaps(begin: list[int], cycle: tuple[int, ...]) -> None:
+    """The first nine steps tell the rhythm."""
+    steps = list(itertools.accumulate([*begin, *itertools.islice(itertools.cycle(cycle), 43)]))
     events = [event for step in steps for event in steps_of(range(step, step + 1))]
     assert gaps_of(*events) == []
     assert gaps_of(*(each for each in events if each != (TORQUE_COMMAND, steps[-1]))) == []

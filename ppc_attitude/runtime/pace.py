@@ -282,8 +282,7 @@ class Lockstep(Pace):
 
     def wake(self, now: float) -> float:
         """Publish a state that was too early, or repeat one that is unanswered."""
-        waits_for_recorder = self._lags() and not self._missing()
-        if waits_for_recorder and not self.craft.is_published(RECORDED_TOPIC.name):
+        if self._lags() and not self.craft.is_published(RECORDED_TOPIC.name):
             self._recorded = None  # it has gone
             self._go(now)
         ahead = self._ahead(now, self.stamp)
@@ -327,7 +326,7 @@ class FreeRunning(Pace):
 
     def _missing(self) -> list[str]:
         """Return which first answers have not come, if time begins with them."""
-        if self.step or not self.rules.waits:
+        if not self.rules.waits:
             return []
         return [name for name in self.rules.wait_for if self.inputs[name].stamp < 0]
 

@@ -93,8 +93,8 @@ class _Stretch:
     before: tuple[int, bytes] = (-1, b"")  # the same of the one before
 
     def until(self, stamp_ns: int) -> tuple[int, int]:
-        """Count and sum of the stamps up to one that is the last or the last but one."""
-        if self.last[0] > stamp_ns and self.before[0] == stamp_ns:
+        """Count and sum of the stamps, without the last one if it is beyond a stamp."""
+        if self.last[0] > stamp_ns:
             return self.count - 1, self.total - self.last[0]
         return self.count, self.total
 
@@ -190,7 +190,7 @@ class Recording:
             self._take_back(name, lane)
         lane.heard = stamp_ns
         epoch, present = lane.epoch, lane.stretches[-1]
-        if stamp_ns <= present.last[0] and (stamp_ns, data) in (present.last, present.before):
+        if (stamp_ns, data) in (present.last, present.before):
             if name == _LEAD:  # who repeats a state waits, and maybe for this record alone
                 self._unreported = _EVERY
             return  # or it is a peer's repeated answer to one
