@@ -32,6 +32,7 @@ def judged(*messages: tuple[int, int]) -> bool:
     publishers = Publishers()
     for number, stamp in messages:
         publishers.hear(number, stamp, 0.0)
+    assert publishers.lasts(0.0) == publishers.several
     return publishers.several
 
 
@@ -74,14 +75,24 @@ def test_bad_messages_and_single_ones_make_no_publisher() -> None:
     assert not judged(*messages)
 
 
-def test_who_repeats_an_unanswered_state_lives_and_a_flood_of_copies_does_not() -> None:
-    """As a plant in lock-step does whose peers follow another one."""
-    for pause, expected in ((1.0, True), (0.01, False)):
-        publishers, ours = Publishers(), numbers(1)
-        for k in range(1, 30):
-            for number, stamp in (*(next(ours) for _ in range(100)), (k, 5 * PERIOD)):
-                publishers.hear(number, stamp, 1000.0 + k * pause)
-        assert publishers.several == expected
+@pytest.mark.parametrize(
+    ("first", "step", "pause", "expected"),
+    [
+        pytest.param(5, 0, 1.0, True, id="as a plant in lock-step whose peers follow another"),
+        pytest.param(5, 0, 0.01, False, id="a flood of copies"),
+        pytest.param(40, -1, 1.0, False, id="stamps that go back"),
+        pytest.param(-1, 0, 1.0, False, id="messages that cannot be used"),
+    ],
+)
+def test_who_repeats_an_unanswered_state_lives(
+    first: int, step: int, pause: float, expected: bool
+) -> None:
+    publishers, ours = Publishers(), numbers(1)
+    for k in range(1, 30):
+        theirs = (k, (first + k * step) * PERIOD)
+        for number, stamp in (*(next(ours) for _ in range(100)), theirs):
+            publishers.hear(number, stamp, 1000.0 + k * pause)
+    assert publishers.several == expected
 
 
 def test_who_has_ended_is_forgotten_but_what_was_is_not() -> None:
@@ -96,8 +107,8 @@ def test_who_has_ended_is_forgotten_but_what_was_is_not() -> None:
 BOTH = {1: "/ppc_controller", 2: "/ppc_controller"}
 
 
-def proved(publishers: Publishers, now: float) -> None:
-    for number, stamp in alternating(1, 1, 30):
+def proved(publishers: Publishers, now: float, begin: int = 1) -> None:
+    for number, stamp in alternating(begin, begin, 30):
         publishers.hear(number, stamp, now)
 
 
@@ -106,6 +117,7 @@ def test_both_are_named_though_one_has_left_and_though_the_graph_knew_no_name_at
     publishers.see({1: "/ppc_controller", 2: ""}, 1.0)
     assert publishers.nodes == "/ppc_controller, a node without a name"
     publishers.see(BOTH, 2.0)
+    publishers.see({**BOTH, 1: ""}, 2.0)
     proved(publishers, 2.0)
     publishers.see({2: "/ppc_controller"}, 3.0)
     assert publishers.nodes == "/ppc_controller, /ppc_controller"
@@ -123,9 +135,13 @@ def test_who_gives_way_is_judged_by_the_time_when_the_graph_showed_both(
     born: float, proved_at: float, newer: bool
 ) -> None:
     publishers = Publishers()
-    publishers.see(BOTH, 20.0)
-    proved(publishers, proved_at)
-    assert not publishers.gives_way(born, proved_at), "who else listens has not heard enough"
+    for now in range(20, int(proved_at)):  # the graph is looked at once a second
+        publishers.see(BOTH, float(now))
+        assert not publishers.gives_way(born, float(now)), "the graph is no proof"
+    for begin in (1, 31):
+        proved(publishers, proved_at + 2.0 * (begin > 1), begin)
+        assert not publishers.gives_way(born, proved_at), "who else listens has not heard enough"
+    publishers.see({2: "/ppc_controller"}, proved_at + 2.0)  # who gives way has gone, or seems so
     assert publishers.gives_way(born, proved_at + 3.0) == newer
 
 

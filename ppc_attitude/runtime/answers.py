@@ -60,12 +60,11 @@ class Answers:
             return self._sent
         if kind is StampKind.STALE:
             raise out_of_order(name, stamp_ns)
-        step = stamp_ns - last if kind is StampKind.NEW and last is not None else 0
+        step = 0 if last is None else stamp_ns - last
         if kind is StampKind.RESTART:
             self._period = 0
-            self._sent = {}
             self._begin_again(stamp_ns)
-        elif step:
+        else:
             self._period = min(self._period or step, step)
         self._is_steady = 0 < step <= self._period + 1  # stamps are rounded
         stamps = [stamp_ns]
