@@ -121,6 +121,14 @@ def test_a_repeated_sample_is_complete_at_once() -> None:
     assert joined(fixes, [("sample", 4 * STEP, 0.0)]) == [(4 * STEP, 0.0, 0.0)]
 
 
+def test_a_fix_that_nobody_waits_for_is_not_spent_on_a_repeated_sample() -> None:
+    """Its answer is that of the first one, without the fix."""
+    fixes = of_the_first_second()
+    joined(fixes, samples(101, 150))
+    late = [("fix", 111 * STEP, 5.0), ("sample", 149 * STEP, 0.0), ("sample", 150 * STEP, 0.0)]
+    assert [fix for *_, fix in joined(fixes, late)] == [0.0, 5.0]
+
+
 def test_time_that_begins_again_begins_with_slot_zero() -> None:
     """What waited, and a fix that lies ahead now, are of the time before."""
     fixes = new()
@@ -199,6 +207,12 @@ def test_a_fix_that_nobody_waits_for_is_used_with_the_sample_after_it(
     used = [(at // STEP - 1, fix) for at, _, fix in found if fix]
     assert used[-10:] == sent[len(used) - 10 : len(used)]
     assert len(sent) - len(used) <= 1 and fixes.useless == 0
+
+
+def test_a_fix_of_no_slot_is_used_with_no_sample_before_it() -> None:
+    fixes = of_the_first_second()
+    joined(fixes, [("fix", 105 * STEP, 5.0)])
+    assert [at // STEP for at, _, fix in joined(fixes, samples(101, 109)) if fix] == [105]
 
 
 def test_fixes_that_come_at_once_are_used_one_with_a_sample_and_in_their_order() -> None:

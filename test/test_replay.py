@@ -27,7 +27,7 @@ from synthetic import with_columns, without_columns
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change, RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, ENABLED, ESTIMATOR, PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.kernel import kernel
@@ -62,10 +62,13 @@ def test_an_environment_gives_again_what_it_tells_of_itself() -> None:
     record = simulate(load(configs("paper", "orbit")), 2.0)
     found = {each.component: each for each in replay(record).others}
     assert (found["orbit"].largest, found["orbit"].steps) == (0.0, 201)
-    sun = record["sun"].copy()
-    sun[77, 1] += 1e-3
-    found = {each.component: each for each in replay(with_columns(record, sun=sun)).others}
-    assert (found["orbit"].column, found["orbit"].at) == ("sun", 0.77)
+    for name in ("orbit_position", "sun"):
+        rows = record[name].copy()
+        rows[77, 1] += 1e-3
+        found = {
+            each.component: each for each in replay(with_columns(record, **{name: rows})).others
+        }
+        assert (found["orbit"].column, found["orbit"].at) == (name, 0.77)
 
 
 def estimated(**tracker: float) -> Scenario:
@@ -126,6 +129,39 @@ def test_what_cannot_be_replayed_is_named_with_the_reason() -> None:
     record = simulate(estimated(), 1.0)
     reason = replay(without_columns(record, "gyro")).left_out[0]
     assert reason.startswith("gyro_star_tracker: no messages of ")
+    noisy = without_columns(simulate(scenario(NOISY), 0.1), "truth_attitude")
+    lacks = [f"{each}: no messages of truth/attitude" for each in ("rigid_body", "direct")]
+    assert [*replay(noisy).left_out] == lacks, "what was told with noise is not the truth"
+
+
+def test_instants_without_a_command_on_record_are_skipped() -> None:
+    record = simulate(scenario({}), 0.5)
+    torque = record["torque_command"].copy()
+    torque[[3, 7]] = np.nan
+    law = replay(with_columns(record, torque_command=torque)).law
+    assert law is not None
+    assert (law.steps, law.skipped) == (49, 2)
+    torque[:] = np.nan
+    with pytest.raises(ConfigurationError, match="no instant has all inputs and a command"):
+        replay(with_columns(record, torque_command=torque))
+
+
+def test_what_a_plant_computed_that_ran_free_is_not_replayed() -> None:
+    record = simulate(scenario({}), 0.5)
+    plant = {**record.parameters[PLANT], "lockstep": False}
+    found = replay(replace(record, parameters={**record.parameters, PLANT: plant}))
+    assert [each.component for each in found.found] == ["ppc", "direct", "paper"]
+    why = "the plant ran free, so that no stamp tells what it had got by then"
+    assert found.left_out == (f"rigid_body: {why}", f"ideal: {why}")
+
+
+def test_a_law_without_its_parameters_or_messages_is_an_error() -> None:
+    record = simulate(scenario({}), 0.1)
+    plant = {PLANT: record.parameters[PLANT]}
+    with pytest.raises(ConfigurationError, match=f"the parameters of {CONTROLLER} are not in it"):
+        replay(replace(record, parameters=plant))
+    with pytest.raises(ConfigurationError, match="no messages of angular_velocity, torque_command"):
+        replay(without_columns(record, "angular_velocity", "torque_command"))
 
 
 def test_fixes_at_other_times_than_the_estimator_says_are_not_replayed() -> None:
@@ -207,6 +243,16 @@ def test_what_was_changed_in_flight_is_applied_at_its_stamp() -> None:
         "rigid_body",
         "ideal",
     }
+
+
+def test_a_law_that_was_disabled_in_flight_gives_zero_from_then_on() -> None:
+    record = simulate(scenario({}), 2.0)
+    torque = record["torque_command"].copy()
+    torque[100:] = 0.0
+    disabled = Change(stamp_of(100, 100.0), CONTROLLER, ENABLED, False)
+    law = replay(replace(with_columns(record, torque_command=torque), changes=(disabled,))).law
+    assert law is not None
+    assert (law.largest, law.steps) == (0.0, 201)
 
 
 def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(

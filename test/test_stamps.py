@@ -64,9 +64,20 @@ def test_one_wrong_stamp_does_not_end_lockstep(wrong: int) -> None:
 
 def test_a_flood_of_copies_is_no_agreement() -> None:
     guard = StampGuard()
-    guard.judge(50 * NANOSECONDS, 0.0)
+    guard.judge(50 * NANOSECONDS, 1000.0)
     for copy in range(900):
-        assert guard.judge(3_600 * NANOSECONDS, 1e-4 * copy) is STALE
+        assert guard.judge(3_600 * NANOSECONDS, 1000.0 + 1e-4 * copy) is STALE
+
+
+@pytest.mark.parametrize("step", [-1, -PERIOD, StampGuard.LARGEST_STEP + 1])
+def test_stamps_that_do_not_follow_each_other_are_no_agreement(step: int) -> None:
+    start = 3_600 * NANOSECONDS
+    assert set(fed(50 * NANOSECONDS, *(start + k * step for k in range(20)))[1:]) == {STALE}
+
+
+def test_three_that_agree_between_those_that_go_on_are_no_agreement() -> None:
+    between = [stamp for k in range(20) for stamp in (NANOSECONDS + k * PERIOD, k * PERIOD + 1)]
+    assert fed(*between) == [NEW, STALE] * 20
 
 
 def test_one_message_from_the_future_does_not_stop_the_present():
@@ -90,10 +101,27 @@ def test_an_instant_is_complete_when_all_of_it_is_there_in_any_order():
     assert instant.add("a", 0, (2.0,)) == {"b": (1.0,), "a": (2.0,)}
 
 
+def test_a_complete_instant_ends_those_before_it_and_none_after_it():
+    instant = Instant(["a", "b"])
+    for stamp in range(4):
+        instant.add("a", stamp, (0.0,))
+    assert instant.add("b", 2, (1.0,)) is not None
+    assert instant.dropped == 2
+    assert instant.add("b", 3, (1.0,)) is not None
+
+
+def test_messages_that_do_not_pair_lack_each_other():
+    instant = Instant(["a", "b"])
+    instant.add("a", 0, (0.0,))
+    instant.add("b", 1, (0.0,))
+    assert instant.missing() == ("a", "b")
+
+
 def test_incomplete_instants_are_forgotten_and_counted():
     instant = Instant(["a", "b"], depth=3)
     for stamp in range(1000):
         instant.add("a", stamp, (0.0,))
     assert instant.dropped == 997
+    assert instant.add("b", 5, (1.0,)) is None
     assert instant.add("b", 999, (1.0,)) == {"a": (0.0,), "b": (1.0,)}
     assert instant.add("b", 998, (1.0,)) is None

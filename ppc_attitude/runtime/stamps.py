@@ -56,7 +56,8 @@ class StampGuard:
     A stamp that goes back, or leaps ahead by more than `LARGEST_STEP`, is refused as out of order,
     unless time has begun again: at stamp zero, or when `CONFIRMATIONS` messages in a row agree on
     the other time. A plant in lock-step cannot go on without an answer: that it repeats a state
-    counts as agreement too, but not the copies of a flood. Beyond `LATEST` none is accepted.
+    counts as agreement too, but no sooner than after `SOONEST_REPEAT`, as copies of a flood come.
+    Beyond `LATEST` none is accepted.
     """
 
     CONFIRMATIONS = 3
