@@ -106,10 +106,11 @@ def test_time_that_begins_again_ends_them() -> None:
     injector.runs(5)
     injector.accept(0.0, 10.0)  # of the next instant, which does not come
     injector.injections.begin_again()
-    injector.step = 0
-    injector.runs(5)
-    assert injector.acted[5:] == [0.0] * 5
+    injector.step, injector.acted = 0, []
     assert injector.injections.pending == 0
+    injector.accept(0.03, 0.01)  # what is past by the time before is to come by the new one
+    injector.runs(5)
+    assert injector.steps() == [3]
 
 
 def test_too_much_is_refused_with_what_is_allowed_and_changes_nothing() -> None:
