@@ -66,6 +66,14 @@ def test_of_several_messages_of_one_stamp_the_first_counts(tmp_path: Path, equal
     assert (read.missing, read.warnings) == ({}, () if equal else (f"{told}: left out",))
 
 
+def test_a_state_that_waits_for_its_answer_is_no_reset(tmp_path: Path) -> None:
+    sequence, place = list(messages(RUN)), 30 * len(SAMPLED)
+    sequence[place:place] = sequence[place : place + len(SAMPLED)] * 6
+    read = read_run(write_messages(tmp_path / "bag", sequence))
+    assert_same(read, RUN)
+    assert read.warnings == ()
+
+
 def test_a_late_message_is_put_in_its_place(tmp_path: Path) -> None:
     sequence = list(messages(RUN))
     per_step = len(SAMPLED)

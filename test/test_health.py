@@ -228,6 +228,10 @@ def test_repeated_steps_count_once() -> None:
     assert rate() == 0.0
     health.step(stamp_of(300, 100.0), 0.0)
     assert rate() == 0.5
+    health.begin_again()
+    for step in (0, 50, 100):
+        health.step(stamp_of(step, 100.0), 0.0)
+    assert rate() == 2.0
 
 
 def test_reports_and_complaints_keep_to_their_seconds() -> None:
@@ -235,10 +239,10 @@ def test_reports_and_complaints_keep_to_their_seconds() -> None:
     told = [step for step in (0, 99, 100, 150, 200) if health.step(stamp_of(step, 100.0), 0.0)]
     assert told == [0, 100, 200]
     health.begin_again()
-    assert health.step(0, 0.0)
-    assert [health.is_idle(now) for now in (1.0, 1.1)] == [False, True]
-    idle = [now for now in (2.0, 2.1, 2.9, 3.1, 3.2) if health.idle_report_is_due(now)]
-    assert idle == [2.1, 3.2]
+    assert health.step(0, 50.0)
+    assert [health.is_idle(now) for now in (51.0, 51.125)] == [False, True]
+    times = (52.0, 52.125, 52.875, 53.125, 53.25)
+    assert [now for now in times if health.idle_report_is_due(now)] == [52.125, 53.25]
     logged = [now for now in (0.0, 0.9, 1.0, 1.5, 2.0) if health.may_log("late", now)]
     assert logged == [0.0, 1.0, 2.0]
     assert health.may_log("early", 2.0)

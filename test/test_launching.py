@@ -62,6 +62,8 @@ def test_overlays_by_name_and_by_path(tmp_path: Path, monkeypatch: pytest.Monkey
     found = parameters(config="paper.yaml, sudden_disturbance.yaml,own.yaml")
     assert found[PLANT]["rate"] == 50.0
     assert found[INJECTOR]["pulse_times"] == [20.0, 80.0]
+    own.rename("paper.yaml")
+    assert parameters()[PLANT]["rate"] == 50.0, "one's own goes before that of the package"
 
 
 def test_arguments_reach_their_nodes() -> None:

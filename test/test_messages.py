@@ -24,9 +24,10 @@ from hypothesis import strategies as st
 
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_COLUMN, SAMPLED
-from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.contract.topics import ATTITUDE, REFERENCE_ATTITUDE, TORQUE_COMMAND
 from ppc_attitude.nodes.messages import Inbox
 from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.component import OWN_TOLERANCE
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
 
@@ -45,7 +46,11 @@ def test_impossible_numbers_are_refused_and_the_topic_is_named(topic, bad):
 def test_a_quaternion_is_normalised_within_a_thousandth_and_refused_beyond():
     sample = read(ATTITUDE, 0, (0.0, 0.0, 0.0, 1.0009))
     assert sample.values == UNIT
+    ours = (0.0, 0.0, 0.0, 1.0 + 0.5 * OWN_TOLERANCE)
+    assert read(ATTITUDE, 0, ours).values == ours, "as it was sent, to the last bit"
     assert read(ATTITUDE, 0, (0.0, 0.0, 0.0, 0.0)).values == (0.0,) * 4  # no estimate yet
+    with pytest.raises(RefusedError, match="norm"):
+        read(REFERENCE_ATTITUDE, 0, (0.0, 0.0, 0.0, 0.0))
     for norm in (1e-6, 0.99, 1.01):
         with pytest.raises(RefusedError, match="norm"):
             read(ATTITUDE, 0, (0.0, 0.0, 0.0, norm))
@@ -75,10 +80,10 @@ def test_impossible_variances_of_sensors_are_refused():
     for variance in (-1.0, -1e-9, 1.1e5, 1e6, math.nan):
         with pytest.raises(RefusedError, match="imu/data_raw"):
             read(gyro, 0, (0.1, 0.2, 0.3, variance))
-    for variances in ((1e-10, 1e-10, 1e-8), (0.0, 0.0, 0.0)):  # the default: an exact tracker
-        read(fix, 0, (*UNIT, *variances))
+    for variances in ((1e-10, 2e-10, 1e-8), (0.0, 0.0, 0.0)):  # the default: an exact tracker
+        assert read(fix, 0, (0.0, 0.0, 0.0, 1.0009, *variances)).values == (*UNIT, *variances)
     assert read(fix, 0, (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)).values[4] == -1.0  # no fix
-    impossible = ((-1.0, 0.0, 0.0), (1e-10, 1e-10, -1e-8), (math.nan,) * 3)
+    impossible = ((-1.0, 0.0, 0.0), (9.9, 0.0, 0.0), (1e-10, 1e-10, -1e-8), (math.nan,) * 3)
     for variances in (*impossible, (1e-10, 1e-10, 9.9), (1e300,) * 3):
         with pytest.raises(RefusedError, match="star_tracker/attitude"):
             read(fix, 0, (*UNIT, *variances))

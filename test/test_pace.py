@@ -383,6 +383,8 @@ def test_a_command_acts_a_sample_late_and_not_for_ever() -> None:
     bench = Bench(FreeRunning)
     bench.runs(0.05)
     assert bench.pace.late_commands == bench.pace.step > 0, "none has come at all"
+    bench.runs(0.5)
+    assert bench.pace.status(bench.now) == (WARN, f"no {COMMAND}: zero torque")
     bench.give(COMMAND, TORQUE)
     given_at = bench.time
     while bench.torque != TORQUE:
