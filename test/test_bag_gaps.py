@@ -152,19 +152,18 @@ def test_messages_beside_the_plants_stamps_are_reported(tmp_path: Path) -> None:
     assert "1 messages of torque_command have no stamp of the plant's" in read.warnings
 
 
-def test_a_stamp_that_leaps_ahead_is_missing_and_no_reset(tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [1, 3])
+def test_stamps_that_leap_ahead_are_missing_and_no_reset(tmp_path: Path, count: int) -> None:
     sequence = list(messages(RUN))
-    (place,) = (
-        k
-        for k, (topic, stamp, _) in enumerate(sequence)
-        if topic == ATTITUDE and stamp == RUN.stamps_ns[30]
-    )
-    leap = Codec(ATTITUDE).encode(10**12, tuple(RUN["attitude"][30]))
-    sequence[place] = (ATTITUDE, 10**12, leap)
+    wrong = RUN.stamps_ns[30 : 30 + count]
+    for place, (topic, stamp, _) in enumerate(sequence):
+        if topic == ATTITUDE and stamp in wrong:
+            leap = Codec(ATTITUDE).encode(10**12, tuple(RUN["attitude"][30]))
+            sequence[place] = (ATTITUDE, 10**12, leap)
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
     np.testing.assert_array_equal(read.stamps_ns, RUN.stamps_ns)
-    assert read.missing == {"attitude": 1}
-    assert "1 messages of attitude have stamps that leap ahead: left out" in read.warnings
+    assert read.missing == {"attitude": count}
+    assert f"{count} messages of attitude have stamps that leap ahead: left out" in read.warnings
 
 
 @pytest.mark.parametrize("steps", [[30, STEPS], [30, 50, STEPS], [STEPS, 20]])

@@ -276,6 +276,14 @@ def test_an_input_that_is_ahead_alone_drives_the_loop() -> None:
     assert bench.shown == steps(22)
 
 
+def test_an_input_that_is_not_waited_for_acts_on_no_later_state() -> None:
+    bench = Bench(Lockstep, wait_for=(COMMAND,))
+    bench.give(COMMAND, TORQUE)
+    bench.give(DISTURBANCE, TORQUE, ahead=-1)
+    bench.give(COMMAND, TORQUE)
+    assert bench.acted[-1][1] == {COMMAND: TORQUE, DISTURBANCE: ZERO}
+
+
 def test_the_last_step_tells_what_acts_and_ends() -> None:
     bench = Bench(Lockstep, last_step=5)
     while not bench.pace.finished:
@@ -364,6 +372,10 @@ def test_a_step_that_is_late_is_caught_up_and_counted() -> None:
     assert bench.pace.overruns == 0, "less than a period late"
     bench.passes(2.2 * PERIOD)  # for steps that are 2.1, 1.1 and 0.1 periods late
     assert bench.pace.overruns == 2
+    assert [text.partition(" is ")[2] for text in bench.said[-2:]] == [
+        "21.0 ms late",
+        "11.0 ms late",
+    ]
     bench.passes(0.2)
     assert bench.time == pytest.approx(0.34, abs=PERIOD)
 
