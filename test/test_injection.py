@@ -107,7 +107,11 @@ def test_time_that_begins_again_ends_them() -> None:
     injector.accept(0.0, 10.0)  # of the next instant, which does not come
     injector.injections.begin_again()
     injector.step, injector.acted = 0, []
+    injector.runs(5)
+    assert injector.acted == [0.0] * 5
     assert injector.injections.pending == 0
+    injector.injections.begin_again()
+    injector.step, injector.acted = 0, []
     injector.accept(0.03, 0.01)  # what is past by the time before is to come by the new one
     injector.runs(5)
     assert injector.steps() == [3]
