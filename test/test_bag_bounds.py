@@ -17,6 +17,7 @@
 import contextlib
 import itertools
 import json
+import math
 import re
 import shutil
 import sqlite3
@@ -316,13 +317,13 @@ def many_topics(part: int) -> bytes:
 def test_time_grows_with_the_bag_and_not_faster(
     records: Callable[[int], bytes], tmp_path: Path
 ) -> None:
-    spent = []
-    for part in (4, 4, 1):  # the first reading loads what reading needs
+    spent = {4: math.inf, 1: math.inf}  # the least of several: other processes only add to it
+    for part in (4, 4, 4, 1, 1):
         (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + records(part))
         before = time.process_time()
         read_run(tmp_path / "bag.mcap")
-        spent.append(time.process_time() - before)
-    assert spent[2] < 8 * spent[1], spent  # in proportion 4 times, with the square 16 times
+        spent[part] = min(spent[part], time.process_time() - before)
+    assert spent[1] < 8 * spent[4], spent  # in proportion 4 times, with the square 16 times
 
 
 def test_a_recovery_writes_what_the_bag_says_of_its_run_once(

@@ -227,12 +227,6 @@ def execute(arguments: argparse.Namespace) -> int:
         if isinstance(error, InfeasibleError):
             print(_helps(nearest(assumed, wishes, h, arguments.gains)))
         return REQUIREMENT_FAILED
-    except ArithmeticError:  # numbers that are so large or small are no gains of any craft
-        if not arguments.gains:
-            raise
-        gains = ", ".join(f"{each:g}" for each in arguments.gains)
-        print(f"nothing can be guaranteed: no floating-point number bounds what gains {gains} do")
-        return REQUIREMENT_FAILED
     values = _values(assumed, found.law)
     certificate = certify(values, wishes.accuracy, sorted({*RATES, arguments.rate}))
     if not certificate.holds:
