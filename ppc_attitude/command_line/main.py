@@ -177,6 +177,8 @@ def run() -> None:
         give_up_output()
         code = BROKEN
     except KeyboardInterrupt:  # the second, while the first was being told
+        with suppress(OSError):
+            os.write(2, b"interrupted\n")
         code = BROKEN
     handle_ending(signal.SIG_IGN)  # nothing disturbs the end
     if asked:
