@@ -75,6 +75,20 @@ def test_errors_of_what_a_ramp_adds_are_part_of_those_of_F() -> None:
             assert row * error <= noise
 
 
+@pytest.mark.parametrize("eta", [0.4, 0.6])
+def test_what_a_weak_actuator_makes_of_errors_of_y_is_in_the_tube(eta: float) -> None:
+    """By 1 / (1 - 2 (1 - η) x): below η = 1/2 that is more than what the rest of D is spread by."""
+    exact, law = guaranteed()
+    law = replace(law, kappa=8.0)
+    x = law.kappa * law.h * (1.0 - law.ell) / law.ell
+    weak = 1.0 - 2.0 * (1.0 - eta) * x
+    without, told = (
+        Bounds(replace(exact, eta=eta, e_W=e_W), law, FLOATS, COARSE) for e_W in (0.0, 1e-4)
+    )
+    for Y, more, N, N_F in zip(without.Y, told.Y, told.noise, told.torque_noise, strict=True):
+        assert more - Y >= N / weak + N_F * (1.0 + x / weak) / law.kappa
+
+
 def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
     """The proof begins at an event: a weaker torque leads out of the tube, and makes none."""
     assumed, law = guaranteed()

@@ -190,7 +190,8 @@ def _admitted(record: Any, values: Mapping[str, Any]) -> Any:
     eta, late = (values[f"{PREFIX}assumed.{name}"] for name in ("eta", "late"))
     step = record["kappa"] * record["h"]
     follow = step * (1.0 - record["ell"]) / record["ell"]  # κ λ_o
-    slow = 1.0 + follow / max(1.0 - 2.0 * (1.0 - eta) * follow, 1e-3)
+    weak = max(1.0 - 2.0 * (1.0 - eta) * follow, 1e-3)
+    slow = 1.0 + follow / weak if eta >= 0.5 else 1.0 / weak
     late_jumps = late * 6.0 * record["max_torque"]
     tube = record["kappa"] * record["Y"] / slow - record["d_max"] - record["kappa"] * record["N"]
     return np.maximum(tube, 0.0) + (1.0 - eta) * record["max_torque"] + late_jumps

@@ -306,7 +306,9 @@ class Bounds:
         late = 1 - 2 * self._kappa * self._h * self._late
         if not (weak > 0 and late > 0):
             return (number(float("inf")),) * 3
-        factor = (1 + x / weak) / (self._kappa * late)
+        # What N adds to the observer's error grows by 1 / weak, which is more where η < ½.
+        spread = 1 + x / weak if assumed.eta >= 0.5 else 1 / weak
+        factor = spread / (self._kappa * late)
 
         def axis(i: int) -> Number:
             free = (1 - eta) * self._most_used[i] + self._d + self.variation[i] + dead_band
