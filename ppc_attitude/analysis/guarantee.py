@@ -16,8 +16,6 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import groupby
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -183,18 +181,12 @@ def _until_inside(suspended: Mask, outside: Mask) -> Mask:
     return np.asarray(last > inside)
 
 
-def _in_flight(record: RunRecord) -> Iterator[tuple[int, Mapping[str, Mapping[str, Any]]]]:
-    """Yield from which stamp [ns] on which parameters held: as the run began, and as changed.
+def _in_flight(record: RunRecord) -> Iterator[tuple[slice, Mapping[str, Mapping[str, Any]]]]:
+    """Instants between changes in flight, and the parameters that hold there.
 
     Faults are left as they were: they are known by when they acted.
     """
-    parameters = {node: dict(values) for node, values in record.parameters.items()}
-    yield int(record.stamps_ns[0]), parameters
-    for stamp, changes in groupby(record.changes, attrgetter("stamp_ns")):
-        for change in changes:
-            if change.name != FAULTS.name:
-                parameters.setdefault(change.node, {})[change.name] = change.value
-        yield stamp, parameters
+    return record.stretches(each for each in record.changes if each.name != FAULTS.name)
 
 
 def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float | None) -> Iterator[str]:
@@ -228,9 +220,9 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
     if has_wheels(record.parameters.get(PLANT, {})):
         assumed = assumptions_of(values)
         fastest = fastest_of(assumed, law_of(values))
-        for begin, told in _in_flight(record):
+        for part, told in _in_flight(record):
             wheels = actuation_of(told[PLANT], assumed.momentum, fastest, assumed.max_torque)
-            external[record.stamps_ns >= begin] = assumed.d - wheels.rest
+            external[part] = assumed.d - wheels.rest
         found.update(_momentum(record, assumed.momentum))
     if has(record, DISTURBANCE.column):
         torque = np.abs(record[DISTURBANCE.column]).max(axis=1)
@@ -287,10 +279,9 @@ def _momentum(record: RunRecord, most: float) -> dict[str, Mask]:
         return {"no speed of the wheels on record": np.ones(record.stamps_ns.size, np.bool_)}
     speeds = record[SPEED.name]
     full, momentum = np.zeros(record.stamps_ns.size, np.bool_), np.zeros(record.stamps_ns.size)
-    for begin, told in _in_flight(record):
-        since = record.stamps_ns >= begin
-        full[since] = are_full(told[PLANT], speeds[since])
-        momentum[since] = momentum_of(told[PLANT], record[rate][since], speeds[since])
+    for part, told in _in_flight(record):
+        full[part] = are_full(told[PLANT], speeds[part])
+        momentum[part] = momentum_of(told[PLANT], record[rate][part], speeds[part])
     return {"more momentum than assumed": momentum > most, "a wheel at its largest speed": full}
 
 

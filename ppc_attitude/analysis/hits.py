@@ -16,7 +16,6 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import pairwise
 
 import numpy as np
 
@@ -78,18 +77,15 @@ def _scheduled(record: RunRecord) -> Iterator[Pulse]:
 
     A schedule that was changed in flight acts until the new one does.
     """
-    stamps, t = record.stamps_ns, elapsed(record)
+    t = elapsed(record)
     edges = np.append(t, t[-1] + step(t))  # the last sample acts for so long
-    values = dict(record.parameters.get(INJECTOR, {}))
     changes = [each for each in record.changes if each.node == INJECTOR]
-    begins = sorted({int(stamps[0]), *(each.stamp_ns for each in changes)})
-    for since, until in pairwise([*begins, int(stamps[-1]) + 1]):
-        values.update({each.name: each.value for each in changes if each.stamp_ns == since})
+    for part, told in record.stretches(changes):
         with suppress(KeyError, TypeError, ValueError, OverflowError):  # somebody's bag
-            for each in scheduled_pulses(values):
-                span = max(int(each["start_ns"]), since), min(int(each["end_ns"]), until)
-                first, end = (int(k) for k in np.searchsorted(stamps, span))
+            for each in scheduled_pulses(told.get(INJECTOR, {})):
+                span = np.searchsorted(record.stamps_ns, [each["start_ns"], each["end_ns"]])
+                first, end = (int(k) for k in np.clip(span, part.start, part.stop))
                 torque = each["torque"].tolist()
-                if 0 < end - first < stamps.size and any(torque):
+                if 0 < end - first < t.size and any(torque):
                     duration = round(float(edges[end] - edges[first]), 9)
                     yield Pulse(float(t[first]), duration, tuple(torque))

@@ -27,7 +27,7 @@ from typing import Any, NoReturn
 
 from ppc_attitude import __version__
 from ppc_attitude.bags.errors import printable
-from ppc_attitude.command_line.stopping import asked, end_at_once, interrupt
+from ppc_attitude.command_line.stopping import asked, end_at_once, interrupt, say_interrupted
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
 from ppc_attitude.processes.child import handle_ending, take_signals
 from ppc_attitude.processes.exits import BAD_INPUT, BROKEN, DONE, RunError
@@ -177,8 +177,7 @@ def run() -> None:
         give_up_output()
         code = BROKEN
     except KeyboardInterrupt:  # the second, while the first was being told
-        with suppress(OSError):
-            os.write(2, b"interrupted\n")
+        say_interrupted()
         code = BROKEN
     handle_ending(signal.SIG_IGN)  # nothing disturbs the end
     if asked:

@@ -20,7 +20,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from types import FrameType
 from typing import TypeVar
 
@@ -30,9 +30,15 @@ from ppc_attitude.processes.exits import BROKEN
 _Done = TypeVar("_Done")
 
 
+def say_interrupted() -> None:
+    """Say so past the streams of Python, which may be at work."""
+    with suppress(OSError):
+        os.write(2, b"interrupted\n")
+
+
 def _end_at_once(number: int, frame: FrameType | None) -> None:
     # Imports and compilers do not bear an exception everywhere: end without one.
-    os.write(2, b"interrupted\n")
+    say_interrupted()
     os._exit(BROKEN)
 
 

@@ -21,6 +21,8 @@ consume it. So a figure never knows whether ROS was there.
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import groupby
+from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -150,6 +152,23 @@ class RunRecord:
     def told_changes(self) -> list[ToldChange]:
         """Changes during the run, each with the value before, in the order of the stamps."""
         return list(told(self.changes, self.parameters))
+
+    def stretches(
+        self, changes: Iterable[Change]
+    ) -> Iterator[tuple[slice, Mapping[str, Mapping[str, Any]]]]:
+        """Yield the instants between some of the changes, and the parameters that hold there.
+
+        They are the same dictionaries each time: who keeps them copies them.
+        """
+        parameters = {node: dict(values) for node, values in self.parameters.items()}
+        begin = 0
+        for stamp_ns, together in groupby(changes, attrgetter("stamp_ns")):
+            end = int(np.searchsorted(self.stamps_ns, stamp_ns))
+            yield slice(begin, end), parameters
+            for change in together:
+                parameters.setdefault(change.node, {})[change.name] = change.value
+            begin = end
+        yield slice(begin, self.stamps_ns.size), parameters
 
     @property
     def missing_messages(self) -> int:

@@ -182,7 +182,8 @@ class Recording:
         if number is not None:
             lane.publishers.hear(number, stamp_ns, now)
         # Time may begin again before a lane has come beyond zero: the states tell.
-        if stamp_ns == 0 < lane.heard or stamp_ns == lane.heard == 0 < self._behind(lane):
+        behind = lane.epoch < self._states.epoch
+        if stamp_ns == 0 and (lane.heard > 0 or (lane.heard == 0 and behind)):
             self._begin_again(name, lane)
         elif lane.heard == 0 < lane.ended < stamp_ns and (
             name == _LEAD or lane.epoch > self._states.epoch
@@ -208,10 +209,6 @@ class Recording:
         lane.stretches.append(_Stretch())
         if name == _LEAD:
             self._latest.clear()
-
-    def _behind(self, lane: _Lane) -> int:
-        """How often the time of the states has begun again, and that of a lane has not."""
-        return self._states.epoch - lane.epoch
 
     def _take_back(self, name: str, lane: _Lane) -> None:
         """Go on after messages without a stamp, as of `ros2 topic pub`: no time has begun again."""

@@ -41,7 +41,7 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.parameter_file import ros_parameters
 from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
 from ppc_attitude.command_line.proportions import environment_torque
-from ppc_attitude.command_line.stopping import stop_on_signals
+from ppc_attitude.command_line.stopping import stop_on_signals, stoppable
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.falsify.goals import RATE, SETTLED, Goal, goal_of
@@ -210,7 +210,9 @@ def _disturbance(arguments: argparse.Namespace, scenario: Scenario) -> float:
     """Bound of the disturbance [N·m]: as asked for, or else that of the configured environment."""
     if arguments.disturbance is not None:
         return float(arguments.disturbance)
-    return environment_torque(scenario, first_instant(scenario)[ENVIRONMENTS.name])
+    return stoppable(
+        lambda: environment_torque(scenario, first_instant(scenario)[ENVIRONMENTS.name])
+    )
 
 
 def _file(space: Space, goal: Goal, found: Found, controller: str | None) -> str:

@@ -185,13 +185,27 @@ def configure(values: Mapping[str, Any]) -> Any:
     return record
 
 
+def observer_spread(eta: float, follow: Any, weak: Any) -> Any:
+    """By how much the observer's error widens the tube: C1, in any arithmetic.
+
+    What the errors N of y add to it grows by 1 / weak, which is more than the rest where η < ½.
+
+    Parameters
+    ----------
+    eta : float
+        Least share η of the command that the actuator gives.
+    follow, weak : number
+        x = κ λ_o, and 1 - 2 (1 - η) x, which is positive.
+    """
+    return 1 + follow / weak if eta >= 0.5 else 1 / weak
+
+
 def _admitted(record: Any, values: Mapping[str, Any]) -> Any:
     """Bound of |F + τ − y'| per axis that C1 implies: what is left of Y κ beside the estimate."""
     eta, late = (values[f"{PREFIX}assumed.{name}"] for name in ("eta", "late"))
     step = record["kappa"] * record["h"]
     follow = step * (1.0 - record["ell"]) / record["ell"]  # κ λ_o
-    weak = max(1.0 - 2.0 * (1.0 - eta) * follow, 1e-3)
-    slow = 1.0 + follow / weak if eta >= 0.5 else 1.0 / weak
+    slow = observer_spread(eta, follow, max(1.0 - 2.0 * (1.0 - eta) * follow, 1e-3))
     late_jumps = late * 6.0 * record["max_torque"]
     tube = record["kappa"] * record["Y"] / slow - record["d_max"] - record["kappa"] * record["N"]
     return np.maximum(tube, 0.0) + (1.0 - eta) * record["max_torque"] + late_jumps

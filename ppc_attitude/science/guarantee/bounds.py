@@ -17,6 +17,7 @@
 from collections.abc import Callable
 
 from ppc_attitude.science.controllers.brake import BLEND
+from ppc_attitude.science.controllers.tube_parameters import observer_spread
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import Numbers, body_of
@@ -306,9 +307,7 @@ class Bounds:
         late = 1 - 2 * self._kappa * self._h * self._late
         if not (weak > 0 and late > 0):
             return (number(float("inf")),) * 3
-        # What N adds to the observer's error grows by 1 / weak, which is more where η < ½.
-        spread = 1 + x / weak if assumed.eta >= 0.5 else 1 / weak
-        factor = spread / (self._kappa * late)
+        factor = observer_spread(assumed.eta, x, weak) / (self._kappa * late)
 
         def axis(i: int) -> Number:
             free = (1 - eta) * self._most_used[i] + self._d + self.variation[i] + dead_band
