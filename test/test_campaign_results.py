@@ -164,6 +164,7 @@ def test_accuracies_are_drawn_where_runs_are_judged_by_them(end: float, drawn: i
     assert len({"settled < 0.005", "terminal < 0.0005"} & set(labels)) == drawn
 
 
+@pytest.mark.filterwarnings("error")
 def test_variables_that_decide_come_first() -> None:
     own = np.random.default_rng(4)
     runs = [{"inertia_error": own.random(), "rate_noise": own.random()} for _ in range(400)]
