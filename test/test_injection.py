@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import rclpy
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rclpy.parameter import Parameter as RosParameter
 
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector, _asked
 from ppc_attitude.runtime.injection import Injections
@@ -206,3 +207,22 @@ def test_a_gap_of_the_states_ends_none_and_time_that_begins_again_all() -> None:
     assert pending_after(0.0) == 0
     node.destroy_node()
     rclpy.try_shutdown()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(("start", "accepted"), [(5.001, False), (4.995, True)])
+def test_a_pulse_that_would_never_act_is_refused_in_flight_too(
+    start: float, accepted: bool
+) -> None:
+    rclpy.init(args=[])
+    node = DisturbanceInjector()
+    for t in (0.0, 0.01, 0.02):
+        node.on_instant(nanoseconds(t), {})
+    values = {"pulse_times": [start], "pulse_durations": [0.006], "pulse_torques": [*TORQUE]}
+    answer = node.set_parameters_atomically(
+        [RosParameter(name, value=value) for name, value in values.items()]
+    )
+    node.destroy_node()
+    rclpy.try_shutdown()
+    assert ("lies between two instants of 100.0 Hz" in answer.reason) is not accepted
+    assert answer.successful is accepted

@@ -33,7 +33,9 @@ from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError, Values
 from ppc_attitude.science.disturbances.pulses import configuration_of, scheduled_pulses
-from ppc_attitude.science.stamps import LATEST, nanoseconds, seconds
+from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
+from ppc_attitude.simulation.scenario import check_pulses
 
 _NUMBER = (RosParameter.Type.DOUBLE.name, RosParameter.Type.INTEGER.name)
 _TYPES = {
@@ -56,6 +58,12 @@ class DisturbanceInjector(ComponentNode):
         self.listen(INJECT, self._on_message)
         # The service of ROS whose request has named numbers and whose answer has words.
         self.create_service(SetParametersAtomically, "~/inject", self._on_request)
+
+    def check(self, values: Mapping[str, Value]) -> None:
+        """See too that every scheduled pulse acts, as far as the instants are known."""
+        super().check(values)
+        if self._exchanges and self.answers.period_ns:
+            check_pulses(values, NANOSECONDS / self.answers.period_ns)
 
     def apply_parameters(self, stamp_ns: int) -> None:
         """Take over parameters; torques that were injected go on."""

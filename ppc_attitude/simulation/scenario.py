@@ -82,7 +82,7 @@ class Scenario:
         }
         result = Scenario({**self.parameters, **changed})
         if INJECTOR in changed:
-            _check_pulses(result.parameters[INJECTOR], result.number(PLANT, "rate"))
+            check_pulses(result.parameters[INJECTOR], result.number(PLANT, "rate"))
         return result
 
     def with_values(self, node: str, **values: Any) -> "Scenario":
@@ -202,7 +202,7 @@ def scenario(chosen: Overrides) -> Scenario:
     found = Scenario(parameters)
     _check_agreement(parameters)
     _check_allocation(parameters)
-    _check_pulses(parameters[INJECTOR], found.number(PLANT, "rate"))
+    check_pulses(parameters[INJECTOR], found.number(PLANT, "rate"))
     return found
 
 
@@ -269,8 +269,14 @@ def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
     return [p.name for p in (*OWN[node], *of_components) if p.agreed]
 
 
-def _check_pulses(injector: Mapping[str, Any], rate: float) -> None:
-    """See that every scheduled pulse acts at some instant."""
+def check_pulses(injector: Mapping[str, Any], rate: float) -> None:
+    """See that every scheduled pulse acts at some instant of a plant that runs at a rate [Hz].
+
+    Raises
+    ------
+    ConfigurationError
+        One lies between two instants.
+    """
     for hit in scheduled_pulses(injector):
         start, end = int(hit["start_ns"]), int(hit["end_ns"])
         near = step_of(start, rate)
