@@ -83,7 +83,6 @@ class SpacecraftPlant(BaseNode):
         )
         kind = Lockstep if values["lockstep"] else FreeRunning
         self.pace = kind(self, rules, self.now())
-        self._set_pace()
         for topic in topics:
             self.listen(topic, partial(self._on_input, topic.name))
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -105,7 +104,6 @@ class SpacecraftPlant(BaseNode):
         motion, acting = _split(values)
         self._motion.configure(motion, values)
         self._acting.configure(acting, values)
-        self._set_pace()
 
     def _select_columns(self) -> None:
         """Publish what goes on record; the truth too, if sensing differs from it."""
@@ -117,10 +115,6 @@ class SpacecraftPlant(BaseNode):
         self._state_columns = [column.name for column in columns if column not in acted]
         self._acted_columns = [column.name for column in columns if column in acted]
         self._senders = {column.name: self.sender(BY_COLUMN[column.name]) for column in columns}
-
-    def _set_pace(self) -> None:
-        self.pace.rules.factor = self.parameters["real_time_factor"]
-        self.pace.rules.timeout_ns = nanoseconds(self.parameters["command_timeout"])
 
     # What `runtime.pace` moves.
 
@@ -209,7 +203,9 @@ class SpacecraftPlant(BaseNode):
         longest = super().wake()
         if self.finished:
             return longest
-        self._set_pace()  # at once: a slow pace would keep the next step waiting
+        # At once, and not with the next step: a slow pace would keep that waiting.
+        self.pace.rules.factor = self.parameters["real_time_factor"]
+        self.pace.rules.timeout_ns = nanoseconds(self.parameters["command_timeout"])
         wait = self._moved(self.pace.wake)
         self.say_waiting(self.pace.waiting_since, self.pace.waiting)
         if self._told_at:  # time has begun
