@@ -186,6 +186,17 @@ def test_an_input_that_is_not_waited_for_acts_on_no_later_state() -> None:
     assert bench.acted[-1][1] == {COMMAND: TORQUE, DISTURBANCE: ZERO}
 
 
+def test_the_torque_of_an_injector_that_is_not_waited_for_does_not_act_for_ever() -> None:
+    bench = Bench(Lockstep, wait_for=(COMMAND,))
+    bench.give(DISTURBANCE, TORQUE)
+    for _ in range(60):
+        bench.give(COMMAND, TORQUE)
+    acted = [given[DISTURBANCE] for _, given in bench.acted]
+    assert acted == [TORQUE] * 51 + [ZERO] * 9, "0.5 s by simulated time"
+    assert bench.pace.status(bench.now) == (WARN, f"no {DISTURBANCE}: zero torque")
+    assert [text.partition(":")[0] for text in bench.said] == [f"no {DISTURBANCE} for 0.5 s"]
+
+
 def test_the_last_step_tells_what_acts_and_ends() -> None:
     bench = Bench(Lockstep, last_step=5)
     while not bench.pace.finished:

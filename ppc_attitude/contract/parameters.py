@@ -80,7 +80,7 @@ _PLANT = (
     Parameter(
         "command_timeout",
         0.5,
-        "free-running: zero torque when the last command is older; a step or more",
+        "zero torque when the last command or disturbance is older; free-running: a step or more",
         "s",
         above=0.0,
         high=3600.0,

@@ -74,7 +74,7 @@ class Rules:
     wait_for: tuple[str, ...]  # lock-step waits for these; free-running at the beginning only
     waits: bool  # for a recorder; free-running: time begins with the first answer
     factor: float = 0.0  # lock-step: simulated seconds per second; 0: as fast as possible
-    timeout_ns: int = 0  # free-running: an input that is older than this is zero
+    timeout_ns: int = 0  # an input that is older than this is zero
 
     @property
     def command(self) -> str:
@@ -128,6 +128,7 @@ class Pace(ABC):
         self.inputs = {name: _Input(zero) for name, zero in self.rules.inputs.items()}
         self.waiting_since = self._sent_at = self._origin = now
         self._repeat_after = _REPEAT_FIRST
+        self._timed_out: set[str] = set()  # inputs that are zero because they are too old
         self._shown = False  # the present state has been published
         self.craft.begin()
 
@@ -164,10 +165,6 @@ class Pace(ABC):
     @abstractmethod
     def _missing(self) -> list[str]:
         """Inputs without which time does not go on, and that have not come."""
-
-    @abstractmethod
-    def status(self, now: float) -> tuple[bytes, str]:
-        """Level and summary of how it goes."""
 
     def waiting(self) -> str:
         """The inputs that are waited for, in words; empty if none are."""
@@ -218,6 +215,29 @@ class Pace(ABC):
             self._repeat_after = min(2.0 * self._repeat_after, _REPEAT_MOST)
         return _LOOK
 
+    def _fresh(self, name: str) -> Values:
+        """Latest values of an input, or zero when they are older than the time-out."""
+        stamp = self.inputs[name].stamp
+        expected = stamp >= 0 or name == self.rules.command  # the others need not be there
+        timed_out = expected and self.stamp - max(stamp, 0) > self.rules.timeout_ns
+        if timed_out != (name in self._timed_out):
+            self._timed_out ^= {name}
+            when = f"t = {seconds(self.stamp):.3f} s"
+            timeout = seconds(self.rules.timeout_ns)
+            text = f"{name} is back at {when}"
+            if timed_out:
+                text = f"no {name} for {timeout:g} s: zero torque from {when}{self._last(name)}"
+            self.craft.announce(text, warning=timed_out)
+        return self.rules.inputs[name] if timed_out else self.inputs[name].values
+
+    def status(self, now: float) -> tuple[bytes, str]:
+        """Waiting, zero torque for lack of an input, or running."""
+        if now - self.waiting_since > _LONG and self.waiting():
+            return STALE, self.waiting()
+        if self._timed_out:
+            return WARN, f"no {', '.join(sorted(self._timed_out))}: zero torque"
+        return OK, "running"
+
     def report(self, now: float) -> Status:
         """How it goes, with numbers."""
         details = {
@@ -262,7 +282,7 @@ class Lockstep(Pace):
 
     def _go(self, now: float) -> None:
         while self._shown and not (self.finished or self._missing() or self._lags()):
-            values = {name: stream.values for name, stream in self.inputs.items()}
+            values = {name: self._fresh(name) for name in self.inputs}
             self._advance(values, show=self._ahead(now, self.following) <= 0.0, now=now)
 
     def _ahead(self, now: float, stamp_ns: int) -> float:
@@ -300,11 +320,6 @@ class Lockstep(Pace):
         told = f"waiting at t = {seconds(self.stamp):.3f} s for the recorder to follow"
         return super().waiting() or told
 
-    def status(self, now: float) -> tuple[bytes, str]:
-        """Running, or waiting."""
-        waits = now - self.waiting_since > _LONG
-        return (STALE, self.waiting()) if waits else (OK, "running")
-
 
 class FreeRunning(Pace):
     """Step on the wall clock and hold the last inputs; one that is too old becomes zero."""
@@ -314,7 +329,6 @@ class FreeRunning(Pace):
     def begin(self, now: float) -> None:
         """Begin at time zero."""
         self._held = self.rules.inputs[self.rules.command]  # acts since the latest state
-        self._timed_out: set[str] = set()
         super().begin(now)
 
     def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
@@ -356,26 +370,3 @@ class FreeRunning(Pace):
         # The command for this new state is still to come: what arrived last acts, a sample late.
         self._held = self._fresh(command)
         return 0.0
-
-    def _fresh(self, name: str) -> Values:
-        """Latest values of an input, or zero when they are older than the time-out."""
-        stamp = self.inputs[name].stamp
-        expected = stamp >= 0 or name == self.rules.command  # the others need not be there
-        timed_out = expected and self.stamp - max(stamp, 0) > self.rules.timeout_ns
-        if timed_out != (name in self._timed_out):
-            self._timed_out ^= {name}
-            when = f"t = {seconds(self.stamp):.3f} s"
-            timeout = seconds(self.rules.timeout_ns)
-            text = f"{name} is back at {when}"
-            if timed_out:
-                text = f"no {name} for {timeout:g} s: zero torque from {when}{self._last(name)}"
-            self.craft.announce(text, warning=timed_out)
-        return self.rules.inputs[name] if timed_out else self.inputs[name].values
-
-    def status(self, now: float) -> tuple[bytes, str]:
-        """Waiting for the first answers, running, or zero torque for lack of an input."""
-        if self._missing() and now - self.waiting_since > _LONG:
-            return STALE, self.waiting()
-        if self._timed_out:
-            return WARN, f"no {', '.join(sorted(self._timed_out))}: zero torque"
-        return OK, "running"
