@@ -325,6 +325,14 @@ def test_what_comes_again_with_a_repeated_state_is_written_once() -> None:
     ]
 
 
+def test_the_first_fix_after_a_reset_is_written_though_it_is_that_of_before() -> None:
+    bag = Bag()
+    for _ in range(3):  # a reset before the second fix
+        bag.run(range(5))
+        bag.recording.event("star_tracker/attitude", 0, b"fix", with_state=True)
+    assert bag.steps("star_tracker/attitude") == [0, 0, 0]
+
+
 # What is missing
 
 

@@ -209,6 +209,7 @@ class Recording:
         lane.stretches.append(_Stretch())
         if name == _LEAD:
             self._latest.clear()
+            self._with_state.clear()
 
     def _take_back(self, name: str, lane: _Lane) -> None:
         """Go on after messages without a stamp, as of `ros2 topic pub`: no time has begun again."""
