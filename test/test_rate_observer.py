@@ -22,9 +22,9 @@ from estimation_helpers import STEP_NS, Array, suite
 from record_helpers import configured, new_record, records_of
 from scipy.integrate import trapezoid
 
-from ppc_attitude.science.controllers import momentum_tube, ppc
+from ppc_attitude.science.controllers import momentum_tube, ppc, quaternion_feedback
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import kernel, matrix
+from ppc_attitude.science.kernel import kernel, matrix, quaternion, store_quaternion
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
@@ -199,12 +199,25 @@ def test_a_law_begins_anew_after_a_gap_without_an_attitude(name: str, frequency:
         if k < 100:
             before = flown.advices
         elif k < 200:
-            assert not any(answer[flown.places["torque_command"]])
+            assert not any(answer), "what is not known is not told"
             assert flown.advices == before
         else:
             assert answer == fresh.step(k * STEP_NS, row)
     assert flown.advice == fresh.advice
     assert (flown.advices > before) == bool(fresh.advices)
+
+
+@kernel
+def of_another_package(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    store_quaternion(outputs.attitude_error, quaternion(inputs.attitude))
+
+
+def test_a_law_of_another_package_may_be_told_no_attitude_too() -> None:
+    ours = replace(quaternion_feedback.COMPONENT, name="theirs", step=of_another_package)
+    law = with_front(ours)
+    part = Part(law, law.defaults)
+    zeros = [0.0] * sum(column.width for column in law.inputs)
+    assert not any(part.step(0, zeros))
 
 
 def test_a_limit_within_the_estimates_own_noise_is_refused() -> None:

@@ -38,6 +38,7 @@ from ppc_attitude.science.component import (
     UNIT_TOLERANCE,
     Column,
 )
+from ppc_attitude.science.controllers.interface import ATTITUDE_ERROR
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import LARGEST
 from ppc_attitude.science.signals import ATTITUDE
@@ -56,7 +57,7 @@ _ALLOWED = {
 
 def _rule(column: Column) -> int:
     if column.form == QUATERNION:
-        return _UNIT_OR_NONE if column == ATTITUDE else _UNIT
+        return _UNIT_OR_NONE if column in (ATTITUDE, ATTITUDE_ERROR) else _UNIT
     return {FIX: _FIX, GYRO: _GYRO}.get(column.form, _PLAIN)
 
 

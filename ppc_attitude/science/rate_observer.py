@@ -34,6 +34,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba import literal_unroll
 
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
@@ -208,11 +209,12 @@ def _unarmed(state: np.dtype[Any]) -> Any:
 
 def _step_of(law: Component) -> Any:
     """Step of a law behind the observer."""
-    step, unarmed = kernel_of(law), _unarmed(law.state)
+    step, unarmed, names = kernel_of(law), _unarmed(law.state), tuple(law.places)
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         if quaternion(inputs.attitude) == NO_ATTITUDE:
-            store(outputs.torque_command, ZERO)
+            for name in literal_unroll(names):  # nothing is known of its errors
+                outputs[name][:] = 0.0
             state.observer.started = 0.0  # its last torque does not act over the gap
             state.observer.blind = 1.0
             return
