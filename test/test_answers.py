@@ -16,6 +16,7 @@
 
 import pytest
 
+from ppc_attitude.contract.topics import ATTITUDE
 from ppc_attitude.runtime.answers import Answers
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
@@ -34,8 +35,8 @@ class Node:
         self.computed.append(stamp_ns)
         return len(self.computed)
 
-    def state(self, stamp_ns: int, now: float = 0.0) -> dict[int, int]:
-        given = dict(self.answers.to("attitude", stamp_ns, {}, now))
+    def state(self, stamp_ns: int, now: float = 0.0, x: float = 0.0) -> dict[int, int]:
+        given = dict(self.answers.to(ATTITUDE, stamp_ns, {ATTITUDE.column: (x,)}, now))
         self.sent += given
         return given
 
@@ -72,6 +73,24 @@ def test_a_repeated_state_gets_the_same_answers_without_computing_anew() -> None
     assert node.state(stamp_of(2, 100.0), 0.2) == {20_000_000: 3, 30_000_000: 4}
     assert len(node.computed) == 4
     assert node.state(stamp_of(3, 100.0)) == {40_000_000: 5}
+
+
+def test_a_stamp_that_stands_still_is_refused_when_the_numbers_change() -> None:
+    """The old torque would act on the new state for ever, as on a rig that does not stamp."""
+    node = Node(ahead=False)
+    for stamp in (0, 10_000_000):
+        node.state(stamp)
+        told = rf"attitude: stamp 0\.0{stamp // 10**7}0000 s comes again with other numbers"
+        for step in range(1, 90):
+            with pytest.raises(RefusedError, match=told):
+                node.state(stamp, 0.01 * step, x=float(step))
+    assert node.state(10_000_000, 5.0) == {10_000_000: 2}
+
+
+def test_another_plant_that_waits_at_its_start_is_answered_anew() -> None:
+    node = Node(ahead=True)
+    assert [node.state(0, now, x=now) for now in (0.0, 1.0)] == [{0: 1}, {0: 2}]
+    assert node.restarts == [0]
 
 
 def test_after_lost_states_nothing_is_foreseen_until_the_rhythm_is_back() -> None:

@@ -99,8 +99,8 @@ class ComponentNode(BaseNode):
 
     def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         """Answer an instant [ns] whose messages are all there, by column."""
-        name = self._topics[0].name
-        for stamp, answer in self.answers.to(name, stamp_ns, parts, self.now()).items():
+        read = self._topics[0]
+        for stamp, answer in self.answers.to(read, stamp_ns, parts, self.now()).items():
             if why := self.chain.not_finite(answer, self._senders):
                 self.fail(stamp, f"at t = {seconds(stamp):.3f} s {why}")
                 return
@@ -146,8 +146,10 @@ class ComponentNode(BaseNode):
         margins = {f"{name} margin": 1.0 - value for name, value in normalised.items()}
         details = {**self.details(), **margins, **self.chain.numbers}
         if self.is_idle():
-            missing = ", ".join(BY_COLUMN[column].name for column in self._instant.missing())
-            return Status(STALE, f"waiting for {missing}", details)
+            missing = [BY_COLUMN[column].name for column in self._instant.missing()]
+            told = f"waiting for {', '.join(missing)}"
+            together = " with the same new stamp" if len(missing) > 1 else ""
+            return Status(STALE, told + together, details)
         outside = [name for name, value in normalised.items() if value > 1.0]
         if outside:
             return Status(WARN, f"outside: {', '.join(outside)}", details)

@@ -16,11 +16,13 @@
 
 from collections.abc import Callable, Mapping
 
-from ppc_attitude.runtime.stamps import StampGuard, StampKind, Values, out_of_order
-from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.contract.topics import Topic
+from ppc_attitude.runtime.stamps import RefusedError, StampGuard, StampKind, Values, out_of_order
+from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
 Inputs = Mapping[str, Values]
 Outputs = dict[str, Values]
+_SOONEST_START = 1.0  # [s] from a state at stamp zero to another one that begins time again
 
 
 class Answers:
@@ -45,24 +47,33 @@ class Answers:
         self._period = 0
         self._is_steady = False  # the last step was a period
         self._sent: dict[int, Outputs] = {}
+        self._answered: Values | None = None  # what was read at the last instant
+        self._answered_at = 0.0  # [s]
 
-    def to(self, name: str, stamp_ns: int, inputs: Inputs, now: float) -> dict[int, Outputs]:
+    def to(self, topic: Topic, stamp_ns: int, inputs: Inputs, now: float) -> dict[int, Outputs]:
         """Answers by stamp [ns] that have to be sent for an instant that came at a time [s].
 
         Raises
         ------
         RefusedError
-            The stamp is out of order; `name` says of what.
+            The stamp is out of order, or stands still while the numbers of `topic` change.
         """
-        last = self._guard.last
+        last, read = self._guard.last, inputs.get(topic.column)
         kind = self._guard.judge(stamp_ns, now)
         if kind is StampKind.REPEATED:
-            return self._sent
+            if read == self._answered:
+                return self._sent
+            if stamp_ns or now - self._answered_at < _SOONEST_START:
+                stamp = f"{topic.name}: stamp {seconds(stamp_ns):.6f} s"
+                raise RefusedError(f"{stamp} comes again with other numbers")
+            kind = StampKind.RESTART  # another plant waits at its start
         if kind is StampKind.STALE:
-            raise out_of_order(name, stamp_ns)
+            raise out_of_order(topic.name, stamp_ns)
+        self._answered, self._answered_at = read, now
         step = 0 if last is None else stamp_ns - last
         if kind is StampKind.RESTART:
             self._period = 0
+            self._sent = {}
             self._begin_again(stamp_ns)
         else:
             self._period = min(self._period or step, step)
