@@ -241,11 +241,19 @@ def test_reports_and_complaints_keep_to_their_seconds() -> None:
     health.begin_again()
     assert health.step(0, 50.0)
     assert [health.is_idle(now) for now in (51.0, 51.125)] == [False, True]
+    assert not health.step(0, 51.5)  # a repeated state: time stands still
     times = (52.0, 52.125, 52.875, 53.125, 53.25)
     assert [now for now in times if health.idle_report_is_due(now)] == [52.125, 53.25]
     logged = [now for now in (0.0, 0.9, 1.0, 1.5, 2.0) if health.may_log("late", now)]
     assert logged == [0.0, 1.0, 2.0]
     assert health.may_log("early", 2.0)
+
+
+def test_who_waits_also_says_how_much_it_refused() -> None:
+    health = Health(0.0)
+    health.refused["attitude"] += 2
+    said = health.report(Status(STALE, "waiting for attitude", {}), "")
+    assert said[:2] == (STALE, "waiting for attitude; refused 2 since the last report")
 
 
 def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patient]) -> None:

@@ -56,11 +56,12 @@ class Health:
 
     def step(self, stamp_ns: int, now: float) -> bool:
         """Count a step; True once per simulated second, when diagnostics are due."""
-        self._active_at = now
         if self._counted_from is None:
             self._counted_from = stamp_ns
-        elif stamp_ns > self.time_ns:  # a repeated one counts once
+            self._active_at = now
+        elif stamp_ns > self.time_ns:  # a repeated one counts once, and time stands still
             self._steps += 1
+            self._active_at = now
         self.time_ns = stamp_ns
         due = stamp_ns >= self._next_report_ns
         if due:
@@ -88,8 +89,9 @@ class Health:
         level, summary, details = status
         newly_refused = self.refused.total() - self._reported_refusals
         self._reported_refusals += newly_refused
-        if level == OK and newly_refused:
-            level, summary = WARN, f"{summary}; refused {newly_refused} since the last report"
+        if newly_refused:
+            level = WARN if level == OK else level
+            summary = f"{summary}; refused {newly_refused} since the last report"
         if failure:
             level, summary = ERROR, failure
         refusals = {f"refused {name}": count for name, count in sorted(self.refused.items())}
