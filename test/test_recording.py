@@ -108,6 +108,17 @@ def test_what_was_sent_ahead_of_an_instant_that_never_came_is_in_no_record() -> 
     assert after.gaps() == []
 
 
+def test_what_is_sent_ahead_is_written_after_time_has_gone_back() -> None:
+    """A rig that is started again, or whose clock is set back, need not begin at zero."""
+    bag = Bag()
+    for run in (range(0, 40, 2), range(11, 31, 2)):
+        for step in run:
+            bag.take(STATE, step)
+            for ahead in (step, step + 2) if step == run[0] else (step + 2,):
+                bag.take(AHEAD, ahead)
+    assert bag.steps(AHEAD) == bag.steps(STATE) == [*range(0, 40, 2), *range(11, 31, 2)]
+
+
 def test_what_was_sent_at_skipped_instants_is_written_in_the_order_of_time() -> None:
     """What is foreseen may be known before what answers earlier instants."""
     bag = Bag()

@@ -201,6 +201,8 @@ class Recording:
         elif self._is_present(epoch, stamp_ns):
             if not ahead or self._has_state(epoch, stamp_ns):
                 self._keep(name, epoch, stamp_ns, data)
+            elif stamp_ns > self._states.heard:  # time has gone back, and not to zero
+                self._wait(name, epoch, stamp_ns, data, ahead)
         elif epoch >= self._states.epoch:
             self._wait(name, epoch, stamp_ns, data, ahead)
 
