@@ -168,6 +168,17 @@ def test_messages_that_a_node_refuses_for_their_frame_are_counted(
     assert read.warnings == (f"{told}'inertial'",)
 
 
+def test_quaternions_that_a_node_refuses_for_their_norm_are_counted(tmp_path: Path) -> None:
+    sequence = list(messages(RUN))
+    for k in [k for k, (topic, *_) in enumerate(sequence) if topic == ATTITUDE][10:13]:
+        topic, stamp, data = sequence[k]
+        values = Codec(topic).decode(data).values
+        sequence[k] = topic, stamp, Codec(topic).encode(stamp, [1.05 * each for each in values])
+    (told,) = read_run(write_messages(tmp_path / "bag", sequence)).warnings
+    norm = "have another norm than 1, such as 1.05; allowed: 1 within 0.001"
+    assert told == f"3 quaternions of /attitude {norm}"
+
+
 def test_every_message_in_another_encoding(tmp_path: Path) -> None:
     """XCDR2 (float64 on 4 bytes), both byte orders and frame names of all lengths in one topic."""
     sequence = []

@@ -25,8 +25,9 @@ from ppc_attitude.bags.timeline import Series
 from ppc_attitude.contract.carriers import carriers, decode_rows, is_stamped
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED
-from ppc_attitude.contract.run_record import Change
+from ppc_attitude.contract.run_record import Array, Change
 from ppc_attitude.contract.topics import CHANGES_TOPIC, Topic
+from ppc_attitude.science.component import QUATERNION, UNIT_TOLERANCE
 
 
 def readings(name: str, msgtype: str) -> Iterator[tuple[str, Topic]]:
@@ -117,7 +118,18 @@ class Collected:
                 self._notes.append(f"there is no topic {wanted}: {name} is read for {topic.name}")
             if sum(len(part.stamps) for part in parts):
                 found[topic] = self._joined(name, types[name], parts)
+                if topic.form == QUATERNION:
+                    self._look_at_norms(name, found[topic].values)
         return found
+
+    def _look_at_norms(self, name: str, values: Array) -> None:
+        """Count the quaternions that a node would have refused; zeros are no estimate."""
+        with np.errstate(over="ignore"):  # that of any numbers
+            norms = np.linalg.norm(values, axis=1)
+        off = norms[(np.abs(norms - 1.0) > UNIT_TOLERANCE) & (norms > 0.0)]
+        if off.size:
+            told = f"{off.size} quaternions of {name} have another norm than 1, such as"
+            self._notes.append(f"{told} {off[0]:.6g}; allowed: 1 within {UNIT_TOLERANCE:g}")
 
     def _joined(self, name: str, msgtype: str, parts: list[Series]) -> Series:
         """One series of the parts, by receipt where there are no stamps, or one for all."""
