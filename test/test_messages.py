@@ -18,8 +18,9 @@ import math
 import struct
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ppc_attitude.contract.cdr import Codec
@@ -28,6 +29,8 @@ from ppc_attitude.contract.topics import ATTITUDE, REFERENCE_ATTITUDE, TORQUE_CO
 from ppc_attitude.nodes.messages import Inbox
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.component import OWN_TOLERANCE
+from ppc_attitude.science.given import misfit, rules_of
+from ppc_attitude.science.signals import ATTITUDE as ATTITUDE_COLUMN
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
 
@@ -54,6 +57,17 @@ def test_a_quaternion_is_normalised_within_a_thousandth_and_refused_beyond():
     for norm in (1e-6, 0.99, 1.01):
         with pytest.raises(RefusedError, match="norm"):
             read(ATTITUDE, 0, (0.0, 0.0, 0.0, norm))
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4), st.floats(-9e-4, 9e-4))
+def test_a_quaternion_becomes_the_one_that_replay_computes_with(q: list[float], off: float) -> None:
+    """An IMU's float32 numbers gave a difference of 1e-16 N·m, and replay exit code 1."""
+    length = math.hypot(*q)
+    assume(length > 0.1)
+    given_ = np.array([(1.0 + off) * each / length for each in q])
+    taken = read(ATTITUDE, 0, given_.tolist()).values
+    assert misfit(given_, rules_of([ATTITUDE_COLUMN])) == -1
+    assert taken == tuple(given_.tolist())
 
 
 def test_negative_stamps_are_refused():

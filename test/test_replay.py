@@ -26,8 +26,10 @@ from synthetic import with_columns, without_columns
 
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.run_record import Change, RunRecord
-from ppc_attitude.contract.topics import CONTROLLER, ENABLED, ESTIMATOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, ENABLED, ESTIMATOR, PLANT, REFERENCE
+from ppc_attitude.nodes.messages import Inbox
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.kernel import kernel
@@ -144,6 +146,15 @@ def test_instants_without_a_command_on_record_are_skipped() -> None:
     torque[:] = np.nan
     with pytest.raises(ConfigurationError, match="no instant has all inputs and a command"):
         replay(with_columns(record, torque_command=torque))
+
+
+def test_a_law_is_given_the_attitudes_to_which_its_node_normalises() -> None:
+    """An IMU's float32 attitudes gave a difference of 1e-16 N·m, and exit code 1."""
+    sent = simulate(scenario({}), 2.0)
+    sent = with_columns(sent, attitude=sent["attitude"].astype(np.float32).astype(np.float64))
+    inbox, codec = Inbox(ATTITUDE), Codec(ATTITUDE)
+    taken = [inbox.read(codec.encode(0, row)).values for row in sent["attitude"].tolist()]
+    assert replay(sent).law == replay(with_columns(sent, attitude=np.array(taken))).law
 
 
 def test_what_a_plant_computed_that_ran_free_is_not_replayed() -> None:

@@ -38,6 +38,7 @@ from ppc_attitude.contract.topics import ATTITUDE, Topic
 from ppc_attitude.nodes.qos import ONLOOKER, PEER, published
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.attitude import normalised
 from ppc_attitude.science.component import (
     FIX,
     FIX_VARIANCE,
@@ -128,14 +129,15 @@ class Inbox:
         return sample
 
     def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:
-        length = math.hypot(*values)
+        x, y, z, w = values
+        length = math.sqrt(x * x + y * y + z * z + w * w)  # as a kernel, to the last bit
         if abs(length - 1.0) <= OWN_TOLERANCE:
             return values
         if abs(length - 1.0) > UNIT_TOLERANCE:
             raise self._refusal(
                 f"quaternion {values} has norm {length:.6g}; allowed: 1 within {UNIT_TOLERANCE:g}"
             )
-        return tuple(value / length for value in values)
+        return normalised((x, y, z, w))
 
     def _refusal(self, reason: object) -> RefusedError:
         return RefusedError(f"{self._topic.name}: {reason}")

@@ -30,6 +30,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ENABLED, HOSTED, NODE_OF, PLANT
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.given import rules_of, take_all
 from ppc_attitude.science.kinds import CONTROLLERS, PLANTS, SENSORS, Kind
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
@@ -302,7 +303,9 @@ def _read(record: RunRecord, component: Component, values: Mapping[str, Any]) ->
         _arrived(columns[each.name], stamps.tolist(), values) if each.late else columns[each.name]
         for each in component.inputs
     ]
-    return np.ascontiguousarray(np.hstack(rows).T)
+    read = np.ascontiguousarray(np.hstack(rows))
+    take_all(read, rules_of(component.inputs))
+    return np.ascontiguousarray(read.T)
 
 
 def _arrived(rows: Array, stamps: list[int], values: Mapping[str, Any]) -> Array:
