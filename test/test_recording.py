@@ -424,6 +424,14 @@ def test_a_rhythm_that_three_of_four_steps_keep_has_gaps(every: int, told_of: bo
     assert bool(gaps) == told_of
 
 
+@pytest.mark.parametrize("late", [16, 19])
+def test_a_state_that_is_only_late_is_no_gap(late: int) -> None:
+    """As for who reads the bag: the next step of a timer that was late is shorter."""
+    ticks = [10 * k for k in range(50)]
+    ticks[30] += late - 10
+    assert gaps_of(*(event for tick in ticks for event in steps_of(range(tick, tick + 1)))) == []
+
+
 def test_many_gaps_are_counted_and_only_the_first_are_told() -> None:
     steps = [step for step in range(1000) if step % 10]
     gaps = gaps_of(*(event for step in steps for event in steps_of(range(step, step + 1))))

@@ -53,6 +53,8 @@ class _Rhythm:
         self._steps: list[tuple[int, int]] = []  # pairs of states that are not yet weighed
         self._weighed = self._steady = self._jumped = 0
         self._jumps: list[str] = []
+        self._last = 1.0  # the last step, in periods
+        self._long: tuple[int, int, float] | None = None  # a long one; how long with the one before
 
     def add(self, last: int, stamp_ns: int) -> None:
         """Take a step from one stamp [ns] to the next."""
@@ -67,16 +69,26 @@ class _Rhythm:
             ratio = (after - before) / self._period
             self._weighed += 1
             self._steady += abs(ratio - 1.0) <= STEADY
+            self._settle(ratio)
             if ratio > 1.5:
-                self._jumped += 1
-                if self._jumped <= _MOST_JUMPS:
-                    text = f"{_LEAD} jumps from {seconds(before):.6f} s to {seconds(after):.6f} s"
-                    self._jumps.append(text)
+                self._long = before, after, self._last + ratio
+            self._last = ratio
         self._steps.clear()
+
+    def _settle(self, ratio: float) -> None:
+        """Count a long step, unless one beside it is shorter: then a state was only late."""
+        if self._long and self._long[2] + ratio >= 3.5:
+            before, after, _ = self._long
+            self._jumped += 1
+            if self._jumped <= _MOST_JUMPS:
+                text = f"{_LEAD} jumps from {seconds(before):.6f} s to {seconds(after):.6f} s"
+                self._jumps.append(text)
+        self._long = None
 
     def jumps(self) -> list[str]:
         """Describe the gaps of the states; a rhythm that changes has none."""
         self._weigh()
+        self._settle(1.0)
         if 4 * self._steady < 3 * self._weighed:
             return []
         more = self._jumped - len(self._jumps)
