@@ -38,7 +38,6 @@ from ppc_attitude.contract.topics import ATTITUDE, Topic
 from ppc_attitude.nodes.qos import ONLOOKER, PEER, published
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
-from ppc_attitude.science.attitude import normalised
 from ppc_attitude.science.component import (
     FIX,
     FIX_VARIANCE,
@@ -130,14 +129,15 @@ class Inbox:
 
     def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:
         x, y, z, w = values
-        length = math.sqrt(x * x + y * y + z * z + w * w)  # as a kernel, to the last bit
+        # To the last bit as the kernel `normalised`, which would load a compiler in every node.
+        length = math.sqrt(x * x + y * y + z * z + w * w)
         if abs(length - 1.0) <= OWN_TOLERANCE:
             return values
         if abs(length - 1.0) > UNIT_TOLERANCE:
             raise self._refusal(
                 f"quaternion {values} has norm {length:.6g}; allowed: 1 within {UNIT_TOLERANCE:g}"
             )
-        return normalised((x, y, z, w))
+        return tuple(value / length for value in values)
 
     def _refusal(self, reason: object) -> RefusedError:
         return RefusedError(f"{self._topic.name}: {reason}")
