@@ -28,6 +28,7 @@ from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import Scenario
 
 _BLOCK = 4096  # instants after which the parts are asked
+_PARTS = 16  # of a block that has news: few rounds, since a step that plans a slew may take long
 _MOST = 10  # words of one part; nobody reads what a noisy one says every second of a day
 
 
@@ -35,7 +36,7 @@ def concerns(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Iterator[tuple
     """Yield, with its time [s], each warning of a part over the stamps [ns], and that it is over.
 
     The loop runs once more, so that it need not ask its parts at every instant when it counts.
-    Where a part has something new, the instants are halved until it is known when.
+    Where a part has something new, the instants are divided until it is known when.
     """
     diagram = Diagram(scenario.parameters)
     samples = np.zeros((sum(column.width for column in diagram.columns), _BLOCK))
@@ -66,7 +67,7 @@ def _news(
     if new and stamps_ns.size > 1:
         for each, was in zip(diagram.memory, before, strict=True):
             each[:] = was
-        for half in np.array_split(stamps_ns, 2):
-            yield from _news(diagram, parts, half, samples)
+        for fewer in np.array_split(stamps_ns, min(_PARTS, stamps_ns.size)):
+            yield from _news(diagram, parts, fewer, samples)
     else:
         yield from ((seconds(int(stamp)), part) for stamp in stamps_ns for part in new)
