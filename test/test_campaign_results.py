@@ -210,6 +210,7 @@ def test_report_says_how_to_run_the_worst_again(finished: Finished, tmp_path: Pa
             assert f"ppc_attitude campaign --seed 1 --only {worst}" in page
     assert page.count("<img") == 2
     assert "distribution: cone" in page
+    assert '<span class="open">–</span>' in page  # of what no run was judged by
     assert "stopped before its end" not in page
     stopped = replace(finished, total=RUNS + 1)
     write_campaign_report(small(), stopped, ["ppc_attitude", "campaign"], path)

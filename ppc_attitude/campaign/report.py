@@ -137,7 +137,7 @@ def _requirements(summary: Summary) -> str:
 
 
 def _row(name: str, limit: str, fraction: Fraction, not_judged: int) -> list[str]:
-    style = "met" if fraction.met == fraction.judged else "failed"
+    style = ("failed", "met")[fraction.met == fraction.judged] if fraction.judged else "open"
     counts = (str(each) for each in (fraction.met, fraction.judged, not_judged))
     share = Html(f'<span class="{style}">{share_text(fraction)}</span>')
     return [name, limit, *counts, share]
