@@ -25,7 +25,7 @@ from craft_helpers import configs
 from test_campaign_distributions import CRAFT, base
 
 from ppc_attitude.campaign.declaration import campaign, draw, load_campaign, scenario_of_run
-from ppc_attitude.contract.topics import ALLOCATOR, ESTIMATOR, PLANT
+from ppc_attitude.contract.topics import ALLOCATOR, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.scenario import load
 
@@ -66,6 +66,15 @@ def test_an_estimator_waits_for_fixes_as_late_as_they_were_drawn() -> None:
     given["parameters"][f"{ESTIMATOR}.star_tracker.latency"] = 0.2  # what a mismatch does
     drawn = scenario_of_run(campaign(given, craft, 0), 0).parameters
     assert drawn[ESTIMATOR]["star_tracker.latency"] == 0.2
+
+
+def test_an_orbit_is_drawn_for_every_node_that_has_it() -> None:
+    """Else the guidance would look for nadir on another orbit than the craft's."""
+    altitude = {"distribution": "uniform", "low": 4e5, "high": 7e5}
+    given = {"parameters": {f"{INJECTOR}.orbit.altitude": altitude}}
+    drawn = scenario_of_run(campaign(given, load(configs("paper", "mission", "orbit")), 0), 0)
+    assert len({drawn.parameters[node]["orbit.altitude"] for node in (INJECTOR, REFERENCE)}) == 1
+    assert drawn.number(INJECTOR, "orbit.altitude") != 550e3
 
 
 def test_one_number_varies_once() -> None:

@@ -182,9 +182,15 @@ def drawn_run(campaign: Campaign, index: int) -> Drawn:
         if has_parameter(PLANT, values[PLANT], name):
             row[name] = float(values[PLANT][name])
     row["noise_seed"] = int(stream(campaign, index, "noise_seed").integers(int(SEED.high)))
+    alike = {node: agreed(node, values[node]) for node in SOURCES}
+    shared = {
+        name: changed[node][name]
+        for node in reversed(SOURCES)  # the plant's come last, and stay
+        for name in alike[node]
+        if name in changed.get(node, {})
+    }
     for node in SOURCES:
-        names = [name for name in agreed(node, values[node]) if name in changed[PLANT]]
-        told = {name: changed[PLANT][name] for name in names}
+        told = {name: shared[name] for name in alike[node] if name in shared}
         if has_parameter(node, values[node], SEED.name):
             told[SEED.name] = row["noise_seed"]
         if told:
