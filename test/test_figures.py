@@ -35,6 +35,8 @@ from ppc_attitude.analysis.figures import (
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.run_panels import zoom_window
 from ppc_attitude.analysis.series import AnalysisError
+from ppc_attitude.contract.run_record import Change
+from ppc_attitude.contract.topics import PLANT
 
 NAMES = [
     "pointing_error",
@@ -158,12 +160,19 @@ def test_the_applied_torque_and_its_limits(normal):
     (axes,) = applied_torque_figure(Measured(normal)).axes
     t = normal.stamps_ns / 1e9
     shows(labelled(axes)["z"], t, normal["applied_torque"][:, 2])
-    assert levels(axes) == {0.05, -0.05}
+    shows(labelled(axes)["limit ±0.05 N·m"], t, np.full(t.size, 0.05))
     assert axes.get_ylabel() == "applied torque [N·m]"
     weak = replace(normal, parameters={"spacecraft_plant": {"max_torque": 0.02}})
     (axes,) = applied_torque_figure(Measured(weak)).axes
-    assert levels(axes) == {0.02, -0.02}
+    shows(labelled(axes)["limit ±0.02 N·m"], t, np.full(t.size, 0.02))
     assert axes.get_ylim()[1] > 0.05  # what broke the limit is in view
+
+
+def test_a_torque_limit_that_changes_in_flight_is_drawn_as_it_changes(normal):
+    changed = replace(normal, changes=(Change(30_000_000_000, PLANT, "max_torque", 0.02),))
+    (axes,) = applied_torque_figure(Measured(changed)).axes
+    t = normal.stamps_ns / 1e9
+    shows(labelled(axes)["limit ±0.05, 0.02 N·m"], t, np.where(t < 30.0, 0.05, 0.02))
 
 
 def test_the_angular_velocity_over_the_desired_one_in_body_axes(normal):

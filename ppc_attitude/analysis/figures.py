@@ -27,6 +27,7 @@ from ppc_attitude.analysis.drawing import (
     AXIS_COLOURS,
     BLACK,
     BLUE,
+    LIMIT_STYLE,
     RED,
     Drawn,
     draw,
@@ -107,12 +108,14 @@ def attitude_figure(run: Measured) -> Figure:
 
 def applied_torque_figure(run: Measured) -> Figure:
     """Draw the torque that the actuator gave, with its limits."""
-    torque, limit = vectors(run.record, APPLIED_TORQUE.column), run.torque_limit
+    torque, limits = vectors(run.record, APPLIED_TORQUE.column), run.torque_limits
     figure, shown, _ = panels_of(run, 1, row_height=2.0)
-    reach = 1.15 * max(limit, float(np.nanmax(np.abs(torque))))
+    reach = 1.15 * max(limits.max(), float(np.nanmax(np.abs(torque))))
+    label = f"limit ±{', '.join(f'{limit:g}' for limit in dict.fromkeys(limits.tolist()))} N·m"
     for axes in shown:
         components(axes, run.t, torque)
-        limit_lines(axes, limit, -limit, label=f"limit ±{limit:g} N·m")
+        for level, told in ((limits, label), (-limits, "_")):
+            draw(axes, run.t, level, width=0.8, style=LIMIT_STYLE, label=told)
         axes.set_ylabel("applied torque [N·m]")
         axes.set_ylim(-reach, reach)
     finish(shown, run)

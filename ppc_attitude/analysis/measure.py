@@ -14,7 +14,7 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from typing import Any
@@ -118,7 +118,7 @@ class Measured:
         self.lacks_rate = self.lacks(truth.angular_velocity)
         pulses = known_pulses
         if pulses is None:
-            pulses = pulses_of(record, self._actuator_limit)
+            pulses = pulses_of(record, self._limit_of(record.parameters))
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (self.begin, min(self.first_hit, self.end))
@@ -323,16 +323,26 @@ class Measured:
     def torque_limit(self) -> float:
         """Limit on an axis [N·m]: as required, else that of the actuator."""
         required = self.required.torque
-        return float(required) if isinstance(required, int | float) else self._actuator_limit
+        if isinstance(required, int | float):
+            return float(required)
+        return self._limit_of(self.record.parameters)
 
     @property
-    def _actuator_limit(self) -> float:
+    def torque_limits(self) -> Array:
+        """`torque_limit` at each instant, shape (n,): that of an actuator may change in flight."""
+        limits = np.full(self.t.size, self.torque_limit)
+        if self.lacks_torque_limit:
+            for part, told in self.record.stretches(self.record.changes):
+                limits[part] = self._limit_of(told)
+        return limits
+
+    def _limit_of(self, parameters: Mapping[str, Mapping[str, Any]]) -> float:
         """What the actuator gives on an axis [N·m]: as configured, as required, or the paper's."""
         torques = None
         with suppress(KeyError, TypeError, ValueError, OverflowError):  # somebody's bag
-            torques = self._actuator.torques(self.plant) if self._actuator else None
+            torques = self._actuator.torques(parameters[PLANT]) if self._actuator else None
         # A bag of somebody else's plant says only what the controller was told of the actuator.
-        told = self.record.parameters.get(CONTROLLER, {}).get("max_torque")
+        told = parameters.get(CONTROLLER, {}).get("max_torque")
         limits = (torques and torques[1], told, self.required.torque, PAPER_TORQUE_LIMIT)
         numbers = (each for each in limits if isinstance(each, int | float))
         return next(float(each) for each in numbers if 0.0 < each <= LARGEST)
