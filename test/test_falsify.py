@@ -138,11 +138,15 @@ def test_an_interrupted_search_says_so_and_what_has_not_settled(
 
 
 @pytest.mark.parametrize(
-    "words", ["--after 1", "--goal terminal --after 1", "--goal rate --accuracy 0.1"]
+    "words",
+    [
+        "--after 1",
+        "--goal terminal --after 1",
+        "--goal rate --accuracy 0.1",
+        "--pieces 0 --disturbance 0.01",
+    ],
 )
-def test_an_option_that_a_goal_does_not_ask_for_is_refused(
-    words: str, tmp_path: Path, ask: Ask
-) -> None:
+def test_an_option_that_would_do_nothing_is_refused(words: str, tmp_path: Path, ask: Ask) -> None:
     told = ask("falsify", f"--out={tmp_path}", *words.split(), code=BAD_INPUT).err
     assert "here it would do nothing" in told
 

@@ -138,6 +138,8 @@ def execute(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f"--after {after:g} s; allowed: less than the run of {duration:g} s"
         )
+    pieces = "a disturbance in pieces, without --pieces 0"
+    see_that_none_is_idle(arguments, arguments.pieces, pieces, "disturbance")
     space = Space(
         base=scenario,
         rate=math.radians(arguments.start_rate),
