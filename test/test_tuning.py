@@ -17,7 +17,9 @@
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -71,6 +73,21 @@ def test_a_search_settles_sooner_than_the_gains_it_began_with() -> None:
     assert begun.missed["settling time"] == 12 - begun.fraction.met
     assert found.fraction.met > begun.fraction.met
     assert found.settling[0] < min(begun.settling[0], 80.0)
+
+
+def test_a_search_ends_between_two_runs_when_its_time_is_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A generation of long runs went on for an hour."""
+    flown, now = list[int](), count()
+    clock = SimpleNamespace(monotonic=lambda: next(now))
+    monkeypatch.setattr("ppc_attitude.campaign.tuning.time", clock)
+    monkeypatch.setattr(
+        "ppc_attitude.campaign.tuning._verdict", lambda *told: flown.append(told[1])
+    )
+    with ThreadPoolExecutor(1) as threads:
+        assert tuned(cubesat(), 10.0, threads, runs=3, fresh=1).candidates == 3
+    assert flown == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 3]
 
 
 @pytest.mark.filterwarnings("ignore:overflow encountered")

@@ -129,8 +129,15 @@ def tuned(
         return dict(zip(names, map(_rounded, np.exp(begin + x)), strict=True))
 
     def mean_cost(x: Array) -> float:
-        gains = gains_of(x)
-        return float(np.mean([cost(_verdict(campaign, k, gains)) for k in range(runs)]))
+        gains, costs = gains_of(x), list[float]()
+        for k in range(runs):
+            if is_over():
+                return math.inf  # who has not flown them all is not compared
+            costs.append(cost(_verdict(campaign, k, gains)))
+        return float(np.mean(costs))
+
+    def is_over() -> bool:
+        return tried > 0 and time.monotonic() >= end
 
     strategy: Any = cma.CMAEvolutionStrategy(
         np.zeros(begin.size), _WIDTH, {"seed": campaign.seed + 1, "verbose": -9}
@@ -138,11 +145,11 @@ def tuned(
     end = time.monotonic() + seconds
     best, least, tried = np.zeros(begin.size), math.inf, 0
     questions = [best]  # the configured gains are the first candidate
-    while tried < candidates and (tried == 0 or time.monotonic() < end) and not strategy.stop():
+    while tried < candidates and not is_over() and not strategy.stop():
         costs = list(executor.map(mean_cost, questions))
-        if tried > 0:
+        if tried > 0 and max(costs) < math.inf:
             strategy.tell(questions, costs)
-        tried += len(questions)
+        tried += sum(each < math.inf for each in costs)
         if min(costs) < least:
             least, best = min(costs), questions[int(np.argmin(costs))]
         progress(tried, least)
