@@ -84,15 +84,10 @@ class Campaign:
         """Length of every run [s]."""
         return self.scenario.number(PLANT, "duration")
 
-    @property
-    def rate(self) -> float:
-        """Steps per second [Hz]."""
-        return self.scenario.number(PLANT, "rate")
-
     @cached_property
     def stamps_ns(self) -> NDArray[np.int64]:
         """Instants [ns] of every run."""
-        return stamps_of(self.rate, self.duration)
+        return stamps_of(self.scenario.number(PLANT, "rate"), self.duration)
 
     @cached_property
     def timetable(self) -> Array | None:
