@@ -174,6 +174,15 @@ def test_the_disturbance_is_as_large_as_the_configured_environment(
     assert 0.0 < np.abs(worst["pulse_torques"]).max() <= most < 1e-3
 
 
+def test_the_environment_knows_the_inertia_of_the_worst_case(tmp_path: Path, ask: Ask) -> None:
+    """Else the file was refused: the gravity gradient needs the craft's inertia."""
+    told = ["--duration=5", "--runs=1", "--pieces=0", "--inertia-error=0.1", f"--out={tmp_path}"]
+    orbit = configs("paper", "orbit")
+    ask("falsify", *(f"--config={path}" for path in orbit), *told)
+    worst = load([*orbit, tmp_path / "worst.yaml"]).parameters
+    assert worst[PLANT]["inertia"] == worst[INJECTOR]["inertia"] != worst[CONTROLLER]["inertia"]
+
+
 def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path, ask: Ask) -> None:
     """Else the file, run with the same configuration, was a run of the paper's law."""
     told = ["--controller=quaternion_feedback", "--duration=5", "--runs=1", "--pieces=0"]

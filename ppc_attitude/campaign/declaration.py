@@ -38,7 +38,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import PLANTS
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.simulation.closed_loop import stamps_of, timetable_of
-from ppc_attitude.simulation.scenario import Scenario, agreed, check_components, see_that_it_has
+from ppc_attitude.simulation.scenario import Scenario, check_components, see_that_it_has, spread
 
 LARGEST_SEED = 2**63 - 1
 
@@ -177,19 +177,10 @@ def drawn_run(campaign: Campaign, index: int) -> Drawn:
         if has_parameter(PLANT, values[PLANT], name):
             row[name] = float(values[PLANT][name])
     row["noise_seed"] = int(stream(campaign, index, "noise_seed").integers(int(SEED.high)))
-    alike = {node: agreed(node, values[node]) for node in SOURCES}
-    shared = {
-        name: changed[node][name]
-        for node in reversed(SOURCES)  # the plant's come last, and stay
-        for name in alike[node]
-        if name in changed.get(node, {})
-    }
+    changed = spread(values, changed)
     for node in SOURCES:
-        told = {name: shared[name] for name in alike[node] if name in shared}
-        if has_parameter(node, values[node], SEED.name):
-            told[SEED.name] = row["noise_seed"]
-        if told:
-            changed[node] = {**told, **changed.get(node, {})}  # unless it was drawn by itself
+        if has_parameter(node, values[node], SEED.name):  # unless it was drawn by itself
+            changed[node] = {SEED.name: row["noise_seed"], **changed.get(node, {})}
     return row, changed
 
 

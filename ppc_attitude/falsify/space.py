@@ -28,7 +28,7 @@ from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS, REFERENCES
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references.paper import BEGIN
-from ppc_attitude.simulation.scenario import Scenario, see_that_it_has, weakened
+from ppc_attitude.simulation.scenario import Scenario, see_that_it_has, spread, weakened
 
 _START = 7  # numbers of the start: a quaternion of any length, and a rate
 # Numbers of the craft: six of a symmetric matrix, the actuator's strength, the instant of the
@@ -127,7 +127,7 @@ class Space:
                 "pulse_durations": [length] * self.pieces,
                 "pulse_torques": torques.tolist(),
             }
-        return changed
+        return spread(self.base.parameters, changed)
 
     def scenario(self, x: Array) -> Scenario:
         """Return the scenario of a choice."""

@@ -269,6 +269,22 @@ def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
     return [p.name for p in (*OWN[node], *of_components) if p.agreed]
 
 
+def spread(base: Overrides, changed: Overrides) -> dict[str, dict[str, Any]]:
+    """Give changes of what nodes must have alike to every node that has not one of its own."""
+    alike = {node: agreed(node, base[node]) for node in SOURCES}
+    shared = {
+        name: changed[node][name]
+        for node in reversed(SOURCES)  # the plant's come last, and stay
+        for name in alike[node]
+        if name in changed.get(node, {})
+    }
+    told = {
+        node: {name: shared[name] for name in alike[node] if name in shared} for node in SOURCES
+    }
+    every = {node: {**told[node], **changed.get(node, {})} for node in SOURCES}
+    return {node: values for node, values in every.items() if values}
+
+
 def check_pulses(injector: Mapping[str, Any], rate: float) -> None:
     """See that every scheduled pulse acts at some instant of a plant that runs at a rate [Hz].
 
