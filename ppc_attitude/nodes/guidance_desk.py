@@ -121,7 +121,9 @@ class GuidanceDesk:
         details = facts(seconds(stamp_ns), self._part.configuration[0], state)
         if self._part.advices == self._told and details == self._details:
             return
-        taken = self._orders.listed[self._details.get("order", 0) : details["order"]]
+        listed = self._orders.listed  # of very many the first are gone: count from the latest
+        due = np.searchsorted(listed["stamp_ns"], stamp_ns, side="right")
+        taken = listed[due - (details["order"] - self._details.get("order", 0)) : due]
         self._told, self._details = self._part.advices, details
         advice = self._part.advice
         told = {ASKED: self._asked(taken), **details} if taken.size else details
