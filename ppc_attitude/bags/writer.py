@@ -213,12 +213,9 @@ class BagWriter:
         while not self._closed.wait(FLUSH_PERIOD):
             # A writer in full flow may never leave us the lock: then it flushes at this sign.
             self._flush_is_due = True
-            with self._lock:
-                if self._flush_is_due and not self._refusal:
-                    try:
-                        self._flush()
-                    except (OSError, sqlite3.Error) as error:
-                        self._fail(error)
+            with contextlib.suppress(BagError), self._writing():
+                if self._flush_is_due:
+                    self._flush()
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
