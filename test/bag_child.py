@@ -52,7 +52,8 @@ def main(mode: str, bag: Path, storage: str) -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (DISK_BYTES, DISK_BYTES))
     codecs = [Codec(topic) for topic in SAMPLED]
-    writer = BagWriter(bag, storage=storage, custom_data={"ppc_attitude.controller": "child"})
+    writer = BagWriter(bag, storage=storage)
+    writer.set_custom_data("ppc_attitude.controller", "child")
     for codec in codecs:
         writer.add_topic(f"/{codec.topic.name}", codec.topic.msgtype, [offered_qos()])
     step = 0

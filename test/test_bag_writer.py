@@ -17,6 +17,7 @@
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -30,6 +31,7 @@ from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
+from ppc_attitude.bags.marks import UNFINISHED
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.writer import BagWriter
@@ -150,16 +152,16 @@ def test_messages_become_safe_when_nothing_follows_them(
     assert assert_child_wrote(bag, bag_child.IDLE_STEPS) == bag_child.IDLE_STEPS
 
 
-@pytest.mark.parametrize("gone", ["folder", "file"])
+@pytest.mark.parametrize("gone", ["folder", "file", "mark"])
 def test_a_folder_or_a_file_that_goes_ends_the_bag_at_once(
     gone: str, tmp_path: Path, storage: str
 ) -> None:
     bag = BagWriter(tmp_path / "bag", storage=storage)
     bag.add_topic("/a", "std_msgs/msg/String")
     bag.write("/a", 0, b"")
-    file = bag.path / {"mcap": "bag.mcap", "sqlite3": "bag.db3"}[storage]
-    (file if gone == "file" else bag.path).rename(tmp_path / "elsewhere")
-    for doing in (bag.flush, bag.close):
+    file = {"mcap": "bag.mcap", "sqlite3": "bag.db3"}[storage]
+    (bag.path / {"folder": "", "file": file, "mark": UNFINISHED}[gone]).rename(tmp_path / "other")
+    for doing in (bag.flush, partial(bag.__exit__, None)):
         with pytest.raises(BagError, match="any further: its folder or a file of it was moved"):
             doing()
 
