@@ -231,12 +231,15 @@ def test_mcap_files_of_others(tmp_path: Path, compression: CompressionType, chun
     for topic in SAMPLED:
         schema = writer.register_schema(topic.msgtype, "ros2msg", b"")
         channels[topic] = writer.register_channel(f"/{topic.name}", "cdr", schema)
-    other = writer.register_channel("/attitude_raw", "json", 0)
+    other = writer.register_channel(f"/{topic.name}", "json", schema)
     for topic, stamp, data in messages(RUN):
         writer.add_message(channels[topic], stamp, data, stamp)
         writer.add_message(other, stamp, b"{}", stamp)
     writer.finish()
-    assert_same(read_run(file), RUN)
+    read = read_run(file)
+    assert_same(read, RUN)
+    told = f"{STEPS * len(SAMPLED)} messages of /{SAMPLED[-1].name} cannot be used"
+    assert read.warnings == (told,)
     if chunking:  # the checksum of a chunk is checked
         with file.open("rb") as opened:
             summary = make_reader(opened).get_summary()

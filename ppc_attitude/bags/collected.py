@@ -73,9 +73,6 @@ class Collected:
                 arrivals = (indices + self._met).tolist()
                 taken = zip(arrivals, rows[: MOST - len(kept)], strict=False)
                 kept += [(arrival, row.tobytes()) for arrival, row in taken]
-                continue
-            if channel.encoding != "cdr":
-                continue
             for name, topic in self._uses(channel):
                 stamps, values, readable = decode_rows(topic, channel.msgtype, rows)
                 readable &= stamps >= 0  # every node refuses what was before time

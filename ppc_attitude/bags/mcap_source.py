@@ -209,9 +209,9 @@ class McapSource:
         else:
             key, schema = struct.unpack_from("<HH", content)
             topic, position = _text(content, 4)
-            encoding, position = _text(content, position)
+            _, position = _text(content, position)
             qos = _table(content, position).get("offered_qos_profiles", "")
-            self.channels[key] = Channel(topic, self._schemas.get(schema, ""), encoding, qos)
+            self.channels[key] = Channel(topic, self._schemas.get(schema, ""), qos)
 
     def _read_metadata(self, content: bytes) -> None:
         """Take the custom data from the file's copy of ``metadata.yaml``."""

@@ -35,7 +35,6 @@ class Channel(NamedTuple):
 
     topic: str
     msgtype: str
-    encoding: str
     offered_qos: str
 
 

@@ -153,7 +153,7 @@ class SqliteSource:
         names = [row[1] for row in self._database.execute("PRAGMA table_xinfo(topics)")]
         qos = "offered_qos_profiles" if "offered_qos_profiles" in names else "''"
         channels, held = {}, 0
-        query = f"SELECT id, name, type, serialization_format, {qos} FROM topics"
+        query = f"SELECT id, name, type, {qos} FROM topics"
         for key, *texts in self._database.execute(query):
             held += len("".join(texts))
             self._demand_room(held)
