@@ -281,12 +281,13 @@ def test_every_time_that_a_node_began_anew_is_read(tmp_path: Path) -> None:
 
 def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     sequence = list(messages(RUN))
-    place = [place for place, (topic, _, _) in enumerate(sequence) if topic == ATTITUDE][3]
-    sequence[place] = (ATTITUDE, 0, b"\0\1\0\0short")
+    places = [place for place, (topic, _, _) in enumerate(sequence) if topic == ATTITUDE]
+    sequence[places[3]] = (ATTITUDE, 0, b"\0\1\0\0short")
+    sequence[places[4]] = (ATTITUDE, 0, Codec(ATTITUDE).encode(-1, (0.0, 0.0, 0.0, 1.0)))
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
-    assert read.warnings == ("1 messages of /attitude cannot be used",)
-    assert read.missing == {"attitude": 1}
-    assert np.isnan(read["attitude"][3]).all()
+    assert read.warnings == ("2 messages of /attitude cannot be used",)
+    assert read.missing == {"attitude": 2}
+    assert np.isnan(read["attitude"][3:5]).all()
 
 
 def test_a_law_is_not_asked_for_what_it_does_not_send(tmp_path: Path) -> None:

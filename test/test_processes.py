@@ -182,6 +182,7 @@ print("not yet written", end="")  # a copy must not write it too
 hidden = os.dup2(0, 50)  # far from the number of what lists the open files
 for each in ("3", "raise", "kill"):
     environment = {**os.environ, "DONE_BY": each}
+    del environment["DONE_HERE"]
     child = Child("becoming", each, environment=environment, inherited=[2], copy=True)
     assert child.ends(60.0)
     child.listen()
@@ -200,7 +201,7 @@ def main():
     open_files = [int(file.name) for file in Path("/proc/self/fd").iterdir()]
     tell("is_copy", is_copy)
     tell("arguments", sys.argv[1:])
-    tell("environment", os.environ["DONE_BY"])
+    tell("environment", [os.environ["DONE_BY"], "DONE_HERE" in os.environ])
     tell("leads", os.getsid(0))
     tell("listed", Path("/proc/self/cmdline").read_text())
     tell("input", os.read(0, 1).decode())
@@ -222,9 +223,12 @@ def test_a_copy_is_a_process_like_any_other(
     threads: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
     """Who has a thread cannot be copied, and starts another Python, to the same effect."""
-    (tmp_path / "becoming.py").write_text(BECOMING)
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    process = start_process([sys.executable, "-c", STARTER, threads], env=environment)
+    script = tmp_path / "becoming.py"
+    script.write_text(BECOMING)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "DONE_HERE": ""}
+    command = [sys.executable, "-c", STARTER, threads]
+    with script.open() as given:  # the input of the copies is empty all the same
+        process = start_process(command, env=environment, stdin=given)
     out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, err
     assert err.count("ValueError: wrong") == 1
@@ -235,7 +239,7 @@ def test_a_copy_is_a_process_like_any_other(
         assert told["code"] == code
         assert told["is_copy"] == (threads == "alone")
         assert told["arguments"] == [each]
-        assert told["environment"] == each
+        assert told["environment"] == [each, False]
         assert told["leads"] == told["pid"]
         assert "becoming" in told["listed"]
         assert told["input"] == ""

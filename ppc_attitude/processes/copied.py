@@ -51,8 +51,6 @@ class Copy:
 
     def __init__(self, live: Callable[[], NoReturn]) -> None:
         self.returncode: Any = None
-        for stream in (sys.stdout, sys.stderr):
-            stream.flush()  # or both would print what waits there
         self.pid = os.fork()
         if self.pid == 0:
             live()
