@@ -17,6 +17,7 @@
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -86,6 +87,21 @@ def test_a_command_executes_nothing_of_the_current_folder(
         run = read_run(trap / "bag")
         assert run.missing_messages == 0
         assert run.stamps_ns.tolist() == [0, 10_000_000, 20_000_000]
+
+
+def test_a_compiler_looks_for_no_settings_in_the_current_folder(tmp_path: Path) -> None:
+    """Numba reads them again before it compiles."""
+    lines = (
+        "from ppc_attitude.processes.imports import prepare_imports",
+        "prepare_imports()",
+        "import numba",
+        "numba.core.config.reload_config()",
+        "print(numba.config.CACHE_DIR)",
+    )
+    command = [sys.executable, "-c", "; ".join(lines)]
+    (tmp_path / ".numba_config.yaml").write_text("cache_dir: elsewhere")
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "elsewhere" not in done.stdout
 
 
 @pytest.mark.parametrize(
