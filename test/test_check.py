@@ -71,8 +71,8 @@ def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scen
     needs = math.radians(119.9) / rate + rate / acceleration
     assert found["time to turn"].value == pytest.approx(needs)
     assert found["time to turn"].meaning == (
-        "an error of 0.1 deg from rest at 120° needs 29 s at best with this actuator and within "
-        "5 deg/s; you ask 90 s, which leaves 61 s"
+        "an error of 0.1 deg from rest at 120° needs 29 s at best with 0.002 N·m on an axis and "
+        "within 5 deg/s; you ask 90 s, which leaves 61 s"
     )
     assert found["time of the law"].holds
     hasty = by_name(settling_conditions(cubesat, Requirements(Accuracy(0.1, "deg"), 60.0), THIRD))[
@@ -223,6 +223,8 @@ def test_a_pulse_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     )
     assert [each.value for each in pulse_conditions(hit, TENTH)] == pytest.approx([5.0, 15.0])
     assert warned(pulse_conditions(hit, TENTH)) == {"pulse at 40 s"}
+    derated = hit.with_values(CONTROLLER, max_torque=1e-3)  # the law asks for half of the actuator
+    assert [each.value for each in pulse_conditions(derated, TENTH)] == pytest.approx([10.0, 30.0])
 
 
 @pytest.mark.parametrize(("asked", "limits"), [("1.5", {1.5}), ("null", set())])

@@ -25,7 +25,7 @@ from test_goal_reference import STRAIGHT, flight, tour
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.command_line.proportions import slew_conditions
-from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.certificate import Condition
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.flight_plan import goals_told
@@ -43,6 +43,8 @@ def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
     assert torque.holds
     assert not needed(guidance__max_acceleration=math.radians(0.7))["slew torque"].holds
     assert not needed(guidance__torque_share=0.4)["slew torque"].holds
+    derated = flight().with_values(CONTROLLER, max_torque=0.02)
+    assert not next(slew_conditions(derated, Requirements())).holds
     spin = {"goals__frames": ["spin"], "spin__rate": 0.03}
     crossed = 2.8 * math.radians(2.0) * 0.03
     assert needed(**spin)["slew torque"].value == pytest.approx(torque.value + crossed, rel=1e-9)

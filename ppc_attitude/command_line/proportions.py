@@ -27,7 +27,7 @@ from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT,
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.certificate import Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
-from ppc_attitude.science.controllers.common import envelope_of, envelopes_of
+from ppc_attitude.science.controllers.common import MAX_TORQUE, envelope_of, envelopes_of
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.envelope_plan import least_settling_time
 from ppc_attitude.science.estimators import mekf
@@ -103,7 +103,8 @@ def settling_conditions(
     yield condition(
         "time to turn",
         _least_turn(scenario, required, np.array(q_e[:3]), angle),
-        f"with this actuator{f' and within {required.rate:g} deg/s' if required.rate else ''}",
+        f"with {acting_torque(scenario):.3g} N·m on an axis"
+        f"{f' and within {required.rate:g} deg/s' if required.rate else ''}",
     )
     if scenario.controller.name == ppc.COMPONENT.name:
         gains = ppc.configure(scenario.parameters[CONTROLLER])
@@ -117,7 +118,7 @@ def _least_turn(scenario: Scenario, required: Requirements, error: Array, angle:
     component, whole = required.settled.bounds
     near = min(component / np.abs(axis).max(), whole, 1.0)
     inertia = inertia_matrix("inertia", scenario.parameters[PLANT]["inertia"])
-    acceleration = actuator_torque(scenario) / np.abs(inertia @ axis).max()
+    acceleration = acting_torque(scenario) / np.abs(inertia @ axis).max()
     rate = math.radians(required.rate) if required.rate else math.inf
     turn = max(angle - 2.0 * math.asin(near), 0.0)
     return float(duration(profile(turn, rate, float(acceleration), math.inf)))
@@ -140,7 +141,7 @@ def slew_conditions(scenario: Scenario, required: Requirements) -> Iterator[Cond
         yield _at_most(
             "slew torque",
             slew_torque(np.reshape(plant["inertia"], (3, 3)), rate, acceleration + crossed),
-            share * actuator_torque(scenario),
+            share * acting_torque(scenario),
             "N·m",
             f"max‖J e‖ {'(A + V |spin.rate|)' if spins else 'A'} + max‖ω × J ω‖ leaves the law its "
             "margin (guidance.torque_share)",
@@ -181,6 +182,11 @@ def actuator_torque(scenario: Scenario) -> float:
     actuator = ACTUATORS.selected(plant)
     torques = actuator.torques(plant) if actuator else None
     return torques[0] if torques else scenario.number(CONTROLLER, "max_torque")
+
+
+def acting_torque(scenario: Scenario) -> float:
+    """Torque per axis [N·m] that acts at most: the law asks for no more than its limit."""
+    return min(scenario.number(CONTROLLER, MAX_TORQUE.name), actuator_torque(scenario))
 
 
 def actuator_conditions(scenario: Scenario) -> Iterator[Condition]:
@@ -316,7 +322,7 @@ def _sigmas(scenario: Scenario) -> Sigmas:
 
 def pulse_conditions(scenario: Scenario, required: Requirements) -> Iterator[Condition]:
     """How long the actuator needs at best to take back what each scheduled pulse gives."""
-    torque = actuator_torque(scenario)
+    torque = acting_torque(scenario)
     for hit in scheduled_pulses(scenario.parameters[INJECTOR]):
         start, end = (int(hit[each]) / NANOSECONDS for each in ("start_ns", "end_ns"))
         yield _at_most(

@@ -37,8 +37,8 @@ from ppc_attitude.command_line.options import (
     see_that_none_is_idle,
 )
 from ppc_attitude.command_line.proportions import (
+    acting_torque,
     actuator_conditions,
-    actuator_torque,
     environment_torque,
     noise_conditions,
     pulse_conditions,
@@ -61,7 +61,6 @@ from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import attitude_error
 from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
-from ppc_attitude.science.controllers.common import MAX_TORQUE
 from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import fault_texts
@@ -176,7 +175,7 @@ def _law_conditions(
 ) -> tuple[Condition, ...]:
     """Conditions on the law for the reference that it follows."""
     law = scenario.parameters[CONTROLLER]
-    torque = min(law[MAX_TORQUE.name], actuator_torque(scenario))
+    torque = acting_torque(scenario)
     rate = _desired_rate(scenario)
     return certificate(scenario.controller, law, q_e0, rate, torque, environment, rate_limit)
 
