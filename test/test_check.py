@@ -27,6 +27,7 @@ from ppc_attitude.analysis.requirements import Accuracy, Requirements
 from ppc_attitude.command_line.proportions import (
     actuator_conditions,
     environment_torque,
+    knowledge_conditions,
     noise_conditions,
     pulse_conditions,
     sampling_conditions,
@@ -225,6 +226,21 @@ def test_a_pulse_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert warned(pulse_conditions(hit, TENTH)) == {"pulse at 40 s"}
     derated = hit.with_values(CONTROLLER, max_torque=1e-3)  # the law asks for half of the actuator
     assert [each.value for each in pulse_conditions(derated, TENTH)] == pytest.approx([10.0, 30.0])
+
+
+def test_a_law_of_another_craft_and_rates_that_no_tracker_follows_are_warned_of(
+    cubesat: Scenario,
+) -> None:
+    assert not warned(knowledge_conditions(cubesat))
+    forgotten = cubesat.with_values(CONTROLLER, inertia=[2.8, 0, 0, 0, 2.5, 0, 0, 0, 1.9])
+    assert warned(knowledge_conditions(forgotten)) == {"inertia"}
+    values = {"star_tracker.max_rate": 0.03, "initial_angular_velocity": [0.02, 0.02, 0.02]}
+    fast = case("sensors_smallsat").with_values(PLANT, **values)
+    assert warned(knowledge_conditions(fast)) == {"rate at the start"}
+    slews = fast.with_values(REFERENCE, mode="goal")
+    assert warned(knowledge_conditions(slews)) == {"rate at the start", "rate of a slew"}
+    slow = slews.with_values(PLANT, **{"star_tracker.max_rate": 0.04})
+    assert not warned(knowledge_conditions(slow))
 
 
 @pytest.mark.parametrize(("asked", "limits"), [("1.5", {1.5}), ("null", set())])

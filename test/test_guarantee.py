@@ -54,9 +54,9 @@ from ppc_attitude.science.guarantee.inequalities import inequalities
 from ppc_attitude.science.guarantee.surroundings import (
     broken_assumptions,
     broken_by_reference,
-    inertia_error,
     longer_ramps,
 )
+from ppc_attitude.science.inertia import inertia_error
 from ppc_attitude.science.references.paper import motion_bounds
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load

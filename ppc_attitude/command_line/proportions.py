@@ -35,13 +35,13 @@ from ppc_attitude.science.estimators.steady_state import FLOOR, Sigmas, error_si
 from ppc_attitude.science.guidance.orders import GOAL_FRAMES, GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.guidance.slew import slew_torque
-from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.inertia import inertia_error, inertia_matrix
 from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.performance import nominal
-from ppc_attitude.science.plants.rigid_body import INERTIA
+from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_RATE
 from ppc_attitude.science.references import goal
-from ppc_attitude.science.sensors import direct
+from ppc_attitude.science.sensors import direct, gyro_star_tracker
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 from ppc_attitude.science.stamps import NANOSECONDS
 from ppc_attitude.simulation.scenario import Scenario
@@ -49,6 +49,7 @@ from ppc_attitude.simulation.scenario import Scenario
 _SAMPLES = 1000  # times at which an environment is looked at
 _DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
 _PULSES = 3.0  # least pulses that should have room in the rate envelope
+_INERTIA_ERROR = 0.3  # docs/guarantee.md has measured it
 _NOISE_SIGMAS = 3.0  # of what noise makes a law ask for, that the actuator should give
 
 
@@ -239,6 +240,42 @@ def _pulse_conditions(impulse: float, scenario: Scenario) -> Iterator[Condition]
             False,
             f"{_PULSES:g} times the rate that the actuator's least pulse makes: below it, single "
             "pulses leave the envelope",
+        )
+
+
+def knowledge_conditions(scenario: Scenario) -> Iterator[Condition]:
+    """Compare the craft with what its law knows of it, and its rates with those of its tracker."""
+    plant = scenario.parameters[PLANT]
+    if has_parameter(PLANT, plant, INERTIA.name):
+        known = scenario.parameters[CONTROLLER][INERTIA.name]
+        yield _at_most(
+            "inertia",
+            inertia_error(np.array(known), np.array(plant[INERTIA.name])),
+            _INERTIA_ERROR,
+            "",
+            "by how much of itself the inertia that the law knows is off, about the worst axis",
+        )
+    if SENSORS.selected(plant) is not gyro_star_tracker.COMPONENT:
+        return
+    most = plant["star_tracker.max_rate"]
+    if has_parameter(PLANT, plant, INITIAL_RATE.name):
+        yield _at_most(
+            "rate at the start",
+            float(np.linalg.norm(plant[INITIAL_RATE.name])),
+            most,
+            "rad/s",
+            "up to star_tracker.max_rate a first fix comes: without one there is no estimate, so "
+            "the law gives no torque, and nothing stops the craft",
+        )
+    reference = scenario.parameters[REFERENCE]
+    if REFERENCES.selected(reference) is goal.COMPONENT:
+        yield _at_most(
+            "rate of a slew",
+            reference[goal.MAX_RATE.name],
+            most,
+            "rad/s",
+            "fixes come while guidance.max_rate is at most star_tracker.max_rate: in a faster slew "
+            "only the gyro tells the attitude",
         )
 
 

@@ -62,3 +62,10 @@ def gyroscopic_share(inertia: NDArray[np.float64]) -> float:
     """Largest ‖ω × J ω‖/‖ω‖² [kg·m²] of an inertia, shape (3, 3)."""
     moments = np.linalg.eigvalsh(inertia)
     return float(moments[-1] - moments[0]) / 2.0
+
+
+def inertia_error(known: NDArray[np.float64], true: NDArray[np.float64]) -> float:
+    """‖S‖ with J = Ĵ^½ (I + S) Ĵ^½, of nine numbers each [kg·m²]."""
+    moments, axes = np.linalg.eigh(known.reshape(3, 3))
+    root = axes / np.sqrt(moments) @ axes.T
+    return float(np.abs(np.linalg.eigvalsh(root @ true.reshape(3, 3) @ root - np.eye(3))).max())

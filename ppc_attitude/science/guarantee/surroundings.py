@@ -20,7 +20,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.science.controllers.momentum_tube import LANDED
 from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
@@ -39,6 +38,7 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
+from ppc_attitude.science.inertia import inertia_error
 from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
@@ -261,13 +261,6 @@ def _unseen(plant: Mapping[str, Any], estimator: Mapping[str, Any]) -> Iterator[
                 f"{each.name} = {plant[each.name]} in the plant; the filter takes it for "
                 f"{estimator[each.name]}"
             )
-
-
-def inertia_error(known: NDArray[np.float64], true: NDArray[np.float64]) -> float:
-    """‖S‖ with J = Ĵ^½ (I + S) Ĵ^½, of nine numbers each [kg·m²]."""
-    moments, axes = np.linalg.eigh(known.reshape(3, 3))
-    root = axes / np.sqrt(moments) @ axes.T
-    return float(np.abs(np.linalg.eigvalsh(root @ true.reshape(3, 3) @ root - np.eye(3))).max())
 
 
 def assumptions_from(
