@@ -317,8 +317,9 @@ def assumptions_from(
     actuator = actuation_of(plant, momentum, fastest, controller["max_torque"])
     if actuator.torque <= 0.0:
         raise ConfigurationError(
-            f"with a momentum of {momentum:g} N·m·s the wheels give no torque for certain; "
-            "allowed: wheels with more torque, or less momentum (--assume momentum=VALUE)"
+            f"with a momentum of {momentum:g} N·m·s at up to {fastest:.4g} rad/s the wheels give "
+            "no torque for certain; allowed: wheels with more torque, less momentum or a lower "
+            "rate (--assume momentum=VALUE, Omega=VALUE)"
         )
     error = inertia_error(np.array(controller["inertia"]), actuator.inertia)
     told = {
