@@ -17,6 +17,7 @@
 Usage: bag_child.py endless|idle|full BAG STORAGE. Every report is a line on standard output.
 """
 
+import math
 import resource
 import signal
 import sys
@@ -28,6 +29,8 @@ from synthetic import SAMPLED
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.topics import Topic
+from ppc_attitude.science.component import QUATERNION
 
 STEP_NS = 10_000_000
 REPORT_EVERY = 50
@@ -36,14 +39,16 @@ IDLE_STEPS = 7
 DISK_BYTES = 1_200_000
 
 
-def values(step: int, width: int) -> tuple[float, ...]:
+def values(step: int, topic: Topic) -> tuple[float, ...]:
     """What the recorder writes at a step."""
-    return tuple(step + 0.25 * axis for axis in range(width))
+    if topic.form == QUATERNION:
+        return 0.0, 0.0, math.sin(step), math.cos(step)
+    return tuple(step + 0.25 * axis for axis in range(topic.width))
 
 
 def record(writer: BagWriter, step: int, codecs: list[Codec]) -> None:
     for codec in codecs:
-        data = codec.encode(step * STEP_NS, values(step, codec.topic.width))
+        data = codec.encode(step * STEP_NS, values(step, codec.topic))
         writer.write(f"/{codec.topic.name}", time.monotonic_ns(), data)
 
 

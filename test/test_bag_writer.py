@@ -90,7 +90,7 @@ def assert_child_wrote(bag: Path, at_least: int) -> int:
     steps = np.arange(len(run.stamps_ns))
     np.testing.assert_array_equal(run.stamps_ns, steps * bag_child.STEP_NS)
     for topic in SAMPLED:
-        expected = [bag_child.values(step, topic.width) for step in steps]
+        expected = [bag_child.values(step, topic) for step in steps]
         np.testing.assert_array_equal(run[topic.column], expected)
     assert len(steps) >= at_least
     assert run.controller == "child"

@@ -37,7 +37,7 @@ import numpy as np
 from numba import literal_unroll
 
 from ppc_attitude.science.compiled_stamps import seconds
-from ppc_attitude.science.component import Component
+from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
@@ -207,9 +207,15 @@ def _unarmed(state: np.dtype[Any]) -> Any:
     return np.zeros((), state)[()]
 
 
+@cache
+def _names(columns: tuple[Column, ...]) -> tuple[str, ...]:
+    """Names of what a law gives; one object, too."""
+    return tuple(column.name for column in columns)
+
+
 def _step_of(law: Component) -> Any:
     """Step of a law behind the observer."""
-    step, unarmed, names = kernel_of(law), _unarmed(law.state), tuple(law.places)
+    step, unarmed, names = kernel_of(law), _unarmed(law.state), _names(law.outputs)
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         if quaternion(inputs.attitude) == NO_ATTITUDE:
