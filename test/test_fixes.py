@@ -29,7 +29,7 @@ LATE = Topic("tracker/fix", "", column="fix", width=1)
 
 def samples(*steps: int) -> list[tuple[str, int, float]]:
     """Samples of the steps of a range, each with the number of its step."""
-    return [("sample", k * STEP, float(k)) for k in range(*steps)]
+    return [("gyro", k * STEP, float(k)) for k in range(*steps)]
 
 
 def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int, float, float]]:
@@ -37,7 +37,7 @@ def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int
     found = []
     for kind, stamp, value in events:
         completed = fixes.take(kind, stamp, (value,), 0.0)
-        found += [(at, parts["sample"][0], parts["fix"][0]) for at, parts in completed]
+        found += [(at, parts["gyro"][0], parts["fix"][0]) for at, parts in completed]
     return found
 
 
@@ -47,7 +47,7 @@ def slots_of(rate: float, latency: float, initial: bool) -> Slots:
 
 
 def new(**given: Any) -> Fixes:
-    return Fixes(slots_of(10.0, 0.1, initial=True), LATE, ["sample"], **given)
+    return Fixes(slots_of(10.0, 0.1, initial=True), LATE, ["gyro"], **given)
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 90.0, 1000.0, 3000.0])
@@ -92,14 +92,14 @@ def test_a_sample_waits_for_its_fix_and_others_for_that_sample() -> None:
     assert fixes.missing() == ("fix",)
     late = joined(fixes, [("fix", 10 * STEP, 2.0)])
     assert late == [(20 * STEP, 20.0, 2.0), (21 * STEP, 21.0, 0.0), (22 * STEP, 22.0, 0.0)]
-    assert (fixes.waiting(), fixes.missing()) == ("", ("sample",))
+    assert (fixes.waiting(), fixes.missing()) == ("", ("gyro",))
 
 
 def test_who_waits_for_a_fix_says_for_which_and_what_came_instead() -> None:
     fixes = new()
     joined(fixes, [("fix", 0, 1.0), *samples(20)])
     for now in (5.0, 6.0):
-        assert not [*fixes.take("sample", round(15 + now) * STEP, (0.0,), now)]
+        assert not [*fixes.take("gyro", round(15 + now) * STEP, (0.0,), now)]
     assert fixes.waiting_since == 5.0
     awaited = "waiting at t = 0.200 s for tracker/fix with the stamp 0.100000 s, as the estimator's"
     assert fixes.waiting() == f"{awaited} parameters say"
@@ -111,21 +111,21 @@ def test_a_fix_has_its_age() -> None:
     fixes = new()
     joined(fixes, [("fix", 0, 1.0), *samples(20)])
     joined(fixes, [("fix", 10 * STEP, 2.0)])
-    ((_, parts),) = fixes.take("sample", 20 * STEP, (0.0,), 0.0)
+    ((_, parts),) = fixes.take("gyro", 20 * STEP, (0.0,), 0.0)
     assert parts["fix"] == (2.0, 10 * STEP * 1e-9)
 
 
 def test_a_repeated_sample_is_complete_at_once() -> None:
     fixes = new()
     joined(fixes, [("fix", 0, 1.0), *samples(5)])
-    assert joined(fixes, [("sample", 4 * STEP, 0.0)]) == [(4 * STEP, 0.0, 0.0)]
+    assert joined(fixes, [("gyro", 4 * STEP, 0.0)]) == [(4 * STEP, 0.0, 0.0)]
 
 
 def test_a_fix_that_nobody_waits_for_is_not_spent_on_a_repeated_sample() -> None:
     """Its answer is that of the first one, without the fix."""
     fixes = of_the_first_second()
     joined(fixes, samples(101, 150))
-    late = [("fix", 111 * STEP, 5.0), ("sample", 149 * STEP, 0.0), ("sample", 150 * STEP, 0.0)]
+    late = [("fix", 111 * STEP, 5.0), ("gyro", 149 * STEP, 0.0), ("gyro", 150 * STEP, 0.0)]
     assert [fix for *_, fix in joined(fixes, late)] == [0.0, 5.0]
 
 
@@ -134,7 +134,7 @@ def test_time_that_begins_again_begins_with_slot_zero() -> None:
     fixes = new()
     joined(fixes, [("fix", 0, 1.0), *samples(22)])
     joined(fixes, [("fix", 25 * STEP, 9.0)])
-    assert joined(fixes, [("sample", 0, 0.0)]) == []
+    assert joined(fixes, [("gyro", 0, 0.0)]) == []
     assert joined(fixes, [("fix", 0, 3.0), ("fix", 10 * STEP, 4.0)]) == [(0, 0.0, 3.0)]
     found = joined(fixes, samples(1, 30))
     assert [(at // STEP, fix) for at, _, fix in found if fix] == [(20, 4.0)]
@@ -142,7 +142,7 @@ def test_time_that_begins_again_begins_with_slot_zero() -> None:
 
 def test_who_begins_in_the_middle_waits_for_no_fix_of_before() -> None:
     fixes = new()
-    assert joined(fixes, [("sample", 20 * STEP, 5.0)]) == [(20 * STEP, 5.0, 0.0)]
+    assert joined(fixes, [("gyro", 20 * STEP, 5.0)]) == [(20 * STEP, 5.0, 0.0)]
 
 
 def of_the_first_second() -> Fixes:
@@ -150,7 +150,7 @@ def of_the_first_second() -> Fixes:
     fixes = new()
     events = [("fix", 0, 1.0)]
     for k in range(101):
-        events.append(("sample", k * STEP, float(k)))
+        events.append(("gyro", k * STEP, float(k)))
         if k % 10 == 0 and k >= 20:
             events.append(("fix", (k - 10) * STEP, 1.0))
     assert len(joined(fixes, events)) == 101
@@ -161,16 +161,18 @@ def of_the_first_second() -> Fixes:
 def test_a_sample_of_another_time_is_refused_and_holds_nobody_up(stamp: int) -> None:
     """In lock-step nothing would come after it that could free those who wait."""
     fixes = of_the_first_second()
-    with pytest.raises(RefusedError, match=rf"sample: stamp {stamp / 100:.6f} s is out of order"):
-        joined(fixes, [("sample", stamp * STEP, 0.0)])
-    assert joined(fixes, [("sample", 101 * STEP, 7.0)]) == [(101 * STEP, 7.0, 0.0)]
+    with pytest.raises(
+        RefusedError, match=rf"imu/data_raw: stamp {stamp / 100:.6f} s is out of order"
+    ):
+        joined(fixes, [("gyro", stamp * STEP, 0.0)])
+    assert joined(fixes, [("gyro", 101 * STEP, 7.0)]) == [(101 * STEP, 7.0, 0.0)]
 
 
 def test_a_fix_of_the_future_is_refused() -> None:
     fixes = of_the_first_second()
     furthest = 100 * STEP + StampGuard.LARGEST_STEP
     joined(fixes, [("fix", furthest, 0.0)])
-    with pytest.raises(RefusedError, match=r"fix: stamp .* s is out of order"):
+    with pytest.raises(RefusedError, match=r"tracker/fix: stamp .* s is out of order"):
         joined(fixes, [("fix", furthest + 1, 0.0)])
 
 
@@ -196,10 +198,10 @@ def test_fixes_of_the_past_are_counted_and_a_repeated_one_is_not() -> None:
 def test_a_fix_that_nobody_waits_for_is_used_with_the_sample_after_it(
     first: int, late: int
 ) -> None:
-    fixes = Fixes(slots_of(10.0, 0.1, initial=False), LATE, ["sample"], patience=0.04)
+    fixes = Fixes(slots_of(10.0, 0.1, initial=False), LATE, ["gyro"], patience=0.04)
     found, sent = [], []
     for k in range(400):
-        found += joined(fixes, [("sample", k * STEP, 0.0)])
+        found += joined(fixes, [("gyro", k * STEP, 0.0)])
         valid = k - late
         if valid % 10 == first and valid >= 0:
             found += joined(fixes, [("fix", valid * STEP, float(valid + 1))])
@@ -238,7 +240,7 @@ def test_a_new_beginning_waits_for_its_first_fix_whatever_was_lost_before() -> N
     fixes = new(patience=0.0)
     joined(fixes, samples(30))
     assert fixes.lost == 2
-    assert joined(fixes, [("sample", 0, 0.0)]) == []
+    assert joined(fixes, [("gyro", 0, 0.0)]) == []
     assert joined(fixes, [("fix", 0, 3.0)]) == [(0, 0.0, 3.0)]
 
 
@@ -246,7 +248,7 @@ def test_nobody_waits_for_a_tracker_that_is_always_later_than_it_says() -> None:
     fixes = new()
     done = 0
     for k in range(200):
-        done += len(joined(fixes, [("sample", k * STEP, 0.0)]))
+        done += len(joined(fixes, [("gyro", k * STEP, 0.0)]))
         if k >= 50 and k % 10 == 0:  # the fix of 0.5 s ago, which was due 0.1 s after it
             joined(fixes, [("fix", (k - 50) * STEP, 1.0)])
         assert k < 11 or done == k + 1
@@ -263,7 +265,7 @@ def test_after_a_lost_fix_a_tracker_is_waited_for_that_comes_within_the_patience
     fixes = new(patience=0.04)
     found = joined(fixes, [("fix", 0, 1.0)])
     for k in range(206):
-        found += joined(fixes, [("sample", k * STEP, 0.0)])
+        found += joined(fixes, [("gyro", k * STEP, 0.0)])
         valid = k - 10 - late
         if valid % 10 == 0 and valid > 0 and valid != 40:
             found += joined(fixes, [("fix", valid * STEP, 1.0)])

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
+from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers import quaternion_feedback
 from ppc_attitude.science.environments import orbit
@@ -76,6 +77,13 @@ def _negative(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None
 
 
 ONE = Component(name="mine", outputs=(ENVIRONMENT_TORQUE,), step=_giving(1.0))
+
+
+@pytest.mark.parametrize("bad", [0.0, math.nan, -math.inf])
+def test_numbers_that_are_finite_are_so_whatever_their_sum(bad: float) -> None:
+    signals = {ENVIRONMENT_TORQUE.name: (1e308, 1e308, bad)}
+    told = Chain([ONE], {}).not_finite(signals, signals)
+    assert told.startswith("mine gives environment_torque = (1e+308, 1e+308, ") == bool(bad)
 
 
 def test_components_of_one_name_and_module_run_their_own_steps() -> None:

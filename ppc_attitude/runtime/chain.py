@@ -87,13 +87,12 @@ class Chain:
         """
         if isfinite(sum(map(sum, map(signals.__getitem__, names)))):
             return ""
-        told = next(
-            f"{part.component.name} gives {column} = {signals[column]}"
-            for part in self.parts
-            for column in part.places
-            if not isfinite(sum(signals[column]))
-        )
-        return f"{told}; allowed: finite numbers{first_raised(self.parts)}"
+        for part in self.parts:
+            for column in part.places:
+                if not all(map(isfinite, signals[column])):
+                    told = f"{part.component.name} gives {column} = {signals[column]}"
+                    return f"{told}; allowed: finite numbers{first_raised(self.parts)}"
+        return ""  # only their sum is too large
 
     def step(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Run every component once at an instant [ns]; return `inputs` and all that they give."""

@@ -21,6 +21,7 @@ has slots of its own.
 
 from collections.abc import Iterable, Iterator
 
+from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, Values, out_of_order
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
@@ -87,12 +88,14 @@ class Fixes(Instant):
         if name == self._late.column:
             yield from self._fix(stamp_ns, values)
         elif (parts := self.add(name, stamp_ns, values)) is not None:
-            yield from self._sample(stamp_ns, parts, now)
+            yield from self._sample(BY_COLUMN[name].name, stamp_ns, parts, now)
 
-    def _sample(self, stamp_ns: int, parts: Parts, now: float) -> Iterator[tuple[int, Parts]]:
+    def _sample(
+        self, topic: str, stamp_ns: int, parts: Parts, now: float
+    ) -> Iterator[tuple[int, Parts]]:
         kind = self._guard.judge(stamp_ns, now)
         if kind is StampKind.STALE:
-            raise out_of_order("sample", stamp_ns)
+            raise out_of_order(topic, stamp_ns)
         if kind is StampKind.RESTART:
             self._samples.clear()
             self._fixes = {valid: fix for valid, fix in self._fixes.items() if valid <= stamp_ns}
@@ -106,7 +109,7 @@ class Fixes(Instant):
     def _fix(self, valid_ns: int, values: Values) -> Iterator[tuple[int, Parts]]:
         newest = self._guard.last
         if newest is not None and valid_ns - newest > StampGuard.LARGEST_STEP:
-            raise out_of_order("fix", valid_ns)
+            raise out_of_order(self._late.name, valid_ns)
         # One for which a sample would still have waited is worth the wait; a later one never is.
         last = None if self._last is None else self._last - self._patience
         if self._slots.has(valid_ns) and (last is None or not self._slots.arrived(valid_ns, last)):
