@@ -256,6 +256,31 @@ def test_who_waits_also_says_how_much_it_refused() -> None:
     assert said[:2] == (STALE, "waiting for attitude; refused 2 since the last report")
 
 
+def test_a_node_whose_inputs_do_not_pair_says_so_in_the_log_while_they_come(
+    admit: Callable[..., Patient], capfd: pytest.CaptureFixture[str]
+) -> None:
+    patient = admit(PpcController)
+
+    def logged(step: int, seconds: float) -> str:
+        """What is logged once another state has come, and then some time has passed."""
+        patient.give({ATTITUDE: UNIT}, step)
+        patient.until(lambda: patient.node.details()["instants incomplete"] == step - 99)
+        patient.passed += seconds
+        patient.node.wake()
+        return capfd.readouterr().err
+
+    for step in range(100):
+        patient.give({ATTITUDE: UNIT}, step)
+        patient.spin()
+    assert logged(100, 4.9) == ""
+    missing = "waiting for angular_velocity, reference/attitude, reference/angular_velocity"
+    assert missing in logged(101, 0.2)
+    patient.passed += 10.0
+    patient.node.wake()
+    assert capfd.readouterr().err == ""
+    assert missing in logged(102, 0.0)
+
+
 def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patient]) -> None:
     patient = admit(PpcController)
     patient.feed(0)

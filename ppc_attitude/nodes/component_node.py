@@ -81,6 +81,19 @@ class ComponentNode(BaseNode):
         if not self.chain.inputs:
             self.chain.forget()  # what depends on time alone has no past
 
+    def wake(self) -> float:
+        """Say what is missing, if messages come whose stamps do not pair."""
+        instant = self._instant
+        self.say_waiting(
+            instant.waiting_since, lambda: self._missing() if instant.is_stuck(self.now()) else ""
+        )
+        return super().wake()
+
+    def _missing(self) -> str:
+        missing = [BY_COLUMN[column].name for column in self._instant.missing()]
+        together = " with the same new stamp" if len(missing) > 1 else ""
+        return f"waiting for {', '.join(missing)}{together}"
+
     def arm(self) -> None:
         """Forget the past: the next step begins anew."""
         self.chain.forget()
@@ -146,10 +159,7 @@ class ComponentNode(BaseNode):
         margins = {f"{name} margin": 1.0 - value for name, value in normalised.items()}
         details = {**self.details(), **margins, **self.chain.numbers}
         if self.is_idle():
-            missing = [BY_COLUMN[column].name for column in self._instant.missing()]
-            told = f"waiting for {', '.join(missing)}"
-            together = " with the same new stamp" if len(missing) > 1 else ""
-            return Status(STALE, told + together, details)
+            return Status(STALE, self._missing(), details)
         outside = [name for name, value in normalised.items() if value > 1.0]
         if outside:
             return Status(WARN, f"outside: {', '.join(outside)}", details)

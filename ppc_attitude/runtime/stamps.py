@@ -26,6 +26,8 @@ from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, second
 
 Values = tuple[float, ...]
 _LATEST_NS = nanoseconds(LATEST)
+_AHEAD = 10  # incomplete instants that may be: a source is ahead, or a plant has just ended
+_SILENCE = 2.0  # [s] after which the last message is no sign that others come
 
 
 class RefusedError(ValueError):
@@ -117,6 +119,8 @@ class Instant:
         self._depth = depth
         self._parts: dict[int, dict[str, Values]] = {}
         self.dropped = 0
+        self.waiting_since = 0.0  # [s] when an instant was complete, or the first message came
+        self._heard_at = 0.0  # [s]
 
     def add(self, name: str, stamp_ns: int, values: Values) -> dict[str, Values] | None:
         """Add one message; return the instant's messages once all are there."""
@@ -135,8 +139,18 @@ class Instant:
         self, name: str, stamp_ns: int, values: Values, now: float
     ) -> Iterable[tuple[int, dict[str, Values]]]:
         """Take a message that came at a time [s]; the instants [ns] that are complete with it."""
+        if not self._parts:
+            self.waiting_since = now
+        self._heard_at = now
         parts = self.add(name, stamp_ns, values)
-        return () if parts is None else ((stamp_ns, parts),)
+        if parts is None:
+            return ()
+        self.waiting_since = now
+        return ((stamp_ns, parts),)
+
+    def is_stuck(self, now: float) -> bool:
+        """True if messages come, by a time [s], and too many of them make no instant together."""
+        return len(self._parts) > _AHEAD and now - self._heard_at < _SILENCE
 
     def missing(self) -> tuple[str, ...]:
         """Names that no incomplete instant has; all if there is none, or if they do not pair."""
