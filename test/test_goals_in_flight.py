@@ -214,10 +214,13 @@ def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None
         MultiDOFJointTrajectoryPoint(transforms=[Transform()]),
         (MultiDOFJointTrajectoryPoint()),
     )
+    soon = MultiDOFJointTrajectoryPoint(transforms=[Transform()])
+    soon.time_from_start.nanosec = 1
     for joints, body, reason in (
         (["wing"], [one, one], "joint_names = ['wing']; allowed: ['body']"),
         (["body"], [one], "a trajectory of 1 points; allowed: 2 to 40"),
         (["body"], [one, one], "times of the points are [0.0, 0.0]; allowed: finite and"),
+        (["body"], [one, soon], "times of the points are [100000000.0, 100000000.0]; allowed"),
         (["body"], [empty, one], "point 0 has 0 transforms; allowed: 1"),
     ):
         pilot.give(GOAL_TRAJECTORY, MultiDOFJointTrajectory(joint_names=joints, points=body))
