@@ -173,6 +173,21 @@ def test_equal_messages_with_one_stamp_are_one_and_this_is_told(tmp_path: Path) 
     assert "/imu/data" not in "".join(read.warnings[1:])
 
 
+def test_a_constant_beside_an_attitude_without_stamps_counts_at_its_receipt_too(
+    tmp_path: Path,
+) -> None:
+    """It counted as one message of the year 1970."""
+    unstamped = KINDS["header that nobody fills"]
+    sent = [("/mocap", stamp, unstamped(stamp, q)) for stamp, q in rows(RUN, "attitude")]
+    straight = (0.0, 0.0, 0.0, 1.0)
+    sent += [("/goal", stamp, unstamped(0, straight)) for stamp in RUN.stamps_ns.tolist()]
+    names = {"attitude": "/mocap", "reference/attitude": "/goal"}
+    read = read_run(write_typed(tmp_path / "bag", sent), topics=names)
+    assert (read["reference_attitude"] == straight).all()
+    told = [f"{name} has no stamps: the times of receipt are taken" for name in ("/mocap", "/goal")]
+    assert [each for each in read.warnings if "stamp" in each] == told
+
+
 def test_one_imu_gives_attitude_and_rate(tmp_path: Path) -> None:
     both = zip(rows(RUN, "attitude"), RUN["angular_velocity"].tolist(), strict=True)
     sent = [("/imu/data", 5, imu(stamp, q, w)) for (stamp, q), w in both]

@@ -61,6 +61,7 @@ class Collected:
         # How many messages have another frame, and what a node says of the first.
         self._strange: dict[str, tuple[int, str]] = {}
         self._notes: list[str] = []
+        self._without_stamps = False
         self._changes: dict[str, list[tuple[int, bytes]]] = {}  # with their arrival
         self._met = 0
 
@@ -105,6 +106,7 @@ class Collected:
         The types are those of all topics of the bag, by absolute name.
         """
         found = {}
+        self._without_stamps = False
         for topic in SAMPLED:
             name = f"{namespace}/{topic.name}"
             parts = self._parts.pop(name, [])
@@ -136,7 +138,11 @@ class Collected:
         received = [part.received for part in parts if part.received is not None]
         alike = len(received) == len(parts) and (stamps == stamps[0]).all()
         parts.clear()
-        if alike and (not is_stamped(msgtype) or (values[1:] != values[0]).any()):
+        # A constant of a run without stamps has none either; the attitude, which is first, tells.
+        if alike and (
+            self._without_stamps or not is_stamped(msgtype) or (values[1:] != values[0]).any()
+        ):
+            self._without_stamps = True
             told = "one stamp for all messages" if stamps[0] else "no stamps"
             self._notes.append(f"{name} has {told}: the times of receipt are taken")
             stamps = np.concatenate(received)
