@@ -276,6 +276,14 @@ def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(
     told = capsys.readouterr()
     assert "rigid_body: 201 steps replayed, 0 skipped" in told.out
     assert "warning: the record begins at 1 s: what came before is not in it" in told.err
+    rig = {node: values for node, values in run.parameters.items() if node != PLANT}
+    for begin, code in ((0, 0), (100, 1)):  # with whom nobody knows where time begins
+        late = {name: values[begin:] for name, values in run.columns.items()}
+        cut = replace(run, stamps_ns=run.stamps_ns[begin:], columns=late, parameters=rig)
+        write_run(cut, tmp_path / f"rig{begin}")
+        assert main(["replay", str(tmp_path / f"rig{begin}")]) == code
+        reason = "warning: nothing tells if the record begins with the run"
+        assert (reason in capsys.readouterr().err) == bool(code)
 
 
 def test_a_law_that_nobody_knows_is_named() -> None:
