@@ -98,6 +98,19 @@ def test_a_torque_that_is_read_before_the_state_of_a_reset_makes_no_gap(tmp_path
         assert recording.gaps([]) == []
 
 
+def test_a_time_that_goes_back_and_not_to_zero_is_told_at_the_end(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with recorder_into(tmp_path / "bag") as beside:
+        for step in (*range(50, 60), *range(10, 14)):
+            beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
+        beside.until(lambda: beside.node.wake() and beside.node._recordings[""].surplus())
+        beside.node.drain(beside.executor)
+    told = "4 messages of /attitude have no later stamp than one before: two for an instant, or ti"
+    assert told in capfd.readouterr().err
+    assert read_run(tmp_path / "bag").stamps_ns.size == 4
+
+
 def test_a_recorder_ends_although_its_stack_runs_on(tmp_path: Path) -> None:
     """It waited for a silence that does not come."""
     bag, most = tmp_path / "bag", 3000

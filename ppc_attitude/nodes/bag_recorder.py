@@ -332,8 +332,9 @@ class BagRecorder(BaseNode):
                 self.fail(self.health.time_ns, str(error))
         for home, recording in self._recordings.items():
             for name, count in recording.surplus().items():
-                text = f"{count} messages of {self._names[home, name]} came beside the first ones"
-                self.get_logger().warning(f"{text} of their instants")
+                text = f"{count} messages of {self._names[home, name]} have no later stamp than one"
+                why = "two for an instant, or time went back and not to zero; they are not judged"
+                self.get_logger().warning(f"{text} before: {why}")
         if self._survey:
             self._survey.close()
         if gaps:
