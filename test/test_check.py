@@ -24,9 +24,9 @@ from conftest import Ask
 from craft_helpers import case, configs, overlay
 
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
+from ppc_attitude.command_line.environment_load import environment_torque, momentum_conditions
 from ppc_attitude.command_line.proportions import (
     actuator_conditions,
-    environment_torque,
     knowledge_conditions,
     noise_conditions,
     pulse_conditions,
@@ -37,6 +37,7 @@ from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.kinds import ENVIRONMENTS
+from ppc_attitude.science.wheels import momenta
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.scenario import Scenario, load
 
@@ -241,6 +242,29 @@ def test_a_law_of_another_craft_and_rates_that_no_tracker_follows_are_warned_of(
     assert warned(knowledge_conditions(slews)) == {"rate at the start", "rate of a slew"}
     slow = slews.with_values(PLANT, **{"star_tracker.max_rate": 0.04})
     assert not warned(knowledge_conditions(slow))
+
+
+def momentum_of_the_wheels(scenario: Scenario) -> list[Condition]:
+    parts = first_instant(scenario)
+    return [*momentum_conditions(scenario, parts["references"], parts["environments"])]
+
+
+def test_momentum_that_the_wheels_cannot_hold_is_warned_of() -> None:
+    (short,) = momentum_of_the_wheels(case("wheels"))
+    record = simulate(case("wheels"), 120.0)
+    stored = np.linalg.norm(momenta(record.parameters[PLANT], record["wheel_speed"]), axis=1).max()
+    assert short.holds
+    assert short.value == pytest.approx(stored, rel=0.05)
+    (long,) = momentum_of_the_wheels(case("wheels", duration=400.0))
+    assert not long.holds
+    assert "passed at 246.4 s" in long.meaning  # all are full, and the attitude is lost, at 275 s
+    for fine in (case(), case("wheels", "orbit", "unloading", duration=1e6)):
+        assert not momentum_of_the_wheels(fine)
+    off = {"magnetorquers.law": "off", "duration": 1e4}
+    (unused,) = momentum_of_the_wheels(
+        case("wheels", "orbit", "unloading").with_values(PLANT, **off)
+    )
+    assert unused.limit == short.limit
 
 
 @pytest.mark.parametrize(("asked", "limits"), [("1.5", {1.5}), ("null", set())])

@@ -37,16 +37,13 @@ from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.inertia import inertia_error, inertia_matrix
 from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
-from ppc_attitude.science.part import Part
 from ppc_attitude.science.performance import nominal
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_RATE
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct, gyro_star_tracker
-from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 from ppc_attitude.science.stamps import NANOSECONDS
 from ppc_attitude.simulation.scenario import Scenario
 
-_SAMPLES = 1000  # times at which an environment is looked at
 _DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
 _PULSES = 3.0  # least pulses that should have room in the rate envelope
 _INERTIA_ERROR = 0.3  # docs/guarantee.md has measured it
@@ -56,24 +53,6 @@ _NOISE_SIGMAS = 3.0  # of what noise makes a law ask for, that the actuator shou
 def _at_most(name: str, value: float, limit: float, unit: str, meaning: str) -> Condition:
     """Condition that may be violated, with a warning: it is advice."""
     return Condition(name, value, limit, "≤", unit, False, meaning)
-
-
-def environment_torque(scenario: Scenario, environment: Part) -> float:
-    """Bound of the norm [N·m] of the configured environment's torque.
-
-    Of an environment that tells none it is the largest at even times of the run, or, where it looks
-    at the craft, at the first instant, which `environment` has made.
-    """
-    component = environment.component
-    if component.bound:
-        return component.bound(scenario.parameters[INJECTOR])
-    duration_ns = round(scenario.number(PLANT, "duration") * NANOSECONDS)
-    count = 0 if component.inputs else _SAMPLES + 1
-    torques = [environment.outputs[ENVIRONMENT_TORQUE.name][0].copy()]
-    for stamp_ns in np.linspace(0, duration_ns, count, dtype=np.int64).tolist():
-        environment.step(stamp_ns)
-        torques.append(environment.outputs[ENVIRONMENT_TORQUE.name][0].copy())
-    return float(np.linalg.norm(torques, axis=1).max())
 
 
 def settling_conditions(

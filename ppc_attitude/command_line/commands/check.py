@@ -26,6 +26,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ppc_attitude.analysis.requirements import load_requirements
+from ppc_attitude.command_line.environment_load import environment_torque, momentum_conditions
 from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -39,7 +40,6 @@ from ppc_attitude.command_line.options import (
 from ppc_attitude.command_line.proportions import (
     acting_torque,
     actuator_conditions,
-    environment_torque,
     knowledge_conditions,
     noise_conditions,
     pulse_conditions,
@@ -132,6 +132,7 @@ def execute(arguments: argparse.Namespace) -> int:
     q_e = attitude_error(tuple(told.tolist()), tuple(desired.tolist()))
     surroundings = parts[ENVIRONMENTS.name]
     environment = stoppable(lambda: environment_torque(scenario, surroundings))
+    wheels = [*momentum_conditions(scenario, parts[REFERENCES.name], surroundings)]
     goals = goals_told(scenario)
     conditions = (
         *(() if guarantee else _law_conditions(scenario, q_e[3], environment, required.rate)),
@@ -139,6 +140,7 @@ def execute(arguments: argparse.Namespace) -> int:
         *slew_conditions(scenario, required),
         *_goal_conditions(goals),
         *actuator_conditions(scenario),
+        *wheels,
         *knowledge_conditions(scenario),
         *sampling_conditions(scenario),
         *noise_conditions(scenario),

@@ -27,6 +27,7 @@ from tqdm import tqdm
 
 from ppc_attitude.campaign.pools import connected, cores, see_that_it_is_connected, threads
 from ppc_attitude.campaign.rows import CampaignError
+from ppc_attitude.command_line.environment_load import environment_torque
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     ACCURACY,
@@ -40,7 +41,6 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.parameter_file import ros_parameters
 from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
-from ppc_attitude.command_line.proportions import environment_torque
 from ppc_attitude.command_line.stopping import stop_on_signals, stoppable
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.contract.whole_file import write_whole
