@@ -78,6 +78,19 @@ def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user() -> None:
     assert designed(replace(quick, **reference), precise, law.h, gains)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [({"e_A": 5e-3, "e_W": 2e-2}, ["e_A", "e_W"]), ({"e_W": 1e-2, "d": 0.04}, ["d", "e_W"])],
+)
+def test_numbers_that_only_help_together_are_told(wrong: dict[str, float], told: list[str]) -> None:
+    """A cheap gyro has two large errors at once, and was only told that no single number helps."""
+    assumed, law = guaranteed()
+    poor, gains = replace(assumed, **wrong), (law.k, law.kappa, law.ell)
+    (helps,) = nearest(poor, Wishes(), law.h, gains)
+    assert list(helps) == told
+    assert designed(replace(poor, **helps), Wishes(), law.h, gains)
+
+
 @pytest.mark.long
 @pytest.mark.slow
 def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds() -> None:

@@ -282,9 +282,9 @@ def _values(assumed: Assumptions, law: Law) -> dict[str, object]:
 
 def _helps(found: list[dict[str, float]]) -> str:
     if not found:
-        return "no single number helps: change several"
+        return "no single number helps, nor do d, e_S, e_A and e_W together: change several"
     told = (", ".join(_written(*each) for each in values.items()) for values in found)
-    return "\n  ".join(["feasible, each alone, the others as they are:", *told])
+    return "\n  ".join(["feasible, each line alone, the others as they are:", *told])
 
 
 def _written(name: str, value: float) -> str:

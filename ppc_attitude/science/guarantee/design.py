@@ -37,9 +37,10 @@ _K_SHARE = (0.02, 0.04, 0.067, 0.1)
 _ELL = (0.05, 0.1, 0.2, 0.4, 1.0)
 _SHORT = ((0.02, 0.07, 0.2, 0.4), (0.02, 0.05), (0.2, 1.0))
 _FAR = (1.5, 3.0, 10.0, 100.0, 1000.0)  # by which one number may be changed to be feasible
-# These numbers, W with what scales with it.
+# These numbers, W with what scales with it, and both errors of an estimate; or all of the last.
 _MORE_HELPS = (("max_torque",), ("Omega",))
-_LESS_HELPS = (("d",), ("W", "W1", "W2"), ("e_S",), ("dead_band",), ("h",))
+_LESS_HELPS = (("d",), ("W", "W1", "W2"), ("e_S",), ("e_A", "e_W"), ("dead_band",), ("h",))
+_TOGETHER = ("d", "e_S", "e_A", "e_W")
 _FACTORS = ((1.4, 0.7), (1.15, 0.87))  # by which a search changes one gain, then by less
 _ALMOST = 1.3  # of the error in the end: what is reached in a time that can be told
 _WISHES = ("an accuracy", "a rate at the start", "a settling time", "a torque noise")  # as judged
@@ -226,12 +227,16 @@ def nearest(
     -------
     list of dict of str to float
         Each one suffices with all other numbers, also given gains, unchanged, within a factor of
-        1000: a single number, or W with W1 and W2, which scale with it.
+        1000: a single number, W with W1 and W2, or e_A with e_W; where none does, the disturbance
+        and all errors by a common factor.
     """
-    found = []
-    for names in (*_MORE_HELPS, *_LESS_HELPS):
-        given = {name: h if name == "h" else getattr(assumed, name) for name in names}
-        factor = _nearest_factor(assumed, wishes, h, gains, given) if given[names[0]] else None
+    found: list[dict[str, float]] = []
+    for names in (*_MORE_HELPS, *_LESS_HELPS, _TOGETHER):
+        if found and names == _TOGETHER:
+            break
+        told = {name: h if name == "h" else getattr(assumed, name) for name in names}
+        given = {name: value for name, value in told.items() if value}
+        factor = _nearest_factor(assumed, wishes, h, gains, given) if given else None
         if factor is not None:
             found.append({name: factor * value for name, value in given.items()})
     return found

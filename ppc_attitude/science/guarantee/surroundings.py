@@ -52,7 +52,7 @@ _ROUNDING = 1e-12  # relative, of an inertia
 TUBE = 0.03
 """Share of the largest omega0 that a design first takes for the rate error in the tube."""
 DEVIATIONS = 5.0
-"""A Gaussian error this often its deviation is taken as its bound."""
+"""A Gaussian error beyond this often its deviation breaks an assumption; a design leaves room."""
 # What a filter cannot know of its sensors: its covariance says nothing of these errors.
 _UNSEEN = (
     "gyro.scale_factor",
