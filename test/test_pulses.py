@@ -135,6 +135,14 @@ def test_a_large_environment_is_no_pulse_of_a_weak_actuator():
     same(found_pulses.find_pulses(t, torque, step(t), 0.01, 4.4e-3), [(5.0, 0.1, HIT)])
 
 
+def test_where_there_is_no_environment_rest_is_zero_even_if_pulses_touch_from_the_start() -> None:
+    """As those of the worst case that `falsify` writes: one of them was taken for rest."""
+    _, t = times(30.0)
+    levels = [HIT, (0.005, -0.004, 0.003), (-0.3, 0.2, -0.1)]
+    pieces = [(10.0 * k, 10.0, level) for k, level in enumerate(levels)]
+    same(found_pulses.find_pulses(t, pulse_torque(t, pieces), step(t), ACTUATOR, 0.0), pieces)
+
+
 def test_a_constant_torque_is_not_sudden():
     _, t = times(10.0)
     assert find_pulses(t, np.full((t.size, 3), 0.3)) == ()

@@ -62,14 +62,14 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
     return tuple(sorted((*found, *weak), key=lambda each: (each.start_s, each.duration_s)))
 
 
-def _environment_bound(record: RunRecord) -> float:
-    """Bound of the torque of the environment [N·m]; 0 if nobody tells one."""
+def _environment_bound(record: RunRecord) -> float | None:
+    """Bound of the torque of the environment [N·m]; None if nobody tells one."""
     injector = record.parameters.get(INJECTOR, {})
     with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
         environment = ENVIRONMENTS.selected(injector)
         if environment and environment.bound:
             return environment.bound(injector)
-    return 0.0
+    return None
 
 
 def _scheduled(record: RunRecord) -> Iterator[Pulse]:

@@ -68,7 +68,7 @@ class Pulse:
 
 
 def find_pulses(
-    t: Array, torque: Array, interval: float, actuator: float, environment: float = 0.0
+    t: Array, torque: Array, interval: float, actuator: float, environment: float | None = None
 ) -> tuple[Pulse, ...]:
     """Find the sudden disturbances in an external torque.
 
@@ -86,7 +86,7 @@ def find_pulses(
     actuator : float
         Torque that the actuator gives on an axis [N·m].
     environment : float
-        Bound of the environment's torque on an axis [N·m]; 0 if it is not known.
+        Bound of the environment's torque on an axis [N·m], if it is known; 0 if there is none.
 
     Returns
     -------
@@ -102,8 +102,12 @@ def find_pulses(
     at, heights = _steps(t, torque, SMALLEST_STEP * actuator)
     if not 0 < at.size <= MOST_STEPS:
         return ()
-    most, same = max(LARGEST_ENVIRONMENT * actuator, environment), SAME_TORQUE * actuator
-    first = _extra_at_start(at, heights, torque, most, same)
+    same = SAME_TORQUE * actuator
+    if environment == 0.0:  # rest is zero
+        first = torque[0]
+    else:
+        most = max(LARGEST_ENVIRONMENT * actuator, environment or 0.0)
+        first = _extra_at_start(at, heights, torque, most, same)
     # The record's own edges are steps as well: from rest to the first level, and back to rest.
     rises = np.vstack([first, heights, -(first + heights.sum(axis=0))])
     times = [edges[0], *t[at].tolist(), edges[1]]
