@@ -188,6 +188,18 @@ def test_a_constant_beside_an_attitude_without_stamps_counts_at_its_receipt_too(
     assert [each for each in read.warnings if "stamp" in each] == told
 
 
+def test_a_constant_beside_a_rate_without_stamps_keeps_its_stamp(tmp_path: Path) -> None:
+    """The attitude tells if a run has stamps, and no other topic."""
+    sent = [("/mocap", stamp, KINDS["imu"](stamp, q)) for stamp, q in rows(RUN, "attitude")]
+    still = TYPES["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    sent += [("/rate", stamp, still) for stamp in RUN.stamps_ns.tolist()]
+    sent.append(("/goal", 10**9, KINDS["stamped pose"](0, (0.0, 0.0, 0.0, 1.0))))
+    names = {"attitude": "/mocap", "angular_velocity": "/rate", "reference/attitude": "/goal"}
+    told = read_run(write_typed(tmp_path / "bag", sent), topics=names).warnings
+    by_receipt = [each.split()[0] for each in told if "times of receipt" in each]
+    assert by_receipt == ["/rate"]
+
+
 def test_one_imu_gives_attitude_and_rate(tmp_path: Path) -> None:
     both = zip(rows(RUN, "attitude"), RUN["angular_velocity"].tolist(), strict=True)
     sent = [("/imu/data", 5, imu(stamp, q, w)) for (stamp, q), w in both]

@@ -26,7 +26,7 @@ from ppc_attitude.contract.carriers import carriers, decode_rows, is_stamped
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_NAME, SAMPLED
 from ppc_attitude.contract.run_record import Array, Change
-from ppc_attitude.contract.topics import CHANGES_TOPIC, Topic
+from ppc_attitude.contract.topics import ATTITUDE, CHANGES_TOPIC, Topic
 from ppc_attitude.science.component import QUATERNION, UNIT_TOLERANCE
 
 
@@ -61,7 +61,6 @@ class Collected:
         # How many messages have another frame, and what a node says of the first.
         self._strange: dict[str, tuple[int, str]] = {}
         self._notes: list[str] = []
-        self._without_stamps = False
         self._changes: dict[str, list[tuple[int, bytes]]] = {}  # with their arrival
         self._met = 0
 
@@ -106,7 +105,7 @@ class Collected:
         The types are those of all topics of the bag, by absolute name.
         """
         found = {}
-        self._without_stamps = False
+        unstamped = False  # the run: its attitude tells
         for topic in SAMPLED:
             name = f"{namespace}/{topic.name}"
             parts = self._parts.pop(name, [])
@@ -116,9 +115,11 @@ class Collected:
             elif parts:
                 self._notes.append(f"there is no topic {wanted}: {name} is read for {topic.name}")
             if sum(len(part.stamps) for part in parts):
-                found[topic] = self._joined(name, types[name], parts)
+                series, received = self._joined(name, types[name], parts, unstamped)
+                found[topic] = series
+                unstamped |= received and topic.name == ATTITUDE.name
                 if topic.form == QUATERNION:
-                    self._look_at_norms(name, found[topic].values)
+                    self._look_at_norms(name, series.values)
         return found
 
     def _look_at_norms(self, name: str, values: Array) -> None:
@@ -130,19 +131,19 @@ class Collected:
             told = f"{off.size} quaternions of {name} have another norm than 1, such as"
             self._notes.append(f"{told} {off[0]:.6g}; allowed: 1 within {UNIT_TOLERANCE:g}")
 
-    def _joined(self, name: str, msgtype: str, parts: list[Series]) -> Series:
-        """One series of the parts, by receipt where there are no stamps, or one for all."""
+    def _joined(
+        self, name: str, msgtype: str, parts: list[Series], unstamped: bool
+    ) -> tuple[Series, bool]:
+        """One series of the parts; and if it is by receipt, as where all have one stamp or none."""
         stamps = np.concatenate([part.stamps for part in parts])
         values = np.concatenate([part.values for part in parts])
         arrival = np.concatenate([part.arrival for part in parts])
         received = [part.received for part in parts if part.received is not None]
         alike = len(received) == len(parts) and (stamps == stamps[0]).all()
         parts.clear()
-        # A constant of a run without stamps has none either; the attitude, which is first, tells.
-        if alike and (
-            self._without_stamps or not is_stamped(msgtype) or (values[1:] != values[0]).any()
-        ):
-            self._without_stamps = True
+        varies = (values[1:] != values[0]).any()  # a constant may have been sent many times
+        by_receipt = bool(alike and (varies or unstamped or not is_stamped(msgtype)))
+        if by_receipt:
             told = "one stamp for all messages" if stamps[0] else "no stamps"
             self._notes.append(f"{name} has {told}: the times of receipt are taken")
             stamps = np.concatenate(received)
@@ -150,7 +151,7 @@ class Collected:
             self._notes.append(f"{len(stamps)} equal messages of {name} with one stamp are one")
         order = np.argsort(arrival, kind="stable")
         joined = Series(stamps, values, arrival)
-        return joined[order] if (np.diff(order) != 1).any() else joined
+        return (joined[order] if (np.diff(order) != 1).any() else joined), by_receipt
 
     def changes(self, namespace: str) -> list[tuple[int, Change]]:
         """Arrival of each change in flight, and the change; messages that are none are counted."""
