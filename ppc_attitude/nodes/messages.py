@@ -19,7 +19,6 @@ arrives is checked here, once for all nodes: frame, finite numbers, unit quatern
 """
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
@@ -48,6 +47,7 @@ from ppc_attitude.science.component import (
     UNIT_TOLERANCE,
     WRENCH,
 )
+from ppc_attitude.science.norms import norm_of
 from ppc_attitude.science.parameter import Value
 
 Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
@@ -128,9 +128,7 @@ class Inbox:
         return sample
 
     def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:
-        x, y, z, w = values
-        # To the last bit as the kernel `normalised`, which would load a compiler in every node.
-        length = math.sqrt(x * x + y * y + z * z + w * w)
+        length = norm_of(values)  # as the kernel `normalised`, to the last bit
         if abs(length - 1.0) <= OWN_TOLERANCE:
             return values
         if abs(length - 1.0) > UNIT_TOLERANCE:

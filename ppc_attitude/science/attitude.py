@@ -36,6 +36,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
+from ppc_attitude.science.norms import norm_of
 
 _SMALL = 1e-4  # [rad²] below which a series of four terms is exact to rounding
 
@@ -84,10 +85,13 @@ def conjugate(a: Quaternion) -> Quaternion:
     return (-a[0], -a[1], -a[2], a[3])
 
 
+quaternion_norm = kernel(norm_of)
+
+
 @kernel
 def normalised(a: Quaternion) -> Quaternion:
     """Unit quaternion in the direction of `a`, which must not be zero."""
-    length = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3])
+    length = quaternion_norm(a)
     return (a[0] / length, a[1] / length, a[2] / length, a[3] / length)
 
 

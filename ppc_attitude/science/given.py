@@ -20,14 +20,13 @@ the same numbers, and so that the one who gives is named and not those who wait,
 foreign component is seen to here.
 """
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.attitude import normalised
+from ppc_attitude.science.attitude import normalised, quaternion_norm
 from ppc_attitude.science.component import (
     FIX,
     FIX_VARIANCE,
@@ -76,7 +75,7 @@ def rules_of(columns: Sequence[Column]) -> NDArray[np.int64]:
 @kernel
 def _has_unit(row: Any) -> bool:
     """Whether a row begins with a quaternion; one that is nearly a unit one becomes one."""
-    length = math.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2] + row[3] * row[3])
+    length = quaternion_norm(row)
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
         return False
     if abs(length - 1.0) > OWN_TOLERANCE:
