@@ -132,7 +132,8 @@ def execute(arguments: argparse.Namespace) -> int:
     q_e = attitude_error(tuple(told.tolist()), tuple(desired.tolist()))
     surroundings = parts[ENVIRONMENTS.name]
     environment = stoppable(lambda: environment_torque(scenario, surroundings))
-    wheels = [*momentum_conditions(scenario, parts[REFERENCES.name], surroundings)]
+    reference = parts[REFERENCES.name]
+    wheels = stoppable(lambda: [*momentum_conditions(scenario, reference, surroundings)])
     goals = goals_told(scenario)
     conditions = (
         *(() if guarantee else _law_conditions(scenario, q_e[3], environment, required.rate)),
