@@ -196,8 +196,8 @@ class GuidanceDesk:
             self._profiles.append(profile_from(seconds(stamp or stamp_ns)))
             return profile_order(stamp_ns, len(self._profiles) - 1)
 
-        for earliest_and_latest in (0.0, LATEST):  # where points of nanoseconds coincide
-            profile_from(earliest_and_latest)  # what is wrong with it is told at once
+        for begin in (0.0, LATEST):  # what is wrong with it is told at once
+            profile_from(begin)  # late, points that are nanoseconds apart coincide
         self._accept(GOAL_TRAJECTORY.name, make, stamp, PROFILING)
 
     def _on_hold(self, request: Any, response: Any) -> Any:

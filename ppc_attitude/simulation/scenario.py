@@ -272,16 +272,12 @@ def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
 def spread(base: Overrides, changed: Overrides) -> dict[str, dict[str, Any]]:
     """Give changes of what nodes must have alike to every node that has not one of its own."""
     alike = {node: agreed(node, base[node]) for node in SOURCES}
-    shared = {
-        name: changed[node][name]
-        for node in reversed(SOURCES)  # the plant's come last, and stay
-        for name in alike[node]
-        if name in changed.get(node, {})
-    }
-    told = {
-        node: {name: shared[name] for name in alike[node] if name in shared} for node in SOURCES
-    }
-    every = {node: {**told[node], **changed.get(node, {})} for node in SOURCES}
+    shared: dict[str, Any] = {}
+    for node in reversed(SOURCES):  # the plant's come last, and stay
+        own = changed.get(node, {})
+        shared |= {name: own[name] for name in alike[node] if name in own}
+    told = {node: {name: shared[name] for name in alike[node] if name in shared} for node in alike}
+    every = {node: {**told[node], **changed.get(node, {})} for node in alike}
     return {node: values for node, values in every.items() if values}
 
 
