@@ -159,7 +159,7 @@ def _comparisons() -> Iterator[tuple[str, str, _Comparison]]:
     yield "comparison_angular_velocity", "Angular velocities", angular_velocity_comparison
     for each in {each.error: each for each in reversed(ENVELOPES)}.values():
         if each.jumps:
-            caption = f"{each.name.capitalize()}s in their envelopes, as the laws report them"
+            caption = f"{each.name.capitalize()}s in their envelopes, as reported"
             yield f"comparison_{each.error}", caption, partial(error_comparison, envelope=each)
 
 

@@ -214,7 +214,8 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     yield "pointing_error", "Attitude error as an angle", pointing_figure
     yield "attitude_error", "Attitude error", attitude_figure
     for each in envelopes_of(record):
-        caption = f"{each.name.capitalize()} in its envelope, as the law reports it"
+        who = BY_COLUMN[each.error].source
+        caption = f"{each.name.capitalize()} in its envelope, as {who} reports it"
         yield each.error, caption, partial(error_figure, envelope=each)
     yield "applied_torque", "Applied torque and its limits", applied_torque_figure
     yield "angular_velocity", "Angular velocity, desired and limit", angular_velocity_figure
