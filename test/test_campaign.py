@@ -142,10 +142,11 @@ def test_a_run_that_raises_becomes_a_row_that_says_why(monkeypatch: pytest.Monke
     assert outcome.levels is None
 
 
-def test_a_worker_with_other_versions_refuses() -> None:
+@pytest.mark.parametrize("package", ["numpy", "of_a_law"])
+def test_a_worker_with_other_versions_refuses(package: str) -> None:
     of = small()
-    foreign = Campaign(of.scenario, of.variables, of.seed, {}, {**of.made_with, "numpy": "1.0"})
-    with pytest.raises(CampaignError, match=r"other versions .*: numpy .* there, 1\.0 here"):
+    foreign = Campaign(of.scenario, of.variables, of.seed, {}, {**of.made_with, package: "1.0"})
+    with pytest.raises(CampaignError, match=rf"other versions .*: {package} .* there, 1\.0 here"):
         run_chunk(foreign, 0, 1)
 
 

@@ -21,19 +21,24 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from ppc_attitude import __version__
+from ppc_attitude.science.kinds import KINDS
 
 _PACKAGES = ("numpy", "numba", "scipy", "rosbags", "rclpy")
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of this package, Python, and what it builds on; the git revision if there is one."""
+    """Versions of this package, Python, what it builds on, and packages that add components.
+
+    The git revision too, if there is one.
+    """
     found = {"ppc_attitude": __version__, "python": platform.python_version()}
     for package in _PACKAGES:
         try:
             found[package] = version(package)
         except PackageNotFoundError:
             continue
+    found |= {p.dist.name: p.dist.version for kind in KINDS for p in kind.points if p.dist}
     revision = _git_revision()
     if revision:
         found["git_revision"] = revision

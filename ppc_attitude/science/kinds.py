@@ -24,7 +24,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from ppc_attitude.science.component import Column, Component
@@ -94,7 +94,7 @@ class Kind:
         """Every component of this kind by its name, ours first."""
         ours = [import_module(f"{_SCIENCE}.{self.name}.{each}").COMPONENT for each in self.modules]
         found = {component.name: self._completed(component) for component in ours}
-        for point in _installed().select(group=f"ppc_attitude.{self.name}"):
+        for point in self.points:
             origin = f"entry point {point.name} = {point.value} of {point.group}"
             try:
                 component = self._completed(self._fitting(point.load(), found))
@@ -108,6 +108,11 @@ class Kind:
                 found[component.name] = component
                 self.origins[component.name] = origin
         return found
+
+    @property
+    def points(self) -> Iterable[EntryPoint]:
+        """Entry points of what other packages add."""
+        return _installed().select(group=f"ppc_attitude.{self.name}")
 
     @cached_property
     def origins(self) -> dict[str, str]:
