@@ -245,6 +245,36 @@ def test_an_advice_that_is_none_is_refused_before_anything_runs(
     assert "component chatty: advice raised TypeError: 'well'; allowed: an Advice" in done.stderr
 
 
+def test_who_reads_what_is_given_later_hears_where_it_can_be_kept(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    name_points(tmp_path, sensors="hasty = misfits:hasty")
+    choose(tmp_path, "spacecraft_plant", "sensors: hasty")
+    done = run_outside("simulate --config own.yaml --duration 1", code=2)
+    assert "reads torque_command, which is given later in the instant; its own last" in done.stderr
+
+
+CAPTIONS = """
+import sys
+from ppc_attitude.analysis.figures import _drawings
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load
+record = simulate(load(sys.argv[1:]), 0.1)
+print(*(caption for _, caption, _ in _drawings(record)), sep="\\n")
+"""
+
+
+def test_a_report_tells_who_gives_a_bounded_column_and_the_version_of_its_package(
+    run_outside: Run, tmp_path: Path
+) -> None:
+    name_points(tmp_path, **{**POINTS, "estimators": "bounded = misfits:bounded"})
+    choose(tmp_path, "/**", "estimator: bounded")
+    told = run_outside(*FILES, "own.yaml", script=CAPTIONS).stdout
+    assert "\nRate change in its envelope, as attitude_estimator reports it\n" in told
+    versions = "from ppc_attitude.contract.versions import versions; print(versions())"
+    assert "'outside_parts': '1.0'" in run_outside(script=versions).stdout
+
+
 def test_the_law_is_checked_for_the_reference_that_is_selected(
     run_outside: Run, tmp_path: Path
 ) -> None:

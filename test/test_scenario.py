@@ -276,6 +276,13 @@ def test_with_values_leaves_the_original_alone_and_checks() -> None:
         case.with_values("ppc_controller", beta=0.0)
 
 
+def test_a_filter_that_hears_no_sensor_of_its_own_is_refused_for_that() -> None:
+    """Not only because the numbers of a tracker that nobody wants are zero."""
+    message = r"cross_noise = 0.*; it reads gyro, which no .* gives; sensors = gyro_star_tracker wo"
+    with pytest.raises(ConfigurationError, match=message):
+        load(configs("paper"), {"attitude_estimator": {"estimator": "mekf"}})
+
+
 def test_nodes_agree_on_when_a_fix_comes() -> None:
     files = configs("paper", "sensors_smallsat")
     message = "attitude_estimator: star_tracker.latency = 0.2; allowed: 0.1, which spacecraft_plant"

@@ -238,7 +238,8 @@ class Diagram:
             if place > start and kind is not PLANTS:
                 raise ConfigurationError(
                     f"{kind.selector} = {component.name} reads {column.name}, which is given "
-                    f"later in the instant"
+                    "later in the instant; its own last values a component may keep in its state, "
+                    "and the plant reads those of the instant before and may give them as a column"
                 )
         return self._places_of(component.inputs)
 

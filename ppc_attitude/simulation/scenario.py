@@ -195,10 +195,15 @@ def scenario(chosen: Overrides) -> Scenario:
     unknown = sorted(set(chosen) - set(PARAMETERS))
     if unknown:
         raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
-    parameters: dict[str, dict[str, Any]] = {}
-    for node, table in PARAMETERS.items():
-        parameters[node] = resolved(table, chosen.get(node, {}), node)
-        check_components(node, parameters[node])
+    parameters = {
+        node: resolved(table, chosen.get(node, {}), node) for node, table in PARAMETERS.items()
+    }
+    for node, values in parameters.items():
+        try:
+            check_components(node, values)
+        except ConfigurationError as error:  # it may be for want of what gives its inputs
+            lacking = [not_given(column) for column in _absent(parameters, node)]
+            raise ConfigurationError("; it reads ".join([str(error), *lacking[:1]])) from None
     found = Scenario(parameters)
     _check_agreement(parameters)
     _check_allocation(parameters)
@@ -215,18 +220,17 @@ def check_exchange(parameters: Overrides) -> None:
         A component reads what no node sends, or what comes late without saying when.
     """
     sent = {column.name for node in HOSTED for column in columns_of(node, parameters[node])}
-    chosen = [each for node in HOSTED for each in components_of(node, parameters[node])]
-    given = {column.name for component in chosen for column in component.outputs}
     for component in components_of(ESTIMATOR, parameters[ESTIMATOR]):
         check_slots(component)
     for node in HOSTED:
+        absent = _absent(parameters, node)
         for column in read_from_elsewhere(components_of(node, parameters[node])):
             if column.late and node != ESTIMATOR:
                 raise ConfigurationError(
                     f"{node}: its components read {column.name}, which comes late; allowed between "
                     "nodes: an estimator that reads it; simulate can run it"
                 )
-            if column.name not in given:
+            if column in absent:
                 raise ConfigurationError(f"{node}: its components read {not_given(column)}")
             if column.name not in sent:
                 raise ConfigurationError(
@@ -234,6 +238,14 @@ def check_exchange(parameters: Overrides) -> None:
                     f"sent where sensors or noise differ from it, or with {SEND_TRUTH.name} of "
                     f"{PLANT}); simulate can run it"
                 )
+
+
+def _absent(parameters: Overrides, node: str) -> list[Column]:
+    """Columns that components of a node read and no selected component gives."""
+    chosen = [each for host in HOSTED for each in components_of(host, parameters[host])]
+    given = {column.name for component in chosen for column in component.outputs}
+    read = read_from_elsewhere(components_of(node, parameters[node]))
+    return [column for column in read if column.name not in given]
 
 
 def _check_agreement(parameters: Overrides) -> None:

@@ -36,8 +36,8 @@ NOISE = record_type(SEED)
 
 def with_column(part: Component, **chosen: str) -> Component:
     """Give a part one more column."""
-    declared = {"name": "mine", "topic": "mine/numbers", "unit": "1", **chosen}
-    column = Column(form=VECTOR, frame=BODY, meaning="x", **declared)
+    declared = {"name": "mine", "topic": "mine/numbers", "frame": BODY, "unit": "1", **chosen}
+    column = Column(form=VECTOR, meaning="x", **declared)
     return replace(part, outputs=(*part.outputs, column))
 
 
@@ -141,6 +141,9 @@ MADE: dict[str, Callable[[], Component]] = {
     "beyond": lambda: with_parameters(LAW, Parameter("z", 3, "x", high=1)),
     "of_objects": lambda: replace(LAW, state=np.dtype([("z", object)])),
     "of_money": lambda: with_column(LAW, unit="$"),
+    "of_no_unit": lambda: with_column(LAW, unit=""),
+    "of_no_frame": lambda: with_column(LAW, frame=""),
+    "hasty": lambda: replace(SENSORS, inputs=(*SENSORS.inputs, TORQUE_COMMAND)),
     "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
     "pulse": lambda: pulses.COMPONENT,
     "margin": lambda: replace(LAW, outputs=WITH_MARGIN, step=step_with_margin),
