@@ -160,6 +160,7 @@ REFUSED = {
 }
 
 
+HEAVIER = [3.0, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9]
 # So large that the controller is always at its limit.
 LASTING_HIT = """/**/disturbance_injector:
   ros__parameters: {pulse_times: [0.0], pulse_durations: [1e6], pulse_torques: [0.3, 0.3, 0.3]}
@@ -178,6 +179,7 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_replayed_a
             assert reason in result.reason, case
         assert stack.set_parameter(CONTROLLER, "k", 0.9).successful
         assert stack.set_parameter(PLANT, "max_torque", 0.03).successful
+        assert stack.set_parameter(PLANT, "inertia", HEAVIER).successful
         stack.until(lambda: last_torque(stack) == 0.03, "the new limit")
         switch(stack, False)
         stack.until(lambda: last_torque(stack) == 0.0, "zero torque")
@@ -194,6 +196,8 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_replayed_a
         stack.goes_on()
         run.send(signal.SIGINT)
         assert run.ends() == 3, run.err
+    assert "inertia: every node that has it must have the same value" in run.err
+    assert "max_torque: every node" not in run.err
     record = read_run(run.bag)
     assert record.missing_messages == 0
     assert record.parameters[CONTROLLER]["k"] == 0.9

@@ -130,7 +130,11 @@ class BaseNode(Node):
 
     def take_changes(self, stamp_ns: int) -> None:
         """Take over the parameters that were set, from a stamp [ns] on, and tell it."""
-        self.tell_changes(stamp_ns, self.parameters.take_changes())
+        changes = self.parameters.take_changes()
+        self.tell_changes(stamp_ns, changes)
+        if alike := ", ".join(filter(self.parameters.is_agreed, changes)):
+            text = "every node that has it must have the same value; set it in each of them"
+            self.complain("alike", f"{alike}: {text}")
 
     def tell_changes(self, stamp_ns: int, changes: Mapping[str, Value]) -> None:
         """Publish values that hold from a stamp [ns] on as parameters; so they are recorded."""

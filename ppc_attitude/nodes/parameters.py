@@ -94,6 +94,10 @@ class NodeParameters:
         """Value of a parameter."""
         return self.values[name]
 
+    def is_agreed(self, name: str) -> bool:
+        """True if other nodes must have the same value of a parameter."""
+        return self._table[name].agreed
+
     def take_changes(self) -> dict[str, Value]:
         """Values that have changed since the node took them over the last time; it does so now."""
         changes = {name: value for name, value in self.values.items() if value != self._taken[name]}
