@@ -188,7 +188,11 @@ MISFITS = {
         "of_another": "bound = 'momentum_tube'; allowed: another column, with unit = 'N·m·s'",
         "of_two": "bound = 'torque_use'; allowed: another column, with unit = '1' and at most 3",
         "of_objects": "component share: state = [('z', 'O')]; allowed: a record of numbers",
-        "of_money": "column mine: unit = '$', meaning = 'x'; allowed: texts without $",
+        "of_money": "unit = '$', meaning = 'x'; allowed: texts without $",
+        "of_no_unit": "frame = 'body', unit = '', meaning = 'x'; allowed: texts without $",
+        "of_no_frame": "frame = '', unit = '1', meaning = 'x'; allowed: texts without $",
+        "ours": "left out: the name ppc is taken by ppc_attitude itself",
+        "again": "name other_column is taken by entry point other_column = misfits:other_column of",
         "nameless": "column '' with topic",
         "numbered": "left out: its name = 5; allowed: a text",
         "unlabelled": "left out: its name = ''; allowed: a text",
@@ -232,7 +236,7 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
     for kind, misfits in MISFITS.items():
         for name, problem in misfits.items():
             assert (name in kept) == (not problem), name
-            of_it = f"{name} = misfits:{name} of ppc_attitude.{kind}"
+            of_it = f"Warning: entry point {name} = misfits:{name} of ppc_attitude.{kind}"
             told = [line for line in warned if of_it in line]
             assert [problem in line for line in told] == [True] * bool(problem), told
 

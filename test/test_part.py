@@ -23,7 +23,7 @@ import pytest
 
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
 from ppc_attitude.runtime.chain import Chain
-from ppc_attitude.science.component import Component
+from ppc_attitude.science.component import Advice, Component
 from ppc_attitude.science.controllers import quaternion_feedback
 from ppc_attitude.science.environments import orbit
 from ppc_attitude.science.errors import ConfigurationError
@@ -214,7 +214,15 @@ def test_a_hook_that_raises_is_told_with_its_component(hook: str) -> None:
         ("least_impulse", -1.0, "ValueError: -1.0; allowed: a number ≥ 0"),
         ("torque", (1.0,), "ValueError: not enough values"),
         ("torque", (1.0, None), "TypeError: float.* not 'NoneType'"),
+        ("torque", (2.0, 1.0), r"ValueError: \(2.0, 1.0\); allowed: no more for certain than at m"),
         ("faults", None, "TypeError: 'NoneType' object is not iterable"),
+        (
+            "faults",
+            {"my wheel": ()},
+            r"ValueError: 'my wheel': \(\); allowed: a name without space",
+        ),
+        ("faults", {"wheel": "seized"}, "ValueError: 'wheel': 'seized'; allowed: .* and Failures"),
+        ("advice", Advice(None, warning=False), r"TypeError: Advice\(text=None, .* with a text"),  # type: ignore[arg-type]
         ("advices", "many", "ValueError: invalid literal"),
         ("advice", "all is well", "TypeError: 'all is well'; allowed"),
         ("motion_bounds", (0.1, 0.2), "ValueError: not enough values"),

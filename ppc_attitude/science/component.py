@@ -73,6 +73,8 @@ JOINTS = {
     ON_TIMES: Joints("thruster", MAX_THRUSTERS, 2),
 }
 """Forms of a column that has a number for each part of a sort."""
+PART = re.compile(r"[\w/.+-]+")
+"""Name of a part that can fail: a word in the text of a fault."""
 _TOPIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _WIDTHS = {
     QUATERNION: (4,),
@@ -135,10 +137,11 @@ class Column:
                 f"column {self.name!r} with topic = {self.topic!r}; allowed: a name of letters, "
                 "digits and _, and a relative topic of such names with / between them"
             )
-        if "$" in self.unit + self.meaning:  # figures would take it for mathematics
+        told = (self.frame, self.unit, self.meaning)
+        if not all(told) or "$" in "".join(told):  # figures would take it for mathematics
             raise ValueError(
-                f"column {self.name}: unit = {self.unit!r}, meaning = {self.meaning!r}; "
-                "allowed: texts without $"
+                f"column {self.name}: frame = {self.frame!r}, unit = {self.unit!r}, meaning = "
+                f"{self.meaning!r}; allowed: texts without $"
             )
         if self.form not in _WIDTHS:
             raise ValueError(
@@ -183,9 +186,16 @@ _NOTHING = np.dtype([("nothing", np.float64)])  # state or configuration of who 
 
 
 def _advice(given: Any) -> Advice:
-    if not isinstance(given, Advice):
-        raise TypeError(f"{given!r}; allowed: an Advice")
+    if not isinstance(given, Advice) or not isinstance(given.text, str):
+        raise TypeError(f"{given!r}; allowed: an Advice with a text")
     return given
+
+
+def _parts(given: Any) -> dict[str, Any]:
+    for part, failures in dict(given).items():  # a Failure is a tuple, its fields are not
+        if not PART.fullmatch(part) or not all(isinstance(each, tuple) for each in failures):
+            raise ValueError(f"{part!r}: {failures!r}; allowed: a name without space and Failures")
+    return dict(given)
 
 
 def _size(given: Any) -> float:
@@ -195,8 +205,10 @@ def _size(given: Any) -> float:
 
 
 def _sizes(given: Any) -> tuple[float, float]:
-    certain, most = given
-    return _size(certain), _size(most)
+    certain, most = map(_size, given)
+    if certain > most:
+        raise ValueError(f"{given!r}; allowed: no more for certain than at most")
+    return certain, most
 
 
 def _bounds_of_motion(given: Any) -> tuple[float, float, float]:
@@ -210,7 +222,7 @@ _HOOKS: dict[str, Callable[[Any], Any]] = {
     "advices": int,
     "exact": bool,
     "torque": _sizes,
-    "faults": dict,
+    "faults": _parts,
     "least_impulse": _size,
     "bound": _size,
     "motion_bounds": _bounds_of_motion,

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ppc_attitude.science.component import PART
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter, record_type
@@ -34,7 +35,7 @@ from ppc_attitude.science.stamps import LATEST, nanoseconds
 
 MOST_FAULTS = 16
 _FOR_EVER = np.iinfo(np.int64).max
-_WORD = r"([\w/.+-]+)"
+_WORD = rf"({PART.pattern})"
 _TEXT = re.compile(rf"{_WORD} {_WORD}((?: [\w.+-]+)*?)(?: from {_WORD})?(?: for {_WORD})?")
 _ORDER = "PART KIND [NUMBERS] [from TIME] [for DURATION]"
 FAULTS = Parameter(

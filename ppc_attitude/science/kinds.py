@@ -154,7 +154,8 @@ class Kind:
         if not isinstance(component.name, str) or not component.name:
             raise ConfigurationError(f"its name = {component.name!r}; allowed: a text")
         if component.name in others or (self.optional and component.name == NONE):
-            raise ConfigurationError(f"the name {component.name} is taken")
+            owner = self.origins.get(component.name, "ppc_attitude itself")
+            raise ConfigurationError(f"the name {component.name} is taken by {owner}")
         absent = [column.name for column in self.gives if column not in component.outputs]
         if absent:
             raise ConfigurationError(f"{component.name} does not give {', '.join(absent)}")

@@ -172,8 +172,8 @@ MADE: dict[str, Callable[[], Component]] = {
 }
 
 
-NAMES: dict[str, Any] = {"numbered": 5, "unlabelled": ""}
-"""Names that are none, of parts that are called otherwise in the entry point."""
+NAMES: dict[str, Any] = {"numbered": 5, "unlabelled": "", "ours": "ppc", "again": "other_column"}
+"""Names that are none or taken, of parts that are called otherwise in the entry point."""
 
 
 def __getattr__(name: str) -> Component:
