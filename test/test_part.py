@@ -156,7 +156,7 @@ def _mistyped(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None
     ("step", "told"),
     [
         (_uncompiled, "is no kernel: <function _uncompiled"),
-        (_of_two, "cannot be compiled: .*too many positional arguments"),
+        (_of_two, "takes inputs, outputs; allowed: inputs, state, configuration, outputs"),
         (_elsewhere, "cannot be compiled: KeyError: 'nowhere'"),
         (_mistyped, "cannot be compiled: "),
     ],
@@ -235,6 +235,18 @@ def test_an_answer_that_is_none_is_told_with_its_component(
     broken = replace(ONE, **{hook: lambda *given: answer})
     with pytest.raises(ConfigurationError, match=f"^component mine: {hook} raised {told}"):
         getattr(broken, hook)({})
+
+
+@pytest.mark.parametrize("hook", ["advice", "advices"])
+def test_a_part_whose_words_fail_goes_on_and_warns_of_it(hook: str) -> None:
+    def fails(state: Any) -> Any:
+        raise KeyError("sum")
+
+    chain = Chain([replace(ONE, advices=lambda state: 1)], {})
+    chain.parts[0].component = replace(chain.parts[0].component, **{hook: fails})
+    told = Advice(f"component mine: {hook} raised KeyError: 'sum'", warning=True)
+    assert [*chain.news(), *chain.news()] == [told]
+    assert chain.numbers == {}
 
 
 @pytest.mark.parametrize("hook", ["configure", "advice", "torque", "faults"])

@@ -23,7 +23,9 @@ import hashlib
 import re
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from functools import cache
+from inspect import signature
 from math import isfinite, isnan
 from struct import Struct
 from typing import Any, TypeAlias
@@ -112,17 +114,23 @@ def _compiled(key: str) -> Any:
 
 
 def kernel_of(component: Component) -> Any:
-    """Step of a component, seen to be a kernel.
+    """Step of a component, seen to be a kernel of four records.
 
     Raises
     ------
     ConfigurationError
         It is none.
     """
-    if not isinstance(component.step, Dispatcher):
-        name = component.name
-        raise ConfigurationError(f"component {name}: step is no kernel: {component.step!r}")
-    return component.step
+    step, name = component.step, component.name
+    if not isinstance(step, Dispatcher):
+        raise ConfigurationError(f"component {name}: step is no kernel: {step!r}")
+    taken = signature(vars(step)["py_func"])
+    if len(taken.parameters) != 4:
+        raise ConfigurationError(
+            f"component {name}: step takes {', '.join(taken.parameters) or 'nothing'}; allowed: "
+            "inputs, state, configuration, outputs"
+        )
+    return step
 
 
 @cache
@@ -301,13 +309,22 @@ class Part:
 
     @property
     def advices(self) -> int:
-        """Number of the component's latest advice."""
-        return self.component.advices(self.state[0])
+        """Number of the component's latest advice; −1 if it cannot say."""
+        with suppress(ConfigurationError):
+            return self.component.advices(self.state[0])
+        return -1
 
     @property
     def advice(self) -> Advice:
-        """The component's advice after the last step."""
-        return self.component.advice(self.state[0])
+        """The component's advice after the last step; of one that fails at that, a warning.
+
+        No craft ends for want of words.
+        """
+        try:
+            self.component.advices(self.state[0])  # what is wrong with it is told here
+            return self.component.advice(self.state[0])
+        except ConfigurationError as error:
+            return Advice(str(error), warning=True)
 
     def raised(self) -> str:
         """What a step that has failed does when it is taken again; empty if it says nothing.
