@@ -199,7 +199,7 @@ MISFITS = {
         "twice": "component share: two columns are named torque_use",
         "of_node": "left out: ppc_controller has another parameter wait_for_recorder than of_node",
         "of_ros": "left out: ppc_controller has another parameter use_sim_time than of_ros",
-        "selector": "left out: ppc_controller has another parameter controller than selector",
+        "selector": "has another parameter controller than selector; allowed: one that is declared",
         "two": "left out: ppc_controller has another parameter z than two",
         "plain": "left out: component plain: step is no kernel: <function",
         "no_default": "left out: z = None; allowed: finite",

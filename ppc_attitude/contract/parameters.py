@@ -163,7 +163,8 @@ def _parameters_of(node: str) -> tuple[Parameter, ...]:
             name = parameter.name
             if is_of_ros(name) or tried.setdefault(name, parameter) != parameter:
                 problem = f"{node} has another parameter {name} than {component.name}"
-                kind.leave_out(component.name, problem)
+                allowed = "allowed: one that is declared alike, or another name"
+                kind.leave_out(component.name, f"{problem}; {allowed}")
                 break
         else:
             taken = tried
