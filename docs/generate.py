@@ -34,11 +34,12 @@ from ppc_attitude.contract.topics import (
     DIAGNOSTICS_TOPIC,
     HOSTED,
     MARKERS_TOPIC,
+    NODE_OF,
     PARAMETER_EVENTS_TOPIC,
     Topic,
 )
 from ppc_attitude.science.component import Component
-from ppc_attitude.science.kinds import all_components
+from ppc_attitude.science.kinds import KINDS, NONE, all_components
 from ppc_attitude.science.parameter import Parameter
 
 ROOT = Path(__file__).parents[1]
@@ -109,6 +110,19 @@ def launch() -> str:
     return "\n".join([head, *rows])
 
 
+def kinds() -> str:
+    """The kinds of component that another package may add, in their order within an instant."""
+    head = "| group | selected by | of node | must give | what ours read |\n|---|---|---|---|---|"
+    rows = [head]
+    for kind in filter(lambda each: each.selector, KINDS):
+        read = dict.fromkeys(c for each in kind.components.values() for c in each.inputs)
+        selector = f"`{kind.selector}`" + (f", or `{NONE}`" if kind.optional else "")
+        columns = [", ".join(f"`{c.name}`" for c in each) for each in (kind.gives, read)]
+        cells = (f"`ppc_attitude.{kind.name}`", selector, f"`{NODE_OF[kind.name]}`", *columns)
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
 def parameters() -> str:
     """The parameters of every node, and which of its components read each."""
     parts = []
@@ -162,7 +176,7 @@ def listing(name: str) -> str:
     return f"```python\n{text[text.index(_DOCSTRING) :]}```"
 
 
-_TABLES = {each.__name__: each for each in (topics, commands, launch, parameters, bench)}
+_TABLES = {each.__name__: each for each in (topics, commands, launch, kinds, parameters, bench)}
 
 
 def generated(text: str) -> str:
