@@ -21,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import Parameter, exact_text, resolved
+from ppc_attitude.science.parameter import Parameter, Value, exact_text, record_type, resolved
 from ppc_attitude.science.sensors.direct import SEED
 
 GAIN = Parameter("gain", 1.0, "a gain", "N·m", above=0.0, high=10.0)
@@ -124,6 +124,13 @@ def test_a_number_is_taken_exactly_if_it_is_in_range(value: float) -> None:
         assert GAIN.checked(value) == value
     else:
         assert refusal(GAIN, value)
+
+
+@pytest.mark.parametrize("default", ["igrf", [""], [1.0]])
+def test_a_record_has_no_field_for_what_has_no_certain_size(default: Value) -> None:
+    """It had an integer for a text, and no numbers for a list."""
+    with pytest.raises(ValueError, match=r"holds some, .*; allowed: a number, or a list of a cer"):
+        record_type(Parameter("some", default, "x"))
 
 
 def test_defaults_where_nothing_is_given() -> None:

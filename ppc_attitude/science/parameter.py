@@ -81,6 +81,11 @@ class Parameter:
     @property
     def field(self) -> tuple[Any, ...]:
         """Field of a record that holds the parameter's number or numbers; see `record_type`."""
+        if self.of_strings or (self.is_list and self.length < 1):
+            raise ValueError(
+                f"no field of a record holds {self.name}, {self.allowed}; allowed: a number, or a "
+                "list of a certain length"
+            )
         name = self.name.rpartition(".")[2]
         if self.is_list:
             return name, np.float64, (self.length,)
