@@ -46,14 +46,21 @@ def test_a_correct_filter_meets_its_requirements() -> None:
         assert found[key].met is True, key
 
 
-def test_one_run_never_condemns_the_knowledge() -> None:
+def test_one_run_does_not_condemn_the_knowledge_that_is_a_little_wrong() -> None:
     record = run()
     estimate = record["estimate"].copy()
-    estimate[:, 4:10] *= 1e-2  # a filter that believes itself ten times better than it is
+    estimate[:, 4:10] *= 0.1  # a filter that believes itself three times better than it is
     boastful = replace(record, columns={**record.columns, "estimate": estimate})
     row = rows(boastful)["knowledge_outside"]
     assert row.met is None
     assert "one run cannot tell" in row.reason
+
+
+def test_a_filter_that_is_far_beyond_its_own_numbers_for_most_of_a_run_is_wrong() -> None:
+    turned = {"star_tracker.mounting": [5e-4, 0.0, 0.0, 1.0]}  # by 1e-3 rad
+    row = rows(run(attitude_estimator=turned))["knowledge_outside"]
+    assert row.met is False
+    assert row.value > 0.9
 
 
 def test_wrong_noise_numbers_show_in_the_innovations() -> None:

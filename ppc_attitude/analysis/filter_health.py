@@ -14,9 +14,10 @@
 
 """Is a filter as good as it says? Its errors against its own σ, its innovations, its refusals.
 
-One run cannot show that a filter is wrong: errors correlate over minutes through the gyro's
-bias, so a correct filter is outside its 3σ for more than 1 % of one run in five. A run shows that
-it is right, or is not judged; many runs together decide.
+One run cannot show that a filter is a little wrong: errors correlate over minutes through the
+gyro's bias, so a correct filter is outside its 3σ for more than 1 % of one run in five. A run shows
+that it is right, or is not judged; many runs together decide. A filter that is outside 6σ for most
+of a run is wrong, since a correct one hardly ever is for an instant.
 """
 
 import math
@@ -38,6 +39,7 @@ SETTLED = 10.0
 """From here on the filter's own σ is judged [s]."""
 OUTSIDE_LIMIT = 0.01
 """Share of the instants that an axis may be outside 3σ."""
+_MOST = 0.5  # share of the instants outside 6σ beyond which a filter is wrong
 _ESTIMATE, _FIX, _INNOVATION = "estimate", "star_fix", "innovation"
 _ROUNDING = 1e-28  # [rad²] of the error of a fix that has no other
 ATTITUDE_VARIANCES, RATE_VARIANCES = [4, 7, 9], [13, 16, 18]
@@ -49,10 +51,10 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
     record = run.record
     if not has(record, _ESTIMATE):
         return
-    outside, why = _outside(record), ""
+    outside, why = _outside(record, 3.0), ""
     if outside is None:
         why = run.ends_before(SETTLED, "the filter settles")
-    elif outside > OUTSIDE_LIMIT:
+    elif outside > OUTSIDE_LIMIT and not (_outside(record, 6.0) or 0.0) > _MOST:
         why = f"{outside:.3g}, but one run cannot tell: errors correlate over minutes"
     span = (min(max(SETTLED, run.begin), run.end), run.end)
     row = ("knowledge_outside", outside, OUTSIDE_LIMIT, "", why, span)
@@ -93,8 +95,8 @@ def sigmas_of(record: RunRecord, variances: list[int]) -> Array:
     return np.asarray(np.sqrt(np.where(squares > 0.0, squares, np.nan)))
 
 
-def _outside(record: RunRecord) -> float | None:
-    """Largest share outside 3σ of any axis."""
+def _outside(record: RunRecord, sigmas: float) -> float | None:
+    """Largest share of the instants that any axis is outside so many σ."""
     t = elapsed(record)
     first = int(np.searchsorted(t, SETTLED))
     if first == t.size or not has(record, TRUE_ATTITUDE.column) or not has(record, ATTITUDE.column):
@@ -108,7 +110,7 @@ def _outside(record: RunRecord) -> float | None:
     if not count:
         return None
     outside = (
-        np.count_nonzero(known & (4.0 * half * half > 9.0 * variance))
+        np.count_nonzero(known & (4.0 * half * half > sigmas**2 * variance))
         for half, variance in zip(halves, variances, strict=True)
     )
     return float(max(outside) / count)
