@@ -284,3 +284,18 @@ def not_given(column: Column) -> str:
     ]
     would = f"; {' or '.join(found)} would" if found else ""
     return f"{column.name}, which no selected component gives{would}"
+
+
+def given_twice(column: Column, *owners: tuple[Kind, Component]) -> str:
+    """Say that two selected components give a column, and what to select instead of either."""
+    both = " and ".join(f"{kind.selector} = {component.name}" for kind, component in owners)
+    others = [
+        f"{kind.selector} = {name}"
+        for kind, _ in owners
+        for name, outputs in (
+            *((each.name, each.outputs) for each in kind.components.values()),
+            *(((NONE, ()),) if kind.optional else ()),
+        )
+        if column not in outputs
+    ]
+    return f"{both} both give {column.name}; allowed instead: {' or '.join(others)}"

@@ -35,7 +35,7 @@ from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import call_step, kernel
-from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, not_given
+from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, given_twice, not_given
 from ppc_attitude.science.part import Part, signals_of
 
 _BLOCK = 256  # [instants] whose samples a core's own cache holds
@@ -164,7 +164,7 @@ class Diagram:
         sizes = [signals_of(component) for _, component in chosen]
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self._signals = np.zeros(starts[-1])
-        self._places = _places([component for _, component in chosen], starts)
+        self._places = _places(chosen, starts)
         self._timetable = np.zeros((0, 0)) if timetable is None else timetable.T.copy()
         played: list[int] = []
         instants, first_source, sources = [], [0], []
@@ -332,7 +332,7 @@ def play(
     return samples
 
 
-def _places(components: Sequence[Component], starts: NDArray[np.int64]) -> dict[str, int]:
+def _places(chosen: Sequence[tuple[Kind, Component]], starts: NDArray[np.int64]) -> dict[str, int]:
     """Place in the signals of each column that some component gives.
 
     Raises
@@ -341,15 +341,13 @@ def _places(components: Sequence[Component], starts: NDArray[np.int64]) -> dict[
         Two components give one column.
     """
     places: dict[str, int] = {}
-    owners: dict[str, str] = {}
-    for component, start in zip(components, starts, strict=False):
+    owners: dict[str, tuple[Kind, Component]] = {}
+    for owner, start in zip(chosen, starts, strict=False):
+        component = owner[1]
         place = int(start) + component.input_record.itemsize // 8
         for column in component.outputs:
             if column.name in places:
-                raise ConfigurationError(
-                    f"{owners[column.name]} and {component.name} both give {column.name}; "
-                    f"select other components"
-                )
-            places[column.name], owners[column.name] = place, component.name
+                raise ConfigurationError(given_twice(column, owners[column.name], owner))
+            places[column.name], owners[column.name] = place, owner
             place += column.width
     return places
