@@ -105,7 +105,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--runs",
         type=number(1, 1e9, whole=True),
         default=1000,
-        help="runs in all, with those of earlier sessions; default 1000",
+        help="runs in all, those of earlier sessions too, up to a whole generation; default 1000",
     )
     parser.add_argument("--seconds", type=POSITIVE, default=math.inf, help="time for this session")
     parser.add_argument("--seed", type=number(0, 1e15, whole=True), default=0, help="default 0")
