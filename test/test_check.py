@@ -24,7 +24,7 @@ from conftest import Ask
 from craft_helpers import case, configs, overlay
 
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
-from ppc_attitude.command_line.environment_load import environment_torque, momentum_conditions
+from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
 from ppc_attitude.command_line.proportions import (
     actuator_conditions,
     knowledge_conditions,
@@ -33,11 +33,10 @@ from ppc_attitude.command_line.proportions import (
     sampling_conditions,
     settling_conditions,
 )
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.certificate import Condition
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.kinds import ENVIRONMENTS
-from ppc_attitude.science.wheels import momenta
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.scenario import Scenario, load
 
@@ -244,27 +243,41 @@ def test_a_law_of_another_craft_and_rates_that_no_tracker_follows_are_warned_of(
     assert not warned(knowledge_conditions(slow))
 
 
-def momentum_of_the_wheels(scenario: Scenario) -> list[Condition]:
+def test_a_filter_that_takes_its_sensors_for_others_is_warned_of() -> None:
+    good = case("sensors_smallsat", "sensors_uncalibrated")  # it believes in more than there is
+    assert not warned(knowledge_conditions(good))
+    wrong = {"star_tracker.mounting": [0.0, 0.7071, 0.0, 0.7071], "gyro.rate_random_walk": 0.0}
+    found = by_name(knowledge_conditions(good.with_values(ESTIMATOR, **wrong)))
+    assert found["star_tracker.mounting"].value == pytest.approx(math.pi / 2.0)
+    assert found["gyro.rate_random_walk"].value == math.inf
+    for name in wrong:
+        assert not found[name].holds
+    told = "star_tracker.mounting = [0, 0, 0, 1] of spacecraft_plant, [0, 0.7071, 0, 0.7071] of att"
+    assert told in found["star_tracker.mounting"].meaning
+
+
+def speed_of_a_wheel(scenario: Scenario) -> list[Condition]:
     parts = first_instant(scenario)
-    return [*momentum_conditions(scenario, parts["references"], parts["environments"])]
+    return [*wheel_conditions(scenario, parts["references"], parts["environments"])]
 
 
-def test_momentum_that_the_wheels_cannot_hold_is_warned_of() -> None:
-    (short,) = momentum_of_the_wheels(case("wheels"))
-    record = simulate(case("wheels"), 120.0)
-    stored = np.linalg.norm(momenta(record.parameters[PLANT], record["wheel_speed"]), axis=1).max()
+def test_the_wheel_that_is_full_first_is_warned_of() -> None:
+    record = simulate(case("wheels"), 250.0)
+    shares = np.abs(record["wheel_speed"]).max(axis=1) / 628.3
+    (short,) = speed_of_a_wheel(case("wheels"))
     assert short.holds
-    assert short.value == pytest.approx(stored, rel=0.05)
-    (long,) = momentum_of_the_wheels(case("wheels", duration=400.0))
+    assert short.value == pytest.approx(shares[record.t <= 120.0].max(), rel=0.05)
+    (long,) = speed_of_a_wheel(case("wheels", duration=400.0))
     assert not long.holds
-    assert "passed at 246.4 s" in long.meaning  # all are full, and the attitude is lost, at 275 s
+    full = float(long.meaning.rpartition("passed at ")[2].removesuffix(" s"))
+    assert full == pytest.approx(record.t[shares > 0.99][0], rel=0.01)
+    spun = {"wheels.initial_speed": [0.0, 300.0, 0.0, 0.0]}
+    (sooner,) = speed_of_a_wheel(case("wheels").with_values(PLANT, **spun))
+    assert sooner.value > short.value
     for fine in (case(), case("wheels", "orbit", "unloading", duration=1e6)):
-        assert not momentum_of_the_wheels(fine)
+        assert not speed_of_a_wheel(fine)
     off = {"magnetorquers.law": "off", "duration": 1e4}
-    (unused,) = momentum_of_the_wheels(
-        case("wheels", "orbit", "unloading").with_values(PLANT, **off)
-    )
-    assert unused.limit == short.limit
+    assert speed_of_a_wheel(case("wheels", "orbit", "unloading").with_values(PLANT, **off))
 
 
 @pytest.mark.parametrize(("asked", "limits"), [("1.5", {1.5}), ("null", set())])

@@ -12,22 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the configured environment does to a craft in a run: its torque, and momentum of wheels."""
+"""What the configured environment does to a craft in a run: its torque, and speeds of wheels."""
 
 import math
 from collections.abc import Iterator
 
 import numpy as np
 
+from ppc_attitude.analysis.reserves import RESERVE
 from ppc_attitude.contract.declared import has_parameter
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.science import magnetorquers, wheels
-from ppc_attitude.science.attitude import conjugate, rotate
+from ppc_attitude.science.allocators import wheel_drive
+from ppc_attitude.science.attitude import conjugate, normalised, rotate
 from ppc_attitude.science.certificate import Condition
-from ppc_attitude.science.guarantee.actuation import held_momentum
+from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.plants.rigid_body import INERTIA
+from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
 from ppc_attitude.science.signals import (
     ENVIRONMENT_TORQUE,
     REFERENCE_ATTITUDE,
@@ -39,7 +41,8 @@ from ppc_attitude.science.stamps import NANOSECONDS
 from ppc_attitude.simulation.scenario import Scenario
 
 _SAMPLES = 1000  # times at which an environment is looked at
-_LONGEST = 10.0  # [s] between two of them, where momentum is summed
+_UNLIMITED = 1e6  # [rad/s] no limit of speed
+_LONGEST = 10.0  # [s] between two of them, where the momentum of wheels is summed
 
 
 def environment_torque(scenario: Scenario, environment: Part) -> float:
@@ -60,13 +63,11 @@ def environment_torque(scenario: Scenario, environment: Part) -> float:
     return float(np.linalg.norm(torques, axis=1).max())
 
 
-def momentum_conditions(
-    scenario: Scenario, reference: Part, environment: Part
-) -> Iterator[Condition]:
-    """Compare the momentum that a run gives to wheels without rods with what they hold.
+def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> Iterator[Condition]:
+    """Compare the speeds to which a run brings wheels without rods with their largest.
 
-    The craft is taken as if it followed the reference, from wheels at rest. Both parts have made a
-    step, and are stepped anew.
+    The craft is taken as if it followed the reference, and its wheels share the momentum as the
+    drive does. Both parts have made a step, and are stepped anew.
     """
     plant, end = scenario.parameters[PLANT], scenario.number(PLANT, "duration")
     known = TRUE_ATTITUDE, TRUE_RATE
@@ -80,28 +81,40 @@ def momentum_conditions(
     first = reference.signals[2 : reference.inputs.nbytes // 8].tolist()  # behind the instant
     for part in (reference, environment):
         part.forget()
+    # Without limits of speed: it is told how far beyond them the wheels would be.
+    free = {wheels.MAX_SPEED.name: [_UNLIMITED], wheels.VISCOUS.name: [0.0]}
+    drive, craft = Part(wheel_drive.COMPONENT, {**plant, **free}), wheels.wheel_record(plant)
     count = max(_SAMPLES, math.ceil(end / _LONGEST))
-    inertia, held = np.reshape(plant[INERTIA.name], (3, 3)), held_momentum(plant)
-    given, most, full = np.zeros(3), 0.0, math.inf  # given: inertial axes
-    for stamp_ns in np.linspace(0, round(end * NANOSECONDS), count + 1, dtype=np.int64).tolist():
+    inertia, speeds = np.reshape(plant[INERTIA.name], (3, 3)), craft["initial_speed"].copy()
+    stored = wheels.momenta(plant, speeds)
+    start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
+    # In inertial axes only the environment changes it.
+    whole = np.array(rotate(start, vector(inertia @ plant[INITIAL_RATE.name] + stored)))
+    turning = np.arange(MAX_WHEELS) < craft["count"]
+    times, shares = np.linspace(0.0, end, count + 1), []
+    for stamp_ns in np.rint(times * NANOSECONDS).astype(np.int64).tolist():
         reference.step(stamp_ns, first)
         q, rate = (reference.output(each.name) for each in (REFERENCE_ATTITUDE, REFERENCE_RATE))
         attitude = quaternion(q)
-        stored = rotate(conjugate(attitude), vector(given)) - inertia @ rate
-        most = max(most, float(np.linalg.norm(stored)))
-        full = min(full, stamp_ns / NANOSECONDS) if most > held else full
+        stored = rotate(conjugate(attitude), vector(whole)) - inertia @ rate
+        torque = (wheels.momenta(plant, speeds) - stored) * count / end
+        drive.step(stamp_ns, (*torque, 0.0, 0.0, 0.0, *speeds))
+        gained = end / count * drive.state[0]["net"]
+        speeds[turning] += gained[turning] / craft["inertia"][turning]
+        shares.append(float((np.abs(speeds[turning]) / craft["max_speed"][turning]).max()))
         seen = dict(zip(known, (q, rate), strict=True))
         environment.step(stamp_ns, (x for each in environment.component.inputs for x in seen[each]))
-        torque = rotate(attitude, vector(environment.output(ENVIRONMENT_TORQUE.name)))
-        given += end / count * np.array(torque)
-    passed = f", passed at {full:.4g} s" if full <= end else ""
+        acting = rotate(attitude, vector(environment.output(ENVIRONMENT_TORQUE.name)))
+        whole += end / count * np.array(acting)
+    full = times[np.array(shares) > RESERVE]
+    passed = f", passed at {full[0]:.4g} s" if full.size else ""
     yield Condition(
-        "momentum of the wheels",
-        most,
-        held,
+        "speed of a wheel",
+        max(shares),
+        RESERVE,
         "≤",
-        "N·m·s",
+        "",
         False,
-        f"what {end:g} s of the environment give to wheels at rest, if the craft follows its "
-        f"reference; in some directions they hold no more than the limit{passed}",
+        f"share of its largest to which {end:g} s of the environment bring a wheel, if the craft "
+        f"follows its reference{passed}",
     )

@@ -26,7 +26,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ppc_attitude.analysis.requirements import load_requirements
-from ppc_attitude.command_line.environment_load import environment_torque, momentum_conditions
+from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
 from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -133,7 +133,7 @@ def execute(arguments: argparse.Namespace) -> int:
     surroundings = parts[ENVIRONMENTS.name]
     environment = stoppable(lambda: environment_torque(scenario, surroundings))
     reference = parts[REFERENCES.name]
-    wheels = stoppable(lambda: [*momentum_conditions(scenario, reference, surroundings)])
+    wheels = stoppable(lambda: [*wheel_conditions(scenario, reference, surroundings)])
     goals = goals_told(scenario)
     conditions = (
         *(() if guarantee else _law_conditions(scenario, q_e[3], environment, required.rate)),
