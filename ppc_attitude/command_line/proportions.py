@@ -25,6 +25,7 @@ from ppc_attitude.contract.declared import has_parameter
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.actuators import ideal
+from ppc_attitude.science.attitude import conjugate, logarithm, product
 from ppc_attitude.science.certificate import Condition, virtual_control_bound
 from ppc_attitude.science.controllers import ppc
 from ppc_attitude.science.controllers.common import MAX_TORQUE, envelope_of, envelopes_of
@@ -41,6 +42,7 @@ from ppc_attitude.science.performance import nominal
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_RATE
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct, gyro_star_tracker
+from ppc_attitude.science.sensors.star_tracker import CROSS_NOISE, MOUNTING, unit_mounting
 from ppc_attitude.science.stamps import NANOSECONDS
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -48,6 +50,7 @@ _DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
 _PULSES = 3.0  # least pulses that should have room in the rate envelope
 _INERTIA_ERROR = 0.3  # docs/guarantee.md has measured it
 _NOISE_SIGMAS = 3.0  # of what noise makes a law ask for, that the actuator should give
+_WORSE = 3.0  # times that a sensor's noise, or σ that its mounting, may be off what a filter takes
 
 
 def _at_most(name: str, value: float, limit: float, unit: str, meaning: str) -> Condition:
@@ -236,6 +239,9 @@ def knowledge_conditions(scenario: Scenario) -> Iterator[Condition]:
         )
     if SENSORS.selected(plant) is not gyro_star_tracker.COMPONENT:
         return
+    estimator = scenario.parameters[ESTIMATOR]
+    if ESTIMATORS.selected(estimator) is mekf.COMPONENT:
+        yield from _beliefs(plant, estimator)
     most = plant["star_tracker.max_rate"]
     if has_parameter(PLANT, plant, INITIAL_RATE.name):
         yield _at_most(
@@ -256,6 +262,34 @@ def knowledge_conditions(scenario: Scenario) -> Iterator[Condition]:
             "fixes come while guidance.max_rate is at most star_tracker.max_rate: in a faster slew "
             "only the gyro tells the attitude",
         )
+
+
+def _beliefs(plant: Mapping[str, Any], estimator: Mapping[str, Any]) -> Iterator[Condition]:
+    """Compare the sensors with what the filter takes them for, where these are not the same."""
+    for each in mekf.PARAMETERS:
+        true, taken = plant.get(each.name), estimator[each.name]
+        if true in (None, taken):
+            continue
+        both = f"{each.name} = {_short(true)} of {PLANT}, {_short(taken)} of {ESTIMATOR}: "
+        if each is MOUNTING:
+            turn = product(conjugate(unit_mounting(plant)), unit_mounting(estimator))
+            angle = float(np.linalg.norm(logarithm(turn)))
+            most = _WORSE * estimator[CROSS_NOISE.name]
+            meaning = (
+                f"{both}a fix is off by less than {_WORSE:g}σ of its noise across the boresight"
+            )
+            yield _at_most(each.name, angle, most, "rad", meaning)
+        else:
+            ratio = true / taken if taken else math.inf
+            meaning = f"{both}the sensor is not much worse than the filter takes it for"
+            yield _at_most(each.name, ratio, _WORSE, "", meaning)
+
+
+def _short(value: float | Sequence[float]) -> str:
+    """Write a number, or numbers, for a reader."""
+    if isinstance(value, Sequence):
+        return f"[{', '.join(map(_short, value))}]"
+    return f"{value:g}"
 
 
 def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
