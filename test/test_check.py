@@ -317,3 +317,13 @@ def test_a_start_without_a_fix_is_checked_by_the_truth(tmp_path: Path, ask: Ask)
     page = ask("check", *(f"--config={file}" for file in files)).out
     assert "attitude error x y z w: -0.22952, 0.25933, -0.11266, -0.93133" in page
     assert "attitude error 42.71°" in page
+
+
+def test_what_a_file_sets_and_nothing_selected_has_is_told(tmp_path: Path, ask: Ask) -> None:
+    given = {"wheels.max_speed": [400.0], "max_torque": 0.04, "wheels.null_gain": 0.02}
+    file = overlay(tmp_path / "idle.yaml", {PLANT: given})  # of the last the default
+    page = ask("check", "--config", file).out
+    assert "warning: no selected component has wheels.max_speed, which a file sets" in page
+    files = [*configs("paper", "wheels"), file]
+    told = ask("check", *(f"--config={each}" for each in files), "--json").json
+    assert told["idle_parameters"] == []  # the law's max_torque is in use

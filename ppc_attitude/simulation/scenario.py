@@ -366,6 +366,27 @@ def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Sce
         raise ConfigurationError(f"{error}; {since}") from None
 
 
+def idle_parameters(paths: Sequence[Path | str], found: Scenario) -> list[str]:
+    """Parameters to which files give another value than the default, and nothing selected has.
+
+    Those of laws are left out: one file may have the numbers of several, of which one is selected.
+    """
+    values = found.parameters
+    used = {kind.selector for kinds in HOSTED.values() for kind in kinds}
+    for node in PARAMETERS:
+        used |= {parameter.name for parameter in OWN[node]}
+        used.update(*(each.defaults for each in components_of(node, values[node])))
+    return sorted(
+        {
+            parameter.name
+            for node, chosen in read_files(paths).items()
+            for parameter in PARAMETERS[node]
+            if node != CONTROLLER and parameter.name in chosen.keys() - used
+            if values[node][parameter.name] != parameter.default
+        }
+    )
+
+
 def _overridden(paths: Sequence[Path | str], overrides: Overrides | None) -> Overrides:
     chosen = read_files(paths)
     for node, values in (overrides or {}).items():

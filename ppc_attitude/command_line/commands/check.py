@@ -79,7 +79,7 @@ from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal, paper, paper_ahead
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Answer, goals_told
-from ppc_attitude.simulation.scenario import Scenario
+from ppc_attitude.simulation.scenario import Scenario, idle_parameters
 
 HELP = "feasibility and conditions of a configuration"
 DESCRIPTION = (
@@ -147,13 +147,14 @@ def execute(arguments: argparse.Namespace) -> int:
         *noise_conditions(scenario),
         *pulse_conditions(scenario, required),
     )
+    idle = idle_parameters(arguments.config, scenario)
     known = []
     if guarantee and arguments.known_reference:
         promised = (each.rate for each in guarantee.certificate.promises)
         known = guarantee.of_reference([x for x in promised if x <= _LARGEST_KNOWN_RATE])
     hits = [guarantee.of_hit(*hit) for hit in arguments.hit] if guarantee else []
     if arguments.json:
-        page = _json(scenario, conditions, q_e, law.advice, goals)
+        page = _json(scenario, conditions, q_e, law.advice, goals) | {"idle_parameters": idle}
         if guarantee:
             page |= {
                 "guaranteed": guarantee.holds,
@@ -168,6 +169,9 @@ def execute(arguments: argparse.Namespace) -> int:
     else:
         starts = (law, parts[SENSORS.name], parts[ACTUATORS.name])
         advices = [*(part.advice for part in starts), *(told.advice for told in goals)]
+        if idle:
+            text = f"no selected component has {', '.join(idle)}, which a file sets"
+            advices.append(Advice(text, warning=True))
         _print(scenario, conditions, q_e, advices)
         if guarantee:
             print("\n".join(["", *guarantee.lines(), *map(paragraph, (*known, *hits))]))
