@@ -163,8 +163,9 @@ def slots(rate: float, values: Mapping[str, Any]) -> tuple[int, int]:
     # By the last digit: who waits for a fix knows this rate alone, and counts for days.
     if abs(rate / tracker - every) > 1e-14 * every:
         raise ConfigurationError(
-            f"{RATE.name} = {tracker} Hz does not divide rate = {rate} Hz; the nearest that does "
-            f"is {rate / every!r} Hz"
+            f"{RATE.name} = {tracker} Hz does not divide rate = {rate} Hz, and a fix is of a whole "
+            f"step; the nearest that does is {rate / every!r} Hz; rate = {every * tracker:.9g} Hz "
+            "would do too"
         )
     delay = max(0, math.ceil((latency - ROUNDING) * rate))
     if delay > MAX_DELAY:
