@@ -189,6 +189,29 @@ def test_a_disturbance_estimate_out_of_proportion_swings_and_is_warned_of(
     assert bool(change > D_m) == bool(told)
 
 
+@pytest.mark.parametrize(
+    ("frequency", "damping", "time", "told"),
+    [
+        (0.95, 1.0, 10.0, set()),
+        (1.05, 1.0, 10.0, {"loop against sampling"}),
+        (0.52, 2.0, 10.0, {"loop against sampling"}),
+        (0.42, 0.1, 10.0, {"loop against sampling"}),
+        (0.05, 1.0, 1.2, set()),
+        (0.05, 1.0, 0.9, {"integral of the loop"}),
+    ],
+)
+def test_a_linear_loop_that_swings_is_warned_of(
+    frequency: float, damping: float, time: float, told: set[str]
+) -> None:
+    loop = {"natural_frequency": 10.0 * frequency, "damping": damping, "integral_time": time}
+    law = {f"quaternion_feedback.{name}": value for name, value in loop.items()}
+    fast = case(rate=10.0).with_values(CONTROLLER, controller="quaternion_feedback", **law)
+    assert warned(sampling_conditions(fast)) == told
+    run = simulate(fast, 200.0)
+    torque = np.abs(run["torque_command"][run.t > 150.0])
+    assert bool(torque.max() > 0.02) == bool(told)  # the environment has up to 4.4 mN·m
+
+
 def test_the_least_width_of_the_disturbance_estimate_is_warned_of(cubesat: Scenario) -> None:
     """It was divided by μ g∞, whose product is zero."""
     least = cubesat.with_values(CONTROLLER, mu=math.ulp(0.0))

@@ -27,7 +27,7 @@ from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT,
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.attitude import conjugate, logarithm, product
 from ppc_attitude.science.certificate import Condition, virtual_control_bound
-from ppc_attitude.science.controllers import ppc
+from ppc_attitude.science.controllers import ppc, quaternion_feedback
 from ppc_attitude.science.controllers.common import MAX_TORQUE, envelope_of, envelopes_of
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.envelope_plan import least_settling_time
@@ -293,7 +293,9 @@ def _short(value: float | Sequence[float]) -> str:
 
 
 def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
-    """Compare how the law `ppc` answers a rate error with the time from sample to sample."""
+    """Compare how the laws `ppc` and `quaternion_feedback` answer an error with a sample's time."""
+    if scenario.controller.name == quaternion_feedback.COMPONENT.name:
+        yield from _linear_conditions(scenario)
     if scenario.controller.name == ppc.COMPONENT.name:
         law = scenario.parameters[CONTROLLER]
         rate, width = scenario.number(PLANT, "rate"), law["rate_envelope.terminal"]
@@ -314,6 +316,27 @@ def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
             "D_m h / 2J: if the disturbance estimate changes sign at every sample, the rate error "
             "stays inside its envelope",
         )
+
+
+def _linear_conditions(scenario: Scenario) -> Iterator[Condition]:
+    """Stability of φ'' = −2ζω φ' − ω² (φ + ∫φ dt / T), by Jury where sampled, and by Routh."""
+    law = scenario.parameters[CONTROLLER]
+    frequency, damping, time = (law[each.name] for each in quaternion_feedback.LOOP)
+    yield _at_most(
+        "loop against sampling",
+        frequency / scenario.number(PLANT, "rate"),
+        min(1.0 / damping, 4.0 * damping),
+        "",
+        "ω_n h ≤ min(1/ζ, 4ζ): the sampled loop is stable, if rates are exact and commands act at "
+        "once; beyond it the torque changes its sign at every sample, or swings",
+    )
+    yield _at_most(
+        "integral of the loop",
+        1.0 / time,
+        2.0 * damping * frequency,
+        "1/s",
+        "1/T ≤ 2ζω_n: the integral does not make the loop swing",
+    )
 
 
 def _moments(law: Mapping[str, Any]) -> list[float]:

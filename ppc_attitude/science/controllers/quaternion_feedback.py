@@ -63,6 +63,8 @@ _OWN = (
     ),
 )
 PARAMETERS = (INERTIA, MAX_TORQUE, *_OWN)
+LOOP = _OWN[:3]
+"""Natural frequency, damping ratio and integral time: of the linear loop of small errors."""
 CONFIGURATION = record_type(
     ("stiffness", np.float64),  # 2k [1/s²] on q_ev
     ("damping", np.float64),  # c [1/s]
