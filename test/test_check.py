@@ -207,6 +207,8 @@ def test_a_linear_loop_that_swings_is_warned_of(
     law = {f"quaternion_feedback.{name}": value for name, value in loop.items()}
     fast = case(rate=10.0).with_values(CONTROLLER, controller="quaternion_feedback", **law)
     assert warned(sampling_conditions(fast)) == told
+    fading = by_name(sampling_conditions(fast))["integral of the loop"].meaning
+    assert ("never" in fading) == ("integral of the loop" in told)
     run = simulate(fast, 200.0)
     torque = np.abs(run["torque_command"][run.t > 150.0])
     assert bool(torque.max() > 0.02) == bool(told)  # the environment has up to 4.4 mN·m
