@@ -181,6 +181,7 @@ def test_the_environment_knows_the_inertia_of_the_worst_case(tmp_path: Path, ask
     ask("falsify", *(f"--config={path}" for path in orbit), *told)
     worst = load([*orbit, tmp_path / "worst.yaml"]).parameters
     assert worst[PLANT]["inertia"] == worst[INJECTOR]["inertia"] != worst[CONTROLLER]["inertia"]
+    assert "*id" not in (tmp_path / "worst.yaml").read_text()  # ROS reads no aliases
 
 
 def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path, ask: Ask) -> None:

@@ -36,10 +36,15 @@ def parameter_file(scenario: Scenario) -> str:
 
 def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
     """Return parameters by node, in whatever namespace it runs, as a ROS parameter file."""
-    # rcl knows no type for an empty list; it is the default, and stays away.
+    # rcl knows no type for an empty list; it is the default, and stays away. Nor does it know an
+    # alias, which YAML writes for a list that stands there twice.
     content = {
         f"/**/{node}": {
-            "ros__parameters": {name: value for name, value in values.items() if value != []}
+            "ros__parameters": {
+                name: [*value] if isinstance(value, list) else value
+                for name, value in values.items()
+                if value != []
+            }
         }
         for node, values in nodes.items()
     }
