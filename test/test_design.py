@@ -24,6 +24,7 @@ import pytest
 from conftest import Ask
 from craft_helpers import configs, guaranteed
 
+from ppc_attitude.command_line.commands.design import _helps
 from ppc_attitude.science.guarantee import design as module
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.bounds import Bounds
@@ -205,3 +206,9 @@ def test_a_rate_that_was_asked_for_is_promised(tmp_path: Path, ask: Ask) -> None
 def test_gains_beyond_all_bounds_are_infeasible(ask: Ask, gains: tuple[float, ...]) -> None:
     told = ask("design", *CONFIG, "--gains", *gains, code=1).out
     assert told.startswith("nothing can be guaranteed: C")
+
+
+def test_what_would_help_is_told_beside_what_is_now() -> None:
+    """The torque that wheels give for certain is in no file, so more of it looked like less."""
+    told = _helps([{"max_torque": 0.03}, {"h": 0.005}], {"max_torque": 0.01, "h": 0.01})
+    assert "max_torque = 0.03 N·m (now 0.01)\n  a rate of 200 Hz (now 100)" in told

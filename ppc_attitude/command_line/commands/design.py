@@ -225,7 +225,7 @@ def execute(arguments: argparse.Namespace) -> int:
     except (InfeasibleError, UnwishedError) as error:
         print(error)
         if isinstance(error, InfeasibleError):
-            print(_helps(nearest(assumed, wishes, h, arguments.gains)))
+            print(_helps(nearest(assumed, wishes, h, arguments.gains), {**vars(assumed), "h": h}))
         return REQUIREMENT_FAILED
     values = _values(assumed, found.law)
     certificate = certify(values, wishes.accuracy, sorted({*RATES, arguments.rate}))
@@ -280,18 +280,18 @@ def _values(assumed: Assumptions, law: Law) -> dict[str, object]:
     return dict(values)
 
 
-def _helps(found: list[dict[str, float]]) -> str:
+def _helps(found: list[dict[str, float]], now: dict[str, float]) -> str:
     if not found:
         return "no single number helps, nor do d, e_S, e_A and e_W together: change several"
-    told = (", ".join(_written(*each) for each in values.items()) for values in found)
+    told = (", ".join(_written(*each, now[each[0]]) for each in values.items()) for values in found)
     return "\n  ".join(["feasible, each line alone, the others as they are:", *told])
 
 
-def _written(name: str, value: float) -> str:
+def _written(name: str, value: float, now: float) -> str:
     if name == "h":
-        return f"a rate of {1.0 / value:.4g} Hz"
-    parameter = _ASSUMED.get(name) or _TABLE[name]
-    return f"{name} = {value:.4g} {parameter.unit}".rstrip()
+        return f"a rate of {1.0 / value:.4g} Hz (now {1.0 / now:.4g})"
+    unit = (_ASSUMED.get(name) or _TABLE[name]).unit
+    return f"{name} = {value:.4g} {unit}".rstrip() + f" (now {now:.4g})"
 
 
 def _tell(found: Design, certificate: Certificate, assumed: Assumptions) -> None:
