@@ -42,7 +42,7 @@ from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
-from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.contract.topics import ATTITUDE, PLANT, TORQUE_COMMAND
 
 RUN = normal_run(duration=1.0)
 STEPS = len(RUN.stamps_ns)
@@ -56,6 +56,19 @@ def test_a_run_comes_back_to_the_last_bit(tmp_path: Path, storage: str) -> None:
     assert read.parameters == RUN.parameters
     assert read.metadata == RUN.metadata
     assert read.source == str(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(("duration", "told"), [(1.0, ()), (1.01, ("1.01 s",)), (0.0, ())])
+def test_a_whole_bag_of_a_run_that_ended_early_says_so(
+    tmp_path: Path, duration: float, told: tuple[str, ...]
+) -> None:
+    plant = {**RUN.parameters[PLANT], "duration": duration}
+    write_run(replace(RUN, parameters={**RUN.parameters, PLANT: plant}), tmp_path / "bag")
+    assert read_run(tmp_path / "bag").warnings == tuple(
+        f"the record ends at 1 s, before the plant's duration of {each}: what was scheduled after "
+        "its end is not told"
+        for each in told
+    )
 
 
 def test_a_bag_that_is_not_compressed_is_read_without_a_temporary_folder(

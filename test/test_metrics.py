@@ -63,7 +63,8 @@ def test_a_good_run_meets_every_requirement():
 
 
 def test_the_json_has_of_each_requirement_and_hit_what_the_reference_says():
-    told = json.loads(json.dumps(Verdict(hit_run()).to_json(), allow_nan=False))
+    run = replace(hit_run(), warnings=("recording was cut",))
+    told = json.loads(json.dumps(Verdict(run).to_json(), allow_nan=False))
     for each in told["requirements"]:
         assert list(each)[:6] == ["name", "value", "limit", "unit", "pass", "span"]
         told_more = each["pass"] is None or "over the whole run" in each.get("reason", "")
@@ -76,6 +77,7 @@ def test_the_json_has_of_each_requirement_and_hit_what_the_reference_says():
         "judged_by",
     ]
     assert told["bag"] == "simulate"
+    assert told["warnings"] == ["recording was cut"]
 
 
 def test_metrics_are_their_definitions():

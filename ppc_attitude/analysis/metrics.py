@@ -158,6 +158,7 @@ class Verdict(Measured):
             "duration_s": self.duration_s,
             "steps": self.t.size,
             "missing_messages": self.record.missing_messages,
+            "warnings": list(self.record.warnings),
             "requirements": [each.to_json() for each in self.requirements],
             "metrics": {**metrics, "disturbances": list(metrics["disturbances"]), "spans": spans},
             "errors": [{**asdict(each), "span": list(each.span)} for each in self.errors],

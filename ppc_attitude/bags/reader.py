@@ -178,9 +178,14 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
             f"the record begins at {begin:g} s: what came before is not in it, nor what the parts "
             "remembered of it, so a replay may differ"
         )
+    end = seconds(int(timeline.stamps[-1]))
     if cut:
-        end = seconds(int(timeline.stamps[-1]))
         warnings.insert(0, f"{_state(bag)}: {'; '.join(cut)}; read up to {end:.12g} s")
+    elif end_ns and timeline.stamps[-1] < end_ns:
+        warnings.append(
+            f"the record ends at {end:.12g} s, before the plant's duration of {duration:.12g} s: "
+            "what was scheduled after its end is not told"
+        )
     return RunRecord(
         source=printable(str(bag.path)),
         controller=facts.controller,
