@@ -45,6 +45,15 @@ def test_hits_scale_with_the_actuator_and_with_the_required_settling_time(
     assert {hit["recovery_time_s"] for hit in told["hits"]} == {0.0}
 
 
+def test_a_hit_is_told_with_the_duration_that_is_flown(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command = ["sweep", "--config", str(PAPER), "--at", "1", "--duration", "12", "--json"]
+    assert main([*command, "--pulse-durations", "0.003", "0.012"]) == 0
+    told = json.loads(capsys.readouterr().out)["hits"]
+    assert [hit["duration_s"] for hit in told] == [0.01, 0.02]
+
+
 def test_hits_scale_with_the_selected_actuator(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -56,7 +56,7 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
     least = SMALLEST_STEP * actuator
     weak = (
         each
-        for each in _scheduled(record)
+        for each in scheduled(record)
         if each.start_s not in starts and all(abs(torque) <= least for torque in each.torque)
     )
     return tuple(sorted((*found, *weak), key=lambda each: (each.start_s, each.duration_s)))
@@ -72,7 +72,7 @@ def _environment_bound(record: RunRecord) -> float | None:
     return None
 
 
-def _scheduled(record: RunRecord) -> Iterator[Pulse]:
+def scheduled(record: RunRecord) -> Iterator[Pulse]:
     """Yield the scheduled pulses that begin or end during a run, as its instants show them.
 
     A schedule that was changed in flight acts until the new one does.

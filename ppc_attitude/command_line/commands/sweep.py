@@ -21,8 +21,8 @@ from typing import NamedTuple
 from ppc_attitude.analysis.comparison import SweptHit, sweep_figure
 from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.envelopes import ATTITUDE, RATE
+from ppc_attitude.analysis.hits import scheduled
 from ppc_attitude.analysis.measure import Measured, metric_of
-from ppc_attitude.analysis.pulses import Pulse
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_JUDGED, NOT_MET
 from ppc_attitude.command_line.memory import check_memory
@@ -111,8 +111,7 @@ def execute(arguments: argparse.Namespace) -> int:
     check_memory(scenario.with_values(PLANT, duration=hits.length))
     runs = [_measured(scenario, required, hits, duration) for duration in hits.durations]
     swept = [
-        SweptHit(duration, run.hits[0].recovery_time_s, run.outsides)
-        for duration, run in zip(hits.durations, runs, strict=True)
+        SweptHit(run.hits[0].duration_s, run.hits[0].recovery_time_s, run.outsides) for run in runs
     ]
     if arguments.json:
         listed = [
@@ -152,8 +151,8 @@ def _measured(scenario: Scenario, required: Requirements, hits: Hits, duration: 
         "pulse_torques": [hits.torque] * 3,
     }
     hit = scenario.overlaid({INJECTOR: pulse, PLANT: {"duration": hits.length}})
-    known = Pulse(hits.at, duration, (hits.torque,) * 3)  # too weak a one would not be found
-    return Measured(stoppable(lambda: simulate(hit, hits.length)), required, (known,))
+    flown = stoppable(lambda: simulate(hit, hits.length))
+    return Measured(flown, required, tuple(scheduled(flown)))  # too weak a one would not be found
 
 
 def _print_table(
