@@ -314,5 +314,5 @@ def save_all(drawn: Drawn, folder: Path, formats: Sequence[str] | None = None) -
     return [
         save(figure, folder / f"{name}.{form}")
         for name, (_, figure) in drawn.items()
-        for form in formats or ("png",)
+        for form in dict.fromkeys(formats or ("png",))
     ]
