@@ -193,12 +193,19 @@ def test_a_hit_from_the_first_sample_leaves_no_undisturbed_rate():
 
 
 def test_of_a_hit_just_before_the_end_nothing_is_known():
-    """The error has not yet grown."""
-    row = requirement(
-        Verdict(hit_with_error(0.0, start=99.9, end=100.0)), "recovery from a sudden disturbance"
-    )
+    """The error has not yet grown: it was told as recovered after 0 s."""
+    verdict = Verdict(hit_with_error(0.0, start=99.9, end=100.0))
+    row = requirement(verdict, "recovery from a sudden disturbance")
     assert row.met is None
     assert "the run ends at 100 s" in row.reason
+    (hit,) = verdict.metrics.disturbances
+    assert (hit.recovery_time_s, hit.outcome) == (None, "no recovery on record")
+
+
+@pytest.mark.parametrize(("last_bad", "told"), [(0.0, 0.0), (83.0, 3.0)])
+def test_of_a_hit_whose_time_to_recover_ends_with_the_record_the_recovery_is_told(last_bad, told):
+    (hit,) = Verdict(hit_with_error(last_bad, end=90.0)).metrics.disturbances
+    assert hit.recovery_time_s == told
 
 
 def test_who_is_unsettled_when_a_hit_comes_at_the_deadline_has_not_settled():

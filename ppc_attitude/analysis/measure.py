@@ -255,8 +255,12 @@ class Measured:
         after = np.flatnonzero(window(self.t, pulse, pulses) & np.isfinite(error))
         if after.size == 0 or error[after[-1]] >= limit:
             return None
-        above = after[error[after] >= limit]
-        return float(_since(self.t, pulse.start_s)[above[-1]]) if above.size else 0.0
+        above, since = after[error[after] >= limit], _since(self.t, pulse.start_s)
+        if above.size:
+            return float(since[above[-1]])
+        # Before the end the error of a hit that has just come may still grow.
+        ends = self.t[after[-1]] == self.known_until
+        return None if ends and since[after[-1]] < self.required.recovery else 0.0
 
     @cached_property
     def outsides(self) -> dict[Envelope, float]:

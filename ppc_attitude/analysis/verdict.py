@@ -115,7 +115,8 @@ class Disturbance(Pulse):
     ----------
     recovery_time_s : float or None
         From its start to the last instant, before the next one or the end, at which the attitude
-        error is not settled; 0 if it always is, None if the record shows no recovery.
+        error is not settled; 0 if it always is, for the time allowed at least where the record
+        ends; None if the record shows no recovery.
     judged_by : str
         What judges it: recovery, or, before the settling deadline, the envelope if there is one.
     """
@@ -139,7 +140,8 @@ class Metrics:
     ----------
     settling_time_s : float or None
         Last instant before the first sudden disturbance at which the attitude error is not
-        settled; 0 if there is none. None if the record begins late, when it was settled.
+        settled; 0 if there is none. None if no error before it is known, or the record begins
+        late, when it was settled.
     error_after_settling_deadline : float or None
         Largest max_i |q_ev,i| from the deadline on, without the recoveries from sudden
         disturbances.
