@@ -58,6 +58,7 @@ def test_stamps_that_are_rounded_are_never_foreseen(rate: float) -> None:
     for stamp in stamps:
         assert node.answers.period_ns == 0
         assert list(node.state(stamp)) == [stamp]
+        assert (node.answers.next_ns is not None) is (stamp > 0)
 
 
 def test_who_reads_a_state_answers_it_and_no_other() -> None:
@@ -79,11 +80,11 @@ def test_a_stamp_that_stands_still_is_refused_when_the_numbers_change() -> None:
     """The old torque would act on the new state for ever, as on a rig that does not stamp."""
     node = Node(ahead=False)
     for stamp in (0, 10_000_000):
-        node.state(stamp)
+        node.state(stamp, 1.0)
         told = rf"attitude: stamp 0\.0{stamp // 10**7}0000 s comes again with other numbers"
         for step in range(1, 90):
             with pytest.raises(RefusedError, match=told):
-                node.state(stamp, 0.01 * step, x=float(step))
+                node.state(stamp, 1.0 + 0.01 * step + stamp, x=float(step))
     assert node.state(10_000_000, 5.0) == {10_000_000: 2}
 
 
@@ -109,6 +110,7 @@ def test_after_lost_states_nothing_is_foreseen_until_the_rhythm_is_back() -> Non
 def test_nobody_knows_the_next_state_after_a_step_that_is_longer_than_others(ahead: bool) -> None:
     """Of a bridge whose stamps jitter, or whose rate has changed, it would be told wrongly."""
     node = Node(ahead)
+    assert node.answers.next_ns is None
     for stamp, known in ((0, False), (10, True), (20, True), (120, False), (220, False)):
         node.state(stamp * 1_000_000)
         assert (node.answers.next_ns is not None) is known
@@ -121,7 +123,7 @@ def test_time_that_begins_again_is_told_and_answered_anew() -> None:
     assert list(node.state(0)) == [0]
     assert node.restarts == [0]
     assert node.answers.next_ns is None
-    assert list(node.state(10_000_000)) == [10_000_000, 20_000_000]
+    assert list(node.state(20_000_000)) == [20_000_000, 40_000_000]  # half as often as before
 
 
 def test_a_stale_state_is_refused_and_answers_nothing() -> None:

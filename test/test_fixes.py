@@ -37,7 +37,9 @@ def joined(fixes: Fixes, events: list[tuple[str, int, float]]) -> list[tuple[int
     found = []
     for kind, stamp, value in events:
         completed = fixes.take(kind, stamp, (value,), 0.0)
-        found += [(at, parts["gyro"][0], parts["fix"][0]) for at, parts in completed]
+        for at, parts in completed:
+            fix, _ = parts["fix"]  # its age
+            found.append((at, *parts["gyro"], fix))
     return found
 
 
@@ -138,6 +140,7 @@ def test_time_that_begins_again_begins_with_slot_zero() -> None:
     assert joined(fixes, [("fix", 0, 3.0), ("fix", 10 * STEP, 4.0)]) == [(0, 0.0, 3.0)]
     found = joined(fixes, samples(1, 30))
     assert [(at // STEP, fix) for at, _, fix in found if fix] == [(20, 4.0)]
+    assert joined(fixes, [("fix", 0, 5.0), ("gyro", 0, 0.0)]) == [(0, 0.0, 5.0)]  # in any order
 
 
 def test_who_begins_in_the_middle_waits_for_no_fix_of_before() -> None:

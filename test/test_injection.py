@@ -29,7 +29,7 @@ from ppc_attitude.science.disturbances.pulses import PULSE, with_pulses
 from ppc_attitude.science.stamps import nanoseconds, stamp_of
 
 TORQUE = (0.1, -0.2, 0.3)
-LIMIT = 1.0
+LIMIT = 0.3
 
 
 class Injector:
@@ -63,6 +63,7 @@ def test_what_is_past_acts_now_and_what_is_to_come_when_it_says() -> None:
     assert "from t = 0.150000 s to 0.170000 s" in injector.accept(0.15, 0.02)
     injector.runs(30)
     assert injector.steps() == [7, 8, 15, 16]
+    assert not injector.injections.at(stamp_of(30, 100.0))  # nothing is to be added up anew
 
 
 def test_the_answer_tells_what_acts_from_state_to_state() -> None:
@@ -120,7 +121,7 @@ def test_time_that_begins_again_ends_them() -> None:
 
 def test_too_much_is_refused_with_what_is_allowed_and_changes_nothing() -> None:
     injector = Injector()
-    with pytest.raises(RefusedError, match=r"allowed: up to 1\.0 N·m per axis"):
+    with pytest.raises(RefusedError, match=r"allowed: up to 0\.3 N·m per axis"):
         injector.injections.accept((0.0, 0.0, -1.5), 0, 1.0, LIMIT, None, 0)
     assert (injector.injections.accepted, injector.injections.pending) == (0, 0)
     for _ in range(1000):
@@ -188,6 +189,8 @@ def test_a_request_that_comes_again_by_its_name_acts_once_and_gets_the_same_answ
     assert "from t = 0.030000 s" in ask("mine")
     injector.runs(9)
     assert injector.steps() == [3, 4]
+    answers = [ask(name) for name in ("mine", *map(str, range(100)), "mine")]
+    assert answers[0] != answers[-1]  # the last hundred are remembered
 
 
 @pytest.mark.ros

@@ -73,7 +73,6 @@ class Fixes(Instant):
         self._samples: dict[int, Parts] = {}
         self._fixes: dict[int, Values] = {}
         self.lost = self.useless = 0
-        self.waiting_since = 0.0
 
     def take(
         self, name: str, stamp_ns: int, values: Values, now: float

@@ -40,7 +40,7 @@ class Injections:
         # Duration [s] and torque [N·m] of what acts from the next instant on.
         self._beginning: list[tuple[float, tuple[float, ...]]] = []
         self._changed = False
-        self._stamp = -1  # the latest instant [ns] that was asked for
+        self._stamp = 0  # the latest instant [ns] that was asked for
         self._answers: dict[str, str] = {}  # to requests that have a name
         self.accepted = 0
 
@@ -75,7 +75,7 @@ class Injections:
         self.pulses = [each for each in self.pulses if each["end_ns"][0] > self._stamp]
         if self.pending >= _MOST:
             raise RefusedError(f"{_MOST} pulses are pending already")
-        begin = start_ns if start_ns > max(self._stamp, 0) else next_ns
+        begin = start_ns if start_ns > self._stamp else next_ns
         text = f"{torque} N·m acts from the next state on for {duration:g} s"
         if begin is not None:
             end = begin + nanoseconds(duration)
@@ -88,7 +88,7 @@ class Injections:
                     )
             text = f"{torque} N·m acts from t = {seconds(begin):.6f} s to {seconds(end):.6f} s"
         self.accepted += 1
-        if start_ns > max(self._stamp, 0):
+        if start_ns > self._stamp:
             self._add(start_ns, duration, torque)
         else:
             self._beginning.append((duration, torque))
@@ -117,7 +117,7 @@ class Injections:
         self._beginning.clear()
         self._answers.clear()
         self._changed = True
-        self._stamp = -1
+        self._stamp = 0
 
     @property
     def pending(self) -> int:
