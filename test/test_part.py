@@ -88,8 +88,12 @@ def test_numbers_that_are_finite_are_so_whatever_their_sum(bad: float) -> None:
 
 def test_components_of_one_name_and_module_run_their_own_steps() -> None:
     """A name is unique only within a kind."""
-    assert Part(ONE, {}).step(0) == (1.0, 0.0, 0.0)
-    assert Part(replace(ONE, step=_negative), {}).step(0) == (-1.0, 0.0, 0.0)
+    both = [ONE, replace(ONE, step=_negative)]
+    chain = Chain(both, {})
+    parts = chain.parts
+    assert [part.step(0) for part in parts] == [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]
+    chain.configure(both, {})
+    assert chain.parts == parts  # with what they remember
 
 
 def test_a_step_fills_the_records_of_the_component_that_reuses_it() -> None:

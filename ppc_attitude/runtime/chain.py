@@ -49,11 +49,10 @@ class Chain:
         ConfigurationError
             A parameter is infeasible.
         """
-        known = {part.component.name: part for part in self.parts}
+        known = {part.component: part for part in self.parts}
         self.parts = []
         for component in components:
-            part = known.get(component.name)
-            if part is not None and part.component is component:
+            if part := known.get(component):
                 part.configure(values)
             else:
                 part = Part(component, values)
