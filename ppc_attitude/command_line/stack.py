@@ -246,7 +246,6 @@ class Stack:
 
     def _broken(self, ended: Iterable[str]) -> StackError:
         """Say how the node ended that ended first, because the others ended as a consequence."""
-        self.told()
         name = min(ended, key=lambda each: _broke_at(self._nodes[each]))
         node = self._nodes[name]
         code = node.process.returncode
