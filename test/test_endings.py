@@ -421,6 +421,8 @@ class Held(DisturbanceInjector):
         ctypes.PyDLL(None).sleep(600)
 
 leaving._PATIENCE = 2
+with leaving.leaving(7):  # who has left in time lives on
+    pass
 sys.exit(running.run_node(Held, ["node"]))
 """
 

@@ -90,7 +90,7 @@ def test_components_of_one_name_and_module_run_their_own_steps() -> None:
     """A name is unique only within a kind."""
     both = [ONE, replace(ONE, step=_negative)]
     chain = Chain(both, {})
-    parts = chain.parts
+    parts = [*chain.parts]
     assert [part.step(0) for part in parts] == [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]
     chain.configure(both, {})
     assert chain.parts == parts  # with what they remember
