@@ -221,9 +221,13 @@ def test_a_run_names_a_middleware_that_is_not_installed(
     assert not run.bag.exists()
 
 
-def test_an_empty_setting_leaves_the_sockets_to_us() -> None:
+def test_an_empty_setting_leaves_the_sockets_to_us(monkeypatch: pytest.MonkeyPatch) -> None:
     empty = dict.fromkeys((MIDDLEWARE, PROFILE, TRANSPORTS), "")
     assert reach({RANGE: "LOCALHOST", **empty}) == "localhost"
+    assert reach({RANGE: "", **empty}) == "subnet"
+    assert reach(PEERED) == "localhost and ROS_STATIC_PEERS"
+    monkeypatch.setattr("ppc_attitude.nodes.discovery._has_way", lambda address: False)
+    tune_transport({TRANSPORTS: "SHM"})  # by this nodes may find each other all the same
 
 
 @pytest.mark.parametrize("unset", [{}, {RANGE: "", DOMAIN: ""}], ids=["none", "empty"])
@@ -240,10 +244,10 @@ def test_a_run_is_on_this_host_alone_and_in_a_domain_of_its_own(
 
 
 def test_range_and_domain_of_the_user_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(RANGE, "SUBNET")
-    monkeypatch.setenv(DOMAIN, "177")
+    monkeypatch.setenv(RANGE, "SYSTEM_DEFAULT")
+    monkeypatch.setenv(DOMAIN, "232")
     made = private_environment()
-    assert (made[RANGE], made[DOMAIN]) == ("SUBNET", "177")
+    assert (made[RANGE], made[DOMAIN]) == ("SYSTEM_DEFAULT", "232")
 
 
 @pytest.mark.parametrize("place", [0, 10], ids=["multicast", "unicast alone"])

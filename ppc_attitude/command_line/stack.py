@@ -204,8 +204,7 @@ class Stack:
             for names in _STOP_BROKEN if broken else _STOP_ORDER:
                 nodes = {name: self._nodes[name] for name in names if name in self._nodes}
                 for node in nodes.values():
-                    if node.process.poll() is None:
-                        node.process.send_signal(signal.SIGINT)
+                    node.process.send_signal(signal.SIGINT)
                 for name, node in nodes.items():
                     if not node.ends(_PATIENCE, LINGERS):
                         hanging.append(name)

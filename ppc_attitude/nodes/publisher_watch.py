@@ -136,4 +136,3 @@ class PublisherWatch:
         """Stop listening."""
         if self._ear is not None:
             self._ear.destroy_node()
-            self._ear = None
