@@ -36,10 +36,8 @@ def claimed(folder: Path) -> bool:
     """Whether a living process holds a bag's folder."""
     try:
         os.close(_locked(folder, fcntl.LOCK_SH))
-    except BlockingIOError:
-        return True
-    except OSError:  # no folder, or a file system without locks
-        return False
+    except OSError as error:  # or no folder, or a file system without locks
+        return isinstance(error, BlockingIOError)
     return False
 
 
