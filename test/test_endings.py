@@ -50,7 +50,7 @@ from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
 from ppc_attitude.processes.child import Child
-from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, TIME, WAITING
+from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, LINGERS, TIME, WAITING
 from ppc_attitude.simulation.scenario import load
 
 long = pytest.mark.long
@@ -340,6 +340,7 @@ def test_a_run_whose_node_computes_for_ever_is_given_up(monkeypatch: pytest.Monk
 def test_a_run_whose_plant_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """It says nothing, and nobody waits for it, be it amid a step or at its end."""
     run = stalled(monkeypatch, after=0.5)
+    monkeypatch.setattr(stack, "starved", lambda pid: 3600.0)  # all of it before the last step
     plant: Any = run._nodes[PLANT]
     plant.listen, plant.process.poll = lambda patience=0.0: None, lambda: None
     plant.told.clear()
@@ -365,6 +366,10 @@ def test_a_plant_that_somebody_else_asks_to_end_has_not_finished(
     with pytest.raises(StackError, match=why):
         run.goes_on(Event())
     plant.told[FINISHED] = True
+    assert not run.goes_on(Event())
+    plant.process.poll = lambda: None
+    assert run.goes_on(Event())
+    plant.told[LINGERS] = True  # for others than those of the run
     assert not run.goes_on(Event())
 
 
