@@ -208,6 +208,7 @@ def test_a_linear_loop_that_swings_is_warned_of(
     fast = case(rate=10.0).with_values(CONTROLLER, controller="quaternion_feedback", **law)
     assert warned(sampling_conditions(fast)) == told
     fading = by_name(sampling_conditions(fast))["integral of the loop"].meaning
+    assert "the slowest part of a small error" in fading
     assert ("never" in fading) == ("integral of the loop" in told)
     run = simulate(fast, 200.0)
     torque = np.abs(run["torque_command"][run.t > 150.0])

@@ -337,8 +337,8 @@ def _linear_conditions(scenario: Scenario) -> Iterator[Condition]:
         1.0 / time,
         2.0 * damping * frequency,
         "1/s",
-        "1/T ≤ 2ζω_n: the integral does not make the loop swing; a small error is "
-        f"{'never' if slowest >= 0.0 else f'in {-1.0 / slowest:.3g} s'} e times smaller",
+        "1/T ≤ 2ζω_n: the integral does not make the loop swing; the slowest part of a small error "
+        f"{'never fades' if slowest >= 0.0 else f'is 1/e after {-1.0 / slowest:.3g} s'}",
     )
 
 
