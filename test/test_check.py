@@ -303,6 +303,9 @@ def test_the_wheel_that_is_full_first_is_warned_of() -> None:
     for fine in (case(), case("wheels", "orbit", "unloading", duration=1e6)):
         assert not speed_of_a_wheel(fine)
     off = {"magnetorquers.law": "off", "duration": 1e4}
+    hasty = {"wheels.null_gain": 1.0, "duration": 2e4}  # a step of the sum is of 10 s
+    (idle,) = speed_of_a_wheel(case("wheels", "orbit").with_values(PLANT, **hasty))
+    assert idle.value < 0.3
     assert speed_of_a_wheel(case("wheels", "orbit", "unloading").with_values(PLANT, **off))
 
 

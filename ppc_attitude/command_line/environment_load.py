@@ -16,6 +16,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -82,9 +83,10 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     for part in (reference, environment):
         part.forget()
     # Without limits of speed: it is told how far beyond them the wheels would be.
-    free = {wheels.MAX_SPEED.name: [_UNLIMITED], wheels.VISCOUS.name: [0.0]}
+    free: dict[str, Any] = {wheels.MAX_SPEED.name: [_UNLIMITED], wheels.VISCOUS.name: [0.0]}
+    count, gain = max(_SAMPLES, math.ceil(end / _LONGEST)), wheel_drive.NULL_GAIN.name
+    free[gain] = min(plant[gain], count / end)  # in a longer step idle wheels would swing
     drive, craft = Part(wheel_drive.COMPONENT, {**plant, **free}), wheels.wheel_record(plant)
-    count = max(_SAMPLES, math.ceil(end / _LONGEST))
     inertia, speeds = np.reshape(plant[INERTIA.name], (3, 3)), craft["initial_speed"].copy()
     stored = wheels.momenta(plant, speeds)
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
