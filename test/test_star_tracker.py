@@ -129,7 +129,7 @@ def test_slots() -> None:
         ),
         (
             {"star_tracker.rate": 150.0},
-            r"rate = 150.0 Hz does not divide .* is 100.0 Hz; rate = 150 Hz",
+            r"rate = 150.0 Hz does not divide .* is 100.0 Hz; rate = 150.0 Hz",
         ),
         ({"star_tracker.rate": 5e-324}, r"star_tracker.rate = 5e-324 Hz is a fix in inf steps"),
         ({"star_tracker.rate": 1e-18}, r"star_tracker.rate = 1e-18 Hz is a fix in 1e\+20 steps"),

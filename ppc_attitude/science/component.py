@@ -141,7 +141,7 @@ class Column:
         if not all(told) or "$" in "".join(told):  # figures would take it for mathematics
             raise ValueError(
                 f"column {self.name}: frame = {self.frame!r}, unit = {self.unit!r}, meaning = "
-                f"{self.meaning!r}; allowed: texts without $"
+                f"{self.meaning!r}; allowed: texts, not empty, without $"
             )
         if self.form not in _WIDTHS:
             raise ValueError(

@@ -164,7 +164,7 @@ def slots(rate: float, values: Mapping[str, Any]) -> tuple[int, int]:
     if abs(rate / tracker - every) > 1e-14 * every:
         raise ConfigurationError(
             f"{RATE.name} = {tracker} Hz does not divide rate = {rate} Hz, and a fix is of a whole "
-            f"step; the nearest that does is {rate / every!r} Hz; rate = {every * tracker:.9g} Hz "
+            f"step; the nearest that does is {rate / every!r} Hz; rate = {every * tracker!r} Hz "
             "would do too"
         )
     delay = max(0, math.ceil((latency - ROUNDING) * rate))
