@@ -21,6 +21,7 @@ from estimation_helpers import MOUNTING, STEP_NS, Array, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.kernel import kernel, store_quaternion
 from ppc_attitude.science.sensors.star_tracker import (
     NO_FIX,
     is_slot,
@@ -36,8 +37,15 @@ REST = (0.0, 0.0, 0.0)
 def fixes(count: int, omega: tuple[float, float, float] = REST, **given: Any) -> Array:
     values = suite("cubesat", star_tracker__mounting=MOUNTING, **given)
     tracker = star_tracker_record({**values, "rate": 100.0, "seed": 11})
-    q = tuple(ATTITUDE.as_quat())
-    return np.array([star_fix(tracker, q, omega, 20 * i * STEP_NS, 20 * i) for i in range(count)])
+    rows = np.zeros((count, 4))
+    take_fixes(tracker, tuple(ATTITUDE.as_quat()), omega, rows)
+    return rows
+
+
+@kernel
+def take_fixes(tracker: Any, q: Any, omega: Any, rows: Any) -> None:
+    for i in range(len(rows)):
+        store_quaternion(rows[i], star_fix(tracker, q, omega, 20 * i * STEP_NS, 20 * i))
 
 
 def errors(rows: Array) -> Array:
