@@ -14,6 +14,7 @@
 
 """Every command helps, and tells a user's mistake in one line."""
 
+import gc
 import os
 import shlex
 import sys
@@ -66,6 +67,16 @@ def test_help_describes_every_argument(command: str, ask: Ask) -> None:
 
 def test_version(ask: Ask) -> None:
     assert ask("--version").out == f"ppc_attitude {ppc_attitude.__version__}\n"
+
+
+def test_garbage_is_collected_again_when_a_command_is_executed(ask: Ask) -> None:
+    gc.disable()  # as `run` does
+    try:
+        ask("recover", "no_bag", code=BAD_INPUT)
+        assert gc.isenabled()
+    finally:
+        gc.enable()
+        gc.unfreeze()
 
 
 def test_the_general_help_names_every_command(ask: Ask) -> None:
