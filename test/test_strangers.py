@@ -66,9 +66,9 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
 ) -> None:
     sensors = [PAPER.with_name("sensors_smallsat.yaml")] if name == ESTIMATOR else []
     options = ["--duration", "10000", *(f"--config={file}" for file in sensors)]
-    run = Run(start_process, tmp_path / "bag", *options, overlay=pace(0.4))
+    run = Run(start_process, tmp_path / "bag", *options, overlay=pace(0.1))
     # After 11 s of the clock: who is that old never gives way, nor is its time one's who begins.
-    run.reaches(4.4)
+    run.reaches(1.1)
     parameters = tmp_path / "parameters.yaml"
     parameters.write_text(parameter_file(load([PAPER, tmp_path / "overlay.yaml", *sensors])))
     second = Node(start_process, tmp_path, name, file=parameters)
@@ -76,7 +76,7 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
     found = re.search(rf"another node publishes (\S+): /{name}, /{name};", second.err)
     assert found, second.err
     assert "Traceback" not in second.err
-    run.reaches(run.time + 0.3)  # it goes on
+    run.reaches(run.time + 0.1)  # it goes on
     run.send(signal.SIGINT)
     assert run.ends() == 3
     # The first cause is told: that of the node, or of the recorder if it heard both for longer.
