@@ -27,7 +27,7 @@ def seconds(stamp_ns: int) -> float:
 
 def nanoseconds(time: float) -> int:
     """Whole nanoseconds of a time [s]."""
-    return round(time * NANOSECONDS)
+    return round(time * 1e9)  # by a float: a text, of which a bag may hold one, is refused
 
 
 def stamp_of(step: int, rate: float) -> int:
