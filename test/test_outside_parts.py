@@ -249,13 +249,15 @@ def test_an_advice_that_is_none_is_refused_before_anything_runs(
     assert "component chatty: advice raised TypeError: 'well'; allowed: an Advice" in done.stderr
 
 
-def test_who_reads_what_is_given_later_hears_where_it_can_be_kept(
+def test_who_reads_what_is_given_later_hears_what_is_allowed(
     run_outside: Run, tmp_path: Path
 ) -> None:
     name_points(tmp_path, sensors="hasty = misfits:hasty")
     choose(tmp_path, "spacecraft_plant", "sensors: hasty")
     done = run_outside("simulate --config own.yaml --duration 1", code=2)
-    assert "reads torque_command, which is given later in the instant; its own last" in done.stderr
+    assert (
+        "reads torque_command, which is given later in the instant; allowed: columns" in done.stderr
+    )
 
 
 CAPTIONS = """
@@ -353,10 +355,15 @@ def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
         for each in (paper, f"{paper} --config goal.yaml")
         for own in ("", "--config own.yaml")
     ]
-    told = run_outside(*checks).stdout
-    assert told.count("torque authority") == 4
+    name_points(tmp_path, plants="unnamed = misfits:unnamed\nwheeled = misfits:unnamed_wheels")
+    choose(tmp_path, "spacecraft_plant", "plant: unnamed_wheels", "wheeled.yaml")
+    wheels = f"{paper} --config {CONFIG / 'wheels.yaml'}"
+    told = run_outside(*checks, wheels, f"{wheels} --config wheeled.yaml").stdout
+    assert told.count("torque authority") == 6
+    assert told.count("speed of a wheel") == 1
     assert told.count("last goal") == 2
-    assert told.count("time to turn") == told.count("slew torque") == 1
+    assert told.count("time to turn") == 2
+    assert told.count("slew torque") == 1
 
 
 def test_a_campaign_draws_nothing_of_parts_that_do_not_run(

@@ -17,7 +17,7 @@
 import pytest
 
 from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, out_of_order
-from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
 
 PERIOD = 10_000_000
 NEW, REPEATED = StampKind.NEW, StampKind.REPEATED
@@ -31,6 +31,12 @@ def fed(*stamps: int) -> list[StampKind]:
 
 def test_stamps_that_advance_are_new_and_equal_ones_repeated():
     assert fed(0, PERIOD, PERIOD, 2 * PERIOD) == [NEW, NEW, REPEATED, NEW]
+
+
+def test_a_text_is_no_time():
+    """One of a bag was copied a billion times before it was refused."""
+    with pytest.raises(TypeError, match="can't multiply"):
+        nanoseconds("")  # type: ignore[arg-type]
 
 
 def test_time_begins_again_at_zero():

@@ -54,7 +54,7 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
     outside, why = _outside(record, 3.0), ""
     if outside is None:
         why = run.ends_before(SETTLED, "the filter settles")
-    elif outside > OUTSIDE_LIMIT and not (_outside(record, 6.0) or 0.0) > _MOST:
+    elif outside > OUTSIDE_LIMIT and (_outside(record, 6.0) or 0.0) <= _MOST:
         why = f"{outside:.3g}, but one run cannot tell: errors correlate over minutes"
     span = (min(max(SETTLED, run.begin), run.end), run.end)
     row = ("knowledge_outside", outside, OUTSIDE_LIMIT, "", why, span)

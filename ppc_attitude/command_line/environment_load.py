@@ -75,7 +75,9 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     unloaded = has_parameter(PLANT, plant, magnetorquers.MAX_DIPOLE.name) and (
         plant.get(magnetorquers.LAW.name) != "off"
     )
-    if unloaded or not end or not has_parameter(PLANT, plant, wheels.AXES.name):
+    needed = wheels.AXES, INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
+    has = all(has_parameter(PLANT, plant, each.name) for each in needed)
+    if unloaded or not end or not has:
         return
     if not set(environment.component.inputs) <= set(known):
         return

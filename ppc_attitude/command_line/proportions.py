@@ -50,7 +50,7 @@ _DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
 _PULSES = 3.0  # least pulses that should have room in the rate envelope
 _INERTIA_ERROR = 0.3  # docs/guarantee.md has measured it
 _NOISE_SIGMAS = 3.0  # of what noise makes a law ask for, that the actuator should give
-_WORSE = 3.0  # times that a sensor's noise, or σ that its mounting, may be off what a filter takes
+_WORSE = 3.0  # how many times its noise, or σ its mounting, a sensor may be off a filter's number
 
 
 def _at_most(name: str, value: float, limit: float, unit: str, meaning: str) -> Condition:

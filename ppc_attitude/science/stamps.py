@@ -27,7 +27,8 @@ def seconds(stamp_ns: int) -> float:
 
 def nanoseconds(time: float) -> int:
     """Whole nanoseconds of a time [s]."""
-    return round(time * 1e9)  # by a float: a text, of which a bag may hold one, is refused
+    # By a float, which no text takes: of one in a bag an integer would make a billion copies.
+    return round(time * float(NANOSECONDS))
 
 
 def stamp_of(step: int, rate: float) -> int:

@@ -238,8 +238,8 @@ class Diagram:
             if place > start and kind is not PLANTS:
                 raise ConfigurationError(
                     f"{kind.selector} = {component.name} reads {column.name}, which is given "
-                    "later in the instant; its own last values a component may keep in its state, "
-                    "and the plant reads those of the instant before and may give them as a column"
+                    "later in the instant; allowed: columns that are given earlier, such as one in "
+                    "which the plant gives what it reads, the value of the instant before"
                 )
         return self._places_of(component.inputs)
 

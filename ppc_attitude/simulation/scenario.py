@@ -202,8 +202,9 @@ def scenario(chosen: Overrides) -> Scenario:
         try:
             check_components(node, values)
         except ConfigurationError as error:  # it may be for want of what gives its inputs
-            lacking = [not_given(column) for column in _absent(parameters, node)]
-            raise ConfigurationError("; it reads ".join([str(error), *lacking[:1]])) from None
+            lacking = map(not_given, _absent(parameters, node))
+            more = [told for told in lacking if told not in str(error)]
+            raise ConfigurationError("; it reads ".join([str(error), *more[:1]])) from None
     found = Scenario(parameters)
     _check_agreement(parameters)
     _check_allocation(parameters)

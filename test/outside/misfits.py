@@ -27,8 +27,10 @@ from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
 from ppc_attitude.science.disturbances import pulses
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter, filled, record_type
+from ppc_attitude.science.plants.gyrostat import COMPONENT as GYROSTAT
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.science.wheels import PARAMETERS as WHEELS
 
 LAW, PLANT, SENSORS = outside_parts.LAW, outside_parts.PLANT, outside_parts.SENSORS
 NOISE = record_type(SEED)
@@ -155,6 +157,12 @@ MADE: dict[str, Callable[[], Component]] = {
         PLANT,
         parameters=(),
         configure=lambda _: PLANT.configure(PLANT.defaults),
+    ),
+    "unnamed_wheels": lambda: replace(
+        GYROSTAT,
+        name="unnamed_wheels",
+        parameters=WHEELS,
+        configure=lambda values: GYROSTAT.configure({**GYROSTAT.defaults, **values}),
     ),
     "gusty": lambda: replace(
         outside_parts.ENVIRONMENT,
