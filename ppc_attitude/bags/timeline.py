@@ -255,10 +255,9 @@ def _without_leaps(topic: Topic, messages: Series, warnings: list[str]) -> Serie
             break
         start += jump
         before = messages.stamps[kept[max(start - _LONGEST_DELAY - 1, 0) : start]]
-        ahead = before > messages.stamps[kept[start]]
-        leaps = int(np.count_nonzero(ahead))
-        if leaps < len(before) and ahead[len(before) - leaps :].all():
-            kept = np.delete(kept, np.s_[start - leaps : start])
+        ahead = np.flatnonzero(before > messages.stamps[kept[start]])
+        if len(ahead) < len(before):
+            kept = np.delete(kept, start - len(before) + ahead)
             start = 0
     left_out = len(messages.stamps) - len(kept)
     if not left_out:
