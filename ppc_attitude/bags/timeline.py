@@ -297,9 +297,9 @@ def _complete(
         return stamps, 0
     period = NANOSECONDS / rate if rate else float(np.median(steps))
     lost = np.maximum(np.rint(steps / period).astype(np.int64) - 1, 0)
-    if rate is None:  # a message that is only late makes a step beside it shorter
-        three = np.convolve(np.pad(steps, 1, constant_values=round(period)), [1, 1, 1], "valid")
-        lost = np.minimum(lost, np.maximum(np.rint(three / period).astype(np.int64) - 3, 0))
+    # A message that is only late makes a step beside it shorter.
+    three = np.convolve(np.pad(steps, 1, constant_values=round(period)), [1, 1, 1], "valid")
+    lost = np.minimum(lost, np.maximum(np.rint(three / period).astype(np.int64) - 3, 0))
     total = int(lost.sum())
     if total == 0 or (rate is None and not is_steady(steps, period)):
         return stamps, 0
@@ -327,17 +327,13 @@ def _on_grid(between: Integers, rate: float, stamps: Integers) -> Integers:
     return rounded(between) if np.array_equal(rounded(stamps), stamps) else between
 
 
-def _without_ragged_end(stamps: Integers, series: dict[Topic, Series], most: int) -> Integers:
-    """Drop up to `most` last instants that lack messages, and what the series have of them."""
+def _without_ragged_end(stamps: Integers, series: Mapping[Topic, Series], most: int) -> Integers:
+    """Drop up to `most` last instants that lack messages."""
     ends = [
         each.stamps[-1] for topic, each in series.items() if each.stamps.size and not topic.late
     ]
     complete = int(np.searchsorted(stamps, min(ends, default=stamps[-1]), side="right"))
-    stamps = stamps[: max(complete, len(stamps) - most, 1)]
-    for topic, messages in series.items():
-        end = int(np.searchsorted(messages.stamps, stamps[-1], side="right"))
-        series[topic] = messages[:end]
-    return stamps
+    return stamps[: max(complete, len(stamps) - most, 1)]
 
 
 def _spread(messages: Series, stamps: Integers) -> tuple[Array, int, int]:
