@@ -121,9 +121,9 @@ def test_what_its_recorder_knew_to_be_incomplete_is_told(tmp_path: Path) -> None
 
 
 def test_gaps_of_a_rate_without_whole_nanoseconds(tmp_path: Path) -> None:
-    """The stamps filled in are those that the other topics have."""
+    """The stamps filled in are those that the other topics have, also if most are lost."""
     run = normal_run(duration=1.0, rate=300.0)
-    lost = set(run.stamps_ns[[31, 32, 200]].tolist())
+    lost = set(run.stamps_ns[np.arange(301) % 4 > 0].tolist())
     sequence = [
         one
         for one in messages(run)
@@ -131,8 +131,18 @@ def test_gaps_of_a_rate_without_whole_nanoseconds(tmp_path: Path) -> None:
     ]
     read = read_run(write_messages(tmp_path / "bag", sequence, run=run))
     np.testing.assert_array_equal(read.stamps_ns, run.stamps_ns)
-    assert read.missing == {"attitude": 3, "angular_velocity": 3, "applied_torque": 3}
+    assert read.missing == {"attitude": 225, "angular_velocity": 225, "applied_torque": 225}
     np.testing.assert_array_equal(read["torque_command"], run["torque_command"])
+
+
+@pytest.mark.parametrize(("duration", "lost"), [(1.0, {"control/attitude_error": 1}), (2.0, {})])
+def test_only_a_run_that_was_stopped_may_lack_the_answer_to_its_last_state(
+    tmp_path: Path, duration: float, lost: dict[str, int]
+) -> None:
+    plant = {**RUN.parameters[PLANT], "duration": duration}
+    run = replace(RUN, parameters={**RUN.parameters, PLANT: plant})
+    read = read_run(write_messages(tmp_path / "bag", list(messages(RUN))[:-1], run=run))
+    assert (read.missing, len(read.stamps_ns)) == (lost, STEPS if lost else STEPS - 1)
 
 
 def test_a_leap_of_the_clock_is_not_filled_in(tmp_path: Path) -> None:
@@ -179,7 +189,7 @@ def test_after_a_reset_the_last_epoch_is_read(tmp_path: Path, steps: list[int]) 
         part = list(messages(run))[: count * len(SAMPLED)]
         if sequence:
             held = sequence.pop()
-            part.insert(2, held)
+            part.insert(len(SAMPLED) - 1, held)  # behind the attitude
         sequence += part
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
     last = steps[-1]
@@ -251,11 +261,20 @@ def test_after_a_reset_a_node_has_what_it_was_started_again_with(tmp_path: Path)
     assert read.changes == ()
 
 
-@pytest.mark.parametrize("states", [(101, 60, 101), (101, 80, 15, 101), (101, 15, 15, 60)])
+@pytest.mark.parametrize(
+    ("states", "begin"),
+    [
+        *(((101, 60, 101), 0), ((101, 80, 15, 101), 0), ((101, 15, 15, 60), 0)),
+        *(((101, 15, 15, 60), 20), ((9, 60), 20)),
+    ],
+)
 def test_what_comes_seldom_is_of_the_last_epoch_too(
-    tmp_path: Path, states: tuple[int, ...]
+    tmp_path: Path, states: tuple[int, ...], begin: int
 ) -> None:
-    """As fixes of a star tracker: they come before their state, and an epoch may have only one."""
+    """As fixes of a star tracker: they come before their state, and an epoch may have only one.
+
+    In the last epoch they begin at a step.
+    """
     sequence, whole = [], list(messages(RUN))
     for epoch, count in enumerate(states):
         for step in range(count):
@@ -265,11 +284,13 @@ def test_what_comes_seldom_is_of_the_last_epoch_too(
             ):
                 if topic is not REFERENCE_RATE:
                     sequence.append((topic, stamp, data))
-                elif step % 10 == 0:
+                elif step % 10 == 0 and (epoch < len(states) - 1 or step >= begin):
                     sequence.append((topic, stamp, Codec(topic).encode(stamp, (epoch, 0.0, 0.0))))
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
     rates = read[REFERENCE_RATE.column][:, 0]
-    assert rates[::10].tolist() == [len(states) - 1] * math.ceil(states[-1] / 10)
+    came = rates[begin::10].tolist()
+    assert came == [len(states) - 1] * math.ceil((states[-1] - begin) / 10)
+    assert np.count_nonzero(~np.isnan(rates)) == len(came)
     assert len(read.warnings) == 1  # of the resets
 
 
