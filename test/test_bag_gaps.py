@@ -309,8 +309,11 @@ def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     places = [place for place, (topic, _, _) in enumerate(sequence) if topic == ATTITUDE]
     sequence[places[3]] = (ATTITUDE, 0, b"\0\1\0\0short")
     sequence[places[4]] = (ATTITUDE, 0, Codec(ATTITUDE).encode(-1, (0.0, 0.0, 0.0, 1.0)))
+    sequence.append((CHANGES_TOPIC, 0, b"\0\1\0\0short"))
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
-    assert read.warnings == ("2 messages of /attitude cannot be used",)
+    names = {"2": "/attitude", "1": f"/{CHANGES_TOPIC.name}"}
+    told = tuple(f"{count} messages of {name} cannot be used" for count, name in names.items())
+    assert read.warnings == told
     assert read.missing == {"attitude": 2}
     assert np.isnan(read["attitude"][3:5]).all()
 

@@ -224,7 +224,7 @@ def test_an_imu_without_orientation_and_a_quaternion_of_zeros_are_no_attitude(
         ("/imu/data", 3, imu(20, (0, 0, 0, 0), (1, 2, 3))),
         ("/imu/data", 4, imu(30, (0, 0, 1, 0), (1, 2, 3))),
     ]
-    read = read_run(write_typed(tmp_path / "bag", sent), topics=MAPPED)
+    read = read_run(write_typed(tmp_path / "bag", sent), "/craft", topics=MAPPED)
     assert "2 messages of /imu/data cannot be used" in read.warnings
     assert np.isfinite(read["attitude"]).all(axis=1).tolist() == [True, False, False, True]
     assert np.isfinite(read["angular_velocity"]).all()

@@ -139,7 +139,7 @@ class Collected:
         values = np.concatenate([part.values for part in parts])
         arrival = np.concatenate([part.arrival for part in parts])
         received = [part.received for part in parts if part.received is not None]
-        alike = len(received) == len(parts) and (stamps == stamps[0]).all()
+        alike = (stamps == stamps[0]).all()  # then every part has the times of receipt
         parts.clear()
         varies = (values[1:] != values[0]).any()  # a constant may have been sent many times
         by_receipt = bool(alike and (varies or unstamped or not is_stamped(msgtype)))
