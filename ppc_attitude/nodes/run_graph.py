@@ -142,20 +142,18 @@ class ParameterSurvey:
                 future.add_done_callback(partial(self._on_names, who, start))
 
     def _on_names(self, who: tuple[str, str], start: bytes, future: Future) -> None:
-        listed = future.result()
-        names = [] if listed is None else listed.result.names
-        names = [name for name in names if not is_of_ros(name)]
+        names = [name for name in future.result().result.names if not is_of_ros(name)]
         future = self._clients[who][1].call_async(GetParameters.Request(names=names))
         future.add_done_callback(partial(self._on_values, who, start, names))
 
     def _on_values(
         self, who: tuple[str, str], start: bytes, names: list[str], future: Future
     ) -> None:
-        response = future.result()
-        if start in self._answered or response is None or len(response.values) != len(names):
+        answer = future.result().values
+        if start in self._answered or len(answer) != len(names):
             return
         self._answered[start] = who
-        values = map(parameter_value_to_python, response.values)
+        values = map(parameter_value_to_python, answer)
         told = dict(zip(names, (unquoted(with_lists(each)) for each in values), strict=True))
         self._on_answer(*who, told)
 
