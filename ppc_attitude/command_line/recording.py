@@ -161,7 +161,7 @@ def _progress(duration: float) -> Iterator[Any]:
     with tqdm(total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr) as bar:
 
         def show(t: float) -> None:
-            bar.n = min(max(t, bar.n), duration)  # sums of differences pass the end by rounding
+            bar.n = min(t, duration)  # which the last step may pass by half of one
             bar.refresh()
 
         yield show
