@@ -15,6 +15,7 @@
 """The command `check`: what a wish needs at best, what is out of proportion, and 80 columns."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -107,8 +108,11 @@ def test_the_configured_environment_is_looked_at(
     environment: bool, low: float, high: float
 ) -> None:
     case = load([], {INJECTOR: {"environment": environment}, PLANT: {"duration": 640.0}})
-    found = environment_torque(case, first_instant(case)[ENVIRONMENTS.name])
-    assert low * ENVIRONMENT_BOUND <= found <= high * ENVIRONMENT_BOUND
+    part = first_instant(case)[ENVIRONMENTS.name]
+    for bound in (part.component.bound, None):
+        part.component = replace(part.component, bound=bound)
+        found = environment_torque(case, part)
+        assert low * ENVIRONMENT_BOUND <= found <= high * ENVIRONMENT_BOUND
 
 
 def test_a_free_craft_is_not_measured_by_the_papers_environment(tmp_path: Path, ask: Ask) -> None:
