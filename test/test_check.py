@@ -304,7 +304,8 @@ def test_the_wheel_that_is_full_first_is_warned_of() -> None:
     spun = {"wheels.initial_speed": [0.0, 300.0, 0.0, 0.0]}
     (sooner,) = speed_of_a_wheel(case("wheels").with_values(PLANT, **spun))
     assert sooner.value > short.value
-    for fine in (case(), case("wheels", "orbit", "unloading", duration=1e6)):
+    endless = case("wheels", duration=0.0)
+    for fine in (case(), endless, case("wheels", "orbit", "unloading", duration=1e6)):
         assert not speed_of_a_wheel(fine)
     off = {"magnetorquers.law": "off", "duration": 1e4}
     hasty = {"wheels.null_gain": 1.0, "duration": 2e4}  # a step of the sum is of 10 s

@@ -155,7 +155,10 @@ def flown(orders: list[Any], times: list[float], profiles: Any = ()) -> list[lis
 
 
 def test_goals_and_hold_act_from_the_next_state_as_in_process(pilot: Pilot) -> None:
-    times = [float(t) for t in range(30)]
+    times = [*map(float, range(30)), 29.5]
+    said, desk = [], pilot.node._desk
+    say = desk._say
+    desk._say = lambda stamp_ns, *words: (said.append(stamp_ns / 1e9), say(stamp_ns, *words))
     given = [pilot.state(t) for t in times[:2]]
     pilot.pose(GOAL)
     given += [pilot.state(t) for t in times[2:8]]
@@ -170,6 +173,8 @@ def test_goals_and_hold_act_from_the_next_state_as_in_process(pilot: Pilot) -> N
     assert given == flown(orders, times)
     # Each change tells what was yet to come, else a stream of goals would be told again and again.
     assert [each["goals.times"] for each in pilot.changes(2)] == [[2.0], [8.0, 20.0]]
+    # Where a goal that moves has come to is told once a second, of others nothing is told again.
+    assert said == [0.0, 2.0, 7.0, 8.0, *times[20:30]]
     status = pilot.hears("order 3 is followed: nadir frame")
     assert status.level == DiagnosticStatus.OK
     assert {entry.key: entry.value for entry in status.values}["frame"] == "nadir"
