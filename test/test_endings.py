@@ -106,6 +106,7 @@ def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
         "from ppc_attitude.command_line import main\n"
         "main.prepare_streams()\n"
         f"main.main({[*WORDS, '--json']})\n"
+        "print('of ‖ω‖ ≈ √Φ and ẑ')\n"
         "main.run()"
     )
     command = [sys.executable, "-c", both, *WORDS]
@@ -114,6 +115,7 @@ def test_a_terminal_of_few_letters_gets_words(encoding: str) -> None:
     told, end = json.JSONDecoder().raw_decode(text := done.stdout.decode(encoding))
     assert told["steps"] == 101
     shown = text[end:]
+    assert r"of ||omega|| ~ sqrtPhi and \u1e91" in shown
     assert "<= 3 deg/s" in shown
     assert ("N*m" if encoding == "ascii" else "N·m") in shown
 

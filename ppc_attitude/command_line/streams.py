@@ -18,29 +18,42 @@ import codecs
 import io
 import os
 import sys
+import unicodedata
 
 # What a terminal without a letter shows in its place.
 _INSTEAD = {
     "≤": "<=",
     "≥": ">=",
+    "≈": "~",
     "·": "*",
     "–": "-",
     "−": "-",
     "…": "...",
     "°": "deg",
     "²": "^2",
+    "³": "^3",
     "×": "x",
     "±": "+/-",
-    "ρ": "rho",
-    "τ": "tau",
-    "ω": "omega",
+    "√": "sqrt",
+    "∞": "inf",
+    "‖": "||",
+    "\u0304": "_bar",  # over the letter before it
 }
+
+
+def _word(letter: str) -> str:
+    if letter in _INSTEAD:
+        return _INSTEAD[letter]
+    kind, _, name = unicodedata.name(letter, "").partition(" LETTER ")
+    if kind.startswith("GREEK"):
+        return name.lower() if kind.endswith("SMALL") else name.capitalize()
+    return f"\\u{ord(letter):04x}"
 
 
 def _spelt(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
     letters = error.object[error.start : error.end]
-    return "".join(_INSTEAD.get(each, f"\\u{ord(each):04x}") for each in letters), error.end
+    return "".join(map(_word, letters)), error.end
 
 
 class _Forgiving(io.TextIOWrapper):
