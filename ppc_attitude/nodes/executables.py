@@ -18,27 +18,19 @@ Importing a node takes seconds on a slow machine. Until it is imported a request
 at once, then it is the node's to deal with (`running.stop_requests`): no start ends in a traceback.
 """
 
-import sys
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 
 from ppc_attitude.processes.child import end_at_once
-from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.processes.imports import forget_current_folder
-from ppc_attitude.science.errors import ConfigurationError
 
 
 def _run(node: str) -> int:
     """Run a node and return its exit code."""
     end_at_once()
     forget_current_folder()
-    try:
-        module = import_module(f"ppc_attitude.nodes.{node}")
-    except ConfigurationError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    code: int = module.main()
+    code: int = import_module(f"ppc_attitude.nodes.{node}").main()
     return code
 
 

@@ -52,7 +52,7 @@ _CACHING: Any = caching  # where Numba looks up the class of its cache files
 _PACKAGE = Path(__file__).parent.parent
 
 # No fastmath: the node, the in-process loop and the replay must agree to the last bit.
-OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 # Nobody calls a kernel from C: that wrapper would take a fifth of the compiler's time.
 _OF_KERNELS: dict[str, Any] = {**OPTIONS, "nogil": True, "no_cfunc_wrapper": True}
 
@@ -115,6 +115,19 @@ class CacheFile(caching.IndexDataCacheFile):
             ) from None
 
 
+class _Unopened(caching.NullCache):
+    """Cache of a kernel until its first call: to open all took a tenth of a start."""
+
+    def __init__(self, compiled: Any) -> None:
+        self._compiled = compiled
+
+    def load_overload(self, *asked: Any) -> Any:
+        """Open the cache, and look there."""
+        with cache_of(self._compiled.__module__):
+            self._compiled.enable_caching()
+        return self._compiled._cache.load_overload(*asked)
+
+
 @contextmanager
 def cache_of(module: str) -> Iterator[None]:
     """Let what is decorated inside be cached in the folder of a module's package.
@@ -163,12 +176,12 @@ def inlined(function: _Function) -> _Function:
 def _compiled(function: _Function, inline: bool) -> _Function:
     # Beside a column of ours is another one; what a kernel of somebody else's writes there, or
     # beyond all columns, nobody would notice.
-    strange = function.__module__.partition(".")[0] != _PACKAGE.name
-    with cache_of(function.__module__):
-        return cast(
-            _Function,
-            numba.njit(**_OF_KERNELS, forceinline=inline, boundscheck=strange)(function),
-        )
+    package = function.__module__.partition(".")[0]
+    options = {**_OF_KERNELS, "forceinline": inline, "boundscheck": package != _PACKAGE.name}
+    compiled: Any = numba.njit(**options)(function)
+    compiled._cache = _Unopened(compiled)
+    _cache_folder(package)  # the sources as they are now
+    return cast(_Function, compiled)
 
 
 def _called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

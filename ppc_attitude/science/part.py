@@ -110,7 +110,7 @@ def _compiled(key: str) -> Any:
     with cache_of(_components[key].step.__module__), warnings.catch_warnings():
         # The outputs of all laws begin alike, so what writes them for one may serve another.
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-        return numba.cfunc(_SIGNATURE, **OPTIONS)(run)
+        return numba.cfunc(_SIGNATURE, cache=True, **OPTIONS)(run)
 
 
 def kernel_of(component: Component) -> Any:
