@@ -37,8 +37,9 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import WriterError
-from rosbags.typesys import Stores, TypesysError, get_typestore
+from rosbags.typesys import TypesysError
 
+from ppc_attitude.bags.changes import jazzy
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.marks import UNFINISHED, claim, write_unfinished
 from ppc_attitude.bags.storage import PLUGINS, KillSafeWriter
@@ -47,7 +48,6 @@ FLUSH_PERIOD = 0.5  # [s]; at most a second may be lost, so twice as often
 
 _GONE = "its folder or a file of it was moved or removed"
 _FOREVER = QosTime(9223372036, 854775807)
-_TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 
 def offered_qos(
@@ -112,7 +112,7 @@ class BagWriter:
     @staticmethod
     def knows(msgtype: str) -> bool:
         """True if messages of a type can be written: it is a ROS 2 Jazzy type."""
-        return msgtype in _TYPES.fielddefs
+        return msgtype in jazzy().fielddefs
 
     def add_topic(self, topic: str, msgtype: str, offered_qos: Sequence[Qos] = ()) -> None:
         """Announce a topic by absolute name and ROS type, with what each of its publishers offers.
@@ -127,7 +127,7 @@ class BagWriter:
                 raise BagError(f"bag {self.path} has topic {topic} already")
             try:
                 self._connections[topic] = self._writer.add_connection(
-                    topic, msgtype, typestore=_TYPES, offered_qos_profiles=offered_qos
+                    topic, msgtype, typestore=jazzy(), offered_qos_profiles=offered_qos
                 )
             except (TypesysError, KeyError) as error:
                 raise BagError(f"{msgtype}, the type of {topic}, is not in Jazzy") from error

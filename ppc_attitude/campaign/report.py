@@ -88,20 +88,12 @@ def write_campaign_report(
     write_page(path, title, body)
 
 
-def share_text(fraction: Fraction) -> str:
-    """Share with its interval, in percent."""
-    if not fraction.judged:
-        return "–"
-    low, high = fraction.interval
-    return f"{100 * fraction.value:.2f} % ({100 * low:.2f} … {100 * high:.2f})"
-
-
 def _outcome(finished: Finished) -> str:
     fraction = finished.summary.fraction
     style = "met" if fraction.met == fraction.judged == finished.total else "failed"
     return (
         f'<p class="{style}">{fraction.met} of {fraction.judged} runs meet every requirement that '
-        f"they are judged by: {share_text(fraction)}</p>"
+        f"they are judged by: {fraction}</p>"
     )
 
 
@@ -139,7 +131,7 @@ def _requirements(summary: Summary) -> str:
 def _row(name: str, limit: str, fraction: Fraction, not_judged: int) -> list[str]:
     style = ("failed", "met")[fraction.met == fraction.judged] if fraction.judged else "open"
     counts = (str(each) for each in (fraction.met, fraction.judged, not_judged))
-    share = Html(f'<span class="{style}">{share_text(fraction)}</span>')
+    share = Html(f'<span class="{style}">{fraction}</span>')
     return [name, limit, *counts, share]
 
 

@@ -58,6 +58,13 @@ class Fraction:
         low, high = binomtest(self.met, self.judged).proportion_ci(method="wilson")
         return float(low), float(high)
 
+    def __str__(self) -> str:
+        """Share with its interval, in percent."""
+        if not self.judged:
+            return "–"
+        low, high = self.interval
+        return f"{100 * self.value:.2f} % ({100 * low:.2f} … {100 * high:.2f})"
+
     def to_json(self) -> dict[str, Any]:
         """Counts, share and interval."""
         low, high = self.interval

@@ -24,7 +24,6 @@ from tqdm import tqdm
 from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
 from ppc_attitude.campaign.pools import cores, threads
-from ppc_attitude.campaign.report import share_text
 from ppc_attitude.campaign.tuning import Tuned, tuned
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.stopping import stoppable
@@ -88,7 +87,7 @@ def _told(found: Tuned, law: str) -> list[str]:
     return [
         f"{law}: the best of {found.candidates} sets of gains: {gains}",
         f"Monte Carlo: {found.fraction.met} of {found.fraction.judged} fresh runs meet every "
-        f"requirement that they are judged by: {share_text(found.fraction)} with 95 % confidence",
+        f"requirement that they are judged by: {found.fraction} with 95 % confidence",
         f"settled: {times}",
         *(f"missed in {count} runs: {name}" for name, count in found.missed.items()),
         "this is an estimate and no guarantee: momentum_tube is the law that has one",

@@ -26,7 +26,6 @@ from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, draw, load_campaign, scenario_of_run
 from ppc_attitude.campaign.pools import cores
-from ppc_attitude.campaign.report import share_text, write_campaign_report
 from ppc_attitude.campaign.rows import CampaignError, rerun
 from ppc_attitude.campaign.variables import varying
 from ppc_attitude.campaign.varied import idle
@@ -176,6 +175,8 @@ def _tell(
 ) -> None:
     summary = finished.summary
     if arguments.report:
+        from ppc_attitude.campaign.report import write_campaign_report
+
         title, now = arguments.mission, f"{datetime.now():%Y-%m-%d %H:%M}"
         again = _again(arguments)
         write_campaign_report(campaign, finished, again, arguments.report, mission=title, date=now)
@@ -193,8 +194,8 @@ def _tell(
             }
         )
         return
-    rows = [(name, share_text(tally.fraction)) for name, tally in summary.requirements()]
-    rows += [(name, share_text(fraction)) for name, fraction in summary.shares()]
+    rows = [(name, str(tally.fraction)) for name, tally in summary.requirements()]
+    rows += [(name, str(fraction)) for name, fraction in summary.shares()]
     width = max(len(name) for name, _ in rows)
     print(
         f"{summary.runs} runs of {campaign.duration:g} s in {seconds:.1f} s, seed {campaign.seed}"
