@@ -36,6 +36,9 @@ import pytest
 
 from ppc_attitude.command_line.main import main
 from ppc_attitude.nodes.discovery import DOMAINS, unused_domains
+from ppc_attitude.processes.imports import prepare_imports
+
+prepare_imports()  # as a command does; with threads of OpenBLAS it could not copy itself for nodes
 
 # A slow machine is no failure; the same examples every time, so that a failure can be repeated.
 hypothesis.settings.register_profile("ppc_attitude", deadline=None, derandomize=True)
