@@ -42,6 +42,7 @@ from ppc_attitude.science.plants.rigid_body import rigid_body_step
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
+pytestmark = pytest.mark.usefixtures("coarse")
 FILES = configs("paper", "wheels", "orbit")
 OPTIONS = [f"--config={path}" for path in FILES]
 MOMENTUM, FASTEST = 0.15, 0.12  # [N·m·s], [rad/s]

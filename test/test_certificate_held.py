@@ -47,6 +47,7 @@ from ppc_attitude.simulation.closed_loop import Loop, simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import load
 
+pytestmark = pytest.mark.usefixtures("coarse")
 FLAGSHIP = [f"--config={file}" for file in configs("paper", "sensors_flagship")]
 GAINS = ("0.56", "28", "0.392")  # for the sensors of a flagship
 

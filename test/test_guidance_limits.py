@@ -136,6 +136,7 @@ def goals(tmp_path: Path) -> Path:
     return overlay(tmp_path / "goals.yaml", {REFERENCE: reference})
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_flight_to_goals_is_promised_and_the_promise_kept(
     goals: Path, tmp_path: Path, ask: Ask
 ) -> None:

@@ -210,6 +210,7 @@ def test_what_a_campaign_draws_of_the_craft_is_what_gravity_acts_on() -> None:
     assert of[INJECTOR]["inertia"] == of[PLANT]["inertia"] != of[CONTROLLER]["inertia"]
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_guarantee_takes_the_torques_bound(tmp_path: Path) -> None:
     files = [f"--config={path}" for path in FILES]
     command = ["design", *files, "--gains", "1", "15.4", "0.2"]  # a search would take longer

@@ -46,13 +46,12 @@ from ppc_attitude.simulation.scenario import load
 
 def test_full_inertia_and_every_error_are_designed_and_proved() -> None:
     assumed, _ = guaranteed()
-    full = replace(assumed, inertia=(2.8, 0.1, -0.05, 0.1, 2.5, 0.08, -0.05, 0.08, 1.9))
-    weak = replace(full, eta=0.8, e_S=0.05, e_A=1e-4, e_W=1e-5)
-    for each, gains in ((full, (1.0, 15.0, 0.2)), (weak, (0.6, 20.0, 0.5))):
-        found = designed(each, Wishes(), 0.01, gains)
-        certificate = certify(complete(each, found.law), rates=(1.0,))
-        assert certificate.holds
-        assert certificate.promises[0].time < 130.0
+    full = (2.8, 0.1, -0.05, 0.1, 2.5, 0.08, -0.05, 0.08, 1.9)
+    poor = replace(assumed, inertia=full, eta=0.8, e_S=0.05, e_A=1e-4, e_W=1e-5)
+    found = designed(poor, Wishes(), 0.01, (0.6, 20.0, 0.5))
+    certificate = certify(complete(poor, found.law), rates=(1.0,))
+    assert certificate.holds
+    assert certificate.promises[0].time < 130.0
 
 
 def test_late_commands_are_refused_with_the_momentum_observer() -> None:
