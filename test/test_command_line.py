@@ -332,7 +332,7 @@ def test_simulate_writes_what_run_would(recorded_bag: Path, tmp_path: Path, ask:
         ask(*simulate, *output, code=BAD_INPUT)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "coarse")
 def test_outputs_go_to_new_folders_and_replace_only_what_the_command_wrote(
     tmp_path: Path, ask: Ask
 ) -> None:
