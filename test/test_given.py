@@ -42,12 +42,12 @@ def step_attitude(inputs: Any, state: Any, configuration: Any, outputs: Any) -> 
         outputs.attitude[i] = configuration.told[i]
 
 
-def given(name: str, column: Column, *told: float) -> Part:
-    """Part whose step gives some numbers, after it."""
+def given(column: Column, *told: float) -> Part:
+    """Part whose step gives some numbers, after it; of one column the step is compiled once."""
     record = np.zeros((), TOLD)[()]
     record["told"][: len(told)] = told
     component = Component(
-        name=name,
+        name="given",
         configure=lambda _: record,
         configuration=TOLD,
         outputs=(column,),
@@ -70,11 +70,11 @@ def row(part: Part) -> tuple[float, ...]:
 def test_a_quaternion_that_is_nearly_a_unit_one_is_normalised(of: Callable[[], Column]) -> None:
     """As every node does that takes it."""
     long = 1.0 + 1e-6
-    near = row(given("nearly", of(), 0.0, 0.6 * long, 0.0, 0.8 * long))
+    near = row(given(of(), 0.0, 0.6 * long, 0.0, 0.8 * long))
     assert near != (0.0, 0.6 * long, 0.0, 0.8 * long)
     assert math.hypot(*near) == pytest.approx(1.0, abs=1e-15)
     ours = (0.0, 0.6 * (1.0 + 1e-14), 0.0, 0.8)
-    assert row(given("nearly", of(), *ours)) == ours
+    assert row(given(of(), *ours)) == ours
 
 
 NONE = (0.0, 0.0, 0.0, 0.0)
@@ -101,7 +101,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("of", "told"), TAKEN)
 def test_what_nodes_take_stays(of: Column, told: tuple[float, ...]) -> None:
-    part = given("taken", of, *told)
+    part = given(of, *told)
     assert row(part) == told
     assert part.raised() == ""
 
@@ -111,7 +111,7 @@ def test_what_no_node_takes_is_none_and_is_named(
     of: Column, told: tuple[float, ...], text: str
 ) -> None:
     """In the loop in process too, where nobody would refuse it."""
-    part = given("refused", of, *told)
+    part = given(of, *told)
     assert all(map(math.isnan, row(part)))
     assert part.raised().startswith("gave ")
     assert text in part.raised()
