@@ -45,7 +45,7 @@ pytestmark = pytest.mark.slow
 class Cluster:
     """Scheduler and workers, each a process of its own on this machine."""
 
-    def __init__(self, start_process: StartProcess, folder: Path) -> None:
+    def __init__(self, start_process: StartProcess, folder: Path, workers: int) -> None:
         self._start, self._folder = start_process, folder
         command = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
         self.scheduler = self._run(*command, stderr=subprocess.PIPE)
@@ -54,10 +54,10 @@ class Cluster:
         self.address = said.split()[-1]
         self.workers = [
             self._run("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
-            for _ in range(WORKERS)
+            for _ in range(workers)
         ]
         self.client = Client(self.address, set_as_default=False)
-        self.client.wait_for_workers(WORKERS, timeout=PATIENCE)
+        self.client.wait_for_workers(workers, timeout=PATIENCE)
 
     def _run(self, *arguments: str, stderr: int = subprocess.DEVNULL) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", f"distributed.cli.dask_{arguments[0]}", *arguments[1:]]
@@ -68,8 +68,10 @@ class Cluster:
 
 
 @pytest.fixture
-def cluster(start_process: StartProcess, tmp_path: Path) -> Iterator[Cluster]:
-    cluster = Cluster(start_process, tmp_path)
+def cluster(
+    start_process: StartProcess, tmp_path: Path, request: pytest.FixtureRequest
+) -> Iterator[Cluster]:
+    cluster = Cluster(start_process, tmp_path, getattr(request, "param", WORKERS))
     yield cluster
     cluster.client.close()
 
@@ -116,6 +118,7 @@ def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
     assert kept[:20] == list(range(20))
 
 
+@pytest.mark.parametrize("cluster", [1], indirect=True)
 def test_a_search_says_that_its_scheduler_was_lost(
     cluster: Cluster, tmp_path: Path, start_process: StartProcess
 ) -> None:
