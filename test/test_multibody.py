@@ -103,24 +103,27 @@ def test_one_wheel_spins_up_and_turns_the_body_back() -> None:
     assert given[7] == pytest.approx(200.0 * math.pi * 10.04 / spun, rel=1e-9)
 
 
-def test_a_wheel_that_crosses_zero_at_full_torque_is_that_of_an_integrator() -> None:
-    """In a step its speed changes by six times the speed over which friction changes its sign."""
+@pytest.mark.parametrize(("torque", "start"), [(0.05, -20.0), (0.5, -203.0)])
+def test_a_wheel_that_crosses_zero_at_full_torque_is_that_of_an_integrator(
+    torque: float, start: float
+) -> None:
+    """In a step it crosses the speeds over which friction changes its sign, and bends."""
     part = plant_of(
         "gyrostat",
         wheels__axes=Z_FIRST,
-        wheels__initial_speed=[-20.0, 0.0, 0.0],
+        wheels__initial_speed=[start, 0.0, 0.0],
     )
 
     def faster(_: float, speed: Array) -> Array:
         dry = 5e-4 + 3e-4 * np.exp(-((speed / 2.0) ** 2))
-        return np.asarray((0.05 - dry * np.tanh(speed / 0.1) - 3e-6 * speed) / RELATIVE)
+        return np.asarray((torque - dry * np.tanh(speed / 0.1) - 3e-6 * speed) / RELATIVE)
 
-    truth = solve_ivp(faster, (0.0, 0.5), [-20.0], method="DOP853", rtol=1e-13, atol=1e-12).y[0, -1]
+    truth = solve_ivp(faster, (0.0, 0.5), [start], method="DOP853", rtol=1e-13, atol=1e-12).y[0, -1]
     for k in range(51):
-        given = part.step(k * STEP_NS, [0.05, *[0.0] * 10])
+        given = part.step(k * STEP_NS, [torque, *[0.0] * 10])
     assert given[7] > 10.0
     assert given[7] == pytest.approx(truth, abs=1e-6)
-    assert given[6] == pytest.approx(-8e-4 / 1.9 * (truth + 20.0), abs=1e-9)
+    assert given[6] == pytest.approx(-8e-4 / 1.9 * (truth - start), abs=1e-9)
 
 
 def test_a_wheel_that_friction_alone_stops_slows_by_its_closed_form() -> None:

@@ -58,7 +58,7 @@ from ppc_attitude.science.wheels import WHEELS, friction, momentum
 MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
 _PHASE = 0.07  # [rad] in a part of a step; there Runge-Kutta is off by 3e-9 rad after a minute
-# By the transition speed of a wheel: where it is smooth again, and what it may cross in a part.
+# By a speed over which friction bends: where it is smooth again, what may be crossed in a part.
 _SMOOTH, _CROSSED = 10.0, 0.5
 FREQUENCY = at_start(
     "flexible.frequency",
@@ -219,9 +219,10 @@ def _parts(state: Any, craft: Any, h: float) -> int:
 
     While a wheel crosses zero, its friction changes its sign within the transition speed, which a
     motor crosses in less than a step; undivided, one crossing at full torque puts a wheel off by
-    1e-3 rad/s. A hit can spin a small craft fast, and wheels can make it nutate by more than a
-    radian in a slow step; undivided, that would be damped within seconds, or grow. Undivided, a
-    mode that swings by 0.3 rad in a step puts the rate off by 1e-5 rad/s.
+    1e-3 rad/s. A small wheel may cross the Stribeck speed in a step, too. A hit can spin a small
+    craft fast, and wheels can make it nutate by more than a radian in a slow step; undivided, that
+    would be damped within seconds, or grow. Undivided, a mode that swings by 0.3 rad in a step puts
+    the rate off by 1e-5 rad/s.
     """
     wheels, rate = craft.wheels, norm(vector(state.motion[_RATE:]))
     swung = h * float(craft.modes.fastest) / _PHASE
@@ -231,9 +232,9 @@ def _parts(state: Any, craft: Any, h: float) -> int:
         if wheels.static[i] == 0.0:
             continue
         change = h * (abs(state.motor[i]) + wheels.static[i]) / wheels.inertia[i]  # [rad/s]
-        transition = wheels.transition_speed[i]
-        if abs(state.motion[_SPEED + i]) < change + _SMOOTH * transition:
-            most = max(most, change / (_CROSSED * transition))
+        for bend in (wheels.transition_speed[i], wheels.stribeck_speed[i]):
+            if abs(state.motion[_SPEED + i]) < change + _SMOOTH * bend:
+                most = max(most, change / (_CROSSED * bend))
     return math.ceil(min(most, rigid_body.MOST_PARTS))
 
 
