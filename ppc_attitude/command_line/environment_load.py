@@ -27,10 +27,10 @@ from ppc_attitude.science import magnetorquers, wheels
 from ppc_attitude.science.allocators import wheel_drive
 from ppc_attitude.science.attitude import conjugate, normalised, rotate
 from ppc_attitude.science.certificate import Condition
-from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
+from ppc_attitude.science.references.paper import GRID
 from ppc_attitude.science.signals import (
     ENVIRONMENT_TORQUE,
     REFERENCE_ATTITUDE,
@@ -43,6 +43,7 @@ from ppc_attitude.simulation.scenario import Scenario
 
 _SAMPLES = 1000  # times at which an environment is looked at
 _UNLIMITED = 1e6  # [rad/s] no limit of speed
+_MOST = 1e7  # steps of a reference that is integrated
 _LONGEST = 10.0  # [s] between two of them, where the momentum of wheels is summed
 
 
@@ -84,6 +85,8 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     first = reference.signals[2 : reference.inputs.nbytes // 8].tolist()  # behind the instant
     for part in (reference, environment):
         part.forget()
+    if "grid" in (reference.configuration.dtype.names or ()):  # fine enough for what is asked
+        reference.configuration["grid"] = max(GRID, end / _MOST)
     # Without limits of speed: it is told how far beyond them the wheels would be.
     free: dict[str, Any] = {wheels.MAX_SPEED.name: [_UNLIMITED], wheels.VISCOUS.name: [0.0]}
     count, gain = max(_SAMPLES, math.ceil(end / _LONGEST)), wheel_drive.NULL_GAIN.name
@@ -94,18 +97,19 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
     # In inertial axes only the environment changes it.
     whole = np.array(rotate(start, vector(inertia @ plant[INITIAL_RATE.name] + stored)))
-    turning = np.arange(MAX_WHEELS) < craft["count"]
+    turning = slice(craft["count"])
+    net = drive.state["net"][0, turning]
+    axes, moments, most = (craft[each][turning] for each in ("axes", "inertia", "max_speed"))
     times, shares = np.linspace(0.0, end, count + 1), []
     for stamp_ns in np.rint(times * NANOSECONDS).astype(np.int64).tolist():
         reference.step(stamp_ns, first)
         q, rate = (reference.output(each.name) for each in (REFERENCE_ATTITUDE, REFERENCE_RATE))
         attitude = quaternion(q)
         stored = rotate(conjugate(attitude), vector(whole)) - inertia @ rate
-        torque = (wheels.momenta(plant, speeds) - stored) * count / end
+        torque = ((speeds[turning] * moments) @ axes - stored) * count / end
         drive.step(stamp_ns, (*torque, 0.0, 0.0, 0.0, *speeds))
-        gained = end / count * drive.state[0]["net"]
-        speeds[turning] += gained[turning] / craft["inertia"][turning]
-        shares.append(float((np.abs(speeds[turning]) / craft["max_speed"][turning]).max()))
+        speeds[turning] += end / count * net / moments
+        shares.append(float((np.abs(speeds[turning]) / most).max()))
         seen = dict(zip(known, (q, rate), strict=True))
         environment.step(stamp_ns, (x for each in environment.component.inputs for x in seen[each]))
         acting = rotate(attitude, vector(environment.output(ENVIRONMENT_TORQUE.name)))

@@ -67,9 +67,10 @@ PERIOD_CONSTANT = Parameter(
     "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, low=GRID
 )
 BEGIN = Parameter("begin", 0.0, "time of ω_d at which a run begins", "s", low=0.0, high=1e9)
-REFERENCE = record_type(INITIAL_ATTITUDE, AMPLITUDE, PERIOD_CONSTANT, BEGIN)
+REFERENCE = record_type(INITIAL_ATTITUDE, AMPLITUDE, PERIOD_CONSTANT, BEGIN, ("grid", np.float64))
 CURSOR = record_type(("steps", np.int64), ("attitude", np.float64, (4,)))
 _SEARCHED = 1e-3  # [s] of the grid on which the fastest instant is searched
+_MOST = 1e7  # points of that grid
 
 
 @kernel
@@ -116,7 +117,7 @@ def configure(values: Mapping[str, Any]) -> Any:
         The initial attitude is not a unit quaternion.
     """
     first = unit_quaternion("initial_attitude", values["initial_attitude"])
-    return filled(REFERENCE, values, initial_attitude=first)
+    return filled(REFERENCE, values, initial_attitude=first, grid=GRID)
 
 
 @kernel
@@ -133,18 +134,19 @@ def desired_attitude(t: float, reference: Any, cursor: Any) -> Quaternion:
         Record of dtype `CURSOR`: the last grid point, so that the next call goes on from there.
         A call for an earlier time begins again.
     """
-    whole = math.floor(t / GRID)
+    grid = reference.grid
+    whole = math.floor(t / grid)
     q = quaternion(cursor.attitude)
     if q == (0.0, 0.0, 0.0, 0.0) or cursor.steps > whole:
         cursor.steps = 0
         q = normalised(quaternion(reference.initial_attitude))
     for step in range(cursor.steps, whole):
-        q = _attitude_step(q, step * GRID, GRID, reference)
+        q = _attitude_step(q, step * grid, grid, reference)
     cursor.steps = whole
     store_quaternion(cursor.attitude, q)
-    rest = t - whole * GRID
+    rest = t - whole * grid
     if rest > 0.0:
-        return _attitude_step(q, whole * GRID, rest, reference)
+        return _attitude_step(q, whole * grid, rest, reference)
     return q
 
 
@@ -162,20 +164,21 @@ def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, fl
 
     The first two are searched on a grid; what they may gain between two points is added.
     """
-    record = filled(REFERENCE, values, initial_attitude=STRAIGHT)
+    record = filled(REFERENCE, values, initial_attitude=STRAIGHT, grid=GRID)
+    searched = max(_SEARCHED, duration / _MOST)
     first = float(np.linalg.norm(record["amplitude"] / record["period_constant"]))
     second = float(np.linalg.norm(record["amplitude"] / record["period_constant"] ** 2))
-    rate, acceleration = _largest_on_grid(math.ceil(duration / _SEARCHED) + 1, record)
-    return rate + 0.5 * _SEARCHED * first, acceleration + 0.5 * _SEARCHED * second, second
+    rate, acceleration = _largest_on_grid(math.ceil(duration / searched) + 1, searched, record)
+    return rate + 0.5 * searched * first, acceleration + 0.5 * searched * second, second
 
 
 @kernel
-def _largest_on_grid(count: int, reference: Any) -> tuple[float, float]:
+def _largest_on_grid(count: int, grid: float, reference: Any) -> tuple[float, float]:
     """Largest ‖ω_d‖ [rad/s] and ‖ω_d'‖ [rad/s²] at so many points of the grid."""
     rate, acceleration = 0.0, 0.0
     for i in range(count):
-        rate = max(rate, norm(desired_rate(i * _SEARCHED, reference)))
-        acceleration = max(acceleration, norm(desired_acceleration(i * _SEARCHED, reference)))
+        rate = max(rate, norm(desired_rate(i * grid, reference)))
+        acceleration = max(acceleration, norm(desired_acceleration(i * grid, reference)))
     return rate, acceleration
 
 
