@@ -160,6 +160,15 @@ def test_contradicting_wishes_are_refused(monkeypatch: pytest.MonkeyPatch) -> No
         designed(assumed, Wishes(rate=math.radians(20.0)), *gains)
 
 
+@pytest.mark.parametrize("wanted", [1.0, 9.0])
+def test_the_nearest_that_is_told_would_not_be_refused(wanted: float) -> None:
+    """Rounded to the nearer side, an accuracy was refused that had just been told as allowed."""
+    for reached in (2.81741, 2.81748, 2.81752):
+        told = float(str(UnwishedError("an accuracy", wanted, reached, "")).rpartition(" ")[2])
+        assert (told > reached) == (reached > wanted)
+        assert told == pytest.approx(reached, rel=2e-3)
+
+
 @pytest.mark.long
 @pytest.mark.slow
 def test_the_wish_that_is_refused_is_one_that_no_gains_grant() -> None:

@@ -96,9 +96,10 @@ class UnwishedError(ValueError):
     """Every inequality can be satisfied, but not a wish; says what comes nearest to it."""
 
     def __init__(self, wish: str, wanted: float, reached: float, unit: str) -> None:
+        told = reached * (1.001 if reached > wanted else 0.999)  # its digits, taken, are enough
         super().__init__(
             f"{wish} of {wanted:g} {unit}".rstrip()
-            + f" cannot be guaranteed; the nearest that was found is {reached:.4g} {unit}".rstrip()
+            + f" cannot be guaranteed; the nearest that was found is {told:.4g} {unit}".rstrip()
         )
         # Who got further in the order of the wishes is nearer; then, who is less far off.
         self.distance = -_WISHES.index(wish), max(reached / wanted, wanted / reached)
