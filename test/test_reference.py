@@ -21,7 +21,6 @@ from scipy.integrate import solve_ivp
 from ppc_attitude.science.references.paper import (
     COMPONENT,
     CURSOR,
-    GRID,
     PERIOD_CONSTANT,
     REFERENCE,
     desired_acceleration,
@@ -39,7 +38,6 @@ def paper() -> np.void:
     record["initial_attitude"] = start / np.linalg.norm(start)
     record["amplitude"] = HALF_DEGREE
     record["period_constant"] = (30.0, 20.0, 40.0)
-    record["grid"] = GRID
     return record
 
 
@@ -116,15 +114,11 @@ def test_attitude_solves_the_kinematics() -> None:
         assert angles_between(ours, q) < 1e-11
 
 
-def test_long_motions_are_looked_at_with_wider_steps() -> None:
+def test_bounds_of_long_motions_are_searched_with_wider_steps() -> None:
     """Of 1e7 s a grid as fine as that of an hour has 1e10 points."""
     values = {each.name: each.default for each in COMPONENT.parameters}
     hour, months = motion_bounds(values, 3600.0), motion_bounds(values, 1e7)
     assert all(a <= b <= 1.05 * a for a, b in zip(hour, months, strict=True))
-    wide = paper()
-    wide["grid"] = 10.0 * GRID  # as `check` has for 1e6 s
-    found = (np.array(desired_attitude(3e3, each, new_record(CURSOR))) for each in (wide, paper()))
-    assert angles_between(*found) < 1e-9
 
 
 TIMES = [0.0, 0.004, 0.01, 3.3333, 59.995, 60.0, 119.99]

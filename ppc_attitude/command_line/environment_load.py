@@ -30,7 +30,6 @@ from ppc_attitude.science.certificate import Condition
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
-from ppc_attitude.science.references.paper import GRID
 from ppc_attitude.science.signals import (
     ENVIRONMENT_TORQUE,
     REFERENCE_ATTITUDE,
@@ -43,7 +42,6 @@ from ppc_attitude.simulation.scenario import Scenario
 
 _SAMPLES = 1000  # times at which an environment is looked at
 _UNLIMITED = 1e6  # [rad/s] no limit of speed
-_MOST = 1e7  # steps of a reference that is integrated
 _LONGEST = 10.0  # [s] between two of them, where the momentum of wheels is summed
 
 
@@ -85,8 +83,6 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     first = reference.signals[2 : reference.inputs.nbytes // 8].tolist()  # behind the instant
     for part in (reference, environment):
         part.forget()
-    if "grid" in (reference.configuration.dtype.names or ()):  # fine enough for what is asked
-        reference.configuration["grid"] = max(GRID, end / _MOST)
     # Without limits of speed: it is told how far beyond them the wheels would be.
     free: dict[str, Any] = {wheels.MAX_SPEED.name: [_UNLIMITED], wheels.VISCOUS.name: [0.0]}
     count, gain = max(_SAMPLES, math.ceil(end / _LONGEST)), wheel_drive.NULL_GAIN.name

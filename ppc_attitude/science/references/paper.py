@@ -67,7 +67,7 @@ PERIOD_CONSTANT = Parameter(
     "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, low=GRID
 )
 BEGIN = Parameter("begin", 0.0, "time of ω_d at which a run begins", "s", low=0.0, high=1e9)
-REFERENCE = record_type(INITIAL_ATTITUDE, AMPLITUDE, PERIOD_CONSTANT, BEGIN, ("grid", np.float64))
+REFERENCE = record_type(INITIAL_ATTITUDE, AMPLITUDE, PERIOD_CONSTANT, BEGIN)
 CURSOR = record_type(("steps", np.int64), ("attitude", np.float64, (4,)))
 _SEARCHED = 1e-3  # [s] of the grid on which the fastest instant is searched
 _MOST = 1e7  # points of that grid
@@ -117,7 +117,7 @@ def configure(values: Mapping[str, Any]) -> Any:
         The initial attitude is not a unit quaternion.
     """
     first = unit_quaternion("initial_attitude", values["initial_attitude"])
-    return filled(REFERENCE, values, initial_attitude=first, grid=GRID)
+    return filled(REFERENCE, values, initial_attitude=first)
 
 
 @kernel
@@ -134,19 +134,18 @@ def desired_attitude(t: float, reference: Any, cursor: Any) -> Quaternion:
         Record of dtype `CURSOR`: the last grid point, so that the next call goes on from there.
         A call for an earlier time begins again.
     """
-    grid = reference.grid
-    whole = math.floor(t / grid)
+    whole = math.floor(t / GRID)
     q = quaternion(cursor.attitude)
     if q == (0.0, 0.0, 0.0, 0.0) or cursor.steps > whole:
         cursor.steps = 0
         q = normalised(quaternion(reference.initial_attitude))
     for step in range(cursor.steps, whole):
-        q = _attitude_step(q, step * grid, grid, reference)
+        q = _attitude_step(q, step * GRID, GRID, reference)
     cursor.steps = whole
     store_quaternion(cursor.attitude, q)
-    rest = t - whole * grid
+    rest = t - whole * GRID
     if rest > 0.0:
-        return _attitude_step(q, whole * grid, rest, reference)
+        return _attitude_step(q, whole * GRID, rest, reference)
     return q
 
 
@@ -164,7 +163,7 @@ def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, fl
 
     The first two are searched on a grid; what they may gain between two points is added.
     """
-    record = filled(REFERENCE, values, initial_attitude=STRAIGHT, grid=GRID)
+    record = filled(REFERENCE, values, initial_attitude=STRAIGHT)
     searched = max(_SEARCHED, duration / _MOST)
     first = float(np.linalg.norm(record["amplitude"] / record["period_constant"]))
     second = float(np.linalg.norm(record["amplitude"] / record["period_constant"] ** 2))
