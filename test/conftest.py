@@ -217,12 +217,19 @@ def undrawn() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
-def coarse() -> Iterator[None]:
+@contextlib.contextmanager
+def coarse_cells() -> Iterator[None]:
     """Let gains be searched on coarse cells, in half the time; they are proved on fine ones."""
     from ppc_attitude.science.guarantee import cells, design  # NumPy, after `prepare_imports`
 
     with mock.patch.object(design, "FINE", cells.COARSE):
+        yield
+
+
+@pytest.fixture
+def coarse() -> Iterator[None]:
+    """Let the test search gains on coarse cells."""
+    with coarse_cells():
         yield
 
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Ask
+from conftest import Ask, coarse_cells
 from craft_helpers import configs, overlay
 from estimation_helpers import STEP_NS, Array
 from synthetic import with_columns, without_columns
@@ -131,7 +131,7 @@ CHOSEN = ("--gains", "0.8", "78.4", "1")
 def gains(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Numbers of the law, proved for a craft with wheels that hold the assumed momentum."""
     path = tmp_path_factory.mktemp("design") / "gains.yaml"
-    with redirect_stdout(StringIO()) as told:
+    with coarse_cells(), redirect_stdout(StringIO()) as told:
         assert main(["design", *OPTIONS, *CHOSEN, f"--output={path}"]) == 0
     assert "the wheels hold no more" not in told.getvalue()
     return path

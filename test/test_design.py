@@ -113,18 +113,19 @@ def search() -> module._Search:
     return module._Search(assumed, Wishes(), law.h)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_search_finds_gains_that_settle_sooner(
     search: module._Search, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On coarse cells to the end; the shipped gains are ours, and quieter."""
     assumed, law = guaranteed()
-    monkeypatch.setattr(module, "FINE", COARSE)
     monkeypatch.setattr(module, "_Search", lambda *_: search)
     found = design(assumed, Wishes(), law.h)
     shipped = designed(assumed, Wishes(), law.h, (law.k, law.kappa, law.ell))
     assert found.settling.time < 0.97 * shipped.settling.time
 
 
+@pytest.mark.usefixtures("coarse")
 def test_every_law_of_a_search_may_be_the_one_that_fine_cells_prove(
     search: module._Search, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,7 +139,6 @@ def test_every_law_of_a_search_may_be_the_one_that_fine_cells_prove(
             raise failed
         return designed(*given)
 
-    monkeypatch.setattr(module, "FINE", COARSE)
     monkeypatch.setattr(module, "_Search", lambda *_: search)
     monkeypatch.setattr(module, "designed", proved)
     assert design(assumed, Wishes(), law.h).settling.time < 100.0

@@ -40,8 +40,6 @@ from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import INJECTOR, PLANT, RECORDER
 from ppc_attitude.processes import exits
-from ppc_attitude.science.guarantee import design
-from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.parameter import resolved
 
 # Words of the commands that need a running stack (test_docs_stack), the bag of a launch or of
@@ -180,10 +178,11 @@ def test_commands_of_a_page_run_in_their_order(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
 ) -> None:
     page = next(each for each in PAGES if each.name == name)
     if not as_written:
-        monkeypatch.setattr(design, "FINE", COARSE)
+        request.getfixturevalue("coarse")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "build").mkdir()
     (tmp_path / "config").symlink_to(ROOT / "config")

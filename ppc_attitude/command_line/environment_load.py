@@ -89,20 +89,20 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     free[gain] = min(plant[gain], count / end)  # in a longer step idle wheels would swing
     drive, craft = Part(wheel_drive.COMPONENT, {**plant, **free}), wheels.wheel_record(plant)
     inertia, speeds = np.reshape(plant[INERTIA.name], (3, 3)), craft["initial_speed"].copy()
-    stored = wheels.momenta(plant, speeds)
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
     # In inertial axes only the environment changes it.
-    whole = np.array(rotate(start, vector(inertia @ plant[INITIAL_RATE.name] + stored)))
+    whole = inertia @ plant[INITIAL_RATE.name] + wheels.momentum(craft, speeds)
+    whole = np.array(rotate(start, vector(whole)))
     turning = slice(craft["count"])
     net = drive.state["net"][0, turning]
-    axes, moments, most = (craft[each][turning] for each in ("axes", "inertia", "max_speed"))
+    moments, most = (craft[each][turning] for each in ("inertia", "max_speed"))
     times, shares = np.linspace(0.0, end, count + 1), []
     for stamp_ns in np.rint(times * NANOSECONDS).astype(np.int64).tolist():
         reference.step(stamp_ns, first)
         q, rate = (reference.output(each.name) for each in (REFERENCE_ATTITUDE, REFERENCE_RATE))
         attitude = quaternion(q)
         stored = rotate(conjugate(attitude), vector(whole)) - inertia @ rate
-        torque = ((speeds[turning] * moments) @ axes - stored) * count / end
+        torque = (wheels.momentum(craft, speeds) - stored) * count / end
         drive.step(stamp_ns, (*torque, 0.0, 0.0, 0.0, *speeds))
         speeds[turning] += end / count * net / moments
         shares.append(float((np.abs(speeds[turning]) / most).max()))
