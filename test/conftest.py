@@ -16,6 +16,7 @@
 
 import contextlib
 import fcntl
+import gc
 import itertools
 import json
 import os
@@ -40,6 +41,9 @@ from ppc_attitude.processes.imports import prepare_imports
 
 prepare_imports()  # as a command does; with threads of OpenBLAS it could not copy itself for nodes
 
+# What is imported stays: looking through it for garbage took a tenth of the suite's time.
+gc.disable()
+
 # A slow machine is no failure; the same examples every time, so that a failure can be repeated.
 hypothesis.settings.register_profile("ppc_attitude", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ppc_attitude")
@@ -61,6 +65,13 @@ _TURN = itertools.count(os.getpid())
 def pytest_report_header() -> list[str]:
     """Say what is left out."""
     return [f"{files} left out: no {', '.join(missing)}" for files, missing in _LEFT_OUT.items()]
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage from now on, of what the tests make, and not after every 700 objects."""
+    gc.freeze()
+    gc.enable()
+    gc.set_threshold(50_000, 20)
 
 
 class StartProcess(Protocol):

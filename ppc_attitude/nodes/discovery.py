@@ -121,8 +121,8 @@ def reach(environment: Mapping[str, str]) -> str:
 
 def unused_domains() -> list[int]:
     """Domains without a participant on this host; all where the system does not tell."""
-    bound = set(_bound_ports())
-    return [domain for domain in DOMAINS if bound.isdisjoint(ports(domain))]
+    used = {(port - _PORT_BASE) // _PORTS_PER_DOMAIN for port in _bound_ports()}
+    return [domain for domain in DOMAINS if domain not in used]
 
 
 def ports(domain: int) -> range:
