@@ -146,6 +146,16 @@ def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) ->
         recover(also)
 
 
+def test_profiles_in_a_text_are_not_read_to_any_depth(tmp_path: Path) -> None:
+    """The text of a text ended the process, or the parser's stack."""
+    bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
+    with contextlib.closing(sqlite3.connect(storage_file(bag), isolation_level=None)) as database:
+        profiles = "'" + 200_000 * "[" + "'"
+        database.execute("UPDATE topics SET offered_qos_profiles = ?", [profiles])
+    with pytest.raises(BagError, match=r"the QoS of /\w+ cannot be read: '\[{40}' is no list"):
+        recover(bag)
+
+
 def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r"nowhere is not the folder of a bag"):
         recover(tmp_path / "nowhere")

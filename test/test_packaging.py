@@ -52,6 +52,7 @@ DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
     "rclpy": ("ros-jazzy-rclpy", "rclpy"),
     "rich": ("rich", "python3-rich"),
     "rosbags": ("rosbags", "python3-rosbags-pip"),
+    "ruamel": ("ruamel.yaml.clib", "python3-rosbags-pip"),
     "rosgraph_msgs": ("ros-jazzy-rclpy", "rosgraph_msgs"),
     "scipy": ("scipy", "python3-scipy"),
     "sgp4": ("sgp4", None),
@@ -65,8 +66,9 @@ DEPENDENCIES: dict[str, tuple[str | None, str | None]] = {
     "zstandard": ("zstandard", "python3-rosbags-pip"),
 }
 RUN_TIME_EXTRAS = ("ros", "campaign", "guarantee", "orbit")
-# Numba needs SciPy at run time for the linear algebra inside kernels.
-NEEDED_WITHOUT_IMPORT = {"scipy", "sensor_msgs"}
+# Numba needs SciPy at run time for the linear algebra inside kernels; rosbags writes metadata with
+# ruamel.yaml, which is quick with its part in C.
+NEEDED_WITHOUT_IMPORT = {"ruamel", "scipy", "sensor_msgs"}
 
 
 @pytest.fixture(scope="module")

@@ -143,7 +143,10 @@ def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
 
 def _announce(writer: BagWriter, channel: Channel) -> None:
     try:
-        qos = parse_qos(parsed(channel.offered_qos))
+        profiles = parsed(channel.offered_qos)
+        if isinstance(profiles, str):  # would be taken for YAML, of any depth
+            raise ValueError(f"{profiles[:40]!r} is no list of profiles")
+        qos = parse_qos(profiles)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise BagError(f"the QoS of {channel.topic} cannot be read: {error}") from error
     writer.add_topic(channel.topic, channel.msgtype, qos)
