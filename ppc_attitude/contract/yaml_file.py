@@ -129,21 +129,28 @@ def _demand_harmless(content: Any, file: str) -> None:
         raise ConfigurationError(f"{file}: control characters in {content!r}")
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-4 is a number, although YAML 1.1 asks for 1.0e-4.
+class _Loader(_FAST):  # type: ignore[misc]  # PyYAML carries no types
+    """YAML as ROS reads it: 1e-4 is a number, although YAML 1.1 asks for 1.0e-4."""
 
-    A key that stands twice is an error: one of the two would be lost, where ROS takes both.
-    """
+    def get_single_node(self) -> Any:
+        node = super().get_single_node()
+        _demand_different_keys(node)
+        return node
 
-    def compose_mapping_node(self, anchor: Any) -> Any:
-        mapping = super().compose_mapping_node(anchor)
+
+def _demand_different_keys(node: Any) -> None:
+    """Refuse a key that stands twice: one of the two would be lost, where ROS takes both."""
+    if isinstance(node, yaml.SequenceNode):
+        for each in node.value:
+            _demand_different_keys(each)
+    elif isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
-        for key, _ in mapping.value:
+        for key, value in node.value:
+            _demand_different_keys(value)
             if isinstance(key, yaml.ScalarNode):
                 if key.value in seen:
                     raise ValueError(f"{key.value} stands again in line {key.start_mark.line + 1}")
                 seen.add(key.value)
-        return mapping
 
 
 _Loader.add_implicit_resolver(
