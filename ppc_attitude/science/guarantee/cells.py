@@ -20,6 +20,7 @@ derives the sums.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
@@ -62,12 +63,12 @@ class Speed:
     e_w: Number
     arithmetic: Arithmetic
 
-    @property
+    @cached_property
     def root(self) -> Number:
         """√(Ω_e² − W²), the least √(b² + Ω_e² − ‖ω_d‖²)."""
         return self.arithmetic.sqrt(self.Omega_e * self.Omega_e - self.W * self.W)
 
-    @property
+    @cached_property
     def gain(self) -> Number:
         """1 + W/Ω_e, the largest |∂V/∂b|."""
         return 1 + self.W / self.Omega_e

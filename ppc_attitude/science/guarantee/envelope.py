@@ -74,8 +74,10 @@ class Envelope:
         self._slowest = number(law.Omega_e) - number(assumed.W)
         self._fastest = number(law.Omega_e) + number(assumed.W)
         self._linear = self._a / (self._k * self._k)
-        self._offset = self._a * self._a / (self._k * self._k)
-        self._e_A = number(assumed.e_A)
+        self._offset, self._offset_most = (
+            a * a / (self._k * self._k) for a in (self._a, bounds.a_most)
+        )
+        self._e_A, self._zero = number(assumed.e_A), number(0.0)
 
     def told(self, rate: float) -> Number:
         """Largest ‖ω_e‖ [rad/s] that an event with a true one up to a rate [rad/s] is told."""
@@ -89,7 +91,7 @@ class Envelope:
         else:
             under = 2 * self._a * phi - self._offset
             g = arithmetic.least(
-                self._k * phi, arithmetic.sqrt(arithmetic.largest(under, arithmetic.number(0.0)))
+                self._k * phi, arithmetic.sqrt(arithmetic.largest(under, self._zero))
             )
         if g >= (1 + BLEND) * cap:
             return cap
@@ -156,7 +158,8 @@ class Envelope:
             if phi < limit:
                 return arithmetic.outward(time + n * step)[1]
             highest = phi + step * self._z + self._e_A  # φ within the step, as it is told
-            rising = reserve / self.speed_above(highest, self._fastest, self._bounds.a_most)
+            above = self.speed_above(highest, self._fastest, self._bounds.a_most, self._offset_most)
+            rising = reserve / above
             fall = r * self.speed(self._lowest(phi), self._slowest)
             phi = arithmetic.upper(phi + step * (self._z - fall))
             r = -arithmetic.upper(
@@ -238,18 +241,20 @@ class Envelope:
             rest = self.settling(rate, accuracy).time
         return self._arithmetic.outward(time + number(rest))[1]
 
-    def speed_above(self, phi: Number, cap: Number, a: Number) -> Number:
-        """Return an upper bound of f(φ; V) with a deceleration a: the lesser of g and V."""
+    def speed_above(self, phi: Number, cap: Number, a: Number, offset: Number) -> Number:
+        """Return an upper bound of f(φ; V) with a deceleration a: the lesser of g and V.
+
+        `offset` is a²/k².
+        """
         g = self._k * phi
         if g * self._k > a:
-            g = self._arithmetic.sqrt(2 * a * phi - a * a / (self._k * self._k))
+            g = self._arithmetic.sqrt(2 * a * phi - offset)
         return self._arithmetic.least(g, cap)
 
     def _lowest(self, phi: Number) -> Number:
         """φ after a step at the speed of its beginning, which an upper solution does not pass."""
-        zero = self._arithmetic.number(0.0)
-        fastest = self.speed_above(phi, self._slowest, self._a)
-        return self._arithmetic.largest(phi - self._step * fastest, zero)
+        fastest = self.speed_above(phi, self._slowest, self._a, self._offset)
+        return self._arithmetic.largest(phi - self._step * fastest, self._zero)
 
     def stop(self, rate: Number, known: Number | None = None) -> tuple[Number, Number]:
         """Drift of φ [rad] and time [s] of the stop phase, a sample more for what lands on one.
