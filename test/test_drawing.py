@@ -107,6 +107,17 @@ def test_a_legend_stays_in_its_figure_and_off_the_factor_of_the_numbers(labels, 
         assert not box.overlaps(axes.yaxis.get_offset_text().get_window_extent())
 
 
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [((0.0, 2e-12), "×10⁻¹²"), ((0.0, 3e5), "×10⁵"), ((0.0, 3.0), ""), ((1e7, 1e7 + 1), "+1×10⁷")],
+)
+def test_what_the_numbers_of_an_axis_have_in_common_stands_beside_it(values, told):
+    figure, (axes,) = panels(1)
+    axes.plot(values, values)
+    figure.draw_without_rendering()
+    assert [axis.get_offset_text().get_text() for axis in (axes.xaxis, axes.yaxis)] == [told] * 2
+
+
 def test_a_close_look_is_as_fine_as_the_record():
     _, (axes,) = panels(1)
     axes.set_xlim(1000.0, 1010.0)

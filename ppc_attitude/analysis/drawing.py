@@ -15,6 +15,7 @@
 """Tools of every figure: style, panels, lines that stay light and lose no spike."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -23,6 +24,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from ppc_attitude.analysis.series import Mask
 from ppc_attitude.contract.run_record import Array
@@ -59,7 +61,6 @@ STYLE: dict[Any, Any] = {
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": True,
     "grid.color": "#E2E2E2",
     "grid.linewidth": 0.5,
     "xtick.direction": "in",
@@ -73,8 +74,22 @@ STYLE: dict[Any, Any] = {
 LINE_WIDTH = 1.0
 LIMIT_STYLE = (0.0, (6.0, 2.0, 1.0, 2.0))
 CHARACTERS = 15.0  # of a legend in an inch
+_SUPERSCRIPTS = str.maketrans("−0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _OFFSET = 7  # characters of the common factor of an ordinate's numbers
 ENVELOPE_WIDTH = 0.8
+
+
+class _Numbers(ScalarFormatter):
+    """Numbers of a linear axis as plain text: formulas took a third of a report's time."""
+
+    def get_offset(self) -> str:
+        """Return the common factor, such as ×10⁻³, and what is common to all."""
+        told = re.sub(
+            r"e(−?\d+)",
+            lambda power: f"×10{power[1].translate(_SUPERSCRIPTS)}",
+            super().get_offset(),
+        )
+        return told.removeprefix("1")
 
 
 def panels(
@@ -96,6 +111,8 @@ def panels(
         figure.subplots(rows, columns, sharex=sharing)
         for axes in figure.axes:
             axes.yaxis.set_offset_position("right")  # the legend is on the left
+            axes.xaxis.set_major_formatter(_Numbers())
+            axes.yaxis.set_major_formatter(_Numbers())
     return figure, figure.axes
 
 
