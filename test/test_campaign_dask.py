@@ -118,6 +118,7 @@ def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
     assert kept[:20] == list(range(20))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cluster", [1], indirect=True)
 def test_a_search_says_that_its_scheduler_was_lost(
     cluster: Cluster, tmp_path: Path, start_process: StartProcess

@@ -199,6 +199,10 @@ def _pointed(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
 
 
+def _read_as(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return builder.bitcast(arguments[0], context.get_value_type(signature.return_type))
+
+
 def _call_step(context: Any, step: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     return types.void(*[types.uint64] * 5), _called
 
@@ -207,8 +211,14 @@ def _pointer(context: Any, address: Any) -> Any:
     return types.voidptr(types.uint64), _pointed
 
 
+def _record(context: Any, pointer: Any, record: Any) -> Any:
+    return record.dtype(pointer, record), _read_as
+
+
 call_step: Any = intrinsic(_call_step)
 """Call the step at an address with the addresses of its four records."""
+record_at: Any = intrinsic(_record)
+"""The record of a dtype that a pointer leads to."""
 _point: Any = intrinsic(_pointer)
 
 

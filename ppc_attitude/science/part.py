@@ -40,7 +40,7 @@ from numba.extending import overload
 from ppc_attitude.science.component import Advice, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.given import misfit, misfit_text, rules_of
-from ppc_attitude.science.kernel import OPTIONS, cache_of, carray
+from ppc_attitude.science.kernel import OPTIONS, cache_of, carray, record_at
 from ppc_attitude.science.stamps import seconds
 
 _SIGNATURE = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
@@ -54,7 +54,7 @@ def _step(key: str, inputs: Any, state: Any, configuration: Any, outputs: Any) -
     """Stand for the step of the component of a key in what `entry_point` compiles."""
 
 
-@overload(_step, prefer_literal=True)
+@overload(_step, prefer_literal=True, inline="always")
 def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> Any:
     if not isinstance(key, types.StringLiteral):
         return None  # Numba tries that where the literal failed; what it tells then is the failure
@@ -65,10 +65,10 @@ def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any
 
     def call(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         step(
-            carray(inputs, 1, reads)[0],
-            carray(state, 1, remembers)[0],
-            carray(configuration, 1, holds)[0],
-            carray(outputs, 1, gives)[0],
+            record_at(inputs, reads),
+            record_at(state, remembers),
+            record_at(configuration, holds),
+            record_at(outputs, gives),
         )
 
     if _is_ours(component):
