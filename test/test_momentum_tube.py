@@ -376,6 +376,25 @@ def test_an_estimate_at_its_limit_is_no_proof_of_a_broken_assumption() -> None:
     assert told.startswith("the guarantee may be suspended: the disturbance estimate stays")
 
 
+def test_where_the_speed_reaches_its_limit_no_assumption_is_said_to_be_broken() -> None:
+    """The jump of y there, which C1 allows for, was taken for a torque that nobody assumed."""
+    assumed = replace(guaranteed()[0], d=1e-4, W1=3.5e-3, W2=9e-4)
+    law = tuned(assumed, 0.01, (1.0, 15.4, 0.2), COARSE)
+    nodes = {
+        "spacecraft_plant": {"initial_attitude": [0.0, -math.sin(1.2), 0.0, math.cos(1.2)]},
+        "reference_generator": {
+            "initial_attitude": [0.0, 0.0, 0.0, 1.0],
+            "amplitude": [0.0, 0.0139, 0.0],
+            "period_constant": [4.0, 4.0, 4.0],
+        },
+        "disturbance_injector": {"environment": False},
+        "ppc_controller": LAW | parameters_of(assumed, law),
+    }
+    diagram = Diagram(scenario(nodes).parameters)
+    diagram.run(stamps_of(100.0, 5.0))
+    assert diagram.parts[CONTROLLERS.name].advice.text.startswith("nothing is guaranteed: no cert")
+
+
 def test_other_numbers_in_flight_begin_a_new_promise() -> None:
     """Another set led out of its tube, and without a certificate the old promise still stood."""
     turned = {"spacecraft_plant": {"initial_attitude": [0.707, 0.0, 0.0, 0.707]}}

@@ -251,6 +251,7 @@ def _track(
     unexplained = ZERO
     y = ZERO
     if not event:
+        done = memory.done
         n, phi, limit, brake, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
         y = apply(inertia, subtract(omega_e, v))
         if h > 0.0:
@@ -262,7 +263,7 @@ def _track(
                 slip(memory)  # a weak actuator explains it: no torque from outside is needed
             elif memory.slips > 0.0 and memory.t - memory.slipped_at > LOSS_LASTS:
                 memory.slips, memory.loss = 0.0, 0.0
-            if not event:
+            if not event and memory.done == done:  # where σ gives way to V, y jumps: C1 has it
                 watch(memory, gains, unexplained, h)
             store(memory.unexplained, unexplained)
     if event:
