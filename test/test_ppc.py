@@ -110,7 +110,7 @@ def unsaturated_torque(m: Any, memory: Any, gains: Any, norm_form: bool) -> dict
     rho_omega_rate = slope_omega - gains["C_omega"] * delta_omega + gains["B_tau"] * drive
     rho_q = rho_q_0 + delta_q
     rho_q_rate = slope_q - gains["C_q"] * delta_q + gains["C_tau"] * drive
-    rho_q_rate = np.where(rho_q >= 1.0, np.minimum(rho_q_rate, 0.0), rho_q_rate)
+    rho_q_rate = np.where(rho_q > 1.0, 0.0, rho_q_rate)
     rho_q = np.minimum(rho_q, 1.0)
     start = error.as_quat()
 
@@ -304,14 +304,15 @@ def test_envelopes_close_after_widening_is_switched_off() -> None:
 
 
 def test_attitude_envelope_never_passes_one() -> None:
-    gains, memory = configured(), state_of(ppc.COMPONENT)
+    """Nor does it change above: as it closed there, v' was said to be what it was not."""
+    gains, memory = configured(adaptive_envelope=False), state_of(ppc.COMPONENT)
     memory["delta_rho_q"] = (0.5, 0.05, 0.0)
     memory["delta_tau"] = (1.0, 1.0, 1.0)
     rho_q, rho_q_rate, _, _ = ppc.composite_envelopes(
         memory, gains, drive_of(memory, gains), (0.9, -0.1), (3e-5, 0.0)
     )
     assert rho_q == (1.0, pytest.approx(0.95), pytest.approx(0.9))
-    assert rho_q_rate[0] <= 0.0
+    assert rho_q_rate[0] == 0.0 > rho_q_rate[1]
     assert not ppc.is_outside((1.0, 0.94, -0.89), rho_q)
     for axis, sign in np.ndindex(3, 2):
         q = (-1.0) ** sign * np.eye(3)[axis]
