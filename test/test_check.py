@@ -172,6 +172,8 @@ def test_a_rate_envelope_that_single_pulses_leave_is_warned_of() -> None:
     narrow = wide.with_values(CONTROLLER, **{"rate_envelope.terminal": 3e-5})
     assert warned(actuator_conditions(narrow)) == {"least pulse in ρ_ω"}
     assert not set(by_name(actuator_conditions(case()))) & {found.name}
+    bending = by_name(actuator_conditions(case("flexible", "thrusters")))[found.name]
+    assert bending.limit == pytest.approx(found.limit / (1.0 - 0.75**2 / 2.8), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -217,6 +219,25 @@ def test_a_linear_loop_that_swings_is_warned_of(
     run = simulate(fast, 200.0)
     torque = np.abs(run["torque_command"][run.t > 150.0])
     assert bool(torque.max() > 0.02) == bool(told)  # the environment has up to 4.4 mN·m
+
+
+@pytest.mark.parametrize(("share", "swings"), [(0.54, False), (0.56, True)])
+def test_a_loop_that_swings_because_modes_follow_later_is_warned_of(
+    share: float, swings: bool
+) -> None:
+    """With δ² of J a torque moves J − δ² at first: ζ is 1, and ω_n h = 0.45 ≤ 1 − δ²/J holds."""
+    bending = {
+        "plant": "flexible",
+        "rate": 10.0,
+        "flexible.frequency": [0.2],
+        "flexible.damping": [0.01],
+        "flexible.coupling": [0.0, 0.0, math.sqrt(share * 1.9)],
+    }
+    law = {"controller": "quaternion_feedback", "quaternion_feedback.natural_frequency": 4.5}
+    loop = case().with_values(PLANT, **bending).with_values(CONTROLLER, **law)
+    assert bool(warned(sampling_conditions(loop))) == swings
+    torque = np.abs(simulate(loop, 120.0)["torque_command"][-500:])
+    assert bool(torque.max() > 0.02) == swings  # the environment has up to 4.4 mN·m
 
 
 def test_the_least_width_of_the_disturbance_estimate_is_warned_of(cubesat: Scenario) -> None:

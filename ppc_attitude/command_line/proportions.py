@@ -37,7 +37,8 @@ from ppc_attitude.science.guidance.orders import GOAL_FRAMES, GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.inertia import inertia_error, inertia_matrix
-from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
+from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, PLANTS, REFERENCES, SENSORS
+from ppc_attitude.science.multibody import COUPLING
 from ppc_attitude.science.performance import nominal
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_RATE
 from ppc_attitude.science.references import goal
@@ -216,12 +217,12 @@ def _pulse_conditions(impulse: float, scenario: Scenario) -> Iterator[Condition]
         yield Condition(
             "least pulse in ρ_ω",
             law["rate_envelope.terminal"],
-            _PULSES * impulse / _moments(law)[0],
+            _PULSES * impulse / _moments(law)[0] * _first_answer(scenario),
             "≥",
             "rad/s",
             False,
-            f"{_PULSES:g} times the rate that the actuator's least pulse makes: below it, single "
-            "pulses leave the envelope",
+            f"{_PULSES:g} times the rate that the actuator's least pulse makes, before modes "
+            "follow: below it, single pulses leave the envelope",
         )
 
 
@@ -299,14 +300,16 @@ def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
     if scenario.controller.name == ppc.COMPONENT.name:
         law = scenario.parameters[CONTROLLER]
         rate, width = scenario.number(PLANT, "rate"), law["rate_envelope.terminal"]
-        change = law["D_m"] / (rate * _moments(law)[0])
+        first = _first_answer(scenario)
+        change = law["D_m"] / (rate * _moments(law)[0]) * first
         yield _at_most(
             "answer to z2",
-            law["K_omega"] / rate + change / law["mu"] / width,
+            law["K_omega"] / rate * first + change / law["mu"] / width,
             2.0,
             "",
-            "K_ω h + D_m h / (J μ g∞): the torque does not throw a small rate error farther to the "
-            "other side; beyond it the torque may change its sign at every sample",
+            "K_ω h + D_m h / (J μ g∞), more where modes follow later: the torque does not throw a "
+            "small rate error farther to the other side; beyond it the torque may change its sign "
+            "at every sample",
         )
         yield _at_most(
             "D_m in ρ_ω",
@@ -327,10 +330,11 @@ def _linear_conditions(scenario: Scenario) -> Iterator[Condition]:
     yield _at_most(
         "loop against sampling",
         frequency / scenario.number(PLANT, "rate"),
-        min(1.0 / damping, 4.0 * damping),
+        min(1.0 / damping / _first_answer(scenario), 4.0 * damping),
         "",
-        "ω_n h ≤ min(1/ζ, 4ζ): the sampled loop is stable, if rates are exact and commands act at "
-        "once; beyond it the torque changes its sign at every sample, or swings",
+        "ω_n h ≤ min(1/ζ, 4ζ), less where modes follow later: the sampled loop is stable, if rates "
+        "are exact and commands act at once; beyond it the torque changes its sign at every "
+        "sample, or swings",
     )
     yield _at_most(
         "integral of the loop",
@@ -346,6 +350,19 @@ def _moments(law: Mapping[str, Any]) -> list[float]:
     """Principal moments [kg·m²] of the inertia that the law knows, ascending."""
     moments: list[float] = np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).tolist()
     return moments
+
+
+def _first_answer(scenario: Scenario) -> float:
+    """How many times the acceleration that a law counts on a torque gives at first, at most.
+
+    It moves J − Σ J_s a aᵀ − δᵀδ, and flexible modes follow later; without modes it is 1.
+    """
+    plant = scenario.parameters[PLANT]
+    if not (has_parameter(PLANT, plant, COUPLING.name) and plant[COUPLING.name]):
+        return 1.0
+    known = inertia_matrix("inertia", scenario.parameters[CONTROLLER]["inertia"])
+    inverse = PLANTS.components[plant["plant"]].configure(plant)["body"]["inertia_inverse"]
+    return float(np.linalg.eigvals(inverse @ known).real.max())
 
 
 def noise_conditions(scenario: Scenario) -> Iterator[Condition]:
