@@ -240,6 +240,21 @@ def test_a_loop_that_swings_because_modes_follow_later_is_warned_of(
     assert bool(torque.max() > 0.02) == swings  # the environment has up to 4.4 mN·m
 
 
+@pytest.mark.parametrize(("period", "swings"), [(0.9, False), (1.1, True)])
+def test_a_loop_that_swings_because_thrusters_answer_once_a_period_is_warned_of(
+    period: float, swings: bool
+) -> None:
+    law = {"controller": "quaternion_feedback", "quaternion_feedback.natural_frequency": 1.0}
+    slow = {"thrusters.period": period, "thrusters.min_on_time": 1e-4}
+    loop = case("thrusters").with_values(PLANT, **slow).with_values(CONTROLLER, **law)
+    loop = loop.with_values(INJECTOR, environment="none").with_values(
+        REFERENCE, amplitude=[0.0] * 3
+    )
+    assert bool(warned(sampling_conditions(loop))) == swings
+    commanded = np.abs(simulate(loop, 150.0)["torque_command"][-500:])
+    assert bool(commanded.max() > 1e-4) == swings
+
+
 def test_the_least_width_of_the_disturbance_estimate_is_warned_of(cubesat: Scenario) -> None:
     """It was divided by μ g∞, whose product is zero."""
     least = cubesat.with_values(CONTROLLER, mu=math.ulp(0.0))

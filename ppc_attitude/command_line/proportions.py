@@ -45,6 +45,7 @@ from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct, gyro_star_tracker
 from ppc_attitude.science.sensors.star_tracker import CROSS_NOISE, MOUNTING, unit_mounting
 from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.science.thrusters import PERIOD
 from ppc_attitude.simulation.scenario import Scenario
 
 _DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
@@ -299,17 +300,17 @@ def sampling_conditions(scenario: Scenario) -> Iterator[Condition]:
         yield from _linear_conditions(scenario)
     if scenario.controller.name == ppc.COMPONENT.name:
         law = scenario.parameters[CONTROLLER]
-        rate, width = scenario.number(PLANT, "rate"), law["rate_envelope.terminal"]
-        first = _first_answer(scenario)
-        change = law["D_m"] / (rate * _moments(law)[0]) * first
+        width = law["rate_envelope.terminal"]
+        h, first = _held(scenario), _first_answer(scenario)
+        change = law["D_m"] * h / _moments(law)[0] * first
         yield _at_most(
             "answer to z2",
-            law["K_omega"] / rate * first + change / law["mu"] / width,
+            law["K_omega"] * h * first + change / law["mu"] / width,
             2.0,
             "",
-            "K_ω h + D_m h / (J μ g∞), more where modes follow later: the torque does not throw a "
-            "small rate error farther to the other side; beyond it the torque may change its sign "
-            "at every sample",
+            "K_ω h + D_m h / (J μ g∞), h a step or the thrusters' period, more where modes "
+            "follow later: the torque does not throw a small rate error farther to the other side; "
+            "beyond it the torque may change its sign at every sample",
         )
         yield _at_most(
             "D_m in ρ_ω",
@@ -329,12 +330,12 @@ def _linear_conditions(scenario: Scenario) -> Iterator[Condition]:
     slowest = float(np.roots(cubic).real.max())
     yield _at_most(
         "loop against sampling",
-        frequency / scenario.number(PLANT, "rate"),
+        frequency * _held(scenario),
         min(1.0 / damping / _first_answer(scenario), 4.0 * damping),
         "",
-        "ω_n h ≤ min(1/ζ, 4ζ), less where modes follow later: the sampled loop is stable, if rates "
-        "are exact and commands act at once; beyond it the torque changes its sign at every "
-        "sample, or swings",
+        "ω_n h ≤ min(1/ζ, 4ζ), h a step or the thrusters' period, less where modes follow "
+        "later: the sampled loop is stable, if rates are exact and commands act at once; beyond it "
+        "the torque changes its sign at every sample, or swings",
     )
     yield _at_most(
         "integral of the loop",
@@ -350,6 +351,14 @@ def _moments(law: Mapping[str, Any]) -> list[float]:
     """Principal moments [kg·m²] of the inertia that the law knows, ascending."""
     moments: list[float] = np.linalg.eigvalsh(inertia_matrix("inertia", law["inertia"])).tolist()
     return moments
+
+
+def _held(scenario: Scenario) -> float:
+    """Time [s] for which the law's answer to an error holds: a step, or a period of thrusters."""
+    plant = scenario.parameters[PLANT]
+    if has_parameter(PLANT, plant, PERIOD.name):
+        return float(plant[PERIOD.name])
+    return 1.0 / scenario.number(PLANT, "rate")
 
 
 def _first_answer(scenario: Scenario) -> float:
