@@ -16,11 +16,11 @@
 
 The torque of an environment of ours is smooth (the paper's is at most 4.4e-3 N·m and 6.2e-5 N·m/s),
 and that of somebody else's is on record and taken away before; a sudden disturbance starts and ends
-with a step. So the steps are found first, then paired: a step and the first later
-step that undoes it are one pulse. What cannot be paired (pulses that touch) is read off as
-stretches of constant extra torque. How large a step is depends on the craft: what is sudden for one
-of 1 kg is less than what the environment of a station changes from sample to sample. So torques are
-compared with what the actuator gives.
+with a step. So the steps are found first, then paired: a step and the first later step that undoes
+it are one pulse, unless the torque is at rest in between. What cannot be paired (pulses that touch)
+is read off as stretches of constant extra torque. How large a step is depends on the craft: what is
+sudden for one of 1 kg is less than what the environment of a station changes from sample to sample.
+So torques are compared with what the actuator gives.
 """
 
 from dataclasses import dataclass
@@ -161,12 +161,14 @@ def _paired(rises: Array, same: float) -> list[_Found]:
     """Pulses as (first step, last step, torque), from the steps."""
     pulses: list[_Found] = []
     left = np.abs(rises).max(axis=1) > same
+    at_rest = _same(np.cumsum(rises, axis=0), np.zeros(3), same)
+    rests: NDArray[np.intp] = np.cumsum(at_rest) - at_rest  # before each step
     unpaired = []
     for k in range(len(rises)):
         if not left[k]:
             continue
         left[k] = False
-        undoing = np.flatnonzero(left & _same(rises, -rises[k], same))
+        undoing = np.flatnonzero(left & (rests == rests[k]) & _same(rises, -rises[k], same))
         if undoing.size == 0:
             unpaired.append(k)
             continue
