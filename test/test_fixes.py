@@ -18,10 +18,10 @@ import pytest
 
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.runtime.fixes import Fixes
-from ppc_attitude.runtime.stamps import RefusedError, StampGuard
+from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
 from ppc_attitude.science.sensors.star_tracker import slots as steps_of
-from ppc_attitude.science.stamps import stamp_of
+from ppc_attitude.science.stamps import LARGEST_STEP, stamp_of
 
 STEP = 10_000_000  # [ns] of 100 Hz
 LATE = Topic("tracker/fix", "", column="fix", width=1)
@@ -173,7 +173,7 @@ def test_a_sample_of_another_time_is_refused_and_holds_nobody_up(stamp: int) -> 
 
 def test_a_fix_of_the_future_is_refused() -> None:
     fixes = of_the_first_second()
-    furthest = 100 * STEP + StampGuard.LARGEST_STEP
+    furthest = 100 * STEP + LARGEST_STEP
     joined(fixes, [("fix", furthest, 0.0)])
     with pytest.raises(RefusedError, match=r"tracker/fix: stamp .* s is out of order"):
         joined(fixes, [("fix", furthest + 1, 0.0)])

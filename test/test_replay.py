@@ -36,7 +36,7 @@ from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.sensors.gyro_star_tracker import STAR_FIX
-from ppc_attitude.science.stamps import stamp_of
+from ppc_attitude.science.stamps import nanoseconds, stamp_of
 from ppc_attitude.simulation.closed_loop import by_column, simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.replay import replay
@@ -264,6 +264,16 @@ def test_a_law_that_was_disabled_in_flight_gives_zero_from_then_on() -> None:
     law = replay(replace(with_columns(record, torque_command=torque), changes=(disabled,))).law
     assert law is not None
     assert (law.largest, law.steps) == (0.0, 201)
+
+
+def test_a_law_begins_anew_where_stamps_leap_as_its_node_does() -> None:
+    record = simulate(scenario({}), 2.0)
+    twice = {name: np.concatenate([rows, rows]) for name, rows in record.columns.items()}
+    for later, begins in ((8.0, False), (32.0, True)):
+        stamps = np.concatenate([record.stamps_ns, record.stamps_ns + nanoseconds(later)])
+        law = replay(replace(record, stamps_ns=stamps, columns=twice)).law
+        assert law is not None
+        assert (law.largest < 1e-12) == begins
 
 
 def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(

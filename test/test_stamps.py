@@ -17,7 +17,7 @@
 import pytest
 
 from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, out_of_order
-from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds
+from ppc_attitude.science.stamps import LARGEST_STEP, NANOSECONDS, nanoseconds
 
 PERIOD = 10_000_000
 NEW, REPEATED = StampKind.NEW, StampKind.REPEATED
@@ -75,7 +75,7 @@ def test_a_flood_of_copies_is_no_agreement() -> None:
         assert guard.judge(3_600 * NANOSECONDS, 1000.0 + 1e-4 * copy) is STALE
 
 
-@pytest.mark.parametrize("step", [-1, -PERIOD, StampGuard.LARGEST_STEP + 1])
+@pytest.mark.parametrize("step", [-1, -PERIOD, LARGEST_STEP + 1])
 def test_stamps_that_do_not_follow_each_other_are_no_agreement(step: int) -> None:
     start = 3_600 * NANOSECONDS
     assert set(fed(50 * NANOSECONDS, *(start + k * step for k in range(20)))[1:]) == {STALE}

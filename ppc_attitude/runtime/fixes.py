@@ -25,7 +25,7 @@ from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, Values, out_of_order
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
-from ppc_attitude.science.stamps import nanoseconds, seconds
+from ppc_attitude.science.stamps import LARGEST_STEP, nanoseconds, seconds
 
 Parts = dict[str, Values]
 _PENDING = 100  # fixes that may be ahead of the samples
@@ -107,7 +107,7 @@ class Fixes(Instant):
 
     def _fix(self, valid_ns: int, values: Values) -> Iterator[tuple[int, Parts]]:
         newest = self._guard.last
-        if newest is not None and valid_ns - newest > StampGuard.LARGEST_STEP:
+        if newest is not None and valid_ns - newest > LARGEST_STEP:
             raise out_of_order(self._late.name, valid_ns)
         # One for which a sample would still have waited is worth the wait; a later one never is.
         last = None if self._last is None else self._last - self._patience

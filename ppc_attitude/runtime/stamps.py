@@ -22,7 +22,7 @@ that is late, restarts or lost a message is served by the same mechanism as ever
 from collections.abc import Iterable
 from enum import Enum
 
-from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
+from ppc_attitude.science.stamps import LARGEST_STEP, LATEST, NANOSECONDS, nanoseconds, seconds
 
 Values = tuple[float, ...]
 _LATEST_NS = nanoseconds(LATEST)
@@ -63,7 +63,6 @@ class StampGuard:
     """
 
     CONFIRMATIONS = 3
-    LARGEST_STEP = 10 * NANOSECONDS
     LATEST_START = 86_400 * NANOSECONDS  # a first stamp after this needs confirmation as well
     SOONEST_REPEAT = 0.1  # [s] no plant repeats a state sooner
 
@@ -91,7 +90,7 @@ class StampGuard:
         if stamp_ns == self._candidate and now - self._confirmed_at < self.SOONEST_REPEAT:
             return
         candidate = self._candidate
-        agrees = candidate is not None and 0 <= stamp_ns - candidate <= self.LARGEST_STEP
+        agrees = candidate is not None and 0 <= stamp_ns - candidate <= LARGEST_STEP
         self._confirmed = self._confirmed + 1 if agrees else 1
         self._candidate = stamp_ns
         self._confirmed_at = now
@@ -99,7 +98,7 @@ class StampGuard:
     def _goes_on(self, stamp_ns: int) -> bool:
         if self.last is None:
             return stamp_ns <= self.LATEST_START
-        return 0 < stamp_ns - self.last <= self.LARGEST_STEP
+        return 0 < stamp_ns - self.last <= LARGEST_STEP
 
     def _accept(self, stamp_ns: int, kind: StampKind) -> StampKind:
         self.last = stamp_ns

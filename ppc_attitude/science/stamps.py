@@ -17,6 +17,7 @@
 from ppc_attitude.science.errors import ConfigurationError
 
 NANOSECONDS = 1_000_000_000
+LARGEST_STEP = 10 * NANOSECONDS  # [ns] between two stamps: after a longer one time begins again
 LATEST = 1e8  # [s] that any run reaches: no stamp is later, and nothing is scheduled for later
 
 

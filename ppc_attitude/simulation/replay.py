@@ -36,7 +36,7 @@ from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TORQUE_COMMAND, TRUTH
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.stamps import LARGEST_STEP, seconds
 from ppc_attitude.simulation.closed_loop import by_column
 from ppc_attitude.simulation.diagram import play
 
@@ -273,6 +273,9 @@ def _computed(
     side: Literal["left", "right"] = "right" if kind in (PLANTS, SENSORS) else "left"
     own = [change for change in record.changes if change.node == node]
     starts = np.searchsorted(stamps, [change.stamp_ns for change in own], side).tolist()
+    # To a node the stamps that leap are time that begins again; the plant makes them.
+    leaps = np.flatnonzero((np.diff(stamps) > LARGEST_STEP) & (node != PLANT)) + 1
+    events = [*zip(starts, own, strict=True), *((leap, None) for leap in leaps.tolist())]
     pieces, begin, enabled = [], 0, True
 
     def played(end: int | None = None) -> Array:
@@ -280,15 +283,15 @@ def _computed(
         return outputs if enabled else np.zeros_like(outputs)
 
     # What changed at one instant fits together only as a whole.
-    for start, group in groupby(zip(starts, own, strict=True), itemgetter(0)):
+    for start, group in groupby(sorted(events, key=itemgetter(0)), itemgetter(0)):
         pieces.append(played(start))
         begin = start
-        changed = {change.name: change.value for _, change in group}
+        changed = {change.name: change.value for _, change in group if change}
         values.update(changed)
         part.configure(_installed(node, values))
         enabled = changed.get(ENABLED, enabled)
         # It begins anew; so does what depends on time alone, which has no past.
-        if ENABLED in changed or (not component.inputs and node != PLANT):
+        if ENABLED in changed or start in leaps or (not component.inputs and node != PLANT):
             part.forget()
     pieces.append(played())
     return np.concatenate(pieces, axis=1)
