@@ -253,7 +253,7 @@ def test_after_a_reset_a_node_has_what_it_was_started_again_with(tmp_path: Path)
     late = int(RUN.stamps_ns[-1])
     sequence = [*states, *told(late, "k", 0.7), *told(0, "k", 0.7), *told(0, "enabled", False)]
     again = [*told(late, "k", 0.5), *told(late, "eta", 0.1), *told(late, "enabled", True)]
-    sequence += [*states, *again, *states]
+    sequence += [*states, *again, *states, *told(0, "enabled", True)]  # told anew, and no news
     began = {**RUN.parameters, CONTROLLER: {"k": 0.6, "eta": 0.3}}
     bag = write_messages(tmp_path / "bag", sequence, run=replace(RUN, parameters=began))
     read = read_run(bag)

@@ -168,6 +168,9 @@ def test_what_was_changed_in_flight_is_told(tmp_path, undrawn):
     told = "parameters changed in flight: ppc_controller k 3.0 → 4.0 from 1.5 s on"
     assert verdict_table(verdict).splitlines()[-1] == told
     assert verdict.to_json()["changes"] == ["ppc_controller k 3.0 → 4.0 from 1.5 s on"]
+    again = Change(1_600_000_000, "reference_generator", "enabled", True)
+    told_again = ("reference_generator begins anew from 1.6 s on",)  # it was started again
+    assert Verdict(replace(run, changes=(again,))).changes == told_again
     many = Verdict(replace(run, changes=25 * changes))
     last = verdict_table(many).splitlines()[-1]
     assert last.endswith("from 1.5 s on; 5 more, all of them with --json")

@@ -78,7 +78,7 @@ from ppc_attitude.analysis.verdict import (
 )
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, PLANT, TRUE_ATTITUDE
+from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, ENABLED, PLANT, TRUE_ATTITUDE
 from ppc_attitude.science.kinds import SENSORS
 
 ROUNDING = 1e-9
@@ -141,8 +141,11 @@ class Verdict(Measured):
         told = []
         for change, before in self.record.told_changes:
             old = "" if before is None else f"{before} → "
+            what = f"{change.name} {old}{change.value}"
+            if change.name == ENABLED and change.value and before is not False:
+                what = "begins anew"  # it was started again, or switched off and on between states
             since = f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}"
-            told.append(f"{change.node} {change.name} {old}{change.value} from {since} s on")
+            told.append(f"{change.node} {what} from {since} s on")
         return tuple(told)
 
     def to_json(self) -> dict[str, Any]:
