@@ -87,6 +87,18 @@ def test_what_is_further_ahead_or_behind_is_refused() -> None:
     bench.give(COMMAND, TORQUE, ahead=-1)  # a repeated answer
 
 
+def test_a_second_answer_to_a_repeated_state_may_come_late() -> None:
+    bench = Bench(Lockstep)
+    bench.passes(0.3)
+    for ahead in (0, 1):
+        bench.give(DISTURBANCE, ZERO, ahead)
+    for _ in range(3):
+        bench.answer()
+    for ahead in (-3, -2):  # the answers to the second state, of which one was sent ahead
+        bench.give(DISTURBANCE, ZERO, ahead)
+    assert bench.shown[-1] == steps(4)[-1]
+
+
 def test_an_unanswered_state_is_repeated_less_and_less_often_and_told() -> None:
     bench = Bench(Lockstep)
     for _ in range(40):

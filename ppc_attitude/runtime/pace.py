@@ -130,6 +130,7 @@ class Pace(ABC):
         self._repeat_after = _REPEAT_FIRST
         self._timed_out: set[str] = set()  # inputs that are zero because they are too old
         self._shown = False  # the present state has been published
+        self._repeated: tuple[int, ...] = ()  # stamps [ns] that may be answered twice
         self.craft.begin()
 
     def take(self, name: str, stamp_ns: int, values: Values, now: float) -> bool:
@@ -149,7 +150,7 @@ class Pace(ABC):
                 )
             stream.keep(values)
             return False
-        if stamp_ns < stream.stamp:
+        if stamp_ns < stream.stamp and stamp_ns not in self._repeated:
             raise out_of_order(name, stamp_ns)
         # One of the same stamp is a peer's repeated answer.
         return stamp_ns > stream.stamp and self._accept(stream, stamp_ns, values, now)
@@ -212,6 +213,7 @@ class Pace(ABC):
         """Repeat a state that stays unanswered."""
         if now - self._sent_at >= self._repeat_after:
             self._show(now)
+            self._repeated = self.stamp, self.following  # which may have been sent ahead
             self._repeat_after = min(2.0 * self._repeat_after, _REPEAT_MOST)
         return _LOOK
 
