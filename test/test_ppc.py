@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 from test_virtual_control import paper_virtual_control
 
 from ppc_attitude.science.controllers import ppc
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import ZERO, matrix, vector
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.simulation.closed_loop import simulate
@@ -335,3 +336,15 @@ def test_the_gain_is_that_of_the_barriers_derivative(epsilon: Any, k: float, F: 
 
 def test_the_gain_stays_finite_far_outside() -> None:
     assert ppc.barrier_gain((1e150, 0.0, 0.0), 2.0, 0.1) == 2.0
+
+
+@pytest.mark.parametrize("prefix", ["attitude_envelope", "rate_envelope"])
+def test_the_smallest_envelope_gives_numbers_and_a_smaller_one_is_refused(prefix: str) -> None:
+    def paper(terminal: float) -> Any:
+        ends = dict.fromkeys(("exponential_terminal", "terminal"), terminal) | {"initial": 1e-29}
+        given = {f"{prefix}.{name}": value for name, value in ends.items()}
+        return load(configs("paper")).with_values("ppc_controller", **given)
+
+    assert np.isfinite(simulate(paper(1e-30), 0.5)["torque_command"]).all()
+    with pytest.raises(ConfigurationError, match=r"terminal = 1e-160.*; allowed: finite, ≥ 1e-30"):
+        paper(1e-160)

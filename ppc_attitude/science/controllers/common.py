@@ -73,7 +73,9 @@ def envelope_parameters(prefix: str, what: str, unit: str, table: EnvelopeTable)
             "s",
             above=0.0,
         ),
-        Parameter(f"{prefix}.terminal", table.terminal, f"g∞ of the {what}", unit, above=0.0),
+        Parameter(  # no smaller one, whose square has no inverse
+            f"{prefix}.terminal", table.terminal, f"g∞ of the {what}", unit, low=1e-30
+        ),
     ]
 
 
