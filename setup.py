@@ -87,7 +87,7 @@ setup(
         "PyYAML>=6.0.1",
         "rich>=13.7.1",
         "rosbags>=0.11.9,<0.12",
-        "ruamel.yaml.clib>=0.2.8",  # with it rosbags ends a bag in a fourth of the time
+        "ruamel.yaml.clib>=0.2.8",  # with it rosbags closes a bag in a fourth of the time
         "scipy>=1.11.4",
         "tqdm>=4.66.2",
         "zstandard>=0.22.0",

@@ -154,7 +154,7 @@ def test_what_was_changed_in_flight_is_told(tmp_path, undrawn):
     changes = (Change(1_500_000_000, "ppc_controller", "k", 4.0),)
     changed = replace(run, changes=changes)
     (_, text), verdict = report(tmp_path, changed), Verdict(changed)
-    row = "<td>1.5</td><td>ppc_controller</td><td>k</td><td>3.0 → 4.0</td>"
+    row = "<td>1.5</td><td>ppc_controller</td><td>k 3.0 → 4.0</td>"
     assert row in text
     since_1970 = 1_700_000_000_000_000_000
     (change,) = changes
@@ -170,7 +170,9 @@ def test_what_was_changed_in_flight_is_told(tmp_path, undrawn):
     assert verdict.to_json()["changes"] == ["ppc_controller k 3.0 → 4.0 from 1.5 s on"]
     again = Change(1_600_000_000, "reference_generator", "enabled", True)
     told_again = ("reference_generator begins anew from 1.6 s on",)  # it was started again
-    assert Verdict(replace(run, changes=(again,))).changes == told_again
+    started = replace(run, changes=(again,))
+    assert Verdict(started).changes == told_again
+    assert "<td>reference_generator</td><td>begins anew</td>" in report(tmp_path, started)[1]
     many = Verdict(replace(run, changes=25 * changes))
     last = verdict_table(many).splitlines()[-1]
     assert last.endswith("from 1.5 s on; 5 more, all of them with --json")

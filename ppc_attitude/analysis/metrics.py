@@ -136,17 +136,19 @@ class Verdict(Measured):
         return tuple(map(str, faults_of(self.record)))
 
     @property
-    def changes(self) -> tuple[str, ...]:
-        """Parameters that were changed in flight, each in a few words."""
-        told = []
+    def change_rows(self) -> Iterator[tuple[str, str, str]]:
+        """Of each change in flight the time [s], the node, and what it was."""
         for change, before in self.record.told_changes:
             old = "" if before is None else f"{before} → "
             what = f"{change.name} {old}{change.value}"
             if change.name == ENABLED and change.value and before is not False:
                 what = "begins anew"  # it was started again, or switched off and on between states
-            since = f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}"
-            told.append(f"{change.node} {what} from {since} s on")
-        return tuple(told)
+            yield f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}", change.node, what
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Parameters that were changed in flight, each in a few words."""
+        return tuple(f"{node} {what} from {since} s on" for since, node, what in self.change_rows)
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that ``ppc_attitude analyse --json`` prints."""

@@ -32,7 +32,7 @@ from ppc_attitude.analysis.page import (
     table,
     write_page,
 )
-from ppc_attitude.analysis.series import AnalysisError, zero_ns
+from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.analysis.truth import STANDING
 from ppc_attitude.analysis.verdict import Requirement, number_text, span_text, torque_text
 
@@ -198,15 +198,10 @@ def _metrics(verdict: Verdict) -> str:
 
 def _changes(verdict: Verdict) -> str:
     """Parameters changed in flight: each with its time, its node, and both values."""
-    record = verdict.record
-    if not record.changes:
+    rows = [*verdict.change_rows]
+    if not rows:
         return ""
-    rows = []
-    for change, before in record.told_changes:
-        since = f"{(change.stamp_ns - zero_ns(record)) / 1e9:.9g}"
-        old = "not recorded" if before is None else str(before)
-        rows.append((since, change.node, change.name, f"{old} → {change.value}"))
-    head = [(title, "") for title in ("from [s]", "node", "parameter", "old → new")]
+    head = [(title, "") for title in ("from [s]", "node", "parameter, old → new")]
     return "<h3>Parameters changed in flight</h3>\n" + table(head, rows)
 
 

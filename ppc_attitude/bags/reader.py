@@ -233,6 +233,7 @@ def _of_last_epoch(
                 began[node][name] = change.value
     for node, name in first.keys() & {(node, name) for node, own in began.items() for name in own}:
         began[node][name] = first.pop((node, name)).value
+    # Whoever is enabled as time begins again begins with it: that changes nothing in flight.
     first = {key: each for key, each in first.items() if key[1] != ENABLED or not each.value}
     return began, [*first.values(), *chain(*later.values())]
 

@@ -123,9 +123,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "_ARGCOMPLETE" in os.environ:
         _complete()
     named = [word for word in words[:1] if word in COMMANDS]
-    listed = () if words == ["--version"] else COMMANDS
     try:
-        parser, commands = parsers(named or listed)  # each costs its imports
+        parser, commands = parsers(named or COMMANDS)  # each costs its imports
         for word in words:
             if word != word.encode(errors="replace").decode():  # no page, bag or table can name it
                 parser.error(f"argument {printable(word)}; allowed: text in UTF-8")

@@ -263,7 +263,8 @@ def _track(
                 slip(memory)  # a weak actuator explains it: no torque from outside is needed
             elif memory.slips > 0.0 and memory.t - memory.slipped_at > LOSS_LASTS:
                 memory.slips, memory.loss = 0.0, 0.0
-            if not event and memory.done == done:  # where σ gives way to V, y jumps: C1 has it
+            # Where σ gives way to V, y jumps by what C1 allows for: that is no torque.
+            if not event and memory.done == done:
                 watch(memory, gains, unexplained, h)
             store(memory.unexplained, unexplained)
     if event:

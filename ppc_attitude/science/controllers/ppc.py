@@ -224,7 +224,7 @@ def inverse_envelope(nominal_value: float, delta: Vector) -> Vector:
 
 @kernel
 def _bounded_axis(rho: float, rho_rate: float) -> tuple[float, float]:
-    # |q_ev,i| is never larger than 1, so a wider envelope says nothing, and is 1 for as long.
+    # |q_ev,i| ≤ 1, so an envelope above 1 says nothing: it is held at 1, and stands still there.
     if rho >= 1.0:
         return 1.0, min(rho_rate, 0.0) if rho == 1.0 else 0.0
     return rho, rho_rate
