@@ -41,7 +41,7 @@ from ppc_attitude.processes.imports import prepare_imports
 
 prepare_imports()  # as a command does; with threads of OpenBLAS it could not copy itself for nodes
 
-# What is imported stays: looking through it for garbage took a tenth of the suite's time.
+# What is imported stays: looking through it for garbage took a twentieth of the suite's time.
 gc.disable()
 
 # A slow machine is no failure; the same examples every time, so that a failure can be repeated.
